@@ -11,10 +11,8 @@ exchanged these trust each other, because TLS accepts only certificates that a t
     settings = keys.zenoh_settings()    # for a session of Zenoh
 """
 
-import json
 import os
 import re
-from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -158,8 +156,8 @@ class Keys:
         (self.folder / TRUSTED / f"{robot}.pem").unlink()
         self._write_bundle()
 
-    def zenoh_settings(self) -> Mapping[str, str]:
-        """Return settings of Zenoh, as JSON5 by key, with which only trusted robots connect, over TLS.
+    def zenoh_settings(self) -> dict[str, object]:
+        """Return settings of Zenoh by their path, with which only trusted robots connect, over TLS.
 
         Use them with endpoints that begin with `tls/` or `quic/`; others would not be protected.
 
@@ -192,7 +190,7 @@ class Keys:
             "verify_name_on_connect": False,
             "close_link_on_expiration": True,
         }
-        return {f"transport/link/tls/{name}": json.dumps(value) for name, value in settings.items()}
+        return {f"transport/link/tls/{name}": value for name, value in settings.items()}
 
     def _make(self, robot: str, expires: datetime) -> Certificate:
         made = _sign(robot, expires)

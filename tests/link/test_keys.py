@@ -54,7 +54,8 @@ def trust_before_it_expired(keys: Keys, late: Keys) -> None:
 
 
 def valid(keys: Keys) -> dict[str, str]:
-    return dict(keys.zenoh_settings())
+    """Return settings of Zenoh as JSON5."""
+    return {path: json.dumps(value) for path, value in keys.zenoh_settings().items()}
 
 
 def of_folder(keys: Keys, settings: dict[str, str]) -> dict[str, str]:

@@ -36,9 +36,17 @@ class Robot:
         workspace: folder of the workspace with the profile.
         arguments: arguments of the command, the profile first.
         command: the command that starts the robot.
+        on_host: the beginning of a command that runs it on another host of a test network.
     """
 
-    def __init__(self, folder: Path, workspace: Path, *arguments: str, command: Sequence[str] = ("run",)):
+    def __init__(
+        self,
+        folder: Path,
+        workspace: Path,
+        *arguments: str,
+        command: Sequence[str] = ("run",),
+        on_host: Sequence[str] = (),
+    ):
         self.output = folder / "output"
         runtime = folder / "runtime"
         runtime.mkdir(parents=True, mode=0o700)
@@ -47,7 +55,7 @@ class Robot:
         self._stdout = (folder / "stdout").open("w+")
         self._stderr = (folder / "stderr").open("w+")
         self.supervisor = subprocess.Popen(
-            [*COMMAND, *command, *arguments, "--json", "--output", str(self.output)],
+            [*on_host, *COMMAND, *command, *arguments, "--json", "--output", str(self.output)],
             cwd=workspace,
             env=self.environment,
             stdout=self._stdout,

@@ -1,0 +1,32 @@
+"""The trial of links judges its figures as its promises say."""
+
+import math
+
+from tools.link_trial.conditions import TRIALS, Figures, _greatest_age_s, _judge
+from tools.link_trial.pair import Received
+
+GOOD = Figures("good", 1.0, 5.0, 20.0, 30.0, 20.0, 150.0, 100.0, 0, 15.0)
+
+
+def received(number: int, sent_s: float, at_s: float) -> Received:
+    return Received([str(number), f"{sent_s * 1e9:.0f}", f"{at_s * 1e9:.0f}"])
+
+
+def judged(**changed: float) -> list[str]:
+    figures = Figures(**(vars(GOOD) | {"failures": []} | changed))
+    _judge(figures, TRIALS[0])
+    return figures.failures
+
+
+def test_broken_promises_are_named() -> None:
+    assert judged() == []
+    assert judged(command_p99=61.0) == ["commands: p99 above 60 ms"]
+    assert judged(command_p99=math.nan) == ["commands: p99 above 60 ms"]
+    assert judged(state_age_max=301.0) == ["state: older than 3 periods"]
+    assert judged(reliable_missing=2) == ["reliable: 2 missing"]
+
+
+def test_age_of_the_newest_counts_until_the_next_one_comes() -> None:
+    found = [received(1, 10.0, 10.1), received(2, 10.2, 10.3), received(3, 10.7, 10.9)]
+    assert abs(_greatest_age_s(found, 10.0, 11.0) - 0.7) < 1e-9
+    assert math.isnan(_greatest_age_s(found[:1], 10.0, 11.0))
