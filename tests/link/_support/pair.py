@@ -55,7 +55,8 @@ class Pair:
         crew.mkdir()
         (crew / "__init__.py").write_text("")
         (crew / "modules.py").write_text(MODULES.read_text())
-        address = f"[tcp/127.0.0.1:{free_port()}]"
+        self.address = f"tcp/127.0.0.1:{free_port()}"
+        address = f"[{self.address}]"
         self._write("red", red, address, "[]", SEND, "{}")
         self._write("blue", blue, "[]", address, "{}", accept)
 
