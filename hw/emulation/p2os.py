@@ -191,7 +191,7 @@ class EmulatedPioneer(EmulatedDevice):
         base, (forward, turn) = self.base, self.velocity
         counts = [int(way // base.mm_per_count) % (1 << base.count_bits) for way in (self._x_mm, self._y_mm)]
         theta = round(self._heading_rad / RADIANS_PER_COUNT) % 4096
-        differ = math.radians(turn) / (2 * DIFF_CONV)
+        differ = math.radians(turn) / DIFF_CONV
         wheels = [round(forward - differ), round(forward + differ)]
         stalls = [
             int(stall) | bits << 1 for stall, bits in zip(base.stalls, reversed(base.bumpers), strict=True)

@@ -1,0 +1,95 @@
+"""The drivers of bases and their emulators were written by the manuals alone: they understand each other."""
+
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from hw.connected_base import BaseReading, ConnectedBase
+from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.create import EmulatedCreate
+from hw.emulation.device import EmulatedDevice
+from hw.emulation.faults import Faults
+from hw.emulation.line import EmulatedLine
+from hw.emulation.p2os import EmulatedPioneer
+from hw.irobot.create import CreateBase
+from hw.pioneer.base import PioneerBase
+
+LIMIT_S = 30.0
+BASES = pytest.mark.parametrize(
+    ("emulated", "driver"), [(EmulatedCreate, CreateBase), (EmulatedPioneer, PioneerBase)]
+)
+
+
+def until(
+    base: ConnectedBase, is_reached: Callable[[BaseReading], bool], drive: tuple[float, float] = (0.0, 0.0)
+) -> BaseReading:
+    """Drive until a reading is as it should be, and return it."""
+    give_up_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < give_up_s:
+        for reading in base.poll(0.05):
+            if is_reached(reading):
+                return reading
+        if any(drive) and base.is_connected:
+            base.command(*drive, 0.5)
+    raise AssertionError(f"not reached: {base.reason}")
+
+
+@BASES
+def test_base_drives_as_commanded_and_tells_it(
+    emulated: type[EmulatedDevice], driver: Callable[[str], ConnectedBase], tmp_path: Path
+) -> None:
+    with (
+        EmulatedLine(emulated(), PseudoTerminal(tmp_path / "base")) as line,
+        closing(driver(line.url)) as base,
+    ):
+        reading = until(
+            base,
+            lambda one: (
+                one.state.linear_m_per_s == pytest.approx(0.2, rel=0.1)
+                and one.state.angular_rad_per_s == pytest.approx(0.3, rel=0.1)
+            ),
+            (0.2, 0.3),
+        )
+        assert reading.battery is not None and 12.0 < reading.battery.voltage_v < 16.0
+        until(base, lambda one: one.state.pose.x_m > 0.1 and one.state.pose.y_m > 0.0, (0.2, 0.3))
+        # No further command: it expires.
+        until(base, lambda one: one.state.linear_m_per_s == 0.0)
+
+
+@BASES
+def test_base_that_is_pulled_out_is_back_within_two_seconds(
+    emulated: type[EmulatedDevice], driver: Callable[[str], ConnectedBase], tmp_path: Path
+) -> None:
+    with (
+        EmulatedLine(emulated(), PseudoTerminal(tmp_path / "base")) as line,
+        closing(driver(line.url)) as base,
+    ):
+        until(base, lambda _: True)
+        for _ in range(3):
+            line.unplug()
+            give_up_s = time.monotonic() + LIMIT_S
+            while base.is_connected:
+                assert time.monotonic() < give_up_s
+                base.poll(0.05)
+            line.plug_in()
+            back_s = time.monotonic()
+            until(base, lambda _: True)
+            assert time.monotonic() - back_s < 2.0
+
+
+@BASES
+def test_base_on_a_line_with_faults_still_tells_where_it_is(
+    emulated: type[EmulatedDevice], driver: Callable[[str], ConnectedBase], tmp_path: Path
+) -> None:
+    with (
+        EmulatedLine(emulated(), PseudoTerminal(tmp_path / "base")) as line,
+        closing(driver(line.url)) as base,
+    ):
+        until(base, lambda _: True)
+        line.faults = Faults(cut_share=0.05, bit_error_rate=2e-4, noise_share=0.1)
+        for _ in range(20):
+            reading = until(base, lambda _: True)
+            assert abs(reading.state.pose.x_m) < 0.01
