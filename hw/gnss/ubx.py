@@ -40,6 +40,7 @@ class NavigationSolution:
         time_of_week_s: GPS time of week.
         fix_type: how the position was found.
         valid: whether it is within the receiver's limits of accuracy.
+        is_corrected: whether corrections of a reference station are in it.
         satellites: number of satellites used.
         latitude_deg: positive to the north.
         longitude_deg: positive to the east.
@@ -55,6 +56,7 @@ class NavigationSolution:
     time_of_week_s: float
     fix_type: FixType
     valid: bool
+    is_corrected: bool
     satellites: int
     latitude_deg: float
     longitude_deg: float
@@ -157,6 +159,7 @@ def navigation_solution(sent: UbxMessage) -> NavigationSolution:
         time_of_week_s=time_ms / 1e3,
         fix_type=FixType(fix),
         valid=bool(flags & 1),
+        is_corrected=bool(flags & 2),
         satellites=satellites,
         latitude_deg=latitude / 1e7,
         longitude_deg=longitude / 1e7,

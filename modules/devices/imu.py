@@ -34,8 +34,8 @@ class SimulatedImuModule(SimulatedDevice):
             Imu(
                 header=Header(stamp=self.world.stamp, frame_id="imu"),
                 orientation_covariance=NO_ORIENTATION,
-                angular_velocity=Vector3(**_axes(sample.turn_rad_per_s)),
-                linear_acceleration=Vector3(**_axes(sample.acceleration_m_per_s2)),
+                angular_velocity=axes(sample.turn_rad_per_s),
+                linear_acceleration=axes(sample.acceleration_m_per_s2),
             ),
             topic="imu",
         )
@@ -43,5 +43,6 @@ class SimulatedImuModule(SimulatedDevice):
         self.status = f"{self.samples} samples"
 
 
-def _axes(values: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip("xyz", values.tolist(), strict=True))
+def axes(values: NDArray[np.float64]) -> Vector3:
+    """Return the vector of three values."""
+    return Vector3(**dict(zip("xyz", values.tolist(), strict=True)))

@@ -1,0 +1,61 @@
+"""The robot's receiver of satellite navigation systems."""
+
+import numpy as np
+
+from hw.gnss.receiver import (
+    NMEA_BIT_RATE,
+    UBX_BIT_RATE,
+    NmeaReceiver,
+    SatellitePosition,
+    UbxReceiver,
+)
+from modules.devices.pluggable import PluggableDeviceModule
+from robbie_mp import Header, Time, setting
+from robbie_mp.messages import NavSatFix, NavSatStatus
+
+
+class ReceiverModule(PluggableDeviceModule[SatellitePosition]):
+    """What the modules of receivers share: they publish `NavSatFix` on topic `gnss`, and `DeviceState`."""
+
+    silence_s: float = setting(
+        3.0, "the receiver counts as disconnected when it sends nothing valid for this time", minimum=0.05
+    )
+
+    def on_value(self, value: SatellitePosition) -> None:
+        """Publish a position, also that there is none."""
+        status = NavSatStatus.STATUS_NO_FIX
+        if value.has_fix:
+            status = NavSatStatus.STATUS_GBAS_FIX if value.is_corrected else NavSatStatus.STATUS_FIX
+        spread = [value.horizontal_m**2, value.horizontal_m**2, value.vertical_m**2]
+        self.publish(
+            NavSatFix(
+                header=Header(stamp=Time.from_nanoseconds(round(value.stamp_s * 1e9)), frame_id="gnss"),
+                status=NavSatStatus(status=status, service=NavSatStatus.SERVICE_GPS),
+                latitude=value.latitude_deg,
+                longitude=value.longitude_deg,
+                altitude=value.height_m,
+                position_covariance=np.diag(spread).ravel(),
+                position_covariance_type=NavSatFix.COVARIANCE_TYPE_APPROXIMATED,
+            ),
+            topic="gnss",
+        )
+
+
+class NmeaReceiverModule(ReceiverModule):
+    """Any receiver that sends NMEA 0183: see `ReceiverModule`."""
+
+    bit_rate: int = setting(NMEA_BIT_RATE, "bit/s of the receiver's port", minimum=300)
+
+    def open_device(self) -> NmeaReceiver:
+        """Return the driver."""
+        return NmeaReceiver(self.port, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)
+
+
+class UbxReceiverModule(ReceiverModule):
+    """A u-blox receiver: see `ReceiverModule`."""
+
+    bit_rate: int = setting(UBX_BIT_RATE, "bit/s of the receiver's port", minimum=300)
+
+    def open_device(self) -> UbxReceiver:
+        """Return the driver."""
+        return UbxReceiver(self.port, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)
