@@ -103,12 +103,14 @@ class Window:
         trip_ns = max(1, now_ns - sent_ns)
         self._take_trip(trip_ns, now_ns)
         rate = (self.delivered - delivered_before) * 1e9 / trip_ns
-        if rate > self.bandwidth or was_full:
+        # Where packets queue, the network is the limit, however little this link has to send.
+        has_queued = trip_ns > self._shortest_ns + QUEUE_S * 1e9
+        if rate > self.bandwidth or was_full or has_queued:
             self._take_rate(rate, now_ns)
 
     def _take_rate(self, rate: float, now_ns: int) -> None:
         if now_ns >= self._period_end_ns:
-            self._period_end_ns = now_ns + max(MEASURED_NS, 10 * self.round_trip_ns)
+            self._period_end_ns = now_ns + max(MEASURED_NS, 10 * self._shortest_ns)
             self._greatest = [self._greatest[1], 0.0]
         self._greatest[1] = max(self._greatest[1], rate)
         self.bandwidth = max(self._greatest)

@@ -1,9 +1,20 @@
-"""The trial of links judges its figures as its promises say."""
+"""A short play of the trial of links, and the judgement of its figures."""
 
 import math
+from pathlib import Path
 
-from tools.link_trial.conditions import TRIALS, Figures, _greatest_age_s, _judge
-from tools.link_trial.pair import Received
+from tools.link_trial.__main__ import MAX_STOP_S
+from tools.link_trial.conditions import (
+    TRIALS,
+    Figures,
+    Trial,
+    _greatest_age_s,
+    _judge,
+    cut_while_driving,
+    run_trial,
+)
+from tools.link_trial.pair import Received, linked_pair
+from tools.test_network.network import Conditions, Network
 
 GOOD = Figures("good", 1.0, 5.0, 20.0, 30.0, 20.0, 150.0, 100.0, 0, 15.0)
 
@@ -30,3 +41,14 @@ def test_age_of_the_newest_counts_until_the_next_one_comes() -> None:
     found = [received(1, 10.0, 10.1), received(2, 10.2, 10.3), received(3, 10.7, 10.9)]
     assert abs(_greatest_age_s(found, 10.0, 11.0) - 0.7) < 1e-9
     assert math.isnan(_greatest_age_s(found[:1], 10.0, 11.0))
+
+
+def test_short_play_drives_a_robot_over_a_bad_network(network: Network, tmp_path: Path) -> None:
+    with linked_pair(tmp_path, network) as pair:
+        figures = run_trial(pair, Trial("2 % loss", Conditions(20e6, loss=0.02, delay_s=0.005)), 2.0)
+        stops = cut_while_driving(pair, 2)
+    assert not [one for one in figures.failures if "duplicates" in one or "reordered" in one]
+    assert figures.commands_received > 0.5
+    assert figures.reliable_missing == 0
+    assert max(stops.times_s) <= MAX_STOP_S
+    assert stops.oldest_s <= MAX_STOP_S

@@ -1,0 +1,64 @@
+"""The window follows a network that becomes slower, so that no long queue stands before it."""
+
+from collections import deque
+
+import pytest
+
+from robbie_mp.link.congestion import Window
+
+STEP_NS = 1_000_000
+IMAGE_BYTES = 200_000
+IMAGE_EVERY_NS = 60_000_000
+
+
+class SlowNetwork:
+    """Carries packets one after the other at a rate that can change, and acknowledges each."""
+
+    def __init__(self, round_trip_ns: int):
+        self.window = Window()
+        self.now_ns = 10**9
+        self.trip_ns = 0
+        self._round_trip_ns = round_trip_ns
+        self._free_ns = 0
+        self._under_way: deque[tuple[int, int, int, bool, int]] = deque()
+
+    def run(self, duration_s: float, bytes_per_s: float) -> None:
+        """Send images as far as the window allows; the newest replaces what waits."""
+        offered = 0
+        end_ns = self.now_ns + round(duration_s * 1e9)
+        while self.now_ns < end_ns:
+            self.now_ns += STEP_NS
+            self._acknowledge()
+            if self.now_ns % IMAGE_EVERY_NS < STEP_NS:
+                offered = IMAGE_BYTES
+            while offered >= self.window.part_bytes and self.window.has_room(self.now_ns):
+                size = self.window.part_bytes
+                offered -= size
+                before = self.window.sent(size, self.now_ns)
+                self._free_ns = max(self._free_ns, self.now_ns) + round(size * 1e9 / bytes_per_s)
+                is_full = self.window.under_way >= self.window.limit
+                arrives_ns = self._free_ns + self._round_trip_ns
+                self._under_way.append((arrives_ns, self.now_ns, before, is_full, size))
+
+    def _acknowledge(self) -> None:
+        while self._under_way and self._under_way[0][0] <= self.now_ns:
+            _, sent_ns, before, was_full, size = self._under_way.popleft()
+            self.window.acknowledged(size)
+            self.window.measure(sent_ns, before, was_full, self.now_ns)
+            self.trip_ns = self.now_ns - sent_ns
+
+
+@pytest.mark.parametrize("bytes_per_s", [2.5e6, 625e3])
+def test_no_long_queue_stands_after_the_network_has_become_slower(bytes_per_s: float) -> None:
+    network = SlowNetwork(round_trip_ns=10_000_000)
+    network.run(3.0, 120e6)
+    network.run(3.0, bytes_per_s)
+    assert network.trip_ns < 100_000_000
+    assert network.window.bandwidth == pytest.approx(bytes_per_s, rel=0.3)
+
+
+def test_network_that_becomes_faster_is_used() -> None:
+    network = SlowNetwork(round_trip_ns=10_000_000)
+    network.run(3.0, 625e3)
+    network.run(5.0, 120e6)
+    assert network.window.bandwidth > 3e6
