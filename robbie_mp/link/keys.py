@@ -159,7 +159,7 @@ class Keys:
     def zenoh_settings(self) -> dict[str, object]:
         """Return settings of Zenoh by their path, with which only trusted robots connect, over TLS.
 
-        Use them with endpoints that begin with `tls/` or `quic/`; others would not be protected.
+        Addresses must begin with `tls/` or `quic/`; Zenoh then refuses others.
 
         Raises:
             KeysError: there are no keys, others can read them, or they have expired.
@@ -190,7 +190,8 @@ class Keys:
             "verify_name_on_connect": False,
             "close_link_on_expiration": True,
         }
-        return {f"transport/link/tls/{name}": value for name, value in settings.items()}
+        tls = {f"transport/link/tls/{name}": value for name, value in settings.items()}
+        return {"transport/link/protocols": ["tls", "quic"], **tls}
 
     def _make(self, robot: str, expires: datetime) -> Certificate:
         made = _sign(robot, expires)

@@ -4,11 +4,13 @@ import hashlib
 import math
 import secrets
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 from robbie_mp.capture.selection import Pair
 from robbie_mp.link.access import Access, AccessError, read_rules
 from robbie_mp.link.books import Account, Books
 from robbie_mp.link.header import ROBOT_NAME, ChannelId
+from robbie_mp.link.keys import Keys, KeysError
 from robbie_mp.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.link.peer import Peer
 from robbie_mp.link.receiving import Arrived, Fate
@@ -63,6 +65,9 @@ class Link(Module):
     connect: list[str] = setting([], "addresses of other robots, or of a router of Zenoh")
     robots: list[str] = setting([], "robots for which messages wait even before they have been met")
     multicast: bool = setting(False, "look for other robots by multicast")
+    keys: Path | None = setting(
+        None, "folder of the keys of `robbie keys`; then only trusted robots connect, over TLS"
+    )
     send: dict[str, list[str]] = setting({}, "what is sent, by class: a type, or a type and a topic")
     accept: dict[str, list[str]] = setting({}, "what is accepted, by robot: a type, or a type and a topic")
     prefix_topics: bool = setting(False, "publish what comes from robot `red` on topics `red/…`")
@@ -83,6 +88,7 @@ class Link(Module):
                 raise SettingError(
                     f"a robot cannot be called {robot!r}: up to 32 letters, digits, - and _", setting_name
                 )
+        _check_encryption(settings)
         for name in ("send", "accept"):
             try:
                 _rules(settings[name])
@@ -124,7 +130,7 @@ class Link(Module):
             self._observer = RunObserver(self.run_id)
         self._types = types
         self.books = Books(folder, self.name, session)
-        endpoints = Endpoints(self.mode, self.listen, self.connect, self.multicast)
+        endpoints = Endpoints(self.mode, self.listen, self.connect, self.multicast, self._tls())
         self.wire = Wire(self.robot, session, endpoints, self.inbox_packets, self.tick_soon)
         limits = Limits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
         settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes)
@@ -134,6 +140,18 @@ class Link(Module):
         self.advertise(LinkState)
         for pair, _ in self.rules:
             self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
+
+    def _tls(self) -> dict[str, object]:
+        """Return the settings of Zenoh with which only trusted robots connect; {} without keys."""
+        if self.keys is None:
+            return {}
+        try:
+            own, settings = Keys(self.keys).own(), Keys(self.keys).zenoh_settings()
+        except KeysError as error:
+            raise SettingError(str(error), "keys") from error
+        if own.robot != self.robot:
+            raise SettingError(f"the keys in {self.keys} are of {own.robot}, not of {self.robot}", "keys")
+        return settings
 
     def teardown(self) -> None:
         """Close the network and the books."""
@@ -307,6 +325,26 @@ def describe(account: Account) -> str:
         f"replaced {account.replaced} + dropped {account.dropped} + lost {account.lost} + "
         f"under way {account.under_way}"
     )
+
+
+def _check_encryption(settings: Mapping[str, object]) -> None:
+    """Check that with keys every address is encrypted, and without keys none.
+
+    Raises:
+        SettingError: one is not.
+    """
+    for name in ("listen", "connect"):
+        addresses = settings[name]
+        assert isinstance(addresses, list)
+        for address in addresses:
+            is_encrypted = address.startswith(("tls/", "quic/"))
+            if settings["keys"] is None and is_encrypted:
+                problem = f"{address} needs keys: make them with `robbie keys new`, and set `keys`"
+                raise SettingError(problem, name)
+            if settings["keys"] is not None and not is_encrypted:
+                encrypted = f"tls/{address.partition('/')[2]}"
+                problem = f"{address} is not encrypted, but `keys` is set; write {encrypted}"
+                raise SettingError(problem, name)
 
 
 def _rules(value: object) -> list[tuple[str, list[Pair]]]:

@@ -1,11 +1,28 @@
 """The settings of a link, and a link alone."""
 
+import json
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from robbie_mp import ModuleHarness, SettingError
+from robbie_mp.link.handshake import NotConnected, shake_hands
+from robbie_mp.link.keys import Keys
 from robbie_mp.link.wire import Endpoints, open_session
 from robbie_mp.messages import LinkState
 from robbie_mp.services.link import Link
+
+LINK_ALONE = """
+import json, sys
+from robbie_mp import ModuleHarness
+from robbie_mp.services.link import Link
+with ModuleHarness(Link, json.loads(sys.argv[1])):
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -22,6 +39,11 @@ def zenoh_has_started() -> None:
         ({"robot": "red", "send": {"steady": ["Image"]}}, "there is no class 'steady'"),
         ({"robot": "red", "send": {"state": ["Image camera front"]}}, "with a space between"),
         ({"robot": "red", "accept": {"blue": [""]}}, "expected a type"),
+        ({"robot": "red", "listen": ["tls/127.0.0.1:7447"]}, "needs keys: make them with `robbie keys new`"),
+        (
+            {"robot": "red", "listen": [], "connect": ["tcp/127.0.0.1:7447"], "keys": "keys"},
+            "not encrypted, but `keys` is set; write tls/127.0.0.1:7447",
+        ),
     ],
 )
 def test_wrong_settings_are_explained(settings: dict[str, object], problem: str) -> None:
@@ -35,3 +57,31 @@ def test_a_link_alone_shows_its_state() -> None:
         state = harness.take(LinkState)[-1]
         assert state.robot == "red"
         assert state.peers == []
+
+
+def test_link_with_keys_lets_only_trusted_robots_connect(tmp_path: Path) -> None:
+    red, blue, stranger = (Keys(tmp_path / name) for name in ("red", "blue", "stranger"))
+    for keys in (red, blue, stranger):
+        keys.make(keys.folder.name)
+    red.trust(blue.own().file)
+    for keys in (blue, stranger):
+        keys.trust(red.own().file)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    settings = {"robot": "red", "listen": [f"tls/127.0.0.1:{port}"], "keys": str(red.folder)}
+    command = [sys.executable, "-c", LINK_ALONE, json.dumps(settings)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        assert shake_hands(blue, "127.0.0.1", port) == "red"
+        with pytest.raises(NotConnected, match="does not trust this robot"):
+            shake_hands(stranger, "127.0.0.1", port)
+        process.communicate()
+
+
+def test_link_with_the_keys_of_another_robot_does_not_start(tmp_path: Path) -> None:
+    Keys(tmp_path / "keys").make("blue")
+    for folder, problem in (("keys", "are of blue, not of red"), ("none", "there are no keys in")):
+        settings = {"robot": "red", "listen": [], "keys": str(tmp_path / folder)}
+        with pytest.raises(SettingError, match=problem), ModuleHarness(Link, settings):
+            pass
