@@ -25,6 +25,8 @@ class Report:
     duration_s: float = 0.0
     sent: dict[str, int] = field(default_factory=dict)
     received: dict[str, int] = field(default_factory=dict)
+    not_taken: dict[str, int] = field(default_factory=dict)
+    """Messages that red's core could not give to the link, because it was dead for too long."""
     books: dict[str, str] = field(default_factory=dict)
     violations: list[str] = field(default_factory=list)
 
@@ -35,7 +37,10 @@ class Report:
     def __str__(self) -> str:
         lines = [
             f"{self.links_killed} links and {self.robots_killed} robots killed in {self.duration_s:.0f} s",
-            *(f"{one}: {self.books.get(one, '-')}" for one in CLASSES),
+            *(
+                f"{one}: {self.books.get(one, '-')}; not taken: {self.not_taken.get(one, 0)}"
+                for one in CLASSES
+            ),
             f"{len(self.violations)} violations",
             *self.violations,
         ]
@@ -108,6 +113,7 @@ class Campaign:
             )
 
         wait_until(is_at_rest, "nothing under way", pause_s=1.5)
+        self.report.not_taken = self._robots.core_counts("red")
 
     def _judge(self) -> None:
         state = self._robots.state("red")
@@ -119,7 +125,11 @@ class Campaign:
         self.report.books = {one.topic: describe(one) for one in state.channels if one.topic in CLASSES}
         certain = self.report.robots_killed == 0
         self.report.violations = judge(
-            sent, received, books_of(state) if certain else {}, self.report.links_killed
+            sent,
+            received,
+            books_of(state) if certain else {},
+            self.report.not_taken,
+            self.report.links_killed,
         )
 
 
@@ -144,6 +154,7 @@ def judge(
     sent: Mapping[str, Sequence[int]],
     received: Mapping[str, Sequence[int]],
     books: Mapping[str, tuple[int, int, int]],
+    not_taken: Mapping[str, int],
     kills: int,
 ) -> list[str]:
     """Return what was violated.
@@ -156,6 +167,7 @@ def judge(
         sent: numbers that red published, by topic.
         received: numbers that blue received.
         books: sent, received and not received by the books of red's link; empty: they are not judged.
+        not_taken: messages that red's core could not give to the link, by the core's own count.
         kills: links that were killed.
     """
     violations: list[str] = []
@@ -173,6 +185,9 @@ def judge(
             violations.append(f"{topic}: {counted} sent, but {arrived} + {missing} accounted for")
         if abs(len(numbers) - arrived) > kills:
             violations.append(f"{topic}: {len(numbers)} received, but {arrived} in the books")
-        if len(sent[topic]) - len(numbers) > missing + 2 * kills:
-            violations.append(f"{topic}: {len(sent[topic]) - len(numbers)} missing, but {missing} counted")
+        counted_missing = missing + not_taken.get(topic, 0)
+        if len(sent[topic]) - len(numbers) > counted_missing + 2 * kills:
+            violations.append(
+                f"{topic}: {len(sent[topic]) - len(numbers)} missing, but {counted_missing} counted"
+            )
     return violations

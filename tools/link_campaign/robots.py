@@ -123,6 +123,17 @@ class Robots:
         except SegmentMissing:
             return 0
 
+    def core_counts(self, name: str) -> dict[str, int]:
+        """Return how many messages a robot's link did not get from its core, by topic, as the core counts."""
+        run = self.run(name)
+        assert run is not None
+        with closing(RunObserver(run.run_id)) as observer:
+            (link,) = (one for one in observer.modules() if one.name == "link")
+            return {
+                "bulk" if one.topic == "*" else one.topic: one.dropped + one.lost
+                for one in link.subscriptions
+            }
+
     def numbers(self, name: str, journal: str) -> list[int]:
         """Return a journal of a robot."""
         path = self.output(name) / journal
