@@ -1,5 +1,5 @@
 """Emulated devices: they answer on a serial line or a TCP port as their makers' manuals say.
 
-They try a driver without its hardware, and carry a simulation behind them. Each is written from the maker's
-manual alone, so that it does not share a driver's mistakes.
+They try a driver without its hardware, and can carry a simulation behind them. Each was written without a
+look at the driver, so that it does not share the driver's mistakes.
 """

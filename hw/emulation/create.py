@@ -1,6 +1,6 @@
 """An emulated iRobot Create 2, or Roomba of the 500 to 900 series.
 
-Source: iRobot, Create 2 Open Interface (OI) Specification based on the Roomba 600, 2015-07-19.
+Source: iRobot, Create 2 Open Interface (OI) Specification based on the Roomba 600.
 """
 
 import math

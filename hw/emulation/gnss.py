@@ -1,7 +1,7 @@
 """Emulated GNSS receivers: one that speaks NMEA 0183, and a u-blox with UBX as well.
 
-Sources: NMEA 0183 Standard for Interfacing Marine Electronic Devices, version 4.1; u-blox 8 / u-blox M8
-Receiver Description including Protocol Specification, UBX-13003221 (2013 to 2022).
+Sources: NMEA 0183 Standard for Interfacing Marine Electronic Devices; u-blox 8 / u-blox M8 Receiver
+Description including Protocol Specification.
 """
 
 import math

@@ -1,6 +1,6 @@
 """An emulated MicroStrain unit with MIP, such as the 3DM-GX3-25 or GX5-25.
 
-Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol, 8500-0064 (2016 and later).
+Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol.
 """
 
 import struct

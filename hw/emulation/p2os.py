@@ -1,6 +1,6 @@
 """An emulated Pioneer 3-AT with P2OS or ARCOS.
 
-Source: ActivMedia Robotics, Pioneer 2 / PeopleBot Operations Manual, version 11 (2003), chapter 6.
+Source: ActivMedia Robotics, Pioneer 2 / PeopleBot Operations Manual.
 """
 
 import math

@@ -1,6 +1,6 @@
 """An emulated Xsens MTi with MTData2.
 
-Source: Xsens Technologies, MT Low-Level Communication Protocol Documentation, MT0101P (2010 to 2019).
+Source: Xsens Technologies, MT Low-Level Communication Protocol Documentation.
 """
 
 import struct

@@ -1,6 +1,6 @@
 """The protocol of Slamtec's RPLidar A and S series.
 
-Source: Shanghai Slamtec, RPLIDAR interface protocol and application notes, rev. 2.4 (2021).
+Source: Shanghai Slamtec, RPLIDAR Interface Protocol and Application Notes.
 """
 
 from dataclasses import dataclass

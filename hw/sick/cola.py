@@ -1,8 +1,7 @@
 """CoLa A and B, the protocols of SICK's TiM, LMS1xx and LMS5xx lasers.
 
-Source: SICK AG, Telegram Listing Ranging Sensors LMS1xx, LMS5xx, TiM2xx, TiM5xx, TiM7xx, 8014631 (2014 and
-later), sections 2 (framing) and 4 (telegrams). A is text without a checksum, its numbers
-are hexadecimal; B is binary.
+Source: SICK AG, Telegram Listing of the ranging sensors LMS1xx, LMS5xx and TiM. A is text without a checksum,
+its numbers are hexadecimal; B is binary.
 """
 
 import struct

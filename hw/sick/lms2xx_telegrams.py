@@ -1,7 +1,6 @@
 """The telegrams of SICK's LMS200, 211, 220, 221 and 291 on RS-232 and RS-422.
 
-Source: SICK AG, Telegrams for Configuring and Operating the LMS2xx Laser Measurement Systems, 8007954/QK45
-(2003), sections 3 (structure, checksum) and 5 to 10 (telegrams).
+Source: SICK AG, Telegrams for Configuring and Operating the LMS2xx Laser Measurement Systems.
 """
 
 from dataclasses import dataclass
