@@ -5,14 +5,21 @@ from itertools import product
 
 import pytest
 
+from robbie_mp.core.declarations import Declarations
 from robbie_mp.core.directory import Channel, Subscription
 from robbie_mp.core.ledger import Ledger
-from robbie_mp.core.members import Link
+from robbie_mp.core.members import Link, Slot
 from robbie_mp.core.queues import LockstepQueues, Queues
 from robbie_mp.core.router import Router
 from robbie_mp.core.takeover import Takeover
 from robbie_mp.transport import layout
-from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
+from tests.core.test_crash_points import (
+    LATCHED_SETTINGS,
+    SCENARIOS,
+    SETTINGS,
+    late_and_short_of_memory,
+    play,
+)
 
 
 def nothing(*_arguments: object, **_named: object) -> None:
@@ -59,6 +66,32 @@ MUTATIONS_OF_LOCKSTEP: dict[str, tuple[object, str, Callable[..., object]]] = {
     "a module is sent all its messages at once": (LockstepQueues, "pump", Queues.pump),
     "a new core does not say that all is settled": (Router, "_announce_if_settled", nothing),
 }  # fmt: skip
+
+
+def give_what_it_may_have(
+    declarations: Declarations, slot: Slot, _link: Link, entry: Subscription
+) -> list[int]:
+    ledger, given = declarations._ledger, []
+    for latch in declarations._directory.latches(entry):
+        assert latch.queued is not None
+        handle = ledger.reference(latch.queued)[1]
+        given.append(ledger.open_late_reference(entry, handle))
+        declarations._queues.add_late(slot, entry, given[-1], ledger.handle(handle).size)
+    return given
+
+
+MUTATIONS_OF_GIVING: dict[str, Callable[..., object]] = {
+    "a late subscriber is given nothing": lambda *_arguments: [],
+    "a late subscriber is given what it has": give_what_it_may_have,
+}
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS_OF_GIVING)
+def test_broken_giving_of_latched_messages_is_noticed(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Declarations, "_give", MUTATIONS_OF_GIVING[mutation])
+    with pytest.raises(AssertionError, match=r"came late|out of order or twice"):
+        for death in range(0, 1500, 7):
+            play(late_and_short_of_memory, LATCHED_SETTINGS[0], (death,))
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS)
