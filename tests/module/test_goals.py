@@ -182,12 +182,52 @@ def test_cancel_asks_the_server_and_waits_for_its_answer() -> None:
         assert isinstance(harness.module.ends[0], GoalCancelled)
 
 
-def test_goal_that_takes_too_long_is_cancelled() -> None:
+def test_cancel_is_repeated_until_the_goal_has_ended() -> None:
     with ModuleHarness(Driver) as harness:
-        harness.module.go(timeout_s=2.0)
+        sent = harness.module.go()
+        (goal,) = harness.take(DriveTo)
+        sent.cancel("enough")
+        harness.take(GoalCancel)  # lost with the server's process
+        harness.advance(0.3)
+        assert [cancel.reason for cancel in harness.take(GoalCancel)] == ["enough"]
+        harness.end_goal(goal, GoalCancelled("enough"))
+        harness.advance(5.0)
+        assert harness.take(GoalCancel) == []
+
+
+def test_server_hears_of_a_repeated_cancel_once() -> None:
+    class Braking(Wheels):
+        def setup(self) -> None:
+            super().setup()
+            self.heard: list[str] = []
+            self.serve_goals(DriveTo, self.on_goal, on_cancel=self.on_cancel, topic="braking")
+
+        def on_cancel(self, _active: Active, reason: str) -> None:
+            self.heard.append(reason)
+
+    with ModuleHarness(Braking) as harness:
+        goal = harness.send_goal(DriveTo(x_m=5.0), topic="braking")
+        harness.cancel_goal(goal, "enough")
+        harness.cancel_goal(goal, "enough")
+        assert harness.module.heard == ["enough"]
+
+
+def test_goal_that_takes_too_long_is_cancelled_until_it_has_ended() -> None:
+    with ModuleHarness(Driver) as harness:
+        sent = harness.module.go(timeout_s=2.0)
+        (goal,) = harness.take(DriveTo)
         harness.advance(2.0)
-        assert isinstance(harness.module.ends[0], CallTimedOut)
         assert len(harness.take(GoalCancel)) == 1
+        assert not sent.is_active
+        assert not sent.cancel()
+        harness.advance(0.3)
+        assert [cancel.reason for cancel in harness.take(GoalCancel)] == ["its time is up"]
+        harness.feed_back(goal, Driven(left_m=1.0))
+        harness.end_goal(goal, Arrived(duration_s=2.0))
+        harness.advance(5.0)
+        assert harness.take(GoalCancel) == []
+        assert [type(end) for end in harness.module.ends] == [CallTimedOut]
+        assert harness.module.driven == []
 
 
 def test_death_of_the_server_ends_the_goal() -> None:

@@ -71,7 +71,7 @@ def run(code: str) -> str:
     ended = subprocess.run(
         [*IN_OWN_MEMORY, sys.executable, "-c", code],
         check=False, capture_output=True, text=True, timeout=50,
-        env={**os.environ, "PYTHONPATH": str(PROJECT)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(PROJECT), *sys.path])},
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     return ended.stdout

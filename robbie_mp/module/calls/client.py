@@ -36,6 +36,8 @@ LOOK_PERIOD_NS = 50_000_000
 """Time between two looks at the servers of calls that have not ended."""
 QUESTION_PERIOD_NS = 1_000_000_000
 """Time between two questions to a server that seems to work on a call."""
+CANCEL_PERIOD_NS = 250_000_000
+"""The same after the goal was cancelled: each question repeats the cancel, which may have been lost."""
 CALL_BITS = 32
 GOAL_ENDS: dict[int, type[CallError]] = {
     GoalEnd.CANCELLED: GoalCancelled,
@@ -63,8 +65,16 @@ class _Call:
     """Of the server, when it was asked about the call, or sent the request."""
     first_incarnation: int
     on_feedback: Callable[[Any], None] | None = None
+    cancel_reason: str | None = None
+    """Why the goal was cancelled; None if it was not."""
+    is_over: bool = False
+    """Whether its end was reported, though the server may still work on it and must be cancelled."""
     seems_gone: bool = False
     """Whether the server did not serve any more at the last look; a reply may be on its way."""
+
+    def question_due_ns(self) -> int:
+        """Return when to ask the server about it."""
+        return self.asked_ns + (QUESTION_PERIOD_NS if self.cancel_reason is None else CANCEL_PERIOD_NS)
 
     def timeout_due_ns(self) -> int | None:
         """Return when the call times out."""
@@ -174,15 +184,18 @@ class ClientCalls:
         return number
 
     def cancel(self, number: int, reason: str) -> bool:
-        """Ask the server of a goal to end it; False if it has ended already."""
+        """Ask the server of a goal to end it, again and again until it has; False if it has ended already."""
         call = self._calls.get(number)
-        if call is not None:
-            self._bus.publish(GoalCancel(call=number, reason=reason), call.server.module)
-        return call is not None
+        if call is None or call.is_over:
+            return False
+        call.cancel_reason = reason
+        self._ask([call])
+        return True
 
     def is_waiting(self, number: int) -> bool:
         """Whether a call has not ended."""
-        return number in self._calls
+        call = self._calls.get(number)
+        return call is not None and not call.is_over
 
     def forget_place(self) -> None:
         """End all calls, because this module has lost its place in the run and gets another one."""
@@ -216,16 +229,21 @@ class ClientCalls:
                 call.begun_ns = call.asked_ns = now_ns
             due_ns = call.timeout_due_ns()
             if due_ns is not None and now_ns >= due_ns:
-                waited_s = (now_ns - call.begun_ns) / 1e9
-                if call.on_feedback is not None:
-                    self.cancel(call.number, "its time is up")
-                self._fail(
-                    call,
-                    CallTimedOut(f"{call.label}: {call.server.module} has not replied in {waited_s:.3g} s"),
-                )
-            elif now_ns >= call.asked_ns + QUESTION_PERIOD_NS:
+                self._time_out(call, (now_ns - call.begun_ns) / 1e9)
+            elif now_ns >= call.question_due_ns():
                 old.append(call)
         self._ask(old)
+
+    def _time_out(self, call: _Call, waited_s: float) -> None:
+        """End a call whose time is up; a goal is also cancelled, and kept until its server has ended it."""
+        if call.on_feedback is not None:
+            self.cancel(call.number, "its time is up")
+        self._fail(
+            call, CallTimedOut(f"{call.label}: {call.server.module} has not replied in {waited_s:.3g} s")
+        )
+        if call.on_feedback is not None:
+            call.is_over, call.timeout_ns = True, None
+            self._calls[call.number] = call
 
     def is_look_due(self) -> bool:
         """Whether it is time to look at the servers."""
@@ -259,11 +277,14 @@ class ClientCalls:
         return left_ns if left_ns > 0 else LOOK_PERIOD_NS
 
     def _ask(self, calls: list[_Call]) -> None:
-        """Ask the servers of calls whether they still work on them."""
+        """Ask the servers of calls whether they still work on them; repeat the cancels of goals."""
         now_ns = self._clock.monotonic_ns()
         numbers: dict[str, list[int]] = {}
         for call in calls:
             call.asked_ns = now_ns
+            if call.cancel_reason is not None:
+                cancel = GoalCancel(call=call.number, reason=call.cancel_reason)
+                self._bus.publish(cancel, call.server.module)
             numbers.setdefault(call.server.module, []).append(call.number)
         if calls and CallsAnswer not in self._listened:
             self._listen(CallsAnswer, self._on_answer)
@@ -294,7 +315,7 @@ class ClientCalls:
 
     def _on_feedback(self, feedback: Any) -> None:
         call = self._calls.get(feedback.call)
-        if call is None or call.server.module != self._bus.envelope().sender:
+        if call is None or call.is_over or call.server.module != self._bus.envelope().sender:
             self.late += 1
         elif call.on_feedback is not None:
             call.on_feedback(feedback)
@@ -326,12 +347,16 @@ class ClientCalls:
             self._log.debug("a reply came too late: call %d", number)
             return None
         del self._calls[number]
+        if call.is_over:
+            self.late += 1
+            return None
         return call
 
     def _fail(self, call: _Call, error: CallError) -> None:
-        """End a call; its error is reported by the next `report`."""
+        """End a call; its error is reported by the next `report`, unless its end was reported before."""
         del self._calls[call.number]
-        self._failed.append((call.on_error, error))
+        if not call.is_over:
+            self._failed.append((call.on_error, error))
 
     def _find_server(self, service: ChannelName) -> Server | None:
         """Return the server of a service: the one that was found last, unless it seems to be gone."""
@@ -364,6 +389,8 @@ class SentGoal:
 
     def cancel(self, reason: str = "") -> bool:
         """Ask the server to end the goal. The goal ends when the server says so, with `GoalCancelled`.
+
+        The module repeats the request until the goal has ended, because a message may be lost with a process.
 
         Args:
             reason: for people.

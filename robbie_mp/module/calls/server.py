@@ -50,6 +50,8 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
         self._types = types
         self.goal = goal
         self.client = client
+        self.was_cancelled = False
+        """Whether its client has cancelled it. The client repeats that until the goal has ended."""
 
     @property
     def key(self) -> tuple[str, int]:
@@ -230,11 +232,11 @@ class ServiceCalls:
                 self.refuse(active.client, goal.call, str(refusal))
 
         on_message.__qualname__ = getattr(on_goal, "__qualname__", type(on_goal).__qualname__)
-        self._on_cancels[goal_type] = on_cancel
         self.listen(goal_type, on_message, topic)
-        if len(self._on_cancels) == 1:
+        if not self._on_cancels:
             always = MessageHandling.ALWAYS_DELIVER
             self._bus.subscriptions.subscribe(GoalCancel, self._on_cancel, always, self._bus.peers.name)
+        self._on_cancels[goal_type] = on_cancel
 
     def resume(
         self, goal_type: type[Goal[FeedbackType, ResultType]], memory: dict[str, Any]
@@ -249,8 +251,9 @@ class ServiceCalls:
 
     def _on_cancel(self, cancel: GoalCancel) -> None:
         active = self.goals.get((self._bus.envelope().sender, cancel.call))
-        if active is None:
-            return  # it has just ended
+        if active is None or active.was_cancelled:
+            return  # it has just ended, or the client repeats the cancel
+        active.was_cancelled = True
         on_cancel = self._on_cancels.get(type(active.goal))
         if on_cancel is None:
             active.cancelled(cancel.reason)

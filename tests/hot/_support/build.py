@@ -21,7 +21,7 @@ HOT = Path(__file__).parents[3] / "robbie_mp" / "_hot"
 HERE = Path(__file__).parent
 PROGRAMS = HERE.parent / "programs"
 C_STANDARD = "-std=c11"
-COMPILE_S = 300
+COMPILE_S = 900
 
 
 def compiler() -> list[str] | None:
