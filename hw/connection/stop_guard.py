@@ -13,11 +13,15 @@ from contextlib import suppress
 
 # An order: s until the robot must be stopped, unless another order comes; 0: it stands.
 _ORDER = struct.Struct("d")
-END_TIMEOUT_S = 1.0
+END_TIMEOUT_S = 3.0
+WRITE_TIMEOUT_S = 1.0
 
 
 class StopGuard:
     """Watches over one open port.
+
+    It stands outside the module's session and has none of its marks. The supervisor kills what a dead module
+    leaves behind, and would kill the guard before it has written the stop. It ends when its orders end.
 
     Args:
         descriptor: the open port's; the guard writes to the same port.
@@ -27,7 +31,10 @@ class StopGuard:
     def __init__(self, descriptor: int, stop: bytes) -> None:
         # Isolated, and without site packages: it starts within some 20 ms.
         command = [sys.executable, "-I", "-S", __file__, str(descriptor), stop.hex()]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=[descriptor])
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("ROBBIE_")}
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, pass_fds=[descriptor], start_new_session=True, env=environment
+        )
         assert self._process.stdin is not None
         self._orders = self._process.stdin.fileno()
 
@@ -65,9 +72,10 @@ def watch(orders: int, port: int, stop: bytes) -> None:
 
 
 def _write(port: int, data: bytes) -> None:
-    # The port may have been pulled out.
+    # The port may have been pulled out, or accept nothing.
     with suppress(OSError):
-        os.write(port, data)
+        if select.select([], [port], [], WRITE_TIMEOUT_S)[1]:
+            os.write(port, data)
 
 
 if __name__ == "__main__":

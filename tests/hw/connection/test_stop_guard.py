@@ -11,10 +11,12 @@ from contextlib import suppress
 from pathlib import Path
 from select import select
 
+import psutil
 import pytest
 
 from hw.connection.stop_guard import StopGuard
 from hw.irobot import open_interface as oi
+from robbie_mp.supervisor.leftovers import MARKER, kill_child_leftovers, marker
 from tests.hw._support import driving
 from tests.hw.irobot.test_create import frame
 
@@ -96,4 +98,28 @@ def test_robot_stands_soon_after_its_driver_is_killed_or_stopped(line: Line, how
             program.kill()
         program.wait()
     # The guard has ended, too, and said its last stop: nobody holds the line open any more.
+    line.listen_until(HALT, LIMIT_S)
+
+
+def test_supervisor_that_kills_what_a_dead_module_left_does_not_kill_the_guard(line: Line) -> None:
+    mark = marker("guardtest", "base", 1)
+    program = subprocess.Popen(
+        [sys.executable, "-m", driving.__name__, line.path],
+        cwd=PROJECT, env={**os.environ, MARKER: mark}, start_new_session=True,
+    )  # fmt: skip
+    guards = []
+    try:
+        line.listen_until(DRIVE, LIMIT_S, frame())
+        guards = psutil.Process(program.pid).children()
+        for guard in guards:
+            guard.suspend()  # so that the supervisor comes first
+        program.kill()
+        os.waitid(os.P_PID, program.pid, os.WEXITED | os.WNOWAIT)
+        assert kill_child_leftovers(program.pid, mark, known=()) == {}
+    finally:
+        program.kill()
+        program.wait()
+        for guard in guards:
+            guard.resume()
+    assert guards
     line.listen_until(HALT, LIMIT_S)
