@@ -29,7 +29,7 @@ class Framing(ABC, Generic[Frame]):
     def length(self, head: bytes) -> int | None:
         """Return the length of the whole frame that begins with `head`; None if `head` is still too short.
 
-        The length must have an upper bound, because the decoder waits until so many bytes have arrived.
+        The length must have an upper bound, because the decoder waits until that number of bytes has arrived.
 
         Raises:
             DamagedFrame: no frame begins like this.

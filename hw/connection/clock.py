@@ -162,7 +162,7 @@ class RegularClock:
         latency_s: the shortest time between a measurement and the arrival of its frame.
     """
 
-    # So many frames in a row are not late by chance.
+    # This many frames in a row are not late by chance.
     MAX_LATE_FRAMES = 8
 
     def __init__(self, period_s: float, latency_s: float = 0.0) -> None:
@@ -186,7 +186,7 @@ class RegularClock:
         return self._last_s
 
     def _lost(self, late: int) -> int:
-        """Return how many frames were lost, when a frame is late by so many periods."""
+        """Return how many frames were lost, when a frame is late by this number of periods."""
         if late <= 0:
             self._late.clear()
             return max(late, 0)

@@ -192,7 +192,7 @@ class HokuyoLaser(PluggableLaser):
 
 
 def _tolerant(reply: Reply) -> dict[str, str]:
-    """Return what a laser tells of itself; nothing if it writes that in a form of its own."""
+    """Return the description that a laser gives of itself; nothing if its form is not known."""
     with suppress(DamagedLine):
         return parameters(reply.lines)
     return {}

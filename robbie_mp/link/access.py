@@ -1,4 +1,4 @@
-"""Who may send what over the link: a list in the profile, without which nobody may send anything.
+"""Access to a link: a list in the profile says which robot may send what. Without it, none may.
 
     settings:
       accept:
@@ -62,7 +62,7 @@ class Access:
         """Return whether a message may come in; a refusal is counted and traced.
 
         Args:
-            robot: who sends it.
+            robot: the sender.
             type_name: full name of its type.
             topic: its topic, as the profile of this robot would name it.
         """

@@ -1,6 +1,6 @@
 """The network under a link: a session of Zenoh, which carries packets between robots by their names.
 
-Zenoh calls back in threads of its own. They only put packets into a queue of limited size, and wake the
+Zenoh calls back in its own threads. They only put packets into a queue of limited size, and wake the
 module.
 """
 

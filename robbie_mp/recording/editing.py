@@ -1,7 +1,7 @@
 """Makes a new log of parts of others: cuts out a time, selects channels, merges several logs.
 
 Messages are copied one by one, as they are, so that memory does not grow with the log. The new log has the
-metadata and attachments of the old ones, and counts of its own. It begins with copies of what was newest
+metadata and attachments of the old ones, and its own counts. It begins with copies of what was newest
 before on latched topics and `tf_static`; their channels are marked, and they are not counted as messages.
 """
 

@@ -154,7 +154,7 @@ def test_state_is_never_older_than_three_periods_beside_images() -> None:
     assert max(ages) < 300 * MS
 
 
-def test_latched_messages_reach_whoever_comes_later_and_never_an_older_one_last() -> None:
+def test_latched_messages_reach_late_robots_and_never_an_older_one_last() -> None:
     network = Network(8)
     red = Robot(network, "red", others=["blue"])
     red.offer(MAP, TrafficClass.RELIABLE, numbered(1), is_latched=True)

@@ -57,7 +57,7 @@ class Painting(Message, name="campaign_msgs/msg/Painting", version=1):
 
 
 class Painter(Module):
-    """Publishes on the topic of its own name. When paused, it publishes once more, then rests.
+    """Publishes on the topic that has its name. When paused, it publishes once more, then rests.
 
     A restarted one waits for one period, so that its last message outlives the process that published it.
     """

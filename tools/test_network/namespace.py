@@ -15,7 +15,7 @@ OWN = "/proc/thread-self/ns/net"
 
 
 class Namespace:
-    """A network of its own: devices, addresses, routes and rules. Empty at first.
+    """A separate network: devices, addresses, routes and rules. Empty at first.
 
     It exists until `close`, or until the last process in it has ended.
 

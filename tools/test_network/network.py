@@ -45,7 +45,7 @@ FILTER = (
 
 
 class NoTestNetwork(RuntimeError):
-    """This machine does not allow hosts with a network of their own. The text says why."""
+    """This machine does not allow hosts with separate networks. The text says why."""
 
 
 @dataclass(frozen=True)

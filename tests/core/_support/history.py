@@ -19,7 +19,7 @@ SLOTS = (1, 2, 3)
 
 
 class History:
-    """What has happened so far, by the modules' own account."""
+    """What has happened so far, by the modules' own journals."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Two robots, each a run of its own on this machine, linked over loopback."""
+"""Two robots, each a separate run on this machine, linked over loopback."""
 
 import socket
 from contextlib import closing

@@ -49,7 +49,7 @@ class Talker(Module):
             message: Message = String(data=str(self.number))
             if one == "bulk":
                 message = Image(header=self.header(self.number), data=self.pixels)
-            journal.note(self.number)  # first: a number is never published twice, whoever is killed
+            journal.note(self.number)  # first: a number is never published twice, even after a kill
             if not self.publish(message, topic=one):
                 self.refused[one].note(self.number)
 
