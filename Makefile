@@ -15,16 +15,16 @@ demo: .venv/robot
 	$(ROBBIE) run demo
 
 test: .venv/dev
-	.venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL)
+	.venv/bin/python -m pytest -q -m 'not slow' --durations 5 $(PARALLEL)
 
 test-all: test test-slow test-alone
 
 test-slow: .venv/dev
-	.venv/bin/python -m pytest -q -m 'slow and not alone' $(PARALLEL) --dist worksteal
+	.venv/bin/python -m pytest -q -m 'slow and not alone' --durations 15 $(PARALLEL) --dist worksteal
 
 # These require that something takes little time, so each has the machine for itself.
 test-alone: .venv/dev
-	.venv/bin/python -m pytest -q -m alone
+	.venv/bin/python -m pytest -q -m alone --durations 5
 
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev
