@@ -6,7 +6,13 @@ from hypothesis import strategies as st
 from mcap_ros2._dynamic import generate_dynamic
 
 from robbie_mp.messages import Message, message_type_from_schema, schema_text, stock_registry
-from tests.messages._support.rosbags_bridge import assert_same, jazzy, store_with, to_rosbags
+from tests.messages._support.rosbags_bridge import (
+    assert_same,
+    jazzy,
+    name_for_rosbags,
+    store_with,
+    to_rosbags,
+)
 from tests.messages._support.strategies import PATIENT, definitions, messages
 
 pytestmark = pytest.mark.slow
@@ -36,7 +42,7 @@ def test_a_stock_type_has_the_fields_of_ros_in_their_order(message_type: type[Me
 @given(data=st.data())
 @settings(PATIENT, max_examples=8, phases=GENERATE_ONLY)
 def test_a_stock_message_is_the_same_for_all_three(message_type: type[Message], data: st.DataObject) -> None:
-    name = message_type.type_name
+    name = name_for_rosbags(message_type.type_name)
     message = data.draw(messages(message_type))
     encoded = bytes(JAZZY.serialize_cdr(to_rosbags(JAZZY, message), name))
     assert message.encode() == encoded

@@ -34,7 +34,7 @@ config: {"greeting": "\\x1b[2J\\u202e"}
 NAMES_IT = {
     "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "param",
     "gui", "top", "log", "info", "log-repair", "diff", "export", "import-carmen", "import-rosbag", "module",
-    "stop", "keys", "profile", "clean", "doctor", "new", "completion",
+    "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion",
 }  # fmt: skip
 """Commands that a test below runs with hostile input."""
 

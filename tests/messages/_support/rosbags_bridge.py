@@ -34,13 +34,18 @@ def jazzy() -> Typestore:
 def store_with(type_name: str, schema: str) -> Typestore:
     """A type store that knows the types of a ros2msg text."""
     store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(schema, type_name))
+    store.register(get_types_from_msg(schema, name_for_rosbags(type_name)))
     return store
+
+
+def name_for_rosbags(type_name: str) -> str:
+    """Return the name of a type in a type store: rosbags misreads those of services."""
+    return type_name.replace("/srv/", "/msg/")
 
 
 def to_rosbags(store: Typestore, message: Message) -> Any:
     """The same message as an object of rosbags."""
-    return store.types[message.type_name](
+    return store.types[name_for_rosbags(message.type_name)](
         **{
             field.schema_name: _value(store, getattr(message, field.name))
             for field in fields_of(type(message))
