@@ -45,16 +45,20 @@ class CarmenPlayback(Module):
         self.started_s: float | None = None
         self.first_s = self.next_record.logger_time_s if self.next_record else 0.0
         self.count = {"odometry": 0, "scans": 0}
+        self.kept = 0
+        """Latched messages: the core keeps them, so they stay outstanding."""
 
     def tick(self) -> None:
         """Publish what is due; end after the last message has been handled."""
         now_s = self.clock.monotonic_ns() / 1e9
         if self.started_s is None:
             self.started_s = now_s
-            self.publish(laser_place(self.carmen_log.parameters), topic="tf_static", latched=True)
+            self.kept += self.publish(
+                laser_place(self.carmen_log.parameters), topic="tf_static", latched=True
+            )
         self._publish_due(now_s)
         self.status = f"{self.count['odometry']} odometry, {self.count['scans']} scans{self._skipped()}"
-        if self.next_record is None and self.outstanding == 0:
+        if self.next_record is None and self.outstanding <= self.kept:
             self.log.info("the log ended: %s", self.status)
             self.stop()
 

@@ -550,7 +550,10 @@ class Module:
 
     @property
     def outstanding(self) -> int:
-        """Number of this module's messages that subscribers still wait for or hold; slow down as it grows."""
+        """Number of this module's messages that subscribers still wait for or hold; slow down as it grows.
+
+        The core keeps the newest message of each latched topic, which counts, too.
+        """
         return self._bus.outstanding
 
     def wake_after_freed(self, messages: int) -> None:
