@@ -113,6 +113,8 @@ class Robot:
             figures = self.top()
             if figures and condition(figures):
                 return figures
+            if not figures and self._started and all(run.poll() is not None for run in self._started):
+                raise AssertionError(f"the run has ended: {self._started[-1].communicate()}")
             time.sleep(0.005)
         raise TimeoutError(f"the condition was not met; last figures: {figures}")
 
