@@ -107,12 +107,14 @@ def compare(
     assert built.unguarded_stores() == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=500, deadline=None)
 @given(st.lists(STEP, max_size=40))
 def test_records_are_stored_alike(built: ModuleType, steps: list[tuple[str, tuple[int, ...]]]) -> None:
     compare(built, (ring.RingWriter, ring.RingReader), (built.RingWriter, built.RingReader), steps)
 
 
+@pytest.mark.slow
 @example([("die_after", (2,)), ("write_tail", (WORD_MAX - 1,)), ("reopen", ()), ("take_all", ())])
 @settings(max_examples=300, deadline=None)
 @given(st.lists(NUMBER_STEP, max_size=40))
