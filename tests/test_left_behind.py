@@ -172,3 +172,18 @@ def test_names_of_a_killed_test_are_removed_and_those_of_a_live_one_stay() -> No
     assert [path.exists() for path in (*semaphores, *folders)] == [False, True, False, True]
     assert {f"robbie-{dead}", semaphores[0].name} <= set(removed)
     remove_names(live)
+
+
+def test_names_of_a_run_whose_id_looks_like_a_dead_tests_stay() -> None:
+    """One in thirty random ids is letters followed by digits, which are hardly ever the pid of a process."""
+    folder = next(
+        path
+        for letters in itertools.product("abcdef", repeat=2)
+        if not (path := SHARED_MEMORY / f"robbie-{''.join(letters)}999999").exists()
+    )
+    folder.mkdir(mode=0o700)
+    try:
+        remove_names_of_dead_tests()
+        assert folder.exists()
+    finally:
+        remove_names(folder.name.removeprefix("robbie-"))

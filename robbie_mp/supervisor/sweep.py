@@ -5,6 +5,7 @@ supervisor or another sweep would hold. Removing something that is already gone 
 """
 
 import contextlib
+import errno
 import os
 import re
 import shutil
@@ -31,6 +32,7 @@ SHARED_NAME = re.compile(rf"(?:sem\.)?robbie-({RUN_ID.pattern})(?:\.[0-9a-f]{{16
 UNCLAIMED_AGE_S = 60.0
 """A run without folder and board may be starting while its names are younger than this, on a busy machine."""
 UNFINISHED_AGE_S = 60.0
+SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,10 @@ def _own_names(shared_memory: Path) -> dict[str, list[Path]]:
 
 
 def _is_live(run_id: str, paths: list[Path], shared_memory: Path) -> bool:
-    supervisor = _read_board(run_id, shared_memory)
+    try:
+        supervisor = _read_board(run_id, shared_memory)
+    except OSError:
+        return True  # the board cannot be read now, so nothing says that the supervisor is dead
     if supervisor is not None:
         return supervisor.is_alive
     youngest_s = 0.0
@@ -134,12 +139,18 @@ def _is_live(run_id: str, paths: list[Path], shared_memory: Path) -> bool:
 
 
 def _read_board(run_id: str, shared_memory: Path) -> ProcessIdentity | None:
-    """Return the supervisor named in a board's header; None if we own no such board or it has no header."""
+    """Return the supervisor named in a board's header; None if we own no such board or it has no header.
+
+    Raises:
+        OSError: this process or the machine has no free descriptor or no memory.
+    """
     folder, _, file = names.board(run_id).partition("/")
     try:
         with opened_folder(folder, shared_memory) as folder_fd:
             fd = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder_fd)
-    except (OSError, ForeignMemory):
+    except (OSError, ForeignMemory) as error:
+        if isinstance(error, OSError) and error.errno in SHORTAGES:
+            raise
         return None
     try:
         if ownership_problem(os.fstat(fd)):

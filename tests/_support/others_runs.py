@@ -22,6 +22,7 @@ from pathlib import Path
 import psutil
 
 from robbie_mp.linux.proc import ProcessIdentity, environment_value, read_stat
+from robbie_mp.run.run_directory import RUN_ID
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.transport.layout import HEADER_CREATOR_PID, HEADER_CREATOR_START, HEADER_WORDS
 from robbie_mp.transport.shared_folder import remove_names
@@ -30,8 +31,11 @@ from tests._support.places import PROJECT
 SHARED_MEMORY = Path("/dev/shm")
 LOOK_PERIOD_S = 0.05
 VARIABLE = "ROBBIE_TEST_SESSION"
-UNIT_TEST_RUN = "[a-z]+([0-9]+)(?:x[0-9]+)?"
-"""What unit tests call their memory: after their process, with a number if it makes several."""
+UNIT_TEST_RUN = re.compile(rf"(?!{RUN_ID.pattern}$)[a-z]+([0-9]+)(?:x[0-9]+)?")
+"""What unit tests call their memory: after their process, with a number if it makes several.
+
+A run's random id may look the same, such as "abc12345". It is not one of these.
+"""
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ class Session:
 
     def is_named_after_others(self, run_id: str) -> bool:
         """Whether a unit test of others made this memory: they name it after their process."""
-        named = re.fullmatch(UNIT_TEST_RUN, run_id)
+        named = UNIT_TEST_RUN.fullmatch(run_id)
         return named is not None and self.owns(int(named[1])) is False
 
     def is_mapped_by_others(self, run_id: str) -> bool:
@@ -113,7 +117,7 @@ def remove_names_of_dead_tests() -> list[str]:
     removed = []
     for name in os.listdir(SHARED_MEMORY):
         run_id = run_id_of(name)
-        named = re.fullmatch(UNIT_TEST_RUN, run_id)
+        named = UNIT_TEST_RUN.fullmatch(run_id)
         if named and not psutil.pid_exists(int(named[1])):
             removed += remove_names(run_id)
     return removed

@@ -21,6 +21,7 @@ from robbie_mp.transport.layout import (
     MAGIC,
 )
 from robbie_mp.transport.shared_folder import remove_names
+from tests._support.few_descriptors import only_free_descriptors
 from tests.supervisor._support.running import wait_for
 
 RUN = "0123abcd"
@@ -123,6 +124,16 @@ def test_names_without_folder_are_kept_while_the_supervisor_on_their_board_lives
     place.add_names(RUN)
     place.add_board(RUN, ProcessIdentity.own())
     assert place.sweep() == Swept()
+    assert len(place.names()) == 3
+
+
+@pytest.mark.usefixtures("later")
+@pytest.mark.parametrize("free", [1, 2, 3])
+def test_sweep_with_few_free_descriptors_keeps_a_live_run(place: Place, free: int) -> None:
+    place.add_names(RUN)
+    place.add_board(RUN, ProcessIdentity.own())
+    with only_free_descriptors(free):
+        assert place.sweep() == Swept()
     assert len(place.names()) == 3
 
 
