@@ -189,6 +189,7 @@ def test_short_campaign_with_a_frozen_log_disk_finds_no_violation(
 ) -> None:
     monkeypatch.setattr(frozen_log, "MEAN_PAUSE_S", 0.5)
     arguments = ["--kills", "12", "--seed", "5", "--longest-stop", "1", "--mean-pause", "0.8", "--json"]
+    arguments += ["--camera-rounds", "0"]  # the campaign above has the camera
     code = main([*arguments, "--freeze-log", "--keep", str(tmp_path)])
     report = json.loads(capsys.readouterr().out)
     assert code == 0, report["violations"]
