@@ -11,6 +11,9 @@ from robbie_mp.transport.tables import ChannelName
 OPEN_TIMEOUT_S = 0.5
 """Maximum time for the core to open the subscriptions. It takes longer only while the core is down."""
 
+MAX_READS = 100
+"""How often counters are read that change meanwhile; after that, the last two are good enough."""
+
 
 class MessageStream:
     """Messages from a run. A tool that is detached attaches again.
@@ -46,7 +49,16 @@ class MessageStream:
         tool.ready()
         tool.wait_for(tool.is_subscribed, OPEN_TIMEOUT_S)
         self._received = 0
-        self._passed_before = sum(self.passed().values()) - tool.books()[0]
+        self._passed_before = self._passed_before_attached()
+
+    def _passed_before_attached(self) -> int:
+        """Read two counters of the core at a moment when neither changes, and return their difference."""
+        for _ in range(MAX_READS):
+            routed = self._tool.books()[0]
+            passed = sum(self.passed().values())
+            if self._tool.books()[0] == routed:
+                break
+        return passed - routed
 
     def close(self) -> None:
         """Detach from the run."""

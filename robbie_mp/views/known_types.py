@@ -13,7 +13,8 @@ from robbie_mp.profile.workspace import find_workspace
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun, list_runs
 
-IMPORT_TIMEOUT_S = 10.0
+IMPORT_TIMEOUT_S = 30.0
+"""A busy robot's computer takes several seconds to import the modules of a workspace."""
 
 
 def types_of_run(run: KnownRun) -> KnownTypes:
