@@ -1,0 +1,42 @@
+"""Velocities from another system as drive commands that expire: if no more come, the robot stops."""
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+from robbie_mp.messages import DriveCommand, Duration, Header, Message, Time, Twist, TwistStamped
+
+VELOCITIES: Final[Mapping[str, type[Message]]] = {
+    Twist.type_name: Twist,
+    TwistStamped.type_name: TwistStamped,
+}
+"""The types that can become a drive command."""
+
+
+def drive_command(
+    velocity: Twist | TwistStamped, stamp: Time, valid_for_s: float, waited_s: float = 0.0
+) -> DriveCommand | None:
+    """Return the drive command that a velocity stands for.
+
+    Only the velocity forward (linear x) and about the vertical (angular z) count.
+
+    Args:
+        velocity: the velocity, in the robot's frame. The time in a `TwistStamped` is ignored, because the
+            clock of another machine may be wrong.
+        stamp: the robot's time now.
+        valid_for_s: how long it is followed after it has arrived, unless a newer one comes, s.
+        waited_s: how long it has waited since it arrived, s.
+
+    Returns:
+        The command; None if the velocity is not finite, or its time is over.
+    """
+    twist = velocity.twist if isinstance(velocity, TwistStamped) else velocity
+    left_s = valid_for_s - waited_s
+    if left_s <= 0.0 or not (math.isfinite(twist.linear.x) and math.isfinite(twist.angular.z)):
+        return None
+    return DriveCommand(
+        header=Header(stamp=stamp, frame_id="base_link"),
+        linear_m_per_s=twist.linear.x,
+        angular_rad_per_s=twist.angular.z,
+        valid_for=Duration.from_nanoseconds(round(left_s * 1e9)),
+    )

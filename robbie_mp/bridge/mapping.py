@@ -1,0 +1,263 @@
+"""Which messages cross a bridge, under which names, and with which quality of service.
+
+A bridge has two settings. `send` says what leaves the robot: a type, or a type and a topic (shell patterns),
+and the name that it has on the other side. `accept` says what comes in: a name on the other side, its type,
+and the topic on which the robot publishes it. Words for the quality of service may follow.
+
+    send:
+      LaserScan laser/front: /scan best_effort depth=5
+      OccupancyGrid map: /map latched
+      Image *: /camera/{topic}
+    accept:
+      /goal_pose: PoseStamped goal
+      /cmd_vel: Twist as DriveCommand teleop
+
+A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic, or
+stands for the type if the message has no topic. `Twist as DriveCommand` makes velocities drive the robot, for
+a limited time; see `robbie_mp.bridge.driving`.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+from robbie_mp.bridge.driving import VELOCITIES
+from robbie_mp.capture.selection import Pair, type_pattern
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import DriveCommand, MessageError
+from robbie_mp.messages.descriptions import KnownTypes
+
+MAX_PATTERNS = 32
+"""Most patterns in `send`: the core matches them for the bridge, and takes no more."""
+MAX_ACCEPTED = 256
+"""Most names in `accept`."""
+MAX_NAMES = 1024
+"""Most names that a bridge remembers of messages that it has sent."""
+MAX_DEPTH = 1000
+DEFAULT_DEPTH = 10
+TOPIC = "{topic}"
+NAME = re.compile(r"(/?[A-Za-z_][A-Za-z0-9_]*)(/[A-Za-z_][A-Za-z0-9_]*)*")
+_AS_COMMAND = ["as", DriveCommand.__name__]
+
+
+class MappingError(RobbieError, ValueError):
+    """What crosses a bridge cannot be understood; the text has a line for each problem."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How messages of a channel are passed on, in the words of ROS 2.
+
+    Attributes:
+        is_reliable: lost messages are sent again; otherwise they are only missed.
+        is_latched: those who come later get the newest messages (ROS 2: transient local; ROS 1: latched).
+        depth: number of messages that may wait.
+    """
+
+    is_reliable: bool = True
+    is_latched: bool = False
+    depth: int = DEFAULT_DEPTH
+
+    @classmethod
+    def of(cls, words: list[str]) -> Self:
+        """Read words as `best_effort latched depth=5`.
+
+        Raises:
+            MappingError: a word is not understood.
+        """
+        found: dict[str, bool | int] = {}
+        for word in words:
+            name, _, number = word.partition("=")
+            if name == "depth" and number.isdecimal() and 1 <= int(number) <= MAX_DEPTH:
+                found["depth"] = int(number)
+            elif word in _WORDS:
+                found.update(_WORDS[word])
+            else:
+                raise MappingError(
+                    f"{word!r} is not a quality of service: expected {', '.join(_WORDS)} or depth=1 to "
+                    f"depth={MAX_DEPTH}"
+                )
+        return cls(**found)  # type: ignore[arg-type]
+
+
+_WORDS: dict[str, dict[str, bool]] = {
+    "reliable": {"is_reliable": True},
+    "best_effort": {"is_reliable": False},
+    "latched": {"is_latched": True},
+    "transient_local": {"is_latched": True},
+    "volatile": {"is_latched": False},
+}
+
+
+class Outgoing(NamedTuple):
+    """Messages that leave the robot.
+
+    Attributes:
+        pair: patterns for their type and topic.
+        name: their name on the other side, which may contain `{topic}`.
+        quality: how they are passed on.
+    """
+
+    pair: Pair
+    name: str
+    quality: Quality
+
+
+class Incoming(NamedTuple):
+    """Messages that come in.
+
+    Attributes:
+        name: their name on the other side.
+        type_name: full name of their type on the other side.
+        topic: the topic on which the robot publishes them.
+        drives: whether they are velocities that become drive commands.
+        quality: how they are asked for.
+    """
+
+    name: str
+    type_name: str
+    topic: str
+    drives: bool
+    quality: Quality
+
+
+class SentAs(NamedTuple):
+    """Under which name, and how, messages of one type and topic leave the robot."""
+
+    name: str
+    quality: Quality
+
+
+class BridgeMap:
+    """The messages that cross a bridge.
+
+    Args:
+        send: the setting of that name; see above.
+        accept: the setting of that name.
+        namespace: comes before the names on the other side that do not begin with a slash.
+        types: types that may come in; by default the stock types.
+
+    Raises:
+        MappingError: a line is wrong.
+
+    Attributes:
+        outgoing: what leaves the robot; the first that matches a message counts.
+        incoming: what comes in.
+        clashes: number of messages that were not sent because their name belongs to another type.
+    """
+
+    def __init__(
+        self,
+        send: Mapping[str, str],
+        accept: Mapping[str, str],
+        namespace: str = "",
+        types: KnownTypes | None = None,
+    ):
+        self._namespace = namespace.strip("/")
+        self._types = types or KnownTypes()
+        self._names: dict[tuple[str, str], SentAs | None] = {}
+        self._owners: dict[str, str] = {}
+        self.clashes = 0
+        problems: list[str] = []
+        if namespace and not NAME.fullmatch(namespace):
+            problems.append(f"the namespace {namespace!r} is not a name such as 'robots/red'")
+        sent = [self._outgoing(key, text, problems) for key, text in send.items()]
+        accepted = [self._incoming(key, text, problems) for key, text in accept.items()]
+        self.outgoing = [one for one in sent if one]
+        self.incoming = [one for one in accepted if one]
+        if len(send) > MAX_PATTERNS:
+            problems.append(f"`send` has more than {MAX_PATTERNS} patterns; use wider ones")
+        if len(accept) > MAX_ACCEPTED:
+            problems.append(f"`accept` has more than {MAX_ACCEPTED} names")
+        if problems:
+            raise MappingError("\n".join(problems))
+
+    def sent_as(self, type_name: str, topic: str) -> SentAs | None:
+        """Return under which name messages leave the robot; None if they do not.
+
+        A name belongs to the type that was sent first under it: two types under one name confuse readers.
+
+        Args:
+            type_name: full name of the type.
+            topic: the robot's topic.
+        """
+        key = (type_name, topic)
+        if key not in self._names:
+            if len(self._names) >= MAX_NAMES:
+                return None
+            self._names[key] = self._find(type_name, topic)
+        found = self._names[key]
+        if found is not None and self._owners.setdefault(found.name, type_name) != type_name:
+            self.clashes += 1
+            return None
+        return found
+
+    def owner(self, name: str) -> str:
+        """Return the type that a name belongs to; "" if nothing has been sent under it."""
+        return self._owners.get(name, "")
+
+    def _find(self, type_name: str, topic: str) -> SentAs | None:
+        for one in self.outgoing:
+            if one.pair.matches(type_name, topic):
+                name = one.name.replace(TOPIC, other_name(topic) or snake_case(type_name))
+                return SentAs(name, one.quality)
+        return None
+
+    def _absolute(self, name: str) -> str:
+        return name if name.startswith("/") else f"/{self._namespace}/{name}".replace("//", "/")
+
+    def _outgoing(self, key: str, text: str, problems: list[str]) -> Outgoing | None:
+        patterns, words = key.split(), text.split()
+        if len(patterns) not in (1, 2):
+            problems.append(
+                f"{key!r}: expected a type, or a type and a topic with a space between, such as "
+                "'LaserScan laser/front'"
+            )
+            return None
+        name = words[0] if words else TOPIC
+        if not NAME.fullmatch(name.replace(TOPIC, "topic")):
+            problems.append(f"{key!r}: {name!r} is not a name such as '/scan' or 'camera/{TOPIC}'")
+            return None
+        try:
+            quality = Quality.of(words[1:])
+        except MappingError as error:
+            problems.append(f"{key!r}: {error}")
+            return None
+        pair = Pair(type_pattern(patterns[0]), patterns[1] if len(patterns) == 2 else "*")
+        return Outgoing(pair, self._absolute(name), quality)
+
+    def _incoming(self, key: str, text: str, problems: list[str]) -> Incoming | None:
+        words = text.split()
+        try:
+            if not NAME.fullmatch(key):
+                raise MappingError("this is not a name such as '/goal_pose'")
+            if not words:
+                raise MappingError("expected a type, or a type and a topic, such as 'PoseStamped goal'")
+            type_name, words = self._types.find(words[0]), words[1:]
+            drives = words[:2] == _AS_COMMAND
+            if drives:
+                words = words[2:]
+                if type_name not in VELOCITIES:
+                    raise MappingError(f"only {' and '.join(VELOCITIES)} can become a DriveCommand")
+            topic = words.pop(0) if words and not _is_quality(words[0]) else key.strip("/")
+            return Incoming(self._absolute(key), type_name, topic, drives, Quality.of(words))
+        except (MappingError, MessageError) as error:
+            problems.append(f"{key!r}: {error}")
+            return None
+
+
+def other_name(topic: str) -> str:
+    """Return a topic as a name that ROS allows: characters that it does not allow become underscores."""
+    parts = [re.sub(r"[^A-Za-z0-9_]", "_", part) for part in topic.split("/") if part]
+    return "/".join(f"_{part}" if part[0].isdigit() else part for part in parts)
+
+
+def snake_case(type_name: str) -> str:
+    """Return the last part of a type's name as `laser_scan` for `sensor_msgs/msg/LaserScan`."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type_name.rpartition("/")[2])
+    return words.lower()
+
+
+def _is_quality(word: str) -> bool:
+    return word in _WORDS or word.startswith("depth=")
