@@ -90,3 +90,10 @@ def test_very_large_map_is_shown_with_every_second_cell_at_the_same_place() -> N
 )
 def test_invalid_map_is_not_drawn(info: MapMetaData) -> None:
     assert MapTiles().draw(OccupancyGrid(info=info, data=np.zeros(4, np.int8))) == {}
+
+
+def test_page_is_told_which_part_of_the_map_is_known() -> None:
+    cells = np.full((200, 300), -1, np.int8)
+    assert json.loads(MapTiles().draw(map_of(cells))["place"])["known"] is None
+    cells[40:50, 100:130] = 0
+    assert json.loads(MapTiles().draw(map_of(cells))["place"])["known"] == [100, 40, 130, 50]

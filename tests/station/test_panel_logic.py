@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from robbie_mp.messages import LaserScan, Path, Point, Pose, PoseStamped
-from robbie_mp.station.panels.map import MAX_PATH_POINTS, checked, way_points
+from robbie_mp.station.goals import checked
+from robbie_mp.station.panels.map import MAX_PATH_POINTS, way_points
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.station.topic_watch import nodes_of
 from robbie_mp.trace.entry import Entry

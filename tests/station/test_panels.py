@@ -188,27 +188,27 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     assert "path of 1201 points; 2 frontiers; home" in page.inner_text("#map-text")
     page.click("#map-mode >> text=Set goal")
     page.wait_for_selector("#map-view[data-placing=goal][data-map=whole]")
-    page.click("#map-view")  # its middle, which is the map's
+    page.click("#map-view")  # its middle, which is that of all known cells
     frame, *place = told.waits_for("goal")
-    # Where the robot at (1.5, 3.25) would look on its way to (2, 4).
+    # Where the robot at (1.5, 3.25) would look on its way to (2, 3.75).
     assert frame == "map"
-    assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.arctan2(0.75, 0.5)], abs=0.05)
+    assert [float(word) for word in place] == pytest.approx([2.0, 3.75, np.pi / 4], abs=0.05)
     page.wait_for_selector("#map-text:has-text('goal at 2.0')")
     refusal_and_cancel_of_a_goal_are_shown(page, told)
     picture = saved_map(page, (0, 0), (46, 125, 50))  # the goal
     middle_x, middle_y = picture.width // 2, picture.height // 2
-    pixels_per_m = 0.9 * picture.height / 4
-    wall = (middle_x - round(2.75 * pixels_per_m), middle_y + round(pixels_per_m))
+    pixels_per_m = 0.9 * picture.height / 3.5
+    wall = (middle_x - round(2.75 * pixels_per_m), middle_y + round(0.75 * pixels_per_m))
     assert picture.getpixel(wall) == (0, 0, 0)
     for frontier in FRONTIERS:
         x = middle_x + round((frontier.x - 2.0) * pixels_per_m)
-        y = middle_y - round((frontier.y - 4.0) * pixels_per_m)
+        y = middle_y - round((frontier.y - 3.75) * pixels_per_m)
         assert picture.getpixel((x, y)) == (142, 36, 170), f"the frontier at {frontier} is not drawn there"
     free = (middle_x - round(2.25 * pixels_per_m), wall[1])
     assert picture.getpixel(free) == (255, 255, 255)
-    unknown = (wall[0], middle_y - round(1.75 * pixels_per_m))
+    unknown = (wall[0], middle_y - round(1.85 * pixels_per_m))
     assert picture.getpixel(unknown) == (170, 170, 170)
-    home = (middle_x - round(1.5 * pixels_per_m), middle_y + round(1.5 * pixels_per_m))
+    home = (middle_x - round(1.5 * pixels_per_m), middle_y + round(1.25 * pixels_per_m))
     assert picture.getpixel(home) == (57, 73, 171)
     page.click("#map-in")
     further = (round(1.5 * (wall[0] - middle_x)), round(1.5 * (wall[1] - middle_y)))
@@ -255,7 +255,7 @@ def pose_is_set_by_dragging(page: Page, told: Told) -> None:
     page.mouse.up()
     frame, *place = told.waits_for("pose")
     assert frame == "map"
-    assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.pi / 2], abs=0.05)
+    assert [float(word) for word in place] == pytest.approx([2.0, 3.75, np.pi / 2], abs=0.05)
 
 
 def cameras_are_shown(page: Page, address: str) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.messages import LaserScan, PointCloud2, PointField
-from robbie_mp.station.scene_view.points import cloud_points, packed, scan_points
+from robbie_mp.station.scene_view.points import cloud_points, packed, scan_points, shades
 
 
 def cloud(points: np.ndarray, *, padding: int = 4, big: bool = False) -> PointCloud2:
@@ -25,20 +25,22 @@ def cloud(points: np.ndarray, *, padding: int = 4, big: bool = False) -> PointCl
 def test_only_rays_that_hit_something_are_points() -> None:
     ranges = np.array([1.0, np.nan, 2.0, np.inf, 0.01, 30.0], np.float32)
     scan = LaserScan(angle_min=0.0, angle_increment=np.pi / 4, range_min=0.1, range_max=30.0, ranges=ranges)
-    assert scan_points(scan) == pytest.approx(np.array([[1, 0, 0], [0, 2, 0]]), abs=1e-6)
+    assert scan_points(scan).places == pytest.approx(np.array([[1, 0, 0], [0, 2, 0]]), abs=1e-6)
 
 
 @pytest.mark.parametrize("big", [False, True])
 def test_points_of_a_cloud_are_found_among_other_fields(big: bool) -> None:
     points = np.arange(24, dtype=np.float64).reshape(8, 3)
-    assert (cloud_points(cloud(points, big=big), 100) == points).all()
+    found = cloud_points(cloud(points, big=big), 100)
+    assert np.array_equal(found.places, points)
+    assert found.intensities is None
 
 
 @given(st.integers(1, 200), st.integers(1, 50))
 @settings(max_examples=30)
 def test_cloud_is_thinned_evenly_to_the_limit(pairs: int, limit: int) -> None:
     points = np.arange(6 * pairs, dtype=np.float64).reshape(-1, 3)
-    found = cloud_points(cloud(points), limit)
+    found = cloud_points(cloud(points), limit).places
     assert 0 < len(found) <= limit
     assert len(np.unique(np.diff(found[:, 0]))) <= 1
 
@@ -56,9 +58,27 @@ def test_invalid_cloud_causes_no_error(
         height=height, width=width, fields=fields, point_step=point_step, row_step=row_step,
         data=np.zeros(size, np.uint8),
     )  # fmt: skip
-    assert len(cloud_points(message, 10)) <= height * width
+    assert len(cloud_points(message, 10).places) <= height * width
 
 
 def test_points_are_sent_in_steps_of_a_centimetre() -> None:
     sent = packed(np.array([[1.234, -2.0, 1e9]]))
     assert np.frombuffer(sent, "<i2").tolist() == [123, -200, 32767]
+
+
+def test_intensities_stay_with_their_points() -> None:
+    measured = LaserScan(
+        angle_increment=0.1, range_min=0.1, range_max=30.0,
+        ranges=np.array([1.0, np.inf, 2.0], np.float32), intensities=np.array([7, 8, 9], np.float32),
+    )  # fmt: skip
+    assert scan_points(measured).intensities == pytest.approx([7.0, 9.0])
+    message = cloud(np.arange(12, dtype=np.float64).reshape(4, 3))
+    message.fields.append(PointField(name="intensity", offset=8, datatype=7, count=1))  # where z lies
+    assert cloud_points(message, 10).intensities == pytest.approx([2.0, 5.0, 8.0, 11.0])
+
+
+def test_intensities_are_sent_from_the_weakest_to_the_strongest() -> None:
+    assert list(shades(np.array([3.0, np.nan, 9.0, 6.0]))) == [85, 0, 255, 170]
+    assert list(shades(np.array([4.0, 4.0]))) == [0, 0]
+    assert len(shades(np.array([1e308, -np.inf]))) == 2
+    assert shades(None) == b""

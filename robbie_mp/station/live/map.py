@@ -84,8 +84,17 @@ class MapTiles:
             "bottom": bottom,
             "tile": TILE,
             "tiles": [[across, up] for across, up in self._drawn],
+            "known": _bounds(pixels),
         }
         return {"place": json.dumps(place).encode(), **names}
+
+
+def _bounds(pixels: NDArray[np.uint8]) -> list[int] | None:
+    """Return the first column and row that is known and those after the last; None if nothing is known."""
+    columns, rows = np.flatnonzero(pixels.any(axis=0)), np.flatnonzero(pixels.any(axis=1))
+    if not len(columns):
+        return None
+    return [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1]
 
 
 def _turned(x: float, y: float, by_rad: float) -> tuple[float, float]:

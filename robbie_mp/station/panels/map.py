@@ -13,38 +13,56 @@ from nicegui.events import GenericEventArguments
 from robbie_mp.messages import (
     CancelNavigation,
     Frontiers,
-    NavigateTo,
+    LaserScan,
     OccupancyGrid,
     Path,
-    Point,
     PointOfInterest,
-    Pose,
     PoseStamped,
-    Quaternion,
 )
 from robbie_mp.scene_graph import RigidTransform
 from robbie_mp.station.access import Role
-from robbie_mp.station.context import Page, header_of_now
+from robbie_mp.station.context import Page
+from robbie_mp.station.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.scene_view.surroundings import other_robots
+from robbie_mp.station.scene_view.points import PointSources
+from robbie_mp.station.scene_view.surroundings import MAP, other_robots, pose_for_picture
+from robbie_mp.station.trail import Trail
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 TEXT_PERIOD_S = 0.2
+GOALS_PERIOD_S = 0.3
 GROUP = "marks"
 """Group of live parts with the marks on the map."""
 MAX_PATH_POINTS = 500
 """Maximum number of points. Longer paths are drawn with every second, third … point."""
-MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
-"""The effect of a press on the map: it sends a goal, or publishes on this topic."""
+MODES = {"": "Move map", GOAL: "Set goal", NEXT_GOAL: "Add goal", INITIAL_POSE: "Set pose"}
+"""The effect of a press on the map."""
+FOLLOWS = {"stay": "Stay", "follow": "Follow", "heading": "Heading up"}
+LAYERS = {
+    "scan": "Laser",
+    "trail": "Trail",
+    "path": "Path",
+    "frontiers": "Frontiers",
+    "marks": "Places",
+    "names": "Names",
+    "legend": "Legend",
+}
+"""What a visitor can hide."""
 PLACE_COLOUR = "#3949ab"
 
 
 class MapView(Element, component="map_view.js", esm=SCRIPTS):
     """Draws the map and the marks on it."""
+
+    def set(self, **properties: object) -> None:
+        """Change properties of the page's script, if they differ."""
+        if any(self._props.get(name) != value for name, value in properties.items()):
+            self._props.update(properties)
+            self.update()
 
 
 class MapPanel(Panel):
@@ -63,62 +81,120 @@ class MapPanel(Panel):
         self._frontiers = station.newest(Frontiers)
         self._others: list[dict[str, Any]] = []
         self._way: tuple[int, bytes] = (0, b"[]")
+        self._trail = Trail(station)
+        self._way_come: tuple[int, bytes] = (0, b"[]")
+        self._scans = PointSources(station, (LaserScan,))
 
     def build(self, page: Page) -> None:
         """Build the map and its tools."""
-        with ui.row().classes("items-center"):
+        with ui.row().classes("items-center map-tools"):
             mode = ui.toggle(MODES, value="").props("id=map-mode")
             mode.set_visibility(page.role is Role.OPERATOR)
-            tools = {
-                name: ui.button(icon=icon).props(f'id=map-{name} aria-label="{label}" title="{label}"')
-                for name, icon, label in (
-                    ("in", "zoom_in", "Zoom in"),
-                    ("out", "zoom_out", "Zoom out"),
-                    ("fit", "fit_screen", "Show the whole map"),
-                    ("save", "save", "Save as picture"),
-                )
-            }
+            undo = ui.button(icon="undo").props(
+                'id=map-undo aria-label="Undo" title="Take back the last goal"'
+            )
+            undo.set_visibility(page.role is Role.OPERATOR)
             cancel = ui.button("Cancel goal", icon="wrong_location").props("id=map-cancel")
             cancel.set_visibility(page.role is Role.OPERATOR)
-            cancel.on_click(lambda: self._cancel(page))
+            view_tools = ui.row().classes("items-center")
         view = MapView().props("id=map-view")
         view.style("width: 100%; height: 60vh; touch-action: none; display: block")
+        with view_tools:
+            self._build_view_tools(view)
         text = ui.label("").props("id=map-text")
-        tools["in"].on_click(lambda: view.run_method("zoom", 1.5))
-        tools["out"].on_click(lambda: view.run_method("zoom", 1 / 1.5))
-        tools["fit"].on_click(lambda: view.run_method("fit"))
-        tools["save"].on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
+        goals = GoalList(lambda goal: place(page, self.station, goal, self._pose.message))
 
-        def set_mode(topic: str) -> None:
-            view._props["placing"] = topic
-            view.update()
+        def cancel_all() -> None:
+            goals.clear()
+            self._cancel(page)
 
         def placed(event: GenericEventArguments) -> None:
-            if (place := checked(event.args)) is not None:
-                self._publish(page, *place)
+            placement = checked(event.args)
+            if placement is None or not page.may("the place"):
+                return
+            if placement.kind == NEXT_GOAL:
+                if not goals.add(placement):
+                    ui.notify(f"{MAX_GOALS} goals wait already", type="negative")
+                return
+            if placement.kind == GOAL:
+                goals.clear()
+            place(page, self.station, placement, self._pose.message)
             mode.set_value("")
 
         if page.role is Role.OPERATOR:
-            mode.on_value_change(lambda event: set_mode(str(event.value or "")))
+            mode.on_value_change(lambda event: view.set(placing=str(event.value or "")))
             view.on("placed", placed)
+            undo.on_click(goals.undo)
+            cancel.on_click(cancel_all)
+            page.always(GOALS_PERIOD_S, goals.tick)
 
         def update() -> None:
             text.set_text(self.describe())
+            view.set(waiting=[[goal.x_m, goal.y_m] for goal in goals.waiting])
 
         page.every(TEXT_PERIOD_S, self.name, update)
+
+    def _build_view_tools(self, view: MapView) -> None:
+        """Build what changes only how this page shows the map."""
+        follows = ui.toggle(FOLLOWS, value="stay").props("id=map-follow")
+        follows.on_value_change(lambda event: view.set(follows=str(event.value)))
+        for name, icon, label in (
+            ("in", "zoom_in", "Zoom in"),
+            ("out", "zoom_out", "Zoom out"),
+            ("fit", "fit_screen", "Show all that is known"),
+            ("measure", "straighten", "Measure a distance"),
+            ("save", "save", "Save as picture"),
+            ("layers", "layers", "Layers"),
+        ):
+            button = ui.button(icon=icon).props(f'id=map-{name} aria-label="{label}" title="{label}"')
+            match name:
+                case "in":
+                    button.on_click(lambda: view.run_method("zoom", 1.5))
+                case "out":
+                    button.on_click(lambda: view.run_method("zoom", 1 / 1.5))
+                case "fit":
+                    button.on_click(lambda: view.run_method("fit"))
+                case "measure":
+                    button.on_click(lambda: view.run_method("measure"))
+                case "save":
+                    button.on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
+                case _:
+                    with button, ui.menu():
+                        self._build_layers(view)
+
+    def _build_layers(self, view: MapView) -> None:
+        shown = dict.fromkeys(LAYERS, True)
+
+        def show(name: str, *, is_shown: bool) -> None:
+            shown[name] = is_shown
+            view.set(hidden=[layer for layer, wanted in shown.items() if not wanted])
+
+        for name, title in LAYERS.items():
+            box = ui.checkbox(title, value=True).props(f"id=map-layer-{name}").classes("q-pr-md")
+            box.on_value_change(lambda event, name=name: show(name, is_shown=bool(event.value)))
 
     def tick(self) -> None:
         """Update the marks, if any page shows them."""
         if self.station.live.is_wanted(GROUP):
-            found = other_robots(self.station.scene, "map")
+            found = other_robots(self.station.scene, MAP)
             self._others = [robot_mark(name, pose) for name, pose in found.items()]
             parts = {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
-            self.station.live.put(GROUP, parts | {"path": self._encoded_path()})
+            parts |= {"path": self._encoded_path(), "trail": self._encoded_trail()}
+            self.station.live.put(GROUP, parts | self._scans.look(self._pose_at, MAP))
+
+    def _pose_at(self, frame: str, time_ns: int) -> RigidTransform | None:
+        return pose_for_picture(self.station.scene, MAP, frame, time_ns)
 
     def _encoded_path(self) -> bytes:
         if self._way[0] != self._path.count:
             self._way = (self._path.count, json.dumps(way_points(self._path.message)).encode())
         return self._way[1]
+
+    def _encoded_trail(self) -> bytes:
+        if self._way_come[0] != self._trail.count:
+            points = [[round(x_m, 2), round(y_m, 2)] for x_m, y_m in self._trail.points]
+            self._way_come = (self._trail.count, json.dumps(points).encode())
+        return self._way_come[1]
 
     def marks(self) -> dict[str, Any]:
         """Return the marks on the map, without the path; m and rad, map frame."""
@@ -147,17 +223,6 @@ class MapPanel(Panel):
         parts += [f"{one['name']} at {one['x']:.2f} m, {one['y']:.2f} m" for one in self._others]
         parts += [f"{len(marks)} {title}" for title, marks in self.station.map_marks.now().items()]
         return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
-
-    def _publish(self, page: Page, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
-        if yaw_rad is None:  # without a heading: the direction from the robot to the goal
-            robot = planar(self._pose.message) or [x_m, y_m, 0.0]
-            yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
-        pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
-        message = PoseStamped(header=header_of_now(self.station, "map"), pose=pose)
-        if topic == "goal":
-            page.ask(NavigateTo(pose=message), "the goal", "the robot is at the goal")
-        else:
-            page.publish(message, "the pose", topic)
 
     def _cancel(self, page: Page) -> None:
         """End the goal that the robot drives to, whichever module or operator has set it."""
@@ -203,15 +268,3 @@ def planar(message: PoseStamped | None) -> list[float] | None:
         return None
     pose = message.pose
     return [round(number, 4) for number in (pose.position.x, pose.position.y, pose.orientation.yaw)]
-
-
-def checked(sent: Any) -> tuple[str, float, float, float | None] | None:
-    """Return a placement on the map: topic, x, y (m), heading (rad), or None if it is malformed."""
-    try:
-        topic, yaw_rad = str(sent["what"]), sent["yaw_rad"]
-        numbers = [float(sent["x_m"]), float(sent["y_m"]), 0.0 if yaw_rad is None else float(yaw_rad)]
-    except (KeyError, TypeError, ValueError):
-        return None
-    if not topic or topic not in MODES or not all(map(math.isfinite, numbers)):
-        return None
-    return topic, numbers[0], numbers[1], None if yaw_rad is None else numbers[2]

@@ -1,18 +1,49 @@
 import { from_json, Live, MapPicture } from "robbie-live";
 
-// The map from above: x to the right, y up. Drag moves it, the wheel zooms. While something is to be placed,
-// a press says where, and dragging from there says which way it looks; that is emitted as "placed".
+const MAX_FIT_SCALE = 150; // pixels per m
+const STEP_M = 0.01; // of packed points
+const LEGEND = [
+  ["arrow", "#c62828", "robot"], ["arrow", "#2e7d32", "goal"], ["line", "#1565c0", "path"], ["line", "#ef6c00", "trail"],
+  ["dot", "#d50000", "laser"], ["diamond", "#8e24aa", "frontier"],
+];
+const COLOURS = Object.fromEntries(LEGEND.map(([, colour, name]) => [name, colour]));
+
+// The map from above: x to the right and y up, or the robot's heading up. Drag moves it, the wheel zooms. While
+// something is to be placed, a press says where, and dragging from there says which way it looks; that is emitted
+// as "placed".
 export default {
   template: `<canvas class="map-view" tabindex="0" role="img" aria-label="Map" :data-placing="placing"
     :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
-  props: { placing: String },
+  props: {
+    placing: String,
+    follows: { type: String, default: "stay" },
+    hidden: { type: Array, default: () => [] },
+    waiting: { type: Array, default: () => [] },
+  },
+  watch: {
+    follows() {
+      if (this.follows === "stay") this.turn = 0;
+      this.redraw();
+    },
+    hidden() {
+      this.redraw();
+    },
+    waiting() {
+      this.redraw();
+    },
+  },
   mounted() {
-    this.marks = { robot: null, goal: null, path: [], frontiers: [], marked: [], places: [], others: [] };
+    this.marks = { robot: null, goal: null, path: [], trail: [], frontiers: [], marked: [], places: [], others: [] };
+    this.scans = new Map();
+    this.turn = 0; // rad, of the map on the screen
+    this.measures = null;
+    this.measured = null;
     this.map = new MapPicture();
     this.updates = 0;
     this.centre = { x: 0, y: 0 };
     this.scale = 40; // pixels per m
     this.fitted = false;
+    this.adjusted = false; // by the visitor; until then, the view grows with the map
     this.press = null;
     const canvas = this.$el;
     canvas.addEventListener("pointerdown", (event) => this.down(event));
@@ -31,20 +62,32 @@ export default {
   methods: {
     async take(parts) {
       for (const [name, part] of Object.entries(parts))
-        if (name.startsWith("marks/")) this.marks[name.slice("marks/".length)] = from_json(part);
-      await this.map.take(parts);
+        if (name.startsWith("marks/points/")) this.scans.set(name, new Int16Array(part));
+        else if (name.startsWith("marks/shades/")) continue;
+        else if (name.startsWith("marks/")) this.marks[name.slice("marks/".length)] = from_json(part);
+      if ((await this.map.take(parts)) && !this.adjusted) this.fitted = false;
       this.redraw();
       this.$el.dataset.map = this.map.is_whole ? "whole" : "";
       this.$el.dataset.updates = this.updates += 1;
     },
+    // Shows all that is known, whatever the extent of the grid is.
     fit() {
       const { map, $el: canvas } = this;
       if (!map.place || !canvas.clientWidth) return;
-      const [cos, sin] = [Math.cos(map.place.yaw_rad), Math.sin(map.place.yaw_rad)];
-      const [w, h] = [map.width_m / 2, map.height_m / 2];
-      this.centre = { x: map.place.x_m + cos * w - sin * h, y: map.place.y_m + sin * w + cos * h };
-      this.scale = 0.9 * Math.min(canvas.clientWidth / map.width_m, canvas.clientHeight / map.height_m);
+      const { x_m, y_m, yaw_rad, pixel_m, columns, rows, known } = map.place;
+      const [left, bottom, right, top] = known ?? [0, 0, columns, rows];
+      const [cos, sin] = [Math.cos(yaw_rad), Math.sin(yaw_rad)];
+      const [u, v] = [((left + right) / 2) * pixel_m, ((bottom + top) / 2) * pixel_m];
+      this.centre = { x: x_m + cos * u - sin * v, y: y_m + sin * u + cos * v };
+      const [width, height] = [(right - left) * pixel_m, (top - bottom) * pixel_m];
+      this.scale = 0.9 * Math.min(canvas.clientWidth / width, canvas.clientHeight / height, MAX_FIT_SCALE);
       this.fitted = true;
+      this.adjusted = false;
+      this.redraw();
+    },
+    measure() {
+      this.measures = !this.measures;
+      this.measured = null;
       this.redraw();
     },
     zoom(factor, at) {
@@ -54,6 +97,7 @@ export default {
       this.centre.x = about.x + (this.centre.x - about.x) * kept;
       this.centre.y = about.y + (this.centre.y - about.y) * kept;
       this.scale = scale;
+      this.adjusted = true;
       this.redraw();
     },
     save(name) {
@@ -65,23 +109,25 @@ export default {
     },
     point(event) {
       const box = this.$el.getBoundingClientRect();
-      return {
-        x: this.centre.x + (event.clientX - box.left - box.width / 2) / this.scale,
-        y: this.centre.y - (event.clientY - box.top - box.height / 2) / this.scale,
-      };
+      const right = (event.clientX - box.left - box.width / 2) / this.scale;
+      const up = (box.top + box.height / 2 - event.clientY) / this.scale;
+      const [cos, sin] = [Math.cos(this.turn), Math.sin(this.turn)];
+      return { x: this.centre.x + cos * right + sin * up, y: this.centre.y - sin * right + cos * up };
     },
     down(event) {
       if (event.button !== 0) return;
       this.$el.setPointerCapture(event.pointerId);
       const at = this.point(event);
-      this.press = { begin: at, at, placing: this.placing };
+      this.press = { begin: at, at, placing: this.placing, measures: this.measures };
     },
     move(event) {
       if (!this.press) return;
       this.press.at = this.point(event);
-      if (!this.press.placing) {
+      if (this.press.measures) this.measured = { begin: this.press.begin, end: this.press.at };
+      else if (!this.press.placing) {
         this.centre.x += this.press.begin.x - this.press.at.x;
         this.centre.y += this.press.begin.y - this.press.at.y;
+        this.adjusted = true;
       }
       this.redraw();
     },
@@ -89,7 +135,7 @@ export default {
       const press = this.press;
       this.press = null;
       this.redraw();
-      if (!press || !press.placing) return;
+      if (!press || press.measures || !press.placing) return;
       const [x, y] = [press.at.x - press.begin.x, press.at.y - press.begin.y];
       const dragged = Math.hypot(x, y) * this.scale > 10;
       this.$emit("placed", {
@@ -113,31 +159,58 @@ export default {
       const [width, height, ratio] = [canvas.clientWidth, canvas.clientHeight, devicePixelRatio];
       if (!width || !height) return;
       if (!this.fitted) this.fit();
+      this.go_along();
       if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
       if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
       const pen = canvas.getContext("2d");
+      this.names = [];
       pen.setTransform(1, 0, 0, 1, 0, 0);
       pen.fillStyle = "#aaaaaa";
       pen.fillRect(0, 0, canvas.width, canvas.height);
       const scale = this.scale * ratio; // from here on in m, y up
-      pen.setTransform(scale, 0, 0, -scale, canvas.width / 2 - this.centre.x * scale,
-        canvas.height / 2 + this.centre.y * scale);
+      pen.translate(canvas.width / 2, canvas.height / 2);
+      pen.scale(scale, -scale);
+      pen.rotate(this.turn);
+      pen.translate(-this.centre.x, -this.centre.y);
       this.draw_picture(pen);
-      this.draw_path(pen);
-      const { robot, goal, frontiers, marked, places, others } = this.marks;
-      for (const frontier of frontiers) this.draw_frontier(pen, frontier);
-      if (goal) this.draw_arrow(pen, goal, "#2e7d32");
-      if (robot) this.draw_arrow(pen, robot, "#c62828");
+      this.draw_marks(pen);
+      this.draw_placing(pen);
+      pen.setTransform(ratio, 0, 0, ratio, 0, 0); // from here on in pixels
+      if (this.shows("names")) this.draw_names(pen, width, height);
+      if (this.measured) this.draw_measured(pen);
+      this.draw_scale(pen, height);
+      if (this.shows("legend") && height > 260 && width > 320) this.draw_legend(pen, width, height);
+    },
+    shows(layer) {
+      return !this.hidden.includes(layer);
+    },
+    // Keeps the robot in the middle.
+    go_along() {
+      const { robot } = this.marks;
+      if (this.follows === "stay" || !robot || this.press) return;
+      this.centre = { x: robot[0], y: robot[1] };
+      this.turn = this.follows === "heading" ? Math.PI / 2 - robot[2] : 0;
+    },
+    draw_marks(pen) {
+      const { robot, goal, frontiers, marked, places, others, path, trail } = this.marks;
+      if (this.shows("trail")) this.draw_line(pen, trail, COLOURS.trail, 2);
+      if (this.shows("path")) this.draw_line(pen, path, COLOURS.path, 3);
+      if (this.shows("frontiers")) for (const frontier of frontiers) this.draw_frontier(pen, frontier);
+      if (this.shows("scan")) for (const scan of this.scans.values()) this.draw_scan(pen, scan);
+      if (goal) this.draw_arrow(pen, goal, COLOURS.goal);
+      this.waiting.forEach(([x, y], at) => this.draw_disc(pen, { x, y, name: `${at + 1}`, colour: COLOURS.goal }));
       for (const { x, y, yaw, name } of others) {
         this.draw_arrow(pen, [x, y, yaw], "#5d4037");
-        this.draw_name(pen, x, y, name);
+        this.names.push([x, y, name]);
       }
-      for (const mark of [...places, ...marked]) this.draw_disc(pen, mark);
+      if (this.shows("marks")) for (const mark of [...places, ...marked]) this.draw_disc(pen, mark);
+      if (robot) this.draw_arrow(pen, robot, COLOURS.robot);
+    },
+    draw_placing(pen) {
       const press = this.press;
-      if (press && press.placing) {
-        const yaw = Math.atan2(press.at.y - press.begin.y, press.at.x - press.begin.x);
-        this.draw_arrow(pen, [press.begin.x, press.begin.y, yaw], "#1565c0");
-      }
+      if (!press || !press.placing || press.measures) return;
+      const yaw = Math.atan2(press.at.y - press.begin.y, press.at.x - press.begin.x);
+      this.draw_arrow(pen, [press.begin.x, press.begin.y, yaw], "#1565c0");
     },
     draw_picture(pen) {
       const map = this.map;
@@ -151,12 +224,18 @@ export default {
       pen.drawImage(map.canvas, 0, -map.height_m, map.width_m, map.height_m);
       pen.restore();
     },
-    draw_path(pen) {
+    draw_line(pen, points, colour, pixels) {
       pen.beginPath();
-      for (const [x, y] of this.marks.path) pen.lineTo(x, y);
-      pen.strokeStyle = "#1565c0";
-      pen.lineWidth = 3 / this.scale;
+      for (const [x, y] of points) pen.lineTo(x, y);
+      pen.strokeStyle = colour;
+      pen.lineWidth = pixels / this.scale;
       pen.stroke();
+    },
+    draw_scan(pen, steps) {
+      pen.fillStyle = COLOURS.laser;
+      const size = 3 / this.scale;
+      for (let at = 0; at < steps.length; at += 3)
+        pen.fillRect(steps[at] * STEP_M - size / 2, steps[at + 1] * STEP_M - size / 2, size, size);
     },
     draw_arrow(pen, [x, y, yaw], colour) {
       const size = Math.max(0.2, 10 / this.scale);
@@ -179,7 +258,7 @@ export default {
       pen.save();
       pen.translate(x, y);
       pen.rotate(Math.PI / 4);
-      pen.fillStyle = "#8e24aa";
+      pen.fillStyle = COLOURS.frontier;
       pen.fillRect(-size / 2, -size / 2, size, size);
       pen.restore();
     },
@@ -188,16 +267,103 @@ export default {
       pen.arc(x, y, Math.max(0.12, 7 / this.scale), 0, 2 * Math.PI);
       pen.fillStyle = colour;
       pen.fill();
-      this.draw_name(pen, x, y, name);
+      this.names.push([x, y, name]);
     },
-    draw_name(pen, x, y, name) {
-      pen.save();
-      pen.translate(x, y);
-      pen.scale(1 / this.scale, -1 / this.scale);
+    // Where a point of the map is on the screen, in pixels.
+    on_screen(x, y) {
+      const [cos, sin] = [Math.cos(this.turn), Math.sin(this.turn)];
+      const [dx, dy] = [x - this.centre.x, y - this.centre.y];
+      const { clientWidth, clientHeight } = this.$el;
+      return [
+        clientWidth / 2 + (cos * dx - sin * dy) * this.scale,
+        clientHeight / 2 - (sin * dx + cos * dy) * this.scale,
+      ];
+    },
+    // Each name goes where it covers no other one; where there is no such place, it is left out.
+    draw_names(pen, width, height) {
+      const taken = [];
       pen.font = "13px sans-serif";
+      pen.lineWidth = 3;
+      pen.strokeStyle = "rgba(255, 255, 255, 0.85)";
       pen.fillStyle = "#000000";
-      pen.fillText(name, 10, -8);
-      pen.restore();
+      for (const [x, y, name] of this.names) {
+        const [u, v] = this.on_screen(x, y);
+        if (u < 0 || v < 0 || u > width || v > height) continue;
+        const long = pen.measureText(name).width;
+        const places = [[10, -8], [10, 18], [-10 - long, -8], [-10 - long, 18], [-long / 2, -16], [-long / 2, 26]];
+        const boxes = places.map(([right, down]) => [u + right, v + down - 12, u + right + long, v + down + 4]);
+        const free = boxes.find((one) => taken.every((other) => apart(one, other)));
+        if (!free) continue;
+        taken.push(free);
+        pen.strokeText(name, free[0], free[1] + 12);
+        pen.fillText(name, free[0], free[1] + 12);
+      }
+    },
+    draw_measured(pen) {
+      const { begin, end } = this.measured;
+      const [from, to] = [this.on_screen(begin.x, begin.y), this.on_screen(end.x, end.y)];
+      pen.beginPath();
+      pen.moveTo(...from);
+      pen.lineTo(...to);
+      pen.strokeStyle = "#000000";
+      pen.lineWidth = 2;
+      pen.stroke();
+      const distance_m = Math.hypot(end.x - begin.x, end.y - begin.y);
+      this.$el.dataset.measured = distance_m.toFixed(2);
+      draw_box(pen, to[0] + 10, to[1] - 24, `${distance_m.toFixed(2)} m`);
+    },
+    // A bar of 1, 2 or 5 times a power of ten, between 50 and 150 pixels long.
+    draw_scale(pen, height) {
+      const power = 10 ** Math.floor(Math.log10(150 / this.scale));
+      const length_m = [5, 2, 1].map((one) => one * power).find((one) => one * this.scale <= 150);
+      const [x, y, long] = [12, height - 12, length_m * this.scale];
+      pen.beginPath();
+      pen.moveTo(x, y - 6);
+      pen.lineTo(x, y);
+      pen.lineTo(x + long, y);
+      pen.lineTo(x + long, y - 6);
+      pen.strokeStyle = "#000000";
+      pen.lineWidth = 2;
+      pen.stroke();
+      pen.font = "12px sans-serif";
+      pen.fillStyle = "#000000";
+      pen.fillText(length_m >= 1 ? `${length_m} m` : `${Math.round(100 * length_m)} cm`, x + 4, y - 5);
+    },
+    draw_legend(pen, width, height) {
+      const [wide, line] = [86, 17];
+      const [x, y] = [width - wide - 8, height - LEGEND.length * line - 14];
+      pen.fillStyle = "rgba(255, 255, 255, 0.8)";
+      pen.fillRect(x, y, wide, LEGEND.length * line + 6);
+      pen.font = "12px sans-serif";
+      LEGEND.forEach(([shape, colour, name], at) => {
+        const [u, v] = [x + 12, y + 12 + at * line];
+        pen.fillStyle = colour;
+        pen.beginPath();
+        if (shape === "line") pen.rect(u - 7, v - 1.5, 14, 3);
+        else if (shape === "dot") pen.rect(u - 1.5, v - 1.5, 3, 3);
+        else if (shape === "diamond") polygon(pen, u, v, [[0, -5], [5, 0], [0, 5], [-5, 0]]);
+        else polygon(pen, u, v, [[6, 0], [-5, -5], [-2, 0], [-5, 5]]);
+        pen.fill();
+        pen.fillStyle = "#000000";
+        pen.fillText(name, u + 14, v + 4);
+      });
     },
   },
 };
+
+function apart(one, other) {
+  return one[2] < other[0] || other[2] < one[0] || one[3] < other[1] || other[3] < one[1];
+}
+
+function polygon(pen, x, y, corners) {
+  for (const [right, down] of corners) pen.lineTo(x + right, y + down);
+  pen.closePath();
+}
+
+function draw_box(pen, x, y, text) {
+  pen.font = "13px sans-serif";
+  pen.fillStyle = "rgba(255, 255, 255, 0.9)";
+  pen.fillRect(x, y, pen.measureText(text).width + 10, 20);
+  pen.fillStyle = "#000000";
+  pen.fillText(text, x + 5, y + 15);
+}

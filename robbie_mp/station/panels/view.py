@@ -6,8 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 from nicegui import app, ui
+from nicegui.events import GenericEventArguments
 
+from robbie_mp.messages import PoseStamped
+from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
+from robbie_mp.station.goals import GOAL, checked, place
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.drawing import Drawing, Moving
 from robbie_mp.station.scene_view.surroundings import Surroundings, Surveyor
@@ -19,7 +23,9 @@ GROUP = "view"
 """Group of live parts that move."""
 PERIOD_S = 0.2
 """Time between updates of the objects and of the line of text."""
-FRAMES_PER_S = 20
+FRAMES_PER_S = 60
+"""Maximum rate at which the page draws; it draws only what has changed."""
+COLOURS = {"plain": "one colour", "height": "by height", "intensity": "by intensity"}
 BEHIND_AND_ABOVE_M = (-3.0, 0.0, 3.0)
 """Initial position of the camera relative to the robot."""
 
@@ -34,6 +40,7 @@ class ViewPanel(Panel):
     def __init__(self, station: StationContext):
         super().__init__(station)
         self._surveyor = Surveyor(station)
+        self._pose = station.newest(PoseStamped, "map_pose")
         self.surroundings: Surroundings | None = None
         self._model_url = ""
         if station.robot_model is not None:
@@ -48,17 +55,39 @@ class ViewPanel(Panel):
 
     def build(self, page: Page) -> None:
         """Build the scene."""
-        with ui.row().classes("items-center gap-6"):
+        with ui.row().classes("items-center view-tools"):
             follows = ui.switch("follow the robot", value=True).props("id=view-follow")
+            presets = {
+                name: ui.button(title).props(f"id=view-{name} flat dense")
+                for name, title in (("behind", "Behind"), ("above", "Above"))
+            }
+            colours = ui.select(COLOURS, value="plain", label="points").props("id=view-colours dense")
+            walls = ui.switch("walls", value=True).props("id=view-walls")
             names = ui.switch("frame names").props("id=view-names")
-            shown = ui.label("nothing is known yet").props("id=view-figures")
+            sets_goal = ui.switch("set goal").props("id=view-goal")
+            sets_goal.set_visibility(page.role is Role.OPERATOR)
         with Moving().classes("w-full").props("id=view-moving") as moving:
             scene = ui.scene(grid=False, background_color="#1d232a", fps=FRAMES_PER_S, click_events=[])
             scene.style("width: 100%; height: 65vh").props("id=view-scene")
+        shown = ui.label("nothing is known yet").props("id=view-figures")
         scene.move_camera(*BEHIND_AND_ABOVE_M, 0.0, 0.0, 0.0, duration=0)
         moving.move_in(scene)
-        follows.on_value_change(lambda event: moving.follow(bool(event.value)))
+        follows.on_value_change(lambda event: moving.set(follows=bool(event.value)))
+        walls.on_value_change(lambda event: moving.set(walls=bool(event.value)))
+        colours.on_value_change(lambda event: moving.set(colours=str(event.value)))
+        for name, button in presets.items():
+            button.on_click(lambda name=name: moving.run_method("preset", name))
         drawing = Drawing(scene, self.station.robot_size_m, self._model_url)
+
+        def placed(event: GenericEventArguments) -> None:
+            placement = checked(event.args)
+            if placement is not None and placement.kind == GOAL:
+                place(page, self.station, placement, self._pose.message)
+            sets_goal.set_value(False)
+
+        if page.role is Role.OPERATOR:
+            sets_goal.on_value_change(lambda event: moving.set(placing=GOAL if event.value else ""))
+            moving.on("placed", placed)
 
         def update() -> None:
             if self.surroundings is not None:

@@ -22,16 +22,20 @@ class Moving(Element, component="moving.js", esm=SCRIPTS):
 
     def __init__(self) -> None:
         super().__init__()
-        self.follow(True)
+        self.set(follows=True)
 
     def move_in(self, scene: ui.scene) -> None:
         """Set the scene."""
-        self._props["scene"] = scene.id
-        self.update()
+        self.set(scene=scene.id)
 
-    def follow(self, wanted: bool) -> None:
-        """Let the camera follow the robot, or stay where the visitor moves it."""
-        self._props["follows"] = wanted
+    def set(self, **properties: object) -> None:
+        """Change properties of the page's script.
+
+        Args:
+            properties: `follows`: whether the camera moves with the robot; `walls`: whether walls are raised
+                from the map; `colours`: of points; `placing`: what a click on the floor places.
+        """
+        self._props.update(properties)
         self.update()
 
 

@@ -4,44 +4,77 @@ import { THREE } from "nicegui-scene";
 const STEP_M = 0.01; // of packed points
 const POINT_PIXELS = 3;
 const LOOK_MS = 200;
+const WALL_M = 0.5;
+const DARKEST_WALL = 90; // of 255: occupied with 65 % or more
+const HIGHEST_M = 2.0; // where the colours of heights end
+const LOWEST_VIEW_RAD = Math.PI / 2 - 0.03; // the camera stays above the floor
+const PRESETS = { behind: [-3, 0, 2.2], above: [-0.01, 0, 12] };
+const LINES = { "view/path": "#40c4ff", "view/trail": "#ff9100" };
 
 // Holds a scene and draws what moves there: follows live parts, and moves the scene's nodes and camera.
 export default {
-  template: `<div class="scene-moving"><slot></slot></div>`,
-  props: { scene: Number, follows: Boolean },
+  template: `<div class="scene-moving" :data-placing="placing"><slot></slot></div>`,
+  props: {
+    scene: Number,
+    follows: Boolean,
+    colours: { type: String, default: "plain" },
+    walls: { type: Boolean, default: true },
+    placing: { type: String, default: "" },
+  },
+  watch: {
+    colours() {
+      for (const name of this.sets.keys()) this.colour(name);
+    },
+    walls() {
+      this.raised.visible = this.walls;
+      this.has_changed = true;
+    },
+  },
   mounted() {
-    this.poses = { robot: null, nodes: {} };
+    this.poses = { robot: null, goal: null, nodes: {} };
     this.updates = 0;
+    this.turns = true; // whether the camera turns with the robot
     this.sets = new Map();
+    this.shades = new Map();
     this.map = new MapPicture();
     this.texture = new THREE.CanvasTexture(this.map.canvas);
     this.texture.magFilter = THREE.NearestFilter;
     this.texture.colorSpace = THREE.SRGBColorSpace;
     const look = { color: "#ebebeb", transparent: true, side: THREE.DoubleSide, map: this.texture };
     this.floor = new THREE.Mesh(new THREE.PlaneGeometry(1, 1), new THREE.MeshBasicMaterial(look));
+    this.raised = new THREE.Group();
+    this.raised.visible = this.walls;
+    this.blocks = new Map(); // the walls of each tile, and the picture that they are of
+    this.goal = goal_arrow();
     this.live = new Live("view+map", this.$el, (parts) => this.take(parts));
     this.timer = setInterval(() => this.look(), LOOK_MS);
+    this.observer = new ResizeObserver(() => this.resize());
+    this.observer.observe(this.$el);
+    this.$el.addEventListener("click", (event) => this.place(event));
   },
   unmounted() {
     clearInterval(this.timer);
+    this.observer.disconnect();
     this.live.close();
   },
   methods: {
     async take(parts) {
       if (parts["view/poses"]) this.poses = from_json(parts["view/poses"]);
       for (const [name, part] of Object.entries(parts))
-        if (name.startsWith("view/points/") || name === "view/path") this.set_points(name, part);
-      if (await this.map.take(parts)) this.lay_floor();
-      const { scene, camera, controls } = getElement(this.scene) ?? {};
-      if (!controls) return; // there is no 3-D here
-      for (const mesh of [this.floor, ...this.sets.values()]) if (mesh.parent !== scene) scene.add(mesh);
-      this.move_nodes();
-      if (this.follows && this.poses.robot) {
-        const [x, y, z] = this.poses.robot;
-        const way = new THREE.Vector3(x, y, z).sub(controls.target);
-        camera.position.add(way);
-        controls.target.add(way);
+        if (name.startsWith("view/shades/")) this.shades.set(name.replace("shades", "points"), new Uint8Array(part));
+      for (const [name, part] of Object.entries(parts))
+        if (name.startsWith("view/points/") || name in LINES) this.set_points(name, part);
+      if (await this.map.take(parts)) {
+        this.lay_floor();
+        this.raise_walls();
       }
+      const { scene, controls } = getElement(this.scene) ?? {};
+      if (!controls) return; // there is no 3-D here
+      for (const mesh of [this.floor, this.raised, this.goal, ...this.sets.values()])
+        if (mesh.parent !== scene) scene.add(mesh);
+      this.move_nodes();
+      this.show_goal();
+      this.go_along();
       this.has_changed = true;
       this.$el.dataset.updates = this.updates += 1;
     },
@@ -50,7 +83,12 @@ export default {
       const { renderer, controls } = getElement(this.scene) ?? {};
       if (!controls) return;
       if (renderer !== this.renderer) this.draw_only_changes(renderer, controls);
+      controls.maxPolarAngle = LOWEST_VIEW_RAD;
       this.move_nodes();
+      this.has_changed = true;
+    },
+    resize() {
+      getElement(this.scene)?.resize?.();
       this.has_changed = true;
     },
     // The scene is drawn again and again, in sight or not, and that is most of what a page costs.
@@ -64,19 +102,62 @@ export default {
       controls.addEventListener("change", () => (this.has_changed = true));
       this.renderer = renderer;
     },
+    // Moves the camera as far as the robot has moved, and, behind it, turns with it.
+    go_along() {
+      const { camera, controls } = getElement(this.scene);
+      const { robot } = this.poses;
+      if (!this.follows || !robot) return (this.turned = undefined);
+      const at = new THREE.Vector3(...robot.slice(0, 3));
+      const yaw = yaw_of(robot.slice(3));
+      const away = camera.position.clone().sub(controls.target);
+      if (this.turns && this.turned !== undefined) away.applyAxisAngle(new THREE.Vector3(0, 0, 1), yaw - this.turned);
+      else if (this.turns) away.applyAxisAngle(new THREE.Vector3(0, 0, 1), yaw - Math.atan2(-away.y, -away.x));
+      this.turned = this.turns ? yaw : undefined;
+      controls.target.copy(at);
+      camera.position.copy(at).add(away);
+    },
+    // Puts the camera behind or above the robot, from where it follows.
+    preset(name) {
+      const { camera, controls } = getElement(this.scene) ?? {};
+      if (!controls) return;
+      this.turns = name === "behind";
+      this.turned = undefined;
+      camera.position.copy(controls.target).add(new THREE.Vector3(...PRESETS[name]));
+      this.go_along();
+      this.has_changed = true;
+    },
     set_points(name, part) {
       let set = this.sets.get(name);
       if (!set) {
-        const points = { color: "#ff5252", size: POINT_PIXELS, sizeAttenuation: false };
-        set = name === "view/path"
-          ? new THREE.Line(undefined, new THREE.LineBasicMaterial({ color: "#40c4ff" }))
-          : new THREE.Points(undefined, new THREE.PointsMaterial(points));
+        set = name in LINES
+          ? new THREE.Line(undefined, new THREE.LineBasicMaterial({ color: LINES[name] }))
+          : new THREE.Points(undefined, new THREE.PointsMaterial({ size: POINT_PIXELS, sizeAttenuation: false }));
         set.frustumCulled = false; // or it would be left out by where the first points were
         this.sets.set(name, set);
       }
       const metres = Float32Array.from(new Int16Array(part), (steps) => steps * STEP_M);
       set.geometry.dispose();
       set.geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(metres, 3));
+      this.colour(name);
+    },
+    // Colours points by their height, or by how strongly they reflect; those without a measured intensity stay plain.
+    colour(name) {
+      const { geometry, material } = this.sets.get(name);
+      if (name in LINES) return;
+      const positions = geometry.getAttribute("position");
+      const shades = this.shades.get(name);
+      let value = null; // of point i, from 0 to 1
+      if (this.colours === "height") value = (i) => positions.getZ(i) / HIGHEST_M;
+      if (this.colours === "intensity" && shades?.length === positions.count) value = (i) => shades[i] / 255;
+      if (value) {
+        const colours = new Float32Array(3 * positions.count);
+        for (let i = 0; i < positions.count; i += 1) colours.set(rainbow(value(i)), 3 * i);
+        geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+      }
+      material.color.set(value ? "#ffffff" : "#ff5252");
+      if (material.vertexColors !== Boolean(value)) material.needsUpdate = true;
+      material.vertexColors = Boolean(value);
+      this.has_changed = true;
     },
     lay_floor() {
       const { map, floor, texture } = this;
@@ -92,6 +173,52 @@ export default {
       floor.rotation.z = yaw_rad;
       floor.position.set(x_m + cos * w - sin * h, y_m + sin * w + cos * h, 0);
     },
+    // Raises blocks where the map is occupied. Only tiles that have changed are raised again.
+    raise_walls() {
+      const { map, raised, blocks } = this;
+      if (!map.place) return;
+      const { x_m, y_m, yaw_rad, pixel_m, left, bottom, tile: size } = map.place;
+      for (const [name, { mesh, picture }] of blocks) {
+        if (map.tiles.get(name) === picture) continue;
+        raised.remove(mesh);
+        mesh.dispose();
+        blocks.delete(name);
+      }
+      for (const [name, picture] of map.tiles) {
+        if (blocks.has(name)) continue;
+        const [across, up] = name.split("/").map(Number);
+        const mesh = blocks_of(picture, size);
+        mesh.position.set(across * size, up * size, 0);
+        raised.add(mesh);
+        blocks.set(name, { mesh, picture });
+      }
+      // The blocks are in pixels of the infinite grid that the tiles lie on.
+      const [cos, sin] = [Math.cos(yaw_rad), Math.sin(yaw_rad)];
+      const [w, h] = [-left * pixel_m, -bottom * pixel_m];
+      raised.scale.set(pixel_m, pixel_m, 1);
+      raised.rotation.z = yaw_rad;
+      raised.position.set(x_m + cos * w - sin * h, y_m + sin * w + cos * h, 0);
+      this.$el.dataset.walls = [...blocks.values()].reduce((sum, { mesh }) => sum + mesh.count, 0);
+    },
+    show_goal() {
+      const { goal } = this.poses;
+      this.goal.visible = Boolean(goal);
+      if (!goal) return;
+      this.goal.position.set(goal[0], goal[1], 0);
+      this.goal.rotation.z = goal[2];
+    },
+    // While a goal is to be placed, a click on the floor says where.
+    place(event) {
+      const { camera, renderer } = getElement(this.scene) ?? {};
+      if (!this.placing || event.target !== renderer?.domElement) return;
+      const box = renderer.domElement.getBoundingClientRect();
+      const x = ((event.clientX - box.left) / box.width) * 2 - 1;
+      const y = 1 - ((event.clientY - box.top) / box.height) * 2;
+      const ray = new THREE.Raycaster();
+      ray.setFromCamera(new THREE.Vector2(x, y), camera);
+      const at = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), new THREE.Vector3());
+      if (at) this.$emit("placed", { what: this.placing, x_m: at.x, y_m: at.y, yaw_rad: null });
+    },
     move_nodes() {
       const scene = getElement(this.scene)?.scene;
       for (const [name, [x, y, z, ...quaternion]] of Object.entries(this.poses.nodes)) {
@@ -103,3 +230,50 @@ export default {
     },
   },
 };
+
+function yaw_of([x, y, z, w]) {
+  return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
+}
+
+// From blue over green to red.
+function rainbow(value) {
+  const part = Math.max(0, Math.min(1, value));
+  return new THREE.Color().setHSL(0.66 * (1 - part), 1, 0.55).toArray();
+}
+
+// One block for each run of occupied pixels in a row, in pixels of the tile.
+function blocks_of(picture, size) {
+  const canvas = new OffscreenCanvas(size, size);
+  const pen = canvas.getContext("2d", { willReadFrequently: true });
+  pen.drawImage(picture, 0, 0);
+  const { data } = pen.getImageData(0, 0, size, size);
+  const is_wall = (x, row) => data[4 * (row * size + x) + 3] > 0 && data[4 * (row * size + x)] < DARKEST_WALL;
+  const runs = [];
+  for (let row = 0; row < size; row += 1)
+    for (let x = 0; x < size; x += 1) {
+      if (!is_wall(x, row)) continue;
+      const begin = x;
+      while (x < size && is_wall(x, row)) x += 1;
+      runs.push([begin, x, size - row - 0.5]); // the first row of a picture is the top
+    }
+  const mesh = new THREE.InstancedMesh(
+    new THREE.BoxGeometry(1, 1, WALL_M), new THREE.MeshLambertMaterial({ color: "#90a4ae" }), runs.length);
+  const matrix = new THREE.Matrix4();
+  runs.forEach(([begin, end, y], at) => {
+    matrix.makeScale(end - begin, 1, 1).setPosition((begin + end) / 2, y, WALL_M / 2);
+    mesh.setMatrixAt(at, matrix);
+  });
+  mesh.frustumCulled = false;
+  return mesh;
+}
+
+function goal_arrow() {
+  const shape = new THREE.Shape([[0.3, 0], [-0.2, 0.2], [-0.1, 0], [-0.2, -0.2]].map((xy) => new THREE.Vector2(...xy)));
+  const material = new THREE.MeshBasicMaterial({ color: "#66bb6a", side: THREE.DoubleSide });
+  const arrow = new THREE.Mesh(new THREE.ShapeGeometry(shape), material);
+  arrow.position.z = 0.05;
+  const goal = new THREE.Group();
+  goal.add(arrow);
+  goal.visible = false;
+  return goal;
+}

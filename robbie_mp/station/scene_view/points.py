@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,30 +20,53 @@ if TYPE_CHECKING:
 STEP_M = 0.01
 """Resolution of sent points. With 16 bits, they reach as far as 327 m."""
 COORDINATES = ("x", "y", "z")
+INTENSITY = "intensity"
+MAX_INTENSITY = 1e6
 CODES = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 
 
-def scan_points(scan: LaserScan) -> NDArray[np.float64]:
-    """Return the ends of rays that hit something: (N, 3), m, the scanner's frame."""
+class Points(NamedTuple):
+    """Points of a scan or cloud, in the frame of its sensor."""
+
+    places: NDArray[np.float64]
+    """(N, 3), m."""
+    intensities: NDArray[np.float64] | None
+    """(N,), in the sensor's unit; None if it measures none."""
+
+    def every(self, step: int) -> Points:
+        """Return every second, third … point."""
+        return Points(self.places[::step], None if self.intensities is None else self.intensities[::step])
+
+
+NO_POINTS = Points(np.zeros((0, 3)), None)
+
+
+def scan_points(scan: LaserScan) -> Points:
+    """Return the ends of rays that hit something."""
     ranges = np.asarray(scan.ranges, np.float64)
     hit = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges < scan.range_max)
     angles = scan.angle_min + scan.angle_increment * np.flatnonzero(hit)
     x, y = ranges[hit] * np.cos(angles), ranges[hit] * np.sin(angles)
-    return np.column_stack((x, y, np.zeros(len(x))))
+    measured = np.asarray(scan.intensities, np.float64)
+    intensities = measured[hit] if len(measured) == len(ranges) else None
+    return Points(np.column_stack((x, y, np.zeros(len(x)))), intensities)
 
 
-def cloud_points(cloud: PointCloud2, limit: int) -> NDArray[np.float64]:
-    """Return a cloud's points, thinned evenly: (N <= limit, 3), m, its frame; none if it is malformed."""
-    nothing = np.zeros((0, 3))
+def cloud_points(cloud: PointCloud2, limit: int) -> Points:
+    """Return a cloud's points, at most `limit`, thinned evenly; none if the cloud is malformed."""
     fields = {field.name: field for field in cloud.fields}
     used = [fields[name] for name in COORDINATES if name in fields]
-    if len(used) < len(COORDINATES) or any(field.datatype not in CODES for field in used):
-        return nothing
+    if len(used) < len(COORDINATES):
+        return NO_POINTS
+    if INTENSITY in fields and fields[INTENSITY].datatype in CODES:
+        used.append(fields[INTENSITY])
+    if any(field.datatype not in CODES for field in used):
+        return NO_POINTS
     sizes = [int(CODES[field.datatype][1]) for field in used]
     fits = all(field.offset + size <= cloud.point_step for field, size in zip(used, sizes, strict=True))
     is_whole = cloud.width * cloud.point_step <= cloud.row_step
     if not fits or not is_whole or len(cloud.data) != cloud.height * cloud.row_step or not len(cloud.data):
-        return nothing
+        return NO_POINTS
     rows = np.asarray(cloud.data).reshape(cloud.height, cloud.row_step)
     points = rows[:, : cloud.width * cloud.point_step].reshape(-1, cloud.point_step)
     chosen = np.ascontiguousarray(points[:: max(1, math.ceil(len(points) / limit))])
@@ -54,8 +77,19 @@ def cloud_points(cloud: PointCloud2, limit: int) -> NDArray[np.float64]:
         )[:, 0]
         for field, size in zip(used, sizes, strict=True)
     ]
-    coordinates = np.column_stack(found).astype(np.float64)
-    return coordinates[np.isfinite(coordinates).all(axis=1)]
+    numbers = np.column_stack(found).astype(np.float64)
+    numbers = numbers[np.isfinite(numbers[:, :3]).all(axis=1)]
+    return Points(numbers[:, :3], numbers[:, 3] if len(used) > len(COORDINATES) else None)
+
+
+def shades(intensities: NDArray[np.float64] | None) -> bytes:
+    """Return intensities as bytes, from 0 for the weakest to 255 for the strongest; b"" if there are none."""
+    if intensities is None or not len(intensities):
+        return b""
+    sound = np.clip(np.nan_to_num(intensities), -MAX_INTENSITY, MAX_INTENSITY)
+    weakest, strongest = sound.min(), sound.max()
+    scaled: NDArray[np.float64] = (sound - weakest) * (255.0 / (strongest - weakest or 1.0))
+    return np.rint(scaled).astype(np.uint8).tobytes()
 
 
 def packed(points: NDArray[np.float64]) -> bytes:
@@ -63,11 +97,11 @@ def packed(points: NDArray[np.float64]) -> bytes:
     return np.clip(np.rint(points / STEP_M), -32768, 32767).astype("<i2").tobytes()
 
 
-MAX_POINTS = 10_000
+MAX_POINTS = 50_000
 """Maximum number of points in one picture, of all scans and clouds together."""
 MAX_SOURCES = 4
 """Maximum number of scanners, and also of sources of clouds."""
-TYPES: tuple[type[LaserScan] | type[PointCloud2], ...] = (LaserScan, PointCloud2)
+Kinds = tuple[type[LaserScan] | type[PointCloud2], ...]
 PoseAt = Callable[[str, int], RigidTransform | None]
 """Return the pose of a frame at a time (ns), or None if it is unknown."""
 
@@ -83,6 +117,7 @@ class Source:
         self._latest = latest
         self._seen: tuple[int, str, int] | None = None
         self.packed = b""
+        self.shades = b""
         self.count = 0
 
     def look(self, pose_at: PoseAt, world: str, limit: int) -> None:
@@ -92,28 +127,39 @@ class Source:
         if message is None or seen == self._seen:
             return
         pose = pose_at(message.header.frame_id, message.header.stamp.nanoseconds)
-        if pose is None:
-            points: NDArray[np.float64] = np.zeros((0, 3))  # try again later
-        else:
+        found = NO_POINTS
+        if pose is not None:  # otherwise try again later
             self._seen = seen
             found = scan_points(message) if isinstance(message, LaserScan) else cloud_points(message, limit)
-            points = pose.apply(found[:: -(-len(found) // limit) or 1])
-        self.packed, self.count = packed(points), len(points)
+            found = found.every(-(-len(found.places) // limit) or 1)
+            self.packed = packed(pose.apply(found.places))
+        else:
+            self.packed = b""
+        self.shades, self.count = shades(found.intensities), len(found.places)
 
 
 class PointSources:
-    """All scanners and sources of clouds. Each is separate, so that none replaces another."""
+    """All scanners and sources of clouds. Each is separate, so that none replaces another.
 
-    def __init__(self, station: StationContext):
+    Args:
+        station: receives the messages.
+        kinds: the types to look for.
+    """
+
+    def __init__(self, station: StationContext, kinds: Kinds = (LaserScan, PointCloud2)):
         self._station = station
+        self._kinds = kinds
         self._sources: dict[tuple[str, str], Source] = {}
 
     def look(self, pose_at: PoseAt, world: str) -> dict[str, bytes]:
-        """Return the packed points of each source, in the frame of the world."""
+        """Return the packed points of each source, in the frame of the world, and their shades."""
         self._find()
-        for source in self._sources.values():
+        parts: dict[str, bytes] = {}
+        for number, source in enumerate(self._sources.values()):
             source.look(pose_at, world, MAX_POINTS // len(self._sources))
-        return {f"points/{number}": one.packed for number, one in enumerate(self._sources.values())}
+            # The shades are first: a page that has them draws the points in their colours.
+            parts |= {f"shades/{number}": source.shades, f"points/{number}": source.packed}
+        return parts
 
     @property
     def count(self) -> int:
@@ -123,7 +169,7 @@ class PointSources:
     def _find(self) -> None:
         reading = self._station.run_watch.reading
         for channel in reading.channels if reading else ():
-            for kind in TYPES:
+            for kind in self._kinds:
                 is_of_kind = (channel.type_name, channel.version) == (kind.type_name, kind.version)
                 key = (channel.type_name, channel.topic)
                 of_kind = [one for one in self._sources if one[0] == channel.type_name]

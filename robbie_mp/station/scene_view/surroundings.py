@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robbie_mp.messages import Path
+from robbie_mp.messages import Path, Pose, PoseStamped
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew, TooOld
 from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.scene_view.points import PointSources, packed
+from robbie_mp.station.trail import Trail
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
@@ -36,6 +37,19 @@ def other_robots(scene: SceneGraphListener, world: str) -> dict[str, RigidTransf
         except SceneGraphError:
             continue
     return found
+
+
+def pose_for_picture(
+    scene: SceneGraphListener, world: str, frame: str, time_ns: int | None = None
+) -> RigidTransform | None:
+    """Return the pose of a frame, X_WF, at a time or the nearest known one; None if none is known."""
+    try:
+        try:
+            return scene.pose(world, frame, time_ns)
+        except (TooNew, TooOld):
+            return scene.pose(world, frame)
+    except SceneGraphError:
+        return None
 
 
 MAP = "map"
@@ -67,6 +81,10 @@ class Surroundings:
     count: int
     """Number of points."""
     path: bytes
+    trail: bytes
+    """The way that the robot has come, packed as the path is."""
+    goal: tuple[float, float, float] | None
+    """x and y (m) and heading (rad) of the goal, map frame."""
     marks: dict[str, tuple[MapMark, ...]]
     """Marks of panels, by the titles of the sources."""
     others: dict[str, RigidTransform]
@@ -76,8 +94,19 @@ class Surroundings:
     def parts(self) -> dict[str, bytes]:
         """Return the moving parts in the form that the page's script draws."""
         robot = None if self.robot is None else _rounded(self.robot)
-        poses = {"robot": robot, "nodes": {name: _rounded(pose) for name, (_, pose) in self.nodes.items()}}
-        return {"poses": json.dumps(poses).encode(), "path": self.path, **self.points}
+        poses = {
+            "robot": robot,
+            "goal": self.goal,
+            "nodes": {name: _rounded(pose) for name, (_, pose) in self.nodes.items()},
+        }
+        return {"poses": json.dumps(poses).encode(), "path": self.path, "trail": self.trail, **self.points}
+
+
+def _planar(pose: Pose) -> tuple[float, float, float]:
+    x_m, y_m, yaw_rad = (
+        round(number, 3) for number in (pose.position.x, pose.position.y, pose.orientation.yaw)
+    )
+    return x_m, y_m, yaw_rad
 
 
 def _rounded(pose: RigidTransform) -> list[float]:
@@ -95,6 +124,9 @@ class Surveyor:
         self._station = station
         self._path = station.newest(Path, "path")
         self._packed_path: tuple[int, bytes] = (0, b"")
+        self._goal = station.newest(PoseStamped, "goal")
+        self._trail = Trail(station)
+        self._packed_trail: tuple[int, bytes] = (0, b"")
         self._sources = PointSources(station)
 
     def look(self) -> Surroundings:
@@ -113,6 +145,8 @@ class Surveyor:
             points=points,
             count=self._sources.count,
             path=self._corners(),
+            trail=self._way_come(),
+            goal=None if self._goal.message is None else _planar(self._goal.message.pose),
             marks=self._station.map_marks.now(),
             others=other_robots(self._station.scene, world),
             places=tuple(
@@ -122,14 +156,7 @@ class Surveyor:
         )
 
     def _pose(self, world: str, frame: str, time_ns: int | None = None) -> RigidTransform | None:
-        scene = self._station.scene
-        try:
-            try:
-                return scene.pose(world, frame, time_ns)
-            except (TooNew, TooOld):
-                return scene.pose(world, frame)  # good enough for a picture
-        except SceneGraphError:
-            return None
+        return pose_for_picture(self._station.scene, world, frame, time_ns)
 
     def _nodes(self, world: str) -> dict[str, tuple[str, RigidTransform]]:
         graph = self._station.scene.graph
@@ -153,3 +180,10 @@ class Surveyor:
             corners = np.array([(corner.x, corner.y, corner.z + PATH_HEIGHT_M) for corner in chosen])
             self._packed_path = (path.count, packed(corners.reshape(-1, 3)))
         return self._packed_path[1]
+
+    def _way_come(self) -> bytes:
+        trail = self._trail
+        if self._packed_trail[0] != trail.count:
+            points = np.array([(x_m, y_m, PATH_HEIGHT_M) for x_m, y_m in trail.points])
+            self._packed_trail = (trail.count, packed(points.reshape(-1, 3)))
+        return self._packed_trail[1]

@@ -1,0 +1,100 @@
+"""Goals in turn, and the trail of the robot."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from robbie_mp.messages import NavigationResult, Point, Pose, PoseStamped, TimeJump
+from robbie_mp.module.calls.errors import GoalAborted
+from robbie_mp.module.envelope import Envelope
+from robbie_mp.station.goals import MAX_GOALS, NEXT_GOAL, GoalList, Placement
+from robbie_mp.station.latest import Latest
+from robbie_mp.station.requests import Asked
+from robbie_mp.station.trail import MAX_POINTS, Trail
+
+
+class Sent:
+    """Goals that were sent, and how they end."""
+
+    def __init__(self) -> None:
+        self.places: list[float] = []
+        self.asked: list[Asked] = []
+
+    def __call__(self, placement: Placement) -> Asked:
+        self.places.append(placement.x_m)
+        self.asked.append(Asked("the goal"))
+        return self.asked[-1]
+
+
+@pytest.fixture
+def sent() -> Sent:
+    return Sent()
+
+
+@pytest.fixture
+def goals(sent: Sent) -> GoalList:
+    made = GoalList(sent)
+    for x_m in (1.0, 2.0, 3.0):
+        assert made.add(Placement(NEXT_GOAL, x_m, 0.0, None))
+    return made
+
+
+def test_next_goal_is_sent_when_the_robot_has_reached_the_last_one(goals: GoalList, sent: Sent) -> None:
+    goals.tick()
+    assert sent.places == [1.0]
+    sent.asked[0].end(NavigationResult())
+    goals.tick()
+    assert (sent.places, [goal.x_m for goal in goals.waiting]) == ([1.0, 2.0], [3.0])
+
+
+def test_goal_that_fails_ends_the_list(goals: GoalList, sent: Sent) -> None:
+    sent.asked[0].end(GoalAborted("a wall"))
+    goals.tick()
+    assert (sent.places, goals.waiting) == ([1.0], [])
+    goals.add(Placement(NEXT_GOAL, 5.0, 0.0, None))
+    assert sent.places == [1.0, 5.0]
+
+
+def test_last_goal_can_be_taken_back(goals: GoalList) -> None:
+    goals.undo()
+    assert [goal.x_m for goal in goals.waiting] == [2.0]
+    goals.undo()
+    goals.undo()
+    assert goals.waiting == []
+
+
+def test_list_of_goals_is_bounded(goals: GoalList) -> None:
+    added = [goals.add(Placement(NEXT_GOAL, 0.0, 0.0, None)) for _ in range(MAX_GOALS)]
+    assert added.count(True) == MAX_GOALS - 2
+
+
+class Source:
+    """Poses of a robot, and jumps of time."""
+
+    def __init__(self) -> None:
+        self.poses: Latest[PoseStamped] = Latest()
+        self.jump: Callable[[Any], None] = lambda _jump: None
+
+    @property
+    def envelope(self) -> Envelope:
+        raise LookupError
+
+    def newest(self, _message_type: Any, topic: str = "") -> Any:
+        assert topic == "map_pose"
+        return self.poses
+
+    def hear(self, message_type: Any, handler: Callable[[Any], None], topic: str = "") -> None:
+        assert (message_type, topic) == (TimeJump, "")
+        self.jump = handler
+
+
+def test_trail_is_bounded_and_ends_when_time_jumps() -> None:
+    source = Source()
+    trail = Trail(source)
+    for number in range(4 * MAX_POINTS):
+        source.poses.put(PoseStamped(pose=Pose(position=Point(x=0.05 * number))))
+    assert len(trail.points) == MAX_POINTS
+    assert trail.points[-1][0] - trail.points[-2][0] == pytest.approx(0.1)
+    source.jump(TimeJump())
+    assert not trail.points
