@@ -93,6 +93,7 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
             observer_sees_and_does_not_steer(other)
         playback_is_steered(page, told)
         map_is_shown_and_goal_is_set(page, told)
+        walls_are_raised_and_goal_is_set_on_the_floor(page, told)
         cameras_are_shown(page, address)
         commands_of_the_profile_are_given(page, told)
         trace_is_filtered_and_what_is_recorded_is_chosen(page, robot)
@@ -256,6 +257,42 @@ def pose_is_set_by_dragging(page: Page, told: Told) -> None:
     frame, *place = told.waits_for("pose")
     assert frame == "map"
     assert [float(word) for word in place] == pytest.approx([2.0, 3.75, np.pi / 2], abs=0.05)
+
+    goals_are_added_and_a_distance_is_measured(page, told)
+
+
+def goals_are_added_and_a_distance_is_measured(page: Page, told: Told) -> None:
+    page.click("#map-mode >> text=Add goal")
+    page.wait_for_selector("#map-view[data-placing=next_goal]")
+    box = page.locator("#map-view").bounding_box()
+    assert box
+    middle_x, middle_y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.click(middle_x + 60, middle_y)
+    x_m = float(told.waits_for("goal", "map")[0])
+    page.mouse.click(middle_x - 60, middle_y)  # it waits for the first one, which is then cancelled
+    page.click("#map-undo")
+    page.click("#map-measure")
+    page.mouse.move(middle_x, middle_y)
+    page.mouse.down()
+    page.mouse.move(middle_x + 60, middle_y)
+    page.mouse.up()
+    page.wait_for_selector(f"#map-view[data-measured='{x_m - 2.0:.2f}']")
+    page.click("#map-cancel")
+    told.waits_for("cancel")
+
+
+def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> None:
+    page.click("#tab-view")
+    page.wait_for_selector("#view-moving[data-walls='7']")  # one block for each row of the map that is known
+    page.click("#view-goal")
+    page.wait_for_selector("#view-moving[data-placing=goal]")
+    page.click("#view-scene canvas")  # the camera looks at the origin
+    frame, *place = told.waits_for("goal")
+    assert frame == "map"
+    assert [float(word) for word in place[:2]] == pytest.approx([0.0, 0.0], abs=0.05)
+    page.click("#tab-map")
+    page.click("#map-cancel")
+    told.waits_for("cancel")
 
 
 def cameras_are_shown(page: Page, address: str) -> None:
