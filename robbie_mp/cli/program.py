@@ -45,6 +45,8 @@ COMMANDS = (
     "profile",
     "clean",
     "doctor",
+    "devices",
+    "install",
     "new",
     "completion",
 )

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from robbie_mp._hot.choice import why_not
 from robbie_mp.linux.private_files import make_private_folder, write_private
+from robbie_mp.linux.service_manager import VARIABLES as SERVICE_VARIABLES
+from robbie_mp.linux.service_manager import ServiceManager
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile, Scheduling
@@ -132,8 +134,10 @@ def _run(
     observer = RunObserver(plan.run_id)
     memory.before_close = lambda: figures.extend(_without_tools(observer.modules()))
     figures: list[ModuleFigures] = []
+    service = ServiceManager.of_environment()
+    connections.callback(service.close)
     environment = {
-        **os.environ,
+        **{name: value for name, value in os.environ.items() if name not in SERVICE_VARIABLES},
         "PYTHONUNBUFFERED": "1",
     }  # otherwise the last output of a crashed child is lost
     if profile.clock.lockstep:
@@ -146,7 +150,7 @@ def _run(
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
-            lambda: _each_turn(tree, memory, control, tools, watch),
+            lambda: _each_turn(tree, memory, control, tools, watch, service),
             spares=_spares(profile, run_folder, environment),
         )
         watch = ConnectionWatch(
@@ -195,7 +199,9 @@ def _each_turn(
     control: ControlServer,
     tools: AttachedTools,
     watch: ConnectionWatch,
+    service: ServiceManager,
 ) -> None:
+    service.turn(is_ready=tree.has_started, stop_reason=tree.stop_reason)
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()

@@ -185,6 +185,11 @@ class Tree:
         self._dependencies = Dependencies(self.children)
         self.children += [self._child(spec, output) for spec in ordered]
 
+    @property
+    def has_started(self) -> bool:
+        """Whether every module has started or ended."""
+        return self._was_all_started
+
     def run(self) -> int:
         """Run to the end and return the exit code: 1 if a child is FAILED or did not end in order, else 0."""
         with ExitStack() as stack:

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 from pathlib import Path
 
 import psutil
@@ -350,3 +351,26 @@ def test_interrupt_that_reaches_children_and_spares_does_not_end_them(robot: Rob
     log = robot.log("supervisor")
     assert "is ready" in log and "a spare interpreter has ended" not in log, log
     assert "Traceback" not in log + robot.log("one")
+
+
+def test_service_manager_is_told_when_all_run_and_that_the_supervisor_lives(
+    robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(30)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "400000")
+        robot.write_profile(ENDLESS)
+        process = robot.start()
+        while not (said := manager.recv(1000)).startswith(b"READY=1"):
+            assert said == b"WATCHDOG=1"
+        figures = robot.top()
+        assert all(figures[name]["state"] == "RUNNING" for name in ("one", "two"))
+        environment = Path(f"/proc/{figures['one']['pid']}/environ").read_bytes()
+        assert b"NOTIFY_SOCKET" not in environment
+        assert manager.recv(1000) == b"WATCHDOG=1"
+        process.send_signal(signal.SIGTERM)
+        while not (said := manager.recv(1000)).startswith(b"STOPPING=1"):
+            assert said == b"WATCHDOG=1"
+        assert Ended.wait_for(process).exit_code == 0
