@@ -1,0 +1,244 @@
+"""The bridge to ROS 2: the robot appears as a node, and messages pass both ways, byte for byte."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+
+from robbie_mp.bridge.driving import drive_command
+from robbie_mp.bridge.mapping import NAME, BridgeMap, Incoming, MappingError
+from robbie_mp.bridge.surroundings import Surroundings
+from robbie_mp.messages import Message, MessageError, Time, Twist, TwistStamped, UnknownType
+from robbie_mp.messages.descriptions import KnownTypes, own_types
+from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import SettingError
+from robbie_mp.observe.run_observer import RunObserver
+from robbie_mp.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
+from robbie_mp.ros2.type_hash import type_hash
+from robbie_mp.ros2.zenoh_side import ROUTER, ZenohSide
+from robbie_mp.trace.log_limit import LogLimit
+from robbie_mp.transport.blocks import MessageTooLarge
+from robbie_mp.visible_text import one_line
+
+CLASS_PATH = "robbie_mp.services.ros2:Ros2Bridge"
+SHOWN_EVERY_NS = 1_000_000_000
+MAX_REMEMBERED = 4096
+MAX_NAMED = 256
+
+
+class Ros2Bridge(Module):
+    """Makes the robot a node of ROS 2; ROS need not be installed. See docs/ros2.md.
+
+        ros2:
+          class: robbie_mp.services.ros2:Ros2Bridge
+          settings:
+            node: red
+            send:
+              LaserScan laser: /scan best_effort depth=5
+              OccupancyGrid map: /map latched
+              TFMessage tf: /tf
+              TFMessage tf_static: /tf_static latched
+            accept:
+              /goal_pose: PoseStamped goal
+              /cmd_vel: Twist as DriveCommand ros
+
+    What comes in is checked against the declaration of its type. What another bridge to ROS 2 has published
+    on this robot is not sent back.
+
+    Attributes:
+        sent: messages handed to ROS 2.
+        received: messages from ROS 2 that were published here.
+        withheld: messages not sent because they came from ROS 2.
+        unknown: messages not sent because their type, or that version of it, is not known here.
+        malformed: messages thrown away because they are not what their type declares.
+        late: velocities that were too old when this module came to handle them.
+        refused: messages that could not be published here, because memory was full.
+    """
+
+    period_s = 0.02
+    follows_run_clock = False
+
+    middleware: str = setting("zenoh", "what the nodes of ROS 2 use", choices=("zenoh",))
+    domain: int = setting(0, "the ROS_DOMAIN_ID", minimum=0, maximum=MAX_DOMAIN)
+    node: str = setting("robbie", "name of the node")
+    namespace: str = setting("", "its namespace, and that of names without a slash before them")
+    connect: list[str] = setting([ROUTER], "addresses of Zenoh routers")
+    listen: list[str] = setting(
+        ["tcp/127.0.0.1:0"], "addresses where nodes reach this one; others than 127.0.0.1 are open"
+    )
+    send: dict[str, str] = setting({}, "what is sent: a type, or a type and a topic, and its name in ROS")
+    accept: dict[str, str] = setting({}, "what is accepted: a name in ROS, its type, and the topic here")
+    drive_for_s: float = setting(0.5, "how long a velocity is followed if no other comes", minimum=0.05)
+    inbox_messages: int = setting(1000, "messages that may wait until this module takes them", minimum=1)
+    max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check the names."""
+        node = str(settings["node"])
+        if not NAME.fullmatch(node) or "/" in node:
+            raise SettingError(f"a node cannot be called {node!r}: letters, digits and _", "node")
+        for name in ("send", "accept"):
+            parts = {"send": {}, "accept": {}, name: settings[name]}
+            _mapping(parts, str(settings["namespace"]), KnownTypes(own_types()), name)
+
+    # -- begin and end ---------------------------------------------------------------------------------
+
+    def setup(self) -> None:
+        """Join ROS 2, and subscribe."""
+        around = Surroundings.of(self.run_id, self.name, CLASS_PATH)
+        self._types = around.types if self.run_id else KnownTypes(own_types())
+        self._bridges = around.bridges
+        self._observer = RunObserver(self.run_id) if self.run_id else None
+        self.sent = self.received = self.withheld = self.unknown = 0
+        self.malformed = self.late = self.refused = 0
+        self._channels: dict[tuple[str, int, str], Channel | None] = {}
+        self._named: set[str] = set()
+        self._shown_at_ns = 0
+        self.log.addFilter(LogLimit())
+        settings = {"send": self.send, "accept": self.accept}
+        self.map = _mapping(settings, self.namespace, self._types)
+        self.inbox = Inbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
+        self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
+        self._incoming: dict[Channel, tuple[Incoming, type[Message]]] = {}
+        for one in self.map.incoming:
+            message_type = self._types.get(one.type_name)
+            channel = Channel(one.name, one.type_name, type_hash(message_type), one.quality)
+            self._incoming[channel] = one, message_type
+            self.side.listen(channel)
+        for outgoing in self.map.outgoing:
+            self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
+
+    def _join(self, node: NodeName) -> Side:
+        return ZenohSide(node, self.inbox, self.listen, self.connect, self.max_message_bytes)
+
+    def teardown(self) -> None:
+        """Leave ROS 2."""
+        self.side.close()
+        if self._observer is not None:
+            self._observer.close()
+
+    # -- from this robot to ROS 2 ------------------------------------------------------------------------
+
+    def on_message(self, message: EncodedMessage) -> None:
+        """Send a message of this robot; what came from ROS 2 goes nowhere."""
+        envelope = self.envelope
+        if envelope.sender in self._bridges:
+            self.withheld += 1
+            return
+        key = (message.type_name, message.version, envelope.topic)
+        if key not in self._channels:
+            if len(self._channels) >= MAX_REMEMBERED:
+                self._channels.clear()
+            self._channels[key] = self._channel(*key)
+        channel = self._channels[key]
+        if channel is None:
+            self.unknown += 1
+            return
+        self.side.send(channel, bytes(message.data))
+        self.sent += 1
+
+    def _channel(self, type_name: str, version: int, topic: str) -> Channel | None:
+        """Return how messages are sent; None if they cannot be."""
+        sent_as = self.map.sent_as(type_name, topic)
+        if sent_as is None:
+            self._name(f"{type_name} on {topic!r} is not sent: its name in ROS belongs to another type")
+            return None
+        try:
+            message_type = self._types.get(type_name)
+        except (UnknownType, MessageError) as error:
+            self._name(f"{type_name} on {topic!r} is not sent: {error}")
+            return None
+        if message_type.version != version:
+            self._name(f"{type_name} on {topic!r} is not sent: version {version} is not known here")
+            return None
+        quality = sent_as.quality
+        if self._observer is not None and not quality.is_latched:
+            latched = {(one.type_name, one.version, one.topic) for one in self._observer.latched()}
+            quality = replace(quality, is_latched=(type_name, version, topic) in latched)
+        return Channel(sent_as.name, type_name, type_hash(message_type), quality)
+
+    # -- from ROS 2 to this robot ------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Take what has arrived, and show figures."""
+        for arrived in self.inbox.take():
+            self._take(arrived)
+        while self.inbox.unnamed:
+            self._name(f"a message was not asked for: {one_line(self.inbox.unnamed.popleft())}")
+        self.side.look_after()
+        now_ns = self.clock.monotonic_ns()
+        if now_ns - self._shown_at_ns >= SHOWN_EVERY_NS:
+            self._shown_at_ns = now_ns
+            self.status = self._figures()
+
+    def _take(self, arrived: Arrived) -> None:
+        incoming, message_type = self._incoming[arrived.channel]
+        try:
+            message = message_type.decode(arrived.data)
+        except MessageError as error:
+            self.malformed += 1
+            self.log.warning("a message on %s was thrown away: %s", incoming.name, one_line(str(error)))
+            return
+        try:
+            if incoming.drives:
+                assert isinstance(message, Twist | TwistStamped)
+                done = self._drive(incoming, message, arrived.at_ns)
+            else:
+                latched = incoming.quality.is_latched
+                done = self.publish_encoded(
+                    incoming.type_name,
+                    message_type.version,
+                    arrived.data,
+                    topic=incoming.topic,
+                    latched=latched,
+                )
+        except (MessageError, MessageTooLarge) as error:
+            self.log.warning("a message on %s cannot be published: %s", incoming.name, error)
+            done = False
+        self.received += done
+        self.refused += not done
+
+    def _drive(self, incoming: Incoming, velocity: Twist | TwistStamped, at_ns: int) -> bool:
+        waited_s = max(0.0, (time.monotonic_ns() - at_ns) * 1e-9)
+        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        command = drive_command(velocity, stamp, self.drive_for_s, waited_s)
+        if command is None:
+            self.late += 1
+            return False
+        return self.publish(command, topic=incoming.topic)
+
+    # -- figures -----------------------------------------------------------------------------------------
+
+    def _name(self, problem: str) -> None:
+        """Log a problem, once."""
+        if problem not in self._named and len(self._named) < MAX_NAMED:
+            self._named.add(problem)
+            self.log.warning("%s", problem)
+
+    def _figures(self) -> str:
+        lost = {
+            "withheld": self.withheld,
+            "unknown": self.unknown,
+            "unsent": self.side.unsent,
+            "not asked for": self.inbox.strangers,
+            "malformed": self.malformed,
+            "late": self.late,
+            "refused": self.refused,
+            "overflowed": self.inbox.overflowed,
+            "too large": self.inbox.oversized,
+        }
+        shown = "".join(f", {number} {what}" for what, number in lost.items() if number)
+        return f"sent {self.sent}, received {self.received}{shown}"
+
+
+def _mapping(
+    settings: Mapping[str, object], namespace: str, types: KnownTypes, setting_name: str = ""
+) -> BridgeMap:
+    send, accept = settings["send"], settings["accept"]
+    assert isinstance(send, Mapping)
+    assert isinstance(accept, Mapping)
+    try:
+        return BridgeMap(send, accept, namespace, types)
+    except MappingError as error:
+        raise SettingError(str(error), setting_name) from error
