@@ -440,7 +440,17 @@ class Outbox:
 class Loan(Generic[MessageType]):
     """Lends a block until the end of a `with` block; see `Outbox.loan`. It is used once."""
 
-    __slots__ = ("_block", "_declaration", "_message", "_name", "_outbox", "_size", "_wanted", "_whole")
+    __slots__ = (
+        "_block",
+        "_declaration",
+        "_holds",
+        "_message",
+        "_name",
+        "_outbox",
+        "_size",
+        "_wanted",
+        "_whole",
+    )
 
     def __init__(
         self,
@@ -459,17 +469,17 @@ class Loan(Generic[MessageType]):
         self._block, self._size = block, plan.size
         start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
         self._whole = np.frombuffer(start, np.uint8)
+        self._holds = weakref.ref(self._whole)
         self._message = plan.write(self._whole.data)
         return self._message
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self._message.forget_arrays()
-        holds = weakref.ref(self._whole)
         del self._whole
         if error is None:
-            self._outbox.end_loan(self._declaration, self._block, self._size, self._name, holds)
+            self._outbox.end_loan(self._declaration, self._block, self._size, self._name, self._holds)
         elif self._block is not None:
-            self._outbox.give_up(self._block, holds)
+            self._outbox.give_up(self._block, self._holds)
 
 
 def _name_of(message_type: type[Message], topic: str) -> ChannelName:

@@ -44,9 +44,15 @@ class Receipts:
         self._received = 0
         self._measured = 0
 
-    def handle(self, number: int, stamp_ns: int) -> bool:
-        """Record a decoded message. Return True if it was the last one."""
-        now_ns = time.monotonic_ns()
+    def handle(self, number: int, stamp_ns: int, now_ns: int = 0) -> bool:
+        """Record a decoded message. Return True if it was the last one.
+
+        Args:
+            number: of the message.
+            stamp_ns: when it was published.
+            now_ns: when it was decoded; 0: now.
+        """
+        now_ns = now_ns or time.monotonic_ns()
         words = self._words
         if number >= 0:
             words[HEADER + number] = now_ns - stamp_ns

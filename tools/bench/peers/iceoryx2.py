@@ -64,7 +64,8 @@ class Iceoryx2(Peer):
             listener.blocking_wait()
             while not ended and (sample := subscriber.receive()) is not None:
                 message = sample.payload().contents
-                ended = handle(message.number, message.stamp_ns)
+                now_ns = time.monotonic_ns() if work.has_array else 0  # as Robbie's subscriber
+                ended = handle(message.number, message.stamp_ns, now_ns)
 
     def clean(self, work: Work) -> None:
         """Remove this work's segments."""
@@ -119,8 +120,9 @@ def _array_sender(work: Work, publisher: Any, notifier: Any) -> Send:
         """Publish an array that was filled in place."""
         sample = loan()
         message = sample.payload().contents
+        message.number = number
         fill(message)
-        message.number, message.stamp_ns = number, time.monotonic_ns()
+        message.stamp_ns = time.monotonic_ns()
         sample.assume_init().send()
         notifier.notify()
 

@@ -6,13 +6,19 @@ import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Protocol
 
 from tools.bench.work import Work
 
 Send = Callable[[int], None]
 """Stamps and publishes the message with a given number. Returns when the transport has the message."""
-Handle = Callable[[int, int], bool]
-"""Takes the number and stamp (monotonic clock, ns) of a decoded message; returns True after the last one."""
+
+
+class Handle(Protocol):
+    """Records decoded messages; see `Receipts.handle`."""
+
+    def __call__(self, number: int, stamp_ns: int, now_ns: int = 0, /) -> bool:
+        """Record a message by its number and stamp (monotonic clock, ns); return True after the last one."""
 
 
 class Peer:
