@@ -120,6 +120,8 @@ class Side(Protocol):
 
     unsent: int
     """Messages that the middleware did not take."""
+    incompatible: int
+    """Endpoints of others that do not fit because of their quality of service."""
 
     def send(self, channel: Channel, data: bytes) -> None:
         """Send a message; the first on a channel announces a publisher. It does not wait for anybody."""

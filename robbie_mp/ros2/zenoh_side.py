@@ -62,6 +62,8 @@ class ZenohSide:
     connect: Sequence[str] = (ROUTER,)
     max_bytes: int = 64 << 20
     unsent: int = 0
+    incompatible: int = 0
+    """None is: in Zenoh, every quality of service fits every other one."""
     withheld: int = 0
     """Messages of this node that came back."""
     _publishers: dict[Channel, _Publisher] = field(default_factory=dict)

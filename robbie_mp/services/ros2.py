@@ -13,6 +13,7 @@ from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.observe.run_observer import RunObserver
+from robbie_mp.ros2.dds_side import LOOPBACK, DdsSide
 from robbie_mp.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
 from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.ros2.zenoh_side import ROUTER, ZenohSide
@@ -58,7 +59,7 @@ class Ros2Bridge(Module):
     period_s = 0.02
     follows_run_clock = False
 
-    middleware: str = setting("zenoh", "what the nodes of ROS 2 use", choices=("zenoh",))
+    middleware: str = setting("zenoh", "what the nodes of ROS 2 use", choices=("zenoh", "dds"))
     domain: int = setting(0, "the ROS_DOMAIN_ID", minimum=0, maximum=MAX_DOMAIN)
     node: str = setting("robbie", "name of the node")
     namespace: str = setting("", "its namespace, and that of names without a slash before them")
@@ -66,6 +67,7 @@ class Ros2Bridge(Module):
     listen: list[str] = setting(
         ["tcp/127.0.0.1:0"], "addresses where nodes reach this one; others than 127.0.0.1 are open"
     )
+    interface: str = setting(LOOPBACK, "network interface of DDS; `lo` reaches nodes of this machine only")
     send: dict[str, str] = setting({}, "what is sent: a type, or a type and a topic, and its name in ROS")
     accept: dict[str, str] = setting({}, "what is accepted: a name in ROS, its type, and the topic here")
     drive_for_s: float = setting(0.5, "how long a velocity is followed if no other comes", minimum=0.05)
@@ -110,6 +112,8 @@ class Ros2Bridge(Module):
             self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
 
     def _join(self, node: NodeName) -> Side:
+        if self.middleware == "dds":
+            return DdsSide(node, self.inbox, self._types.get, self.interface)
         return ZenohSide(node, self.inbox, self.listen, self.connect, self.max_message_bytes)
 
     def teardown(self) -> None:
@@ -221,6 +225,7 @@ class Ros2Bridge(Module):
             "withheld": self.withheld,
             "unknown": self.unknown,
             "unsent": self.side.unsent,
+            "incompatible": self.side.incompatible,
             "not asked for": self.inbox.strangers,
             "malformed": self.malformed,
             "late": self.late,
