@@ -14,6 +14,7 @@ from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.observe.run_observer import RunObserver
 from robbie_mp.ros2.dds_side import LOOPBACK, DdsSide
+from robbie_mp.ros2.padding import unpadded
 from robbie_mp.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
 from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.ros2.zenoh_side import ROUTER, ZenohSide
@@ -180,6 +181,7 @@ class Ros2Bridge(Module):
         incoming, message_type = self._incoming[arrived.channel]
         try:
             message = message_type.decode(arrived.data)
+            data = unpadded(message, arrived.data)
         except MessageError as error:
             self.malformed += 1
             self.log.warning("a message on %s was thrown away: %s", incoming.name, one_line(str(error)))
@@ -193,7 +195,7 @@ class Ros2Bridge(Module):
                 done = self.publish_encoded(
                     incoming.type_name,
                     message_type.version,
-                    arrived.data,
+                    data,
                     topic=incoming.topic,
                     latched=latched,
                 )

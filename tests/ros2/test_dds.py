@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from robbie_mp import ModuleHarness
-from robbie_mp.messages import DriveCommand, Header, LaserScan, String
+from robbie_mp.messages import DecodeError, DriveCommand, Header, LaserScan, String
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.ros2.dds_side import NODES
 from robbie_mp.ros2.idl_types import raw_type
+from robbie_mp.ros2.padding import unpadded
 from robbie_mp.ros2.side import Ros2Unavailable
 from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.services.ros2 import Ros2Bridge
@@ -72,6 +73,15 @@ def test_messages_pass_both_ways_and_the_node_is_seen() -> None:
         assert (drive.linear_m_per_s, drive.angular_rad_per_s) == (0.4, 0.1)
         assert 0 < drive.valid_for.nanoseconds <= 500_000_000
         assert bridge.module.side.incompatible >= 1
+
+
+def test_padding_is_cut_off_and_other_bytes_behind_a_message_are_an_error() -> None:
+    text = String(data="hello")
+    data = text.encode()
+    assert unpadded(text, data) is data
+    assert unpadded(text, b"\x00\x01\x00\x02" + data[4:] + b"\x00\x00") == data
+    with pytest.raises(DecodeError, match="4 bytes follow the message"):
+        unpadded(text, data + bytes(4))
 
 
 def test_missing_network_interface_is_named() -> None:

@@ -1,0 +1,89 @@
+"""Whole robots and every stock type, over both middlewares."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from robbie_mp import ModuleHarness
+from robbie_mp.messages import DriveCommand, Twist, Vector3
+from robbie_mp.messages.stock.registry import stock_registry
+from robbie_mp.ros2.type_hash import type_hash
+from robbie_mp.services.ros2 import Ros2Bridge
+from tests._support.robot import Robot, kill, wait_until
+from tests.ros2.test_zenoh import TWIST, Node, free_port, session, zenoh_has_started
+
+__all__ = ["zenoh_has_started"]
+DOMAIN = 120 + os.getpid() % 80
+RECEIVING = Path(__file__).with_name("receiving_bridge.py")
+PROFILE = """
+modules:
+  counter: {{class: "zoo.modules:Counter", settings: {{count: 1000000}}}}
+  listener: {{class: "zoo.modules:Listener"}}
+  ros2:
+    class: "robbie_mp.services.ros2:Ros2Bridge"
+    settings:
+      domain: 7
+      connect: ["tcp/127.0.0.1:{port}"]
+      send: {{DriveCommand: /commands}}
+      accept: {{/cmd_vel: Twist as DriveCommand ros}}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("middleware", ["zenoh", "dds"])
+def test_every_stock_type_crosses_unchanged(middleware: str) -> None:
+    stock = {f"t{number}": one for number, one in enumerate(stock_registry())}
+    port = free_port()
+    sending = {"send": {"*": "/all/{topic}"}, "connect": [], "listen": [f"tcp/127.0.0.1:{port}"]}
+    accept = {f"/all/{topic}": f"{one.type_name} {topic}" for topic, one in stock.items()}
+    receiving = {"accept": accept, "connect": [f"tcp/127.0.0.1:{port}"], "listen": []}
+    both = {"middleware": middleware, "domain": DOMAIN}
+    command = [sys.executable, str(RECEIVING), json.dumps({**both, **receiving}), str(len(stock))]
+    with (
+        ModuleHarness(Ros2Bridge, {**both, **sending}) as bridge,
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other,
+    ):
+
+        def has_ended() -> bool:
+            for topic, one in stock.items():
+                bridge.send(one(), topic=topic)
+            bridge.advance(0.02)
+            return other.poll() is not None
+
+        wait_until(has_ended, 60.0)
+        found = json.loads(other.communicate()[0])
+    assert found == {topic: hashlib.sha256(one().encode()).hexdigest() for topic, one in stock.items()}
+
+
+@pytest.mark.slow
+def test_a_killed_bridge_comes_back_and_the_robot_goes_on(robot: Robot) -> None:
+    port = free_port()
+    robot.write_profile(PROFILE.format(port=port))
+    with ExitStack() as stack:
+        stack.enter_context(session(mode="router", listen__endpoints=[f"tcp/127.0.0.1:{port}"]))
+        node = Node(port, stack)
+        got: list[object] = []
+        key = f"7/commands/robbie_msgs::msg::dds_::DriveCommand_/{type_hash(DriveCommand)}"
+        node.session.declare_subscriber(key, got.append)
+        robot.start()
+        twist = Twist(linear=Vector3(x=0.4)).encode()
+
+        def drives() -> bool:
+            node.publish(f"7/cmd_vel/{TWIST}", twist)
+            figures = robot.top()
+            return bool(figures and got and ", received 0" not in f", {figures['ros2']['status']}")
+
+        wait_until(drives, 60.0)
+        (killed,) = [one["pid"] for name, one in robot.top().items() if name == "ros2"]
+        kill(killed)
+        robot.until(lambda figures: figures["ros2"]["pid"] not in (0, killed))
+        got.clear()
+        wait_until(drives, 60.0)
+        assert robot.top()["counter"]["restarts"] == 0
+        assert robot.top()["listener"]["restarts"] == 0
