@@ -1,16 +1,8 @@
 """Velocities from another system as drive commands that expire: if no more come, the robot stops."""
 
 import math
-from collections.abc import Mapping
-from typing import Final
 
-from robbie_mp.messages import DriveCommand, Duration, Header, Message, Time, Twist, TwistStamped
-
-VELOCITIES: Final[Mapping[str, type[Message]]] = {
-    Twist.type_name: Twist,
-    TwistStamped.type_name: TwistStamped,
-}
-"""The types that can become a drive command."""
+from robbie_mp.messages import DriveCommand, Duration, Header, Time, Twist, TwistStamped
 
 
 def drive_command(

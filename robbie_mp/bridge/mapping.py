@@ -11,21 +11,32 @@ and the topic on which the robot publishes it. Words for the quality of service 
     accept:
       /goal_pose: PoseStamped goal
       /cmd_vel: Twist as DriveCommand teleop
+      /move_base_simple/goal: PoseStamped as NavigateTo
+      /initialpose: PoseWithCovarianceStamped as PoseStamped initial_pose
 
 A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic, or
 stands for the type if the message has no topic. `Twist as DriveCommand` makes velocities drive the robot, for
-a limited time; see `robbie_mp.bridge.driving`.
+a limited time. `as NavigateTo` makes poses goals of the module that navigates. `as PoseStamped` leaves a
+covariance out. See `robbie_mp.bridge.arrivals`.
 """
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
-from robbie_mp.bridge.driving import VELOCITIES
 from robbie_mp.capture.selection import Pair, type_pattern
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import DriveCommand, MessageError
+from robbie_mp.messages import (
+    DriveCommand,
+    Message,
+    MessageError,
+    NavigateTo,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Twist,
+    TwistStamped,
+)
 from robbie_mp.messages.descriptions import KnownTypes
 
 MAX_PATTERNS = 32
@@ -38,7 +49,12 @@ MAX_DEPTH = 1000
 DEFAULT_DEPTH = 10
 TOPIC = "{topic}"
 NAME = re.compile(r"(/?[A-Za-z_][A-Za-z0-9_]*)(/[A-Za-z_][A-Za-z0-9_]*)*")
-_AS_COMMAND = ["as", DriveCommand.__name__]
+BECOMES: Final[Mapping[type[Message], tuple[type[Message], ...]]] = {
+    DriveCommand: (Twist, TwistStamped),
+    NavigateTo: (PoseStamped,),
+    PoseStamped: (PoseWithCovarianceStamped,),
+}
+"""What messages that come in can become, and of which types they are then."""
 
 
 class MappingError(RobbieError, ValueError):
@@ -111,15 +127,20 @@ class Incoming(NamedTuple):
         name: their name on the other side.
         type_name: full name of their type on the other side.
         topic: the topic on which the robot publishes them.
-        drives: whether they are velocities that become drive commands.
+        becomes: the class of what the robot gets instead, such as `DriveCommand`; None: the message itself.
         quality: how they are asked for.
     """
 
     name: str
     type_name: str
     topic: str
-    drives: bool
+    becomes: type[Message] | None
     quality: Quality
+
+    @property
+    def drives(self) -> bool:
+        """Whether they are velocities that become drive commands."""
+        return self.becomes is DriveCommand
 
 
 class SentAs(NamedTuple):
@@ -235,16 +256,27 @@ class BridgeMap:
             if not words:
                 raise MappingError("expected a type, or a type and a topic, such as 'PoseStamped goal'")
             type_name, words = self._types.find(words[0]), words[1:]
-            drives = words[:2] == _AS_COMMAND
-            if drives:
-                words = words[2:]
-                if type_name not in VELOCITIES:
-                    raise MappingError(f"only {' and '.join(VELOCITIES)} can become a DriveCommand")
-            topic = words.pop(0) if words and not _is_quality(words[0]) else key.strip("/")
-            return Incoming(self._absolute(key), type_name, topic, drives, Quality.of(words))
+            becomes = None
+            if words[:1] == ["as"]:
+                becomes, words = _becomes(type_name, words[1:]), words[2:]
+            topic = "" if becomes is NavigateTo else key.strip("/")
+            if words and not _is_quality(words[0]):
+                topic = words.pop(0)
+            return Incoming(self._absolute(key), type_name, topic, becomes, Quality.of(words))
         except (MappingError, MessageError) as error:
             problems.append(f"{key!r}: {error}")
             return None
+
+
+def _becomes(type_name: str, words: list[str]) -> type[Message]:
+    """Return the class of which the name comes first, if messages of the type can become such messages."""
+    names = {one.__name__: one for one in BECOMES}
+    if not words or words[0] not in names:
+        raise MappingError(f"a message can become {', '.join(names)}, which must follow 'as'")
+    sources = [one.type_name for one in BECOMES[names[words[0]]]]
+    if type_name not in sources:
+        raise MappingError(f"only {' and '.join(sources)} can become a {words[0]}")
+    return names[words[0]]
 
 
 def other_name(topic: str) -> str:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
+from robbie_mp.bridge.arrivals import hand_over
 from robbie_mp.bridge.driving import drive_command
 from robbie_mp.bridge.mapping import NAME, BridgeMap, Incoming, MappingError
 from robbie_mp.bridge.surroundings import Surroundings
@@ -191,14 +192,7 @@ class Ros2Bridge(Module):
                 assert isinstance(message, Twist | TwistStamped)
                 done = self._drive(incoming, message, arrived.at_ns)
             else:
-                latched = incoming.quality.is_latched
-                done = self.publish_encoded(
-                    incoming.type_name,
-                    message_type.version,
-                    data,
-                    topic=incoming.topic,
-                    latched=latched,
-                )
+                done = hand_over(self, incoming, message_type, data, self.drive_for_s, 0.0)
         except (MessageError, MessageTooLarge) as error:
             self.log.warning("a message on %s cannot be published: %s", incoming.name, error)
             done = False

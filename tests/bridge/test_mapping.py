@@ -4,7 +4,7 @@ import pytest
 
 from robbie_mp.bridge.driving import drive_command
 from robbie_mp.bridge.mapping import MAX_NAMES, BridgeMap, Incoming, MappingError, Quality, SentAs
-from robbie_mp.messages import Time, Twist, TwistStamped, Vector3
+from robbie_mp.messages import DriveCommand, NavigateTo, PoseStamped, Time, Twist, TwistStamped, Vector3
 
 SCAN = "sensor_msgs/msg/LaserScan"
 IMAGE = "sensor_msgs/msg/Image"
@@ -48,12 +48,22 @@ def test_accepted_messages_have_a_type_and_a_topic() -> None:
         "/goal_pose": "PoseStamped goal",
         "pose": "geometry_msgs/PoseStamped latched depth=1",
         "/cmd_vel": "Twist as DriveCommand teleop best_effort",
+        "/move_base_simple/goal": "PoseStamped as NavigateTo",
+        "/initialpose": "PoseWithCovarianceStamped as PoseStamped initial_pose",
     }
     names = BridgeMap({}, accept, "/red")
     assert names.incoming == [
-        Incoming("/goal_pose", POSE, "goal", False, Quality()),
-        Incoming("/red/pose", POSE, "pose", False, Quality(is_latched=True, depth=1)),
-        Incoming("/cmd_vel", "geometry_msgs/msg/Twist", "teleop", True, Quality(is_reliable=False)),
+        Incoming("/goal_pose", POSE, "goal", None, Quality()),
+        Incoming("/red/pose", POSE, "pose", None, Quality(is_latched=True, depth=1)),
+        Incoming("/cmd_vel", "geometry_msgs/msg/Twist", "teleop", DriveCommand, Quality(is_reliable=False)),
+        Incoming("/move_base_simple/goal", POSE, "", NavigateTo, Quality()),
+        Incoming(
+            "/initialpose",
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            "initial_pose",
+            PoseStamped,
+            Quality(),
+        ),
     ]
 
 

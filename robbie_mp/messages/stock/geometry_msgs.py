@@ -73,6 +73,13 @@ class PoseStamped(Message, name="geometry_msgs/msg/PoseStamped", version=1):
     pose: Pose = DEFAULT
 
 
+class PoseWithCovarianceStamped(Message, name="geometry_msgs/msg/PoseWithCovarianceStamped", version=1):
+    """A pose in a frame, at a time, and how uncertain it is."""
+
+    header: Header = DEFAULT
+    pose: PoseWithCovariance = DEFAULT
+
+
 class Twist(Message, name="geometry_msgs/msg/Twist", version=1):
     """A velocity, linear and angular."""
 

@@ -22,6 +22,7 @@ def stock_registry() -> TypeRegistry:
     return TypeRegistry(
         (
             geometry_msgs.PoseStamped,
+            geometry_msgs.PoseWithCovarianceStamped,
             geometry_msgs.TwistStamped,
             link_msgs.LinkState,
             nav_msgs.OccupancyGrid,

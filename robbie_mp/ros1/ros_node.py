@@ -1,0 +1,310 @@
+"""The ROS 1 node: a process of its own, run by the Python that has rospy.
+
+It imports nothing of Robbie-MP. It passes bytes on and decodes no message. The bridge starts it, and speaks
+to it in frames over a pair of sockets: its end of them is its first argument, and the bridge's pid the
+second. It ends with the bridge.
+
+rospy never registers a node again when the ROS master has been restarted. So this node looks twice a second
+whether the master knows it, and otherwise registers all its topics once more, with the public calls of the
+master's and of the node's own XML-RPC server. Connections to other nodes stay as they are.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import io
+import json
+import os
+import signal
+import socket
+import struct
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from http.client import HTTPException
+from importlib import import_module
+from typing import Any, NamedTuple
+from xmlrpc import client
+
+FRAME = struct.Struct("<IBHQ")
+"""Size of the payload, kind, channel, and the time on the machine's monotonic clock, in nanoseconds."""
+MAX_PAYLOAD = 256 << 20
+
+PUBLISH = 1  # to the node: publish on a topic; JSON
+SUBSCRIBE = 2  # to the node: subscribe to a topic; JSON
+PARAMETER = 3  # to the node: set a parameter; JSON
+MESSAGE = 4  # both ways: a message of a channel, as ROS 1 serialises it
+READY = 5  # from the node: the master knows it
+STATE = 6  # from the node: JSON; also a sign of life
+
+NO_ROSPY = 4
+"""Exit code: this Python has no rospy."""
+NAME_TAKEN = 3
+"""Exit code: another node has taken the name."""
+
+LOOK_S = 0.25
+MASTER_LOOK_S = 0.5
+MASTER_TIMEOUT_S = 2.0
+BUFFER_BYTES = 16 << 20
+NO_MASTER = (ValueError, TypeError, IndexError, SyntaxError, HTTPException)
+"""What calls raise when something answers that is no ROS master."""
+MAX_WAITING = 1000
+MAX_WAITING_BYTES = 64 << 20
+
+
+class Frame(NamedTuple):
+    """What the bridge and the node say to each other."""
+
+    kind: int
+    channel: int
+    sent_ns: int
+    payload: bytes
+
+
+def pack(kind: int, channel: int, payload: bytes) -> bytes:
+    """Return a frame as bytes."""
+    return FRAME.pack(len(payload), kind, channel, time.monotonic_ns()) + payload
+
+
+def frames(link: socket.socket) -> Iterator[Frame]:
+    """Yield the frames that arrive, until the other side goes."""
+    with link.makefile("rb", buffering=1 << 16) as stream:
+        while True:
+            try:
+                head = stream.read(FRAME.size)
+                if len(head) < FRAME.size:
+                    return
+                size, kind, channel, sent_ns = FRAME.unpack(head)
+                if size > MAX_PAYLOAD:
+                    return
+                payload = stream.read(size)
+            except (OSError, ValueError):
+                return
+            if len(payload) < size:
+                return
+            yield Frame(kind, channel, sent_ns, payload)
+
+
+class _Outbox:
+    """Frames on their way to the bridge; a bridge that stands still costs the oldest messages."""
+
+    def __init__(self, link: socket.socket):
+        self._link = link
+        self._condition = threading.Condition()
+        self._waiting: deque[tuple[int, bytes]] = deque()
+        self._bytes = 0
+        self.dropped = 0
+
+    def push(self, kind: int, channel: int, payload: bytes) -> None:
+        frame = pack(kind, channel, payload)
+        with self._condition:
+            while self._waiting and (
+                len(self._waiting) >= MAX_WAITING or self._bytes + len(frame) > MAX_WAITING_BYTES
+            ):
+                old_kind, old = self._waiting.popleft()
+                self._bytes -= len(old)
+                self.dropped += old_kind == MESSAGE
+            self._waiting.append((kind, frame))
+            self._bytes += len(frame)
+            self._condition.notify()
+
+    def run(self) -> None:
+        while True:
+            with self._condition:
+                while not self._waiting:
+                    self._condition.wait()
+                _, frame = self._waiting.popleft()
+                self._bytes -= len(frame)
+            try:
+                self._link.sendall(frame)
+            except OSError:
+                os._exit(0)
+
+
+class _Node:
+    """The node in ROS.
+
+    Args:
+        rospy: the module of that name.
+        link: this side's socket.
+        outbox: frames to the bridge.
+    """
+
+    def __init__(self, rospy: Any, link: socket.socket, outbox: _Outbox):
+        self._rospy = rospy
+        self._link = link
+        self._outbox = outbox
+        self._name = rospy.get_name()
+        self._uri = rospy.get_node_uri()
+        self._master = _proxy(os.environ["ROS_MASTER_URI"])
+        self._own = _proxy(self._uri)
+        self._registered_at = 0
+        self._publishers: dict[int, Any] = {}
+        self._subscribers: dict[int, Any] = {}
+        self._parameters: dict[str, Any] = {}
+        self._are_parameters_due = False
+        self._failed = 0
+
+    # -- from the bridge to ROS
+
+    def read(self) -> None:
+        """Do what the bridge says, until it goes."""
+        for frame in frames(self._link):
+            if frame.kind == MESSAGE:
+                self._publish(frame)
+            elif frame.kind == PUBLISH:
+                self._open_publisher(frame.channel, json.loads(frame.payload))
+            elif frame.kind == SUBSCRIBE:
+                self._open_subscriber(frame.channel, json.loads(frame.payload))
+            elif frame.kind == PARAMETER:
+                self._parameters.update(json.loads(frame.payload))
+                self._are_parameters_due = True
+
+    def _publish(self, frame: Frame) -> None:
+        publisher = self._publishers[frame.channel]
+        message = publisher.data_class()
+        message._buff = frame.payload
+        try:
+            publisher.publish(message)
+        except Exception:  # whatever a subscriber's connection has run into
+            self._failed += 1
+
+    def _open_publisher(self, channel: int, wish: dict[str, Any]) -> None:
+        self._publishers[channel] = self._rospy.Publisher(
+            wish["topic"], self._raw_type(wish), latch=wish["latched"], queue_size=wish["depth"]
+        )
+
+    def _open_subscriber(self, channel: int, wish: dict[str, Any]) -> None:
+        def take(message: Any) -> None:
+            if message._connection_header.get("callerid") != self._name:
+                self._outbox.push(MESSAGE, channel, message._buff)
+
+        self._subscribers[channel] = self._rospy.Subscriber(
+            wish["topic"], self._raw_type(wish), take, queue_size=wish["depth"], buff_size=BUFFER_BYTES
+        )
+
+    def _raw_type(self, wish: dict[str, Any]) -> Any:
+        """Return a message class for rospy whose messages are bytes."""
+        members = {
+            "_md5sum": wish["md5"],
+            "_type": wish["type"],
+            "_full_text": wish["definition"],
+            "_has_header": False,
+        }
+        return type("Raw", (self._rospy.AnyMsg,), members)
+
+    # -- the master, and from ROS to the bridge
+
+    def watch(self) -> None:
+        """Look after the registrations, and say how things are, as long as ROS lets this node live."""
+        is_there, looked_at = True, -MASTER_LOOK_S
+        while not self._rospy.is_shutdown():
+            if time.monotonic() - looked_at >= MASTER_LOOK_S:
+                looked_at = time.monotonic()
+                try:
+                    self._look()
+                    is_there = True
+                except (OSError, client.Error, *NO_MASTER):
+                    is_there = False
+            self._say(is_there)
+            time.sleep(LOOK_S)
+        os._exit(NAME_TAKEN)
+
+    def _say(self, is_there: bool) -> None:
+        publishers = list(self._publishers.items())
+        state = {
+            "master": is_there,
+            "listeners": {str(channel): one.get_num_connections() for channel, one in publishers},
+            "dropped": self._outbox.dropped,
+            "failed": self._failed,
+        }
+        self._outbox.push(STATE, 0, json.dumps(state).encode())
+
+    def _look(self) -> None:
+        """Register everything if the master is another one, or does not know this node."""
+        master = self._master.getPid(self._name)[2]
+        code, _, uri = self._master.lookupNode(self._name, self._name)
+        if master != self._registered_at or (code, uri) != (1, self._uri):
+            for one in list(self._publishers.values()):
+                self._master.registerPublisher(self._name, one.resolved_name, one.type, self._uri)
+            for one in list(self._subscribers.values()):
+                self._register_subscriber(one)
+            self._are_parameters_due = True
+            self._registered_at = master
+        if self._are_parameters_due:
+            self._are_parameters_due = False
+            for name, value in list(self._parameters.items()):
+                self._master.setParam(self._name, name, value)
+
+    def _register_subscriber(self, one: Any) -> None:
+        code, _, uris = self._master.registerSubscriber(self._name, one.resolved_name, one.type, self._uri)
+        if code == 1 and uris:
+            self._own.publisherUpdate("/master", one.resolved_name, uris)
+
+
+class _ImpatientTransport(client.Transport):
+    """Does not wait long for an answer."""
+
+    def make_connection(self, host: Any) -> Any:
+        connection = super().make_connection(host)
+        connection.timeout = MASTER_TIMEOUT_S
+        return connection
+
+
+def _proxy(uri: str) -> Any:
+    """Return what calls an XML-RPC server."""
+    return client.ServerProxy(uri, transport=_ImpatientTransport())
+
+
+def _await_master(name: str, outbox: _Outbox) -> None:
+    master = _proxy(os.environ["ROS_MASTER_URI"])
+    while True:
+        try:
+            master.getPid(name)
+        except (OSError, client.Error, *NO_MASTER):
+            outbox.push(STATE, 0, json.dumps({"master": False}).encode())
+            time.sleep(MASTER_LOOK_S)
+        else:
+            return
+
+
+def _die_with(bridge: int) -> None:
+    """Have the kernel kill this process when the bridge ends."""
+    set_parent_death_signal = 1
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
+    if os.getppid() != bridge:
+        os._exit(0)
+
+
+def main(descriptor: int, bridge: int, name: str) -> None:
+    """Be the node.
+
+    Args:
+        descriptor: this side's socket.
+        bridge: pid of the bridge.
+        name: the node's name in ROS.
+    """
+    _die_with(bridge)
+    link = socket.socket(fileno=descriptor)
+    outbox = _Outbox(link)
+    threading.Thread(target=outbox.run, daemon=True).start()
+    _await_master(f"/{name}", outbox)
+    try:
+        rospy = import_module("rospy")
+    except ImportError:
+        os._exit(NO_ROSPY)
+    with contextlib.redirect_stderr(io.StringIO()):  # it says that its own log is disabled, as it should be
+        rospy.init_node(name, argv=[], disable_rosout=True, disable_rostime=True, disable_signals=True)
+    node = _Node(rospy, link, outbox)
+    outbox.push(READY, 0, b"")
+    threading.Thread(target=node.watch, daemon=True).start()
+    node.read()
+    os._exit(0)  # at once: rospy's own way asks the master, which may be gone
+
+
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder, whose modules rospy must not find
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])

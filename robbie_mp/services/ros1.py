@@ -1,0 +1,207 @@
+"""The bridge to ROS 1: robot and ROS nodes hear each other, and neither needs the other."""
+
+from pathlib import Path
+
+from robbie_mp.bridge.arrivals import hand_over
+from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
+from robbie_mp.bridge.surroundings import Surroundings
+from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
+from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import SettingError
+from robbie_mp.ros1.conversion import ConversionError, Ros1Type, ros1_type
+from robbie_mp.ros1.process import RosAddress, RosProcess, Wish
+from robbie_mp.scene_graph.warn_once import WarnOnce
+from robbie_mp.transport.blocks import MessageTooLarge
+
+CLASS_PATH = "robbie_mp.services.ros1:Ros1Bridge"
+ROBOT_DESCRIPTION = "/robot_description"
+MAX_FRAMES = 4096
+
+
+class _Channel:
+    """Messages of one type and topic that leave the robot."""
+
+    def __init__(self, number: int, kind: Ros1Type, quality: Quality):
+        self.number = number
+        self.kind = kind
+        self.quality = quality
+        self.sequence = 0
+        self.transforms: dict[str, TransformStamped] = {}
+
+
+class Ros1Bridge(Module):
+    """Exchanges messages with ROS 1 nodes; see docs/ros1.md.
+
+        ros1:
+          class: robbie_mp.services.ros1:Ros1Bridge
+          settings:
+            send:
+              LaserScan: /scan
+              OccupancyGrid map: /map latched
+            accept:
+              /cmd_vel: Twist as DriveCommand manual
+
+    The ROS node is a process of its own, run by the Python that has rospy. A ROS master that is dead or
+    starts again, and ROS nodes that are slow, cost the robot nothing.
+    """
+
+    period_s = 0.05
+    follows_run_clock = False
+
+    master: str = setting("http://127.0.0.1:11311", "URI of the ROS master")
+    ip: str = setting(
+        "127.0.0.1", "address at which ROS nodes reach the bridge; others than 127.0.0.1 are open"
+    )
+    node: str = setting("robbie", "the bridge's name in ROS")
+    python: Path = setting(Path("/usr/bin/python3"), "the Python that has rospy")
+    namespace: str = setting("", "comes before names in ROS that do not begin with a slash")
+    send: dict[str, str] = setting({}, "what ROS gets: a type, or a type and a topic, and the name in ROS")
+    accept: dict[str, str] = setting({}, "what ROS may publish: its name, its type, and the robot's topic")
+    robot_description: Path | None = setting(
+        None, "URDF of the robot, which becomes a parameter of ROS", must_exist=True
+    )
+    command_valid_s: float = setting(0.3, "how long a velocity from ROS is followed", minimum=0.01)
+    max_waiting_bytes: int = setting(64 << 20, "size of the messages that may wait for ROS", minimum=1)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check what is sent and accepted."""
+        try:
+            BridgeMap(settings["send"], settings["accept"], str(settings["namespace"]))  # type: ignore[arg-type]
+        except MappingError as error:
+            raise SettingError(str(error), "send") from error
+        if not str(settings["node"]).isidentifier():
+            raise SettingError(f"a ROS node cannot be called {settings['node']!r}", "node")
+
+    def setup(self) -> None:
+        """Start the ROS node, and subscribe."""
+        self.surroundings = Surroundings.of(self.run_id, self.name, CLASS_PATH)
+        self.map = BridgeMap(self.send, self.accept, self.namespace, self.surroundings.types)
+        self.warnings = WarnOnce(self.log)
+        self.sent = self.unheard = self.accepted = self.refused = 0
+        self._channels: dict[tuple[str, int, str], _Channel | None] = {}
+        self._incoming: dict[int, tuple[Incoming, Ros1Type]] = {}
+        address = RosAddress(self.master, self.ip, self.node, self.python)
+        self.ros = RosProcess(address, self.max_waiting_bytes, self.log, self.tick_soon)
+        if self.robot_description is not None:
+            self.ros.set_parameters({ROBOT_DESCRIPTION: self.robot_description.read_text()})
+        for one in self.map.incoming:
+            kind = ros1_type(self.surroundings.types.get(one.type_name))
+            number = self._next_number()
+            self._incoming[number] = one, kind
+            self.ros.subscribe_to(number, Wish(one.name, kind, False, one.quality.depth))
+        for out in self.map.outgoing:
+            self.subscribe_encoded(out.pair.type, self.on_message, topic=out.pair.topic)
+        self.ros.look_after()
+
+    def teardown(self) -> None:
+        """End the ROS node."""
+        self.ros.close()
+        self.log.info("%s", self._counts())
+
+    # -- from the robot to ROS ---------------------------------------------------------------------------
+
+    def on_message(self, message: EncodedMessage) -> None:
+        """Send a message of this robot to ROS; what came from ROS goes nowhere."""
+        envelope = self.envelope
+        if envelope.sender in self.surroundings.bridges:
+            return
+        key = (message.type_name, message.version, envelope.topic)
+        if key not in self._channels:
+            self._channels[key] = self._open(*key)
+        channel = self._channels[key]
+        if channel is None:
+            self.refused += 1
+            return
+        keep = channel.quality.is_latched
+        if not (keep or self.ros.listeners.get(channel.number)):
+            self.unheard += 1
+            return
+        try:
+            fitted = _as_ros1_keeps_it(channel, message.data)
+            if fitted is None:
+                return
+            data = channel.kind.to_ros1(fitted, channel.sequence)
+        except (ConversionError, MessageError) as error:
+            self.refused += 1
+            self.warnings.ignore(f"{message.type_name} {envelope.topic} of {envelope.sender}", error)
+            return
+        channel.sequence = (channel.sequence + 1) & 0xFFFFFFFF
+        self.sent += 1
+        self.ros.send(channel.number, data, keep=keep)
+
+    def _open(self, type_name: str, version: int, topic: str) -> _Channel | None:
+        """Return the channel for a type and topic; None if they cannot be sent."""
+        what = f"{type_name} {topic}".rstrip()
+        found = self.map.sent_as(type_name, topic)
+        if found is None:
+            self.warnings.say(f"{what} is not sent", "its name in ROS belongs to another type")
+            return None
+        try:
+            message_type = self.surroundings.types.get(type_name)
+        except (UnknownType, MessageError) as error:
+            self.warnings.say(f"{what} is not sent", error)
+            return None
+        if message_type.version != version:
+            self.warnings.say(f"{what} is not sent", f"version {version} is not {message_type.version}")
+            return None
+        channel = _Channel(self._next_number(), ros1_type(message_type), found.quality)
+        wish = Wish(found.name, channel.kind, found.quality.is_latched, found.quality.depth)
+        self.ros.publish_on(channel.number, wish)
+        return channel
+
+    def _next_number(self) -> int:
+        return len(self._channels) + len(self._incoming) + 1
+
+    # -- from ROS to the robot ---------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Look after the ROS node, and publish what has come from it."""
+        self.ros.look_after()
+        for number, data, waited_s in self.ros.received():
+            incoming, kind = self._incoming[number]
+            if self._take(incoming, kind, data, waited_s):
+                self.accepted += 1
+            else:
+                self.refused += 1
+        state = "connected" if self.ros.is_connected else "no ROS master"
+        self.status = f"{state}; {self._counts()}"
+
+    def _take(self, incoming: Incoming, kind: Ros1Type, data: bytes, waited_s: float) -> bool:
+        message_type: type[Message] = kind.message_type
+        try:
+            encoded = kind.from_ros1(data)
+            return hand_over(self, incoming, message_type, encoded, self.command_valid_s, waited_s)
+        except (ConversionError, MessageError, MessageTooLarge) as error:
+            self.warnings.say(f"a message on {incoming.name} is refused", error)
+            return False
+
+    def _counts(self) -> str:
+        return (
+            f"sent {self.sent}, without subscriber {self.unheard}, accepted {self.accepted}, "
+            f"refused {self.refused}, dropped {self.ros.dropped}"
+        )
+
+
+def _as_ros1_keeps_it(channel: _Channel, data: memoryview) -> bytes | memoryview | None:
+    """Return the message with transforms that fit ROS 1; other messages as they are; None: nothing is left.
+
+    ROS keeps only the last message of a latched topic, so that must have all fixed transforms so far. And it
+    warns of every moving transform whose time it knows already, and ignores it.
+    """
+    if channel.kind.message_type is not TFMessage:
+        return data
+    known = channel.transforms
+    given = TFMessage.decode(bytes(data)).transforms
+    is_fixed = channel.quality.is_latched
+    new = [one for one in given if is_fixed or not _has_time(known.get(one.child_frame_id), one)]
+    for one in new:
+        if one.child_frame_id in known or len(known) < MAX_FRAMES:
+            known[one.child_frame_id] = one
+    sent = list(known.values()) if is_fixed else new
+    return TFMessage(transforms=sent).encode() if sent else None
+
+
+def _has_time(known: TransformStamped | None, one: TransformStamped) -> bool:
+    return known is not None and known.header.stamp == one.header.stamp

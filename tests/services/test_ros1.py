@@ -1,0 +1,169 @@
+"""The bridge to ROS 1 without ROS: what it refuses, what messages become, and what waits for a slow side."""
+
+import math
+import socket
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+
+from robbie_mp.messages import (
+    DriveCommand,
+    Header,
+    LaserScan,
+    Point,
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    TFMessage,
+    Time,
+    TransformStamped,
+    Twist,
+    Vector3,
+)
+from robbie_mp.module.harness import ModuleHarness
+from robbie_mp.module.settings import SettingError
+from robbie_mp.ros1.conversion import ros1_type
+from robbie_mp.ros1.process import Inbox, Outbox
+from robbie_mp.ros1.ros_node import MESSAGE, Frame, frames, pack
+from robbie_mp.services.ros1 import Ros1Bridge
+
+ACCEPT = {
+    "/cmd_vel": "Twist as DriveCommand manual",
+    "/initialpose": "PoseWithCovarianceStamped as PoseStamped initial_pose",
+    "/scan": "LaserScan scan",
+}
+SEND = {"TFMessage tf": "/tf", "TFMessage tf_static": "/tf_static latched", "LaserScan": "/front"}
+NOWHERE = "http://127.0.0.1:1"
+Bridge = ModuleHarness[Ros1Bridge]
+
+
+@pytest.fixture
+def bridge() -> Iterator[Bridge]:
+    settings = {"master": NOWHERE, "accept": ACCEPT, "send": SEND, "command_valid_s": 0.5}
+    with ModuleHarness(Ros1Bridge, settings) as harness:
+        yield harness
+
+
+def arrive(bridge: Bridge, name: str, message: object, waited_s: float = 0.0, cut: int = 0) -> bool:
+    """Let a message arrive from ROS; return whether the bridge took it."""
+    kind = ros1_type(type(message))  # type: ignore[arg-type]
+    incoming = next(one for one in bridge.module.map.incoming if one.name == name)
+    data = kind.to_ros1(message.encode())  # type: ignore[attr-defined]
+    return bridge.module._take(incoming, kind, data[: len(data) - cut], waited_s)
+
+
+def sent(bridge: Bridge, number: int) -> TFMessage:
+    """The newest message that waits for ROS on a channel."""
+    channel = next(one for one in bridge.module._channels.values() if one and one.number == number)
+    frame = bridge.module.ros._kept[number]
+    assert isinstance(channel.kind.message_type, type)
+    return TFMessage.decode(channel.kind.from_ros1(frame[len(pack(MESSAGE, 0, b"")) :]))
+
+
+def test_a_velocity_becomes_a_command_that_expires_from_its_arrival(bridge: Bridge) -> None:
+    assert arrive(bridge, "/cmd_vel", Twist(linear=Vector3(x=0.25)), waited_s=0.2)
+    (command,) = bridge.take(DriveCommand, topic="manual")
+    assert command.linear_m_per_s == 0.25
+    assert command.valid_for.seconds == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("speed", "waited_s"), [(0.25, 0.5), (math.nan, 0.0), (math.inf, 0.0)])
+def test_an_old_or_endless_velocity_is_refused(bridge: Bridge, speed: float, waited_s: float) -> None:
+    assert not arrive(bridge, "/cmd_vel", Twist(linear=Vector3(x=speed)), waited_s)
+
+
+def test_an_initial_pose_is_taken_without_its_covariance(bridge: Bridge) -> None:
+    def pose(x: float) -> PoseWithCovarianceStamped:
+        return PoseWithCovarianceStamped(pose=PoseWithCovariance(pose=Pose(position=Point(x=x))))
+
+    assert not arrive(bridge, "/initialpose", pose(math.nan))
+    assert arrive(bridge, "/initialpose", pose(2.0))
+    (taken,) = bridge.take(PoseStamped, topic="initial_pose")
+    assert taken.pose.position.x == 2.0
+
+
+def test_damaged_bytes_reach_no_module(bridge: Bridge) -> None:
+    assert not arrive(bridge, "/scan", LaserScan(header=Header(frame_id="laser")), cut=1)
+    assert arrive(bridge, "/scan", LaserScan(header=Header(frame_id="laser")))
+
+
+def test_a_latched_topic_has_all_fixed_transforms(bridge: Bridge) -> None:
+    for name in ("laser", "camera"):
+        bridge.send(TFMessage(transforms=[TransformStamped(child_frame_id=name)]), topic="tf_static")
+    (channel,) = (one for one in bridge.module._channels.values() if one)
+    assert [one.child_frame_id for one in sent(bridge, channel.number).transforms] == ["laser", "camera"]
+
+
+def test_a_topic_that_nobody_hears_is_not_converted(bridge: Bridge) -> None:
+    bridge.send(LaserScan())
+    assert (bridge.module.unheard, bridge.module.sent) == (1, 0)
+
+
+def test_a_moving_transform_is_sent_once_for_each_time(bridge: Bridge) -> None:
+    def move(nanosec: int) -> None:
+        header = Header(stamp=Time(nanosec=nanosec))
+        bridge.send(
+            TFMessage(transforms=[TransformStamped(header=header, child_frame_id="odom")]), topic="tf"
+        )
+
+    move(1)
+    (channel,) = (one for one in bridge.module._channels.values() if one)
+    bridge.module.ros.listeners = {channel.number: 1}
+    for nanosec in (2, 2, 3):
+        move(nanosec)
+    assert bridge.module.sent == 2
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "reason"),
+    [
+        ("send", {"LaserScan": "not a name"}, "not a quality"),
+        ("accept", {"/cmd_vel": "LaserScan as DriveCommand"}, "can become a DriveCommand"),
+        ("accept", {"/goal": "PoseStamped as Twist"}, "a message can become"),
+        ("node", "my robot", "cannot be called"),
+    ],
+)
+def test_wrong_settings_are_named(setting: str, value: object, reason: str) -> None:
+    with pytest.raises(SettingError, match=reason):
+        ModuleHarness(Ros1Bridge, {setting: value})
+
+
+def test_a_slow_ros_node_costs_the_oldest_messages_of_the_same_topic() -> None:
+    outbox = Outbox(max_bytes=100)
+    for number in range(4):
+        outbox.push(1, bytes([number]), depth=2)
+    outbox.push(2, b"other", depth=2)
+    outbox.push(2, bytes(101), depth=2)
+    outbox.order(b"order")
+    assert [outbox.pop() for _ in range(4)] == [b"order", b"\2", b"\3", b"other"]
+    assert outbox.dropped == 3
+    outbox.push(1, b"left", depth=2)
+    outbox.close()
+    assert outbox.pop() is None
+    assert outbox.dropped == 4
+
+
+def test_messages_that_wait_are_limited_in_bytes() -> None:
+    outbox = Outbox(max_bytes=10)
+    for number in range(3):
+        outbox.push(1, bytes([number]) * 6, depth=100)
+    assert (outbox.pop(), outbox.dropped) == (b"\2" * 6, 2)
+
+
+def test_a_slow_bridge_loses_the_oldest_messages() -> None:
+    inbox = Inbox()
+    for number in range(1005):
+        inbox.push(Frame(MESSAGE, 1, 0, str(number).encode()))
+    taken = inbox.take()
+    assert (len(taken), taken[0].payload, inbox.dropped) == (1000, b"5", 5)
+    assert inbox.take() == []
+
+
+def test_a_frame_cut_off_is_no_frame() -> None:
+    here, there = socket.socketpair()
+    with closing(here), closing(there):
+        here.sendall(pack(MESSAGE, 7, b"whole") + pack(MESSAGE, 7, b"cut")[:-1])
+        here.shutdown(socket.SHUT_WR)
+        assert [(one.channel, one.payload) for one in frames(there)] == [(7, b"whole")]

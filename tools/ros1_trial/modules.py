@@ -1,0 +1,82 @@
+"""The modules of the robot of a trial. They write down what they send and receive, with the time."""
+
+from robbie_mp import ActiveGoal, Header, MessageHandling, Module, Time
+from robbie_mp.messages import (
+    DriveCommand,
+    LaserScan,
+    NavigateTo,
+    NavigationFeedback,
+    NavigationResult,
+    OccupancyGrid,
+    PoseStamped,
+)
+from tools.kill_campaign.journal import Journal
+from tools.ros1_trial.stock import TYPES_OF_ROS1, topic_of
+
+EACH_S = 0.2
+
+
+class Speaker(Module):
+    """Publishes numbered scans, a map once, and a message of each type that ROS 1 has, again and again.
+
+    Lines of its journal: P NUMBER TIME.
+    """
+
+    period_s = 0.02
+
+    def setup(self) -> None:
+        """Prepare the numbers."""
+        self.journal = Journal(self.output_directory / f"{self.name}.journal")
+        self.number = 0
+        self.others_at_s = 0.0
+
+    def tick(self) -> None:
+        """Publish."""
+        header = Header(stamp=Time(sec=self.number), frame_id="laser")
+        if self.number == 0:
+            self.publish(OccupancyGrid(header=Header(frame_id="map")), topic="map", latched=True)
+        sent = self.publish(LaserScan(header=header), topic="scan")
+        self.journal.note("P" if sent else "R", self.number)
+        self.number += 1
+        now_s = self.clock.monotonic_ns() / 1e9
+        if now_s - self.others_at_s > EACH_S:
+            self.others_at_s = now_s
+            for one in TYPES_OF_ROS1:
+                self.publish(one(), topic=topic_of(one))
+
+
+class Listener(Module):
+    """Hears every scan inside the robot. Lines of its journal: G NUMBER TIME."""
+
+    def setup(self) -> None:
+        """Subscribe."""
+        self.journal = Journal(self.output_directory / f"{self.name}.journal")
+        self.subscribe(LaserScan, self.on_scan, topic="scan")
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Note its number."""
+        self.journal.note("G", scan.header.stamp.sec)
+
+
+class Base(Module):
+    """Takes what ROS sends to a robot. Lines of its journal: drive, goal or pose, a number, and the time."""
+
+    def setup(self) -> None:
+        """Subscribe, and serve goals."""
+        self.journal = Journal(self.output_directory / f"{self.name}.journal")
+        self.subscribe(DriveCommand, self.on_command, MessageHandling.ALWAYS_DELIVER, topic="manual")
+        self.subscribe(PoseStamped, self.on_pose, topic="initial_pose")
+        self.serve_goals(NavigateTo, self.on_goal)
+
+    def on_command(self, command: DriveCommand) -> None:
+        """Note how long it is valid."""
+        self.journal.note("drive", command.linear_m_per_s, command.valid_for.seconds)
+
+    def on_pose(self, pose: PoseStamped) -> None:
+        """Note where it is."""
+        self.journal.note("pose", pose.pose.position.x)
+
+    def on_goal(self, active: ActiveGoal[NavigateTo, NavigationFeedback, NavigationResult]) -> None:
+        """Note where it is, and be there."""
+        self.journal.note("goal", active.goal.pose.pose.position.x)
+        active.succeed(NavigationResult())
