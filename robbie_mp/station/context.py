@@ -61,6 +61,8 @@ class StationContext(MessageSource, Protocol):
     settings_watch: SettingsWatch
     panels: list[str]
     tabs: dict[str, str]
+    layouts: dict[str, dict[str, list[int]]]
+    layouts_file: Path | None
     max_linear_m_per_s: float
     max_angular_rad_per_s: float
     robot_size_m: list[float]
@@ -125,8 +127,8 @@ class Page:
         self._station = station
         self._asked: list[tuple[Asked, str]] = []
         """What has not ended yet, each with what to show when it succeeds."""
-        self.tab = ""
-        """Name of the panel that is open."""
+        self.shown: frozenset[str] = frozenset()
+        """Names of the panels that the page shows now."""
 
     @property
     def role(self) -> Role | None:
@@ -195,14 +197,14 @@ class Page:
                 ui.notify(success, type="positive")
 
     def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
-        """Call an update periodically while a panel is open.
+        """Call an update periodically while the page shows a panel.
 
         If the update is a coroutine, it ends before the next one begins.
         """
-        self.always(period_s, lambda: update() if self.tab == panel else None)
+        self.always(period_s, lambda: update() if panel in self.shown else None)
 
     def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> None:
-        """Call an update periodically on every tab, except while the browser does not keep up."""
+        """Call an update periodically whatever the page shows, except while the browser does not keep up."""
         ui.timer(period_s, lambda: update() if self.link.is_free else None)
 
 

@@ -1,21 +1,27 @@
-"""The page as a whole: the bar at the top, and a tab for each panel."""
+"""The page as a whole: the bar at the top, and a tile for each panel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nicegui import core, ui
 
 from robbie_mp.station.access import Role
+from robbie_mp.station.cockpit import LAYOUT, TAB, Cockpit
 from robbie_mp.station.context import Link, Page
 from robbie_mp.station.gate import SESSION
+from robbie_mp.station.grid import STYLES
+from robbie_mp.station.layouts import LayoutCollection
 from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
-TAB = "tab"
+PRIMARY = "#00796b"
+"""Colour of what can be pressed. White text on it has a contrast of 5.3."""
+STYLE = Path(__file__).parent / "cockpit.css"
 LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
 """Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
@@ -58,14 +64,18 @@ def build_page(
     tools: Sequence[Callable[[Page], None]],
     bars: Sequence[Callable[[Page], None]],
     panels: Sequence[tuple[Panel, str]],
+    layouts: LayoutCollection,
+    single: str = "",
 ) -> None:
     """Build the elements of a page that has just been opened.
 
     Args:
         station: the station that serves the page.
         tools: build the elements in the bar at the top.
-        bars: build the elements above the tabs, some of them hidden most of the time.
+        bars: build the elements above the tiles, some of them hidden most of the time.
         panels: each with its title.
+        layouts: the layouts of the panels.
+        single: the only panel that the page shows; '': it has layouts.
     """
     client = ui.context.client
     page = Page(client.id, client.request.scope[SESSION], station, BrowserLink(core.sio, client.id))
@@ -73,31 +83,24 @@ def build_page(
     station.opened(page)
     client.on_delete(lambda: station.closed(page))
     ui.run_javascript(RECONNECT)
-    with ui.header().classes("items-center q-py-xs beside-emergency-stop"):
-        ui.label(f"Robbie · {station.run_id}").classes("text-lg")
-        ui.badge(role.name.lower()).props("outline id=role color=white")
-        leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
-        leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
-        ui.space()
-        for build in tools:
-            build(page)
-    for build in bars:
-        build(page)
-    with ui.tabs().classes("w-full") as tabs:
-        made = {
-            panel.name: ui.tab(panel.name, title, panel.icon).props(f"id=tab-{panel.name}")
-            for panel, title in panels
-        }
-    asked = client.request.query_params.get(TAB) if client.request else None
-    first = page.tab = asked if asked in made else next(iter(made))
-    with ui.tab_panels(tabs, value=first, animated=False, keep_alive=True).classes("w-full"):
-        for panel, _ in panels:
-            with ui.tab_panel(panel.name).props(f"id=panel-{panel.name}"):
-                panel.build(page)
-
-    def turn_to(name: str) -> None:
-        page.tab = name
-        ui.navigate.history.replace(f"?{TAB}={name}")  # for a reload of the page
-
-    tabs.on_value_change(lambda event: turn_to(str(event.value)))
+    for style in (*STYLES, STYLE):
+        ui.add_css(style)
+    ui.colors(primary=PRIMARY)
+    cockpit = Cockpit(page, layouts, panels, single)
+    with ui.element("div").classes("cockpit"):
+        with (
+            ui.element("header").classes("cockpit-bar beside-emergency-stop"),
+            ui.element("div").classes("cockpit-tools"),
+        ):
+            for build in tools:
+                build(page)
+            cockpit.build_menu()
+            ui.badge(role.name.lower()).props("outline id=role color=white")
+            leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
+            leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
+        with ui.element("div").classes("cockpit-bars"):
+            for build in bars:
+                build(page)
+        asked = client.request.query_params if client.request else {}
+        cockpit.build(asked.get(LAYOUT, ""), asked.get(TAB, ""))
     page.always(ENDS_PERIOD_S, page.show_ends)

@@ -11,6 +11,7 @@ from nicegui.client import Client
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
+from robbie_mp.station.cockpit import TILE_PATH
 from robbie_mp.station.gate import SESSION, App
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def with_page_limit(app: App, station: StationContext) -> App:
     limit = PageLimit(station)
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or scope["path"] != "/":
+        if scope["type"] != "http" or not is_page(scope["path"]):
             await app(scope, receive, send)
         elif limit.has_room(scope[SESSION]):
             with limit.being_made(scope[SESSION]):
@@ -41,6 +42,11 @@ def with_page_limit(app: App, station: StationContext) -> App:
             await refusal(scope, receive, send)
 
     return answer
+
+
+def is_page(path: str) -> bool:
+    """Return whether a path is that of a page, with layouts or with one tile."""
+    return path == "/" or path.startswith(TILE_PATH)
 
 
 class PageLimit:

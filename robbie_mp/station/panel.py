@@ -18,7 +18,7 @@ def columns(*names: str) -> list[dict[str, Any]]:
 
 
 class Panel(ABC):
-    """One tab of the page.
+    """One tile of the page.
 
     Args:
         station: source of messages. Subscribe in the constructor, usually with `station.newest`. Publish with
@@ -44,7 +44,7 @@ class Panel(ABC):
     @property
     def is_looked_at(self) -> bool:
         """Whether any page shows the panel. Otherwise it need not prepare anything."""
-        return any(page.tab == self.name for page in tuple(self.station.pages.values()))
+        return any(self.name in page.shown for page in tuple(self.station.pages.values()))
 
     def tick(self) -> None:  # noqa: B027 - most panels have nothing to do
         """Do the work that is common to all pages. Runs in the module's thread at each tick."""
@@ -53,7 +53,7 @@ class Panel(ABC):
         """Release the panel's resources."""
 
     def build_on_every_tab(self, page: Page) -> None:  # noqa: B027 - most panels have nothing to show there
-        """Build elements above the tabs, which are visible on every tab."""
+        """Build elements above the tiles, which are visible in every layout."""
 
     @abstractmethod
     def build(self, page: Page) -> None:

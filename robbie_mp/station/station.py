@@ -22,6 +22,7 @@ from robbie_mp.scene_graph import SceneGraphListener
 from robbie_mp.station.access import MIN_TOKEN_CHARACTERS, Access, DriversSeat, is_loopback
 from robbie_mp.station.claim import StationClaim
 from robbie_mp.station.latest import Latest
+from robbie_mp.station.layouts import LayoutError, check_layout
 from robbie_mp.station.listening import AddressUnusable, listen
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map_marks import MapMarks, PlacesWatch
@@ -60,8 +61,10 @@ def load_website() -> type[Website]:
     return Website
 
 
-def _check_panels(class_paths: list[str], tabs: dict[str, str]) -> None:
-    """Check that all panels exist, and that every tab is one of them."""
+def _check_panels(
+    class_paths: list[str], tabs: dict[str, str], layouts: dict[str, dict[str, list[int]]]
+) -> None:
+    """Check that all panels exist, that every tab is one of them, and that layouts have only such tabs."""
     try:
         known = [*FRAMEWORK_PANELS, *load_panels(class_paths)]
     except ModuleNotFoundError:
@@ -69,6 +72,11 @@ def _check_panels(class_paths: list[str], tabs: dict[str, str]) -> None:
     for name in tabs:
         if name not in known:
             raise SettingError(f"there is no panel {name!r}; expected one of {', '.join(known)}", "tabs")
+    try:
+        for name, places in layouts.items():
+            check_layout(name, places, tabs or known)
+    except LayoutError as error:
+        raise SettingError(str(error), "layouts") from None
 
 
 class OperatorStation(Module):
@@ -90,6 +98,12 @@ class OperatorStation(Module):
     )
     tabs: dict[str, str] = setting(
         {}, "panels to show, in this order, with their titles ('': the panel's own); {}: all useful panels"
+    )
+    layouts: dict[str, dict[str, list[int]]] = setting(
+        {}, "layouts by name: [x, y, width, height] of each panel on a grid of 24 x 24; {}: none of this name"
+    )
+    layouts_file: Path | None = setting(
+        None, "file with the layouts that operators save; null: in the folder of the run, which ends with it"
     )
     max_linear_m_per_s: float = setting(0.7, "maximum forward speed of manual driving", minimum=0.05)
     max_angular_rad_per_s: float = setting(1.5, "maximum turn rate of manual driving", minimum=0.1)
@@ -122,7 +136,7 @@ class OperatorStation(Module):
         if model is not None and model.suffix.lower() not in MODEL_SUFFIXES:
             expected = " or ".join(MODEL_SUFFIXES)
             raise SettingError(f"expected a file {expected}; got {model.name}", "robot_model")
-        _check_panels(settings["panels"], settings["tabs"])
+        _check_panels(settings["panels"], settings["tabs"], settings["layouts"])
 
     def setup(self) -> None:
         """Create the panels, which subscribe to messages, and start the server."""

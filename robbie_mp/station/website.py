@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fastapi import FastAPI, Request
@@ -10,16 +11,18 @@ from nicegui import app, core, ui
 from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, Response
 
+from robbie_mp.station.cockpit import TILE_PATH
 from robbie_mp.station.connections import bounded_connections
 from robbie_mp.station.emergency_stop import EmergencyStopControl
 from robbie_mp.station.gate import Gate
+from robbie_mp.station.layouts import LayoutCollection, check_layout, default_layouts
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
 from robbie_mp.station.moment_marker import MomentMarker
 from robbie_mp.station.page import build_page
 from robbie_mp.station.page_events import PageEvents, with_known_packets
 from robbie_mp.station.page_limit import with_page_limit
-from robbie_mp.station.panel_classes import load_panels, panels_in_order
+from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panels_in_order
 from robbie_mp.station.playback_bar import PlaybackBar
 from robbie_mp.station.server import PageServer
 from robbie_mp.trace.log_limit import limited
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
 
 LIBRARIES = ("nicegui", "asyncio", "uvicorn.error", "engineio.server", "socketio.server")
 """Loggers of libraries that report invalid requests of visitors. Their rate is limited."""
+LAYOUTS_FILE = "layouts.json"
+"""Name of the file with the layouts of operators, if the profile sets no other place."""
 MESSAGE_HISTORY = 100
 """Maximum number of messages kept for a disconnected page. A page that misses more of them reloads."""
 
@@ -54,6 +59,20 @@ def make_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, st
     return {name: panel(station) for name, panel in classes.items() if name in titles or name in own}, titles
 
 
+def layouts_of(station: StationContext, panels: Sequence[str]) -> LayoutCollection:
+    """Return the layouts of a station: those of its profile, and its own for which the profile has no other.
+
+    Args:
+        station: the station.
+        panels: names of the panels in the order of their tabs.
+    """
+    own = [name for name in panels if name not in FRAMEWORK_PANELS]
+    given = {name: check_layout(name, places, panels) for name, places in station.layouts.items()}
+    layouts = {name: layout for name, layout in (default_layouts(panels, own) | given).items() if layout}
+    file = station.layouts_file or station.known_run.folder / LAYOUTS_FILE
+    return LayoutCollection(layouts, panels, file, station.log)
+
+
 class Website:
     """The page of a station and its server.
 
@@ -72,8 +91,15 @@ class Website:
         event_kinds = [kind for panel in self._panels for kind in panel.log_events]
         playback_bar = PlaybackBar(station, event_kinds)
         bars = [playback_bar.build, *(panel.build_on_every_tab for panel in self._panels)]
-        page = ui.page("/", title="Robbie", response_timeout=10)
-        page(lambda: build_page(station, tools, bars, titled))
+        layouts = layouts_of(station, [name for name in titles if name in panels])
+
+        def build(panel: str = "") -> None:
+            if panel and panel not in titles:
+                raise HTTPException(404)
+            build_page(station, tools, bars, titled, layouts, single=panel)
+
+        for path in ("/", f"{TILE_PATH}{{panel}}"):
+            ui.page(path, title="Robbie", response_timeout=10)(build)
         application = FastAPI(openapi_url=None)
         ui.run_with(
             application,

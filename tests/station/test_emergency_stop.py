@@ -112,7 +112,7 @@ def button_is_in_one_place_whatever_the_state(page: Page) -> None:
             assert page.evaluate(WHAT_IS_AT, place) == "emergency-stop"
     click_until(page, "#release-emergency-stop", "#confirm-release")
     for other in (box_of(page, "#release-emergency-stop"), box_of(page, "#confirm-release")):
-        assert other["x"] + other["width"] < box["x"] or other["y"] > box["y"] + box["height"]
+        assert other["x"] > box["x"] + box["width"] or other["y"] > box["y"] + box["height"]
     page.click("#confirm-release")
     page.wait_for_selector(f"{STATE}:text-is('ready')")
     assert box_of(page, "#emergency-stop") == box

@@ -91,6 +91,7 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
             nothing_is_shown_without_a_token(other, address)
             log_in(other, "opens-all-our-eyes")
             observer_sees_and_does_not_steer(other)
+        layout_is_changed_and_comes_back(page, page.context.new_page(), address)
         playback_is_steered(page, told)
         map_is_shown_and_goal_is_set(page, told)
         walls_are_raised_and_goal_is_set_on_the_floor(page, told)
@@ -119,15 +120,15 @@ def everything_is_reached_by_keys(page: Page) -> None:
     """What stops, drives and leads to the other panels."""
     page.wait_for_selector("#drive-pad")
     wanted = {"emergency-stop", "tab-drive", "drive-pad", "linear-limit", "angular-limit"}
-    for _ in range(50):
+    for _ in range(100):
         page.keyboard.press("Tab")
         wanted.discard(page.evaluate("document.activeElement.closest('[id]')?.id"))
     assert not wanted
-    page.focus("#tab-drive")
-    page.keyboard.press("ArrowRight")
+    page.focus("#tab-system")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#panel-view", state="visible")
-    page.keyboard.press("ArrowLeft")
+    page.wait_for_selector("#panel-system", state="visible")
+    page.wait_for_selector("#drive-pad", state="hidden")
+    page.focus("#maximise-system")
     page.keyboard.press("Enter")
     page.wait_for_selector("#drive-pad", state="visible")
 
@@ -142,8 +143,47 @@ def everything_fits(page: Page) -> None:
 
 
 def nothing_is_shown_without_a_token(page: Page, address: str) -> None:
-    for path in ("live/map", "pictures/camera/eye"):
+    for path in ("live/map", "pictures/camera/eye", "tile/drive"):
         assert page.request.get(address + path).status == 401
+
+
+def layout_is_changed_and_comes_back(page: Page, other: Page, address: str) -> None:
+    """Tiles are moved, removed and added; a page that is loaded later has them there."""
+    page.goto(f"{address}?layout=Drive")
+    head = page.locator("#tile-drive .tile-head .title")
+    page.click("#close-map")
+    page.wait_for_selector("#tile-map", state="hidden")
+    page.click("#close-view")
+    page.wait_for_selector("#tile-view", state="hidden")
+    box = head.bounding_box()
+    assert box
+    page.mouse.move(box["x"] + 5, box["y"] + 5)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 400, box["y"] + 5, steps=5)
+    page.mouse.move(box["x"] + 900, box["y"] - 300, steps=5)
+    page.mouse.up()
+    page.wait_for_selector("#tile-drive:not(.ui-draggable-dragging):not([gs-x='0'])")
+    at = f"#tile-drive[gs-x='{page.get_attribute('#tile-drive', 'gs-x')}']"
+    page.reload()
+    page.wait_for_selector(at)
+    assert page.locator("#tile-map, #tile-view").locator("visible=true").count() == 0
+    other.goto(f"{address}?layout=Drive")
+    other.wait_for_selector(at)
+    other.click("#layouts")
+    other.click("#layout-reset")
+    other.wait_for_selector("#tile-map", state="visible")
+    page.click("#layouts")
+    page.click("[data-layout=Engineer]")
+    page.wait_for_selector("#panel-system", state="visible")
+    page.wait_for_selector("#drive-pad", state="hidden")
+    with page.expect_popup() as opened:
+        page.click("#pop-out-trace")
+    opened.value.wait_for_selector("#panel-trace")
+    assert opened.value.locator("#panels, #tile-system").count() == 0
+    opened.value.click("#emergency-stop", trial=True)
+    opened.value.close()
+    other.close()
+    page.bring_to_front()
 
 
 def observer_sees_and_does_not_steer(page: Page) -> None:
@@ -187,6 +227,7 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m; robot at 1.50 m, 3.25 m, 90°')")
     assert "path of 1201 points; 2 frontiers; home" in page.inner_text("#map-text")
+    page.click("#map-fit")
     page.click("#map-mode >> text=Set goal")
     page.wait_for_selector("#map-view[data-placing=goal][data-map=whole]")
     page.click("#map-view")  # its middle, which is that of all known cells

@@ -7,7 +7,7 @@ from playwright.sync_api import Page
 
 from tests._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
-from tests.station.test_page import address_of
+from tests.station.test_page import address_of, titles_of
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(600)]
 HERE = Path(__file__).parent
@@ -64,8 +64,8 @@ def plot(page: Page, messages: str, path: str) -> None:
 
 def robots_own_panel_has_a_tab_and_is_in_sight_on_every_tab(page: Page) -> None:
     page.wait_for_selector("#friends-greeting:text-is('hello')")
-    titles = page.locator(".q-tab__label").all_inner_texts()
-    assert titles[titles.index("CAMERAS") + 1] == "FRIENDS"
+    titles = titles_of(page)
+    assert titles[titles.index("Cameras") + 1] == "Friends"
     page.click("#tab-friends")
     page.wait_for_selector("#friends-text:text-is('Anna is here')")
     assert page.is_visible("#friends-greeting")

@@ -41,7 +41,7 @@ class MessagesPanel(Panel):
         """Stop watching topics that no page shows any more."""
         for key in list(self.watches):
             page = self.station.pages.get(key)
-            if page is None or page.tab != self.name:
+            if page is None or self.name not in page.shown:
                 self.watches.pop(key).close()
 
     def close(self) -> None:

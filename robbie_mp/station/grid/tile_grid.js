@@ -1,0 +1,82 @@
+import { GridStack } from "robbie-gridstack";
+
+const CELLS = 24; // in each direction, so that the grid fills its place, whatever size that has
+const GAP = 3;
+
+// The tiles of a layout. It emits "arranged", with x, y, width and height of each, when the visitor has moved some.
+export default {
+  template: `<div class="tile-grid" :class="{ 'has-alone': alone, 'is-portrait-page': portrait }"><div class="grid-stack" ref="stack"><slot></slot></div></div>`,
+  props: { places: Object, alone: String, fixed: Boolean },
+  data() {
+    return { portrait: innerHeight > innerWidth };
+  },
+  mounted() {
+    this.grid = GridStack.init(
+      {
+        column: CELLS,
+        maxRow: CELLS,
+        minRow: CELLS,
+        cellHeight: this.cell(),
+        margin: GAP,
+        float: true,
+        animate: false,
+        auto: false,
+        handle: ".tile-head",
+        draggable: { cancel: "button, input, a" },
+        resizable: { handles: "e, s, se, sw, w" },
+        disableDrag: this.fixed,
+        disableResize: this.fixed,
+        columnOpts: { columnMax: CELLS },
+      },
+      this.$refs.stack,
+    );
+    this.grid.on("dragstop resizestop", () => this.tell());
+    this.observer = new ResizeObserver(() => this.grid.cellHeight(this.cell()));
+    this.observer.observe(this.$el);
+    this.lay();
+    this.$nextTick(() => this.$emit("arrived", { portrait: this.portrait }));
+  },
+  updated() {
+    this.lay();
+  },
+  unmounted() {
+    this.observer.disconnect();
+    this.grid.destroy(false);
+  },
+  watch: {
+    places: { handler: "lay", flush: "post" },
+    alone: { handler: "lay", flush: "post" },
+  },
+  methods: {
+    cell() {
+      return Math.max(8, this.$el.clientHeight / CELLS);
+    },
+    tiles() {
+      return [...this.$refs.stack.children].filter((one) => one.id?.startsWith("tile-"));
+    },
+    lay() {
+      const { grid, places, alone } = this;
+      const wanted = JSON.stringify([places, alone, this.tiles().map((one) => one.id)]);
+      if (!grid || wanted === this.laid) return;
+      this.laid = wanted;
+      grid.batchUpdate();
+      for (const tile of [...grid.getGridItems()]) grid.removeWidget(tile, false, false);
+      for (const tile of this.tiles()) {
+        const panel = tile.id.slice("tile-".length);
+        const place = places[panel];
+        tile.classList.toggle("is-away", !place);
+        tile.classList.toggle("is-alone", panel === alone);
+        if (!place) continue;
+        const [x, y, w, h] = place;
+        grid.makeWidget(tile, { id: panel, x, y, w, h, minW: 2, minH: 2, autoPosition: false });
+      }
+      grid.batchUpdate(false);
+    },
+    tell() {
+      const places = {};
+      for (const { id, x, y, w, h } of this.grid.save(false)) places[id] = [x, y, w ?? 1, h ?? 1];
+      this.laid = JSON.stringify([places, this.alone, this.tiles().map((one) => one.id)]);
+      this.$emit("arranged", places);
+    },
+  },
+};

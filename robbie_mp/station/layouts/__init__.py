@@ -1,0 +1,25 @@
+"""Layouts of the page: where tiles of its panels lie, given by the station, by profiles and by operators."""
+
+from robbie_mp.station.layouts.collection import LayoutCollection
+from robbie_mp.station.layouts.layout import (
+    PORTRAIT,
+    Layout,
+    LayoutError,
+    Tile,
+    check_layout,
+    default_layouts,
+    places_of,
+    with_panel,
+)
+
+__all__ = [
+    "PORTRAIT",
+    "Layout",
+    "LayoutCollection",
+    "LayoutError",
+    "Tile",
+    "check_layout",
+    "default_layouts",
+    "places_of",
+    "with_panel",
+]

@@ -1,0 +1,214 @@
+"""Layouts of the page: which panels it shows as tiles, and where. Profiles can add others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from robbie_mp.errors import RobbieError
+
+COLUMNS = ROWS = 24
+"""The grid on which tiles lie fills the page, whatever its size."""
+MIN_SIZE = 2
+"""Minimum width and height of a tile, in cells."""
+MAX_NAME_CHARACTERS = 30
+OWN = "*"
+"""In the station's layouts: the robot's own panels, the first of them where there is room for one."""
+
+
+class LayoutError(RobbieError, ValueError):
+    """A layout is not possible.
+
+    Example scenarios:
+      - a tile lies outside the grid, or on another one
+      - a tile is for a panel that the page does not have
+    """
+
+
+@dataclass(frozen=True)
+class Tile:
+    """The place of a panel on the grid, in cells, from the top left corner."""
+
+    panel: str
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def cells(self) -> set[tuple[int, int]]:
+        """The cells that it covers."""
+        return {
+            (x, y) for x in range(self.x, self.x + self.width) for y in range(self.y, self.y + self.height)
+        }
+
+
+Layout = tuple[Tile, ...]
+
+DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
+    "Drive": {
+        "cameras": (0, 0, 14, 15),
+        "map": (14, 0, 10, 12),
+        "view": (14, 12, 10, 12),
+        "drive": (0, 15, 7, 9),
+        OWN: (7, 15, 7, 9),
+    },
+    "Mission": {
+        "map": (0, 0, 14, 16),
+        "cameras": (14, 0, 10, 10),
+        OWN: (14, 10, 10, 14),
+        "trace": (0, 16, 14, 8),
+    },
+    "Engineer": {
+        "system": (0, 0, 14, 13),
+        "plots": (14, 0, 10, 13),
+        "trace": (0, 13, 14, 11),
+        "messages": (14, 13, 10, 11),
+    },
+    "Tablet": {
+        "cameras": (0, 0, 24, 8),
+        "map": (0, 8, 24, 7),
+        "drive": (0, 15, 24, 9),
+    },
+    "Playback": {
+        "map": (0, 0, 10, 15),
+        "cameras": (10, 0, 14, 15),
+        "view": (0, 15, 10, 9),
+        "plots": (10, 15, 7, 9),
+        "trace": (17, 15, 7, 9),
+    },
+}
+"""The station's own layouts: x, y, width and height of each panel."""
+MAX_OF_ALL = 4
+"""Number of panels that a layout shows if none of the layouts fits the page."""
+PORTRAIT = "Tablet"
+"""The layout for a page that is higher than wide and has never had another one."""
+
+
+def check_layout(name: str, places: Mapping[str, Any], known: Iterable[str]) -> Layout:
+    """Return a layout.
+
+    Args:
+        name: its name.
+        places: x, y, width and height of each panel, in cells.
+        known: names of all panels.
+
+    Raises:
+        LayoutError: the name or a place is impossible, or there is no such panel.
+    """
+    check_name(name)
+    known = list(known)
+    tiles: list[Tile] = []
+    for panel, place in places.items():
+        if panel not in known:
+            raise LayoutError(f"{name}: there is no panel {panel!r:.40}; expected one of {', '.join(known)}")
+        tile = _tile(name, panel, place)
+        for other in tiles:
+            if tile.cells & other.cells:
+                raise LayoutError(f"{name}: the tiles of {other.panel} and {panel} overlap")
+        tiles.append(tile)
+    return tuple(tiles)
+
+
+def check_name(name: str) -> None:
+    """Check the name of a layout.
+
+    Raises:
+        LayoutError: it is empty, too long, or cannot be printed.
+    """
+    if not name.strip() or len(name) > MAX_NAME_CHARACTERS or not name.isprintable():
+        raise LayoutError(f"a layout's name has 1 to {MAX_NAME_CHARACTERS} characters; got {name!r:.60}")
+
+
+def _tile(name: str, panel: str, place: object) -> Tile:
+    numbers = list(place) if isinstance(place, list | tuple) else []
+    if len(numbers) != 4 or not all(type(number) is int for number in numbers):
+        raise LayoutError(f"{name}: {panel} needs [x, y, width, height] in cells; got {place!r:.60}")
+    tile = Tile(panel, *numbers)
+    if not _is_inside(tile) or tile.width < MIN_SIZE or tile.height < MIN_SIZE:
+        raise LayoutError(
+            f"{name}: {panel} at {numbers} does not fit: the grid has {COLUMNS} columns and {ROWS} rows, "
+            f"and a tile at least {MIN_SIZE} of each"
+        )
+    return tile
+
+
+def default_layouts(available: Sequence[str], own: Sequence[str]) -> dict[str, Layout]:
+    """Return the station's layouts for the panels that a page has.
+
+    A tile without a panel is left out, and its neighbours grow into the gap. A layout of which a page
+    lacks more than half of the panels is left out; if all are, the page has a layout with its first panels.
+
+    Args:
+        available: names of the page's panels.
+        own: names of the robot's own panels; the first one that is available gets the tile for them.
+    """
+    first = next((name for name in own if name in available), None)
+    found: dict[str, Layout] = {}
+    for name, places in DEFAULTS.items():
+        tiles = [Tile(first if panel == OWN and first else panel, *place) for panel, place in places.items()]
+        kept = [tile for tile in tiles if tile.panel in available]
+        if 2 * len(kept) >= sum(panel != OWN for panel in places):
+            found[name] = without_gaps(kept)
+    if not found:
+        layout: Layout = ()
+        for panel in available[:MAX_OF_ALL]:
+            layout = with_panel(layout, panel)
+        found["All"] = layout
+    return found
+
+
+def without_gaps(tiles: Sequence[Tile]) -> Layout:
+    """Let each tile in turn grow in all directions, as far as nothing lies there."""
+    grown = list(tiles)
+    for index, tile in enumerate(grown):
+        taken = set().union(*(other.cells for other in grown if other is not tile))
+        for wider in (
+            lambda one: replace(one, width=one.width + 1),
+            lambda one: replace(one, height=one.height + 1),
+            lambda one: replace(one, x=one.x - 1, width=one.width + 1),
+            lambda one: replace(one, y=one.y - 1, height=one.height + 1),
+        ):
+            while _is_free(candidate := wider(tile), taken):
+                tile = candidate  # noqa: PLW2901 - it is put back below
+        grown[index] = tile
+    return tuple(grown)
+
+
+def _is_free(tile: Tile, taken: set[tuple[int, int]]) -> bool:
+    return _is_inside(tile) and not tile.cells & taken
+
+
+def _is_inside(tile: Tile) -> bool:
+    return tile.x >= 0 and tile.y >= 0 and tile.x + tile.width <= COLUMNS and tile.y + tile.height <= ROWS
+
+
+def with_panel(layout: Layout, panel: str) -> Layout:
+    """Return a layout with one more tile: in the largest free area, or in a half of the largest tile."""
+    if any(tile.panel == panel for tile in layout):
+        return layout
+    taken: set[tuple[int, int]] = set().union(*(tile.cells for tile in layout)) if layout else set()
+    free = [
+        (size * size, x, y, size)
+        for size in range(4, COLUMNS + 1)
+        for x in range(COLUMNS - size + 1)
+        for y in range(ROWS - size + 1)
+        if not any((x + i, y + j) in taken for i in range(size) for j in range(size))
+    ]
+    if free:
+        _, x, y, size = max(free)
+        return (*layout, without_gaps([*layout, Tile(panel, x, y, size, size)])[-1])
+    largest = max(layout, key=lambda tile: tile.width * tile.height)
+    if largest.width >= largest.height:
+        kept = replace(largest, width=largest.width // 2)
+        new = replace(largest, panel=panel, x=kept.x + kept.width, width=largest.width - kept.width)
+    else:
+        kept = replace(largest, height=largest.height // 2)
+        new = replace(largest, panel=panel, y=kept.y + kept.height, height=largest.height - kept.height)
+    return (*(kept if tile is largest else tile for tile in layout), new)
+
+
+def places_of(layout: Layout) -> dict[str, list[int]]:
+    """Return a layout as profiles and files have it."""
+    return {tile.panel: [tile.x, tile.y, tile.width, tile.height] for tile in layout}
