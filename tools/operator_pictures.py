@@ -41,6 +41,11 @@ QUESTION = "#victim-question:visible"
 VICTIMS_BEFORE = 2
 """Number of confirmed victims when the tool takes the picture of the map."""
 LIMIT_S = 300.0
+NAMES = ("Drive", "Mission", "Engineer", "Tablet", "Playback")
+"""The layouts in the order of their keys."""
+LARGE: ViewportSize = {"width": 1920, "height": 1080}
+UPRIGHT: ViewportSize = {"width": 800, "height": 1280}
+LAYOUTS = (("Mission", SIZE), ("Engineer", SIZE), ("Tablet", UPRIGHT), ("Drive", LARGE), ("Drive", SIZE))
 SETTLED_S = 5.0
 """Time for which a panel is open before the tool takes its picture."""
 PLOTS = (
@@ -151,6 +156,7 @@ def take_panels(page: Page) -> None:
     answer(page)
     os.kill(status(CRASHES)[0], signal.SIGSEGV)
     page.click("#mark")
+    take_layouts(page)
     turn_to(page, "speech")
     page.click("#speech-commands >> text=look around")
     for name in ("drive", "view", "mission", "speech", "system", "parameters", "devices", "plots"):
@@ -162,6 +168,16 @@ def take_panels(page: Page) -> None:
     turn_to(page, "messages")
     page.click("#messages-topics tr:has-text('sensor_msgs/msg/LaserScan')")
     take(page, "messages")
+
+
+def take_layouts(page: Page) -> None:
+    """Take a picture of each layout of a running robot, as an operator's screen shows it."""
+    for layout, size in LAYOUTS:
+        page.set_viewport_size(size)
+        page.keyboard.press(f"{1 + NAMES.index(layout)}")
+        wide = "" if size in (SIZE, UPRIGHT) else f"-{size['width']}"
+        take(page, f"layout-{layout.lower()}{wide}")
+    page.set_viewport_size(SIZE)
 
 
 def turn_to(page: Page, name: str) -> None:
@@ -179,7 +195,10 @@ def answer(page: Page) -> None:
 
 
 def take_playback(page: Page) -> None:
-    """Take a picture of the playback beside virtual devices."""
+    """Take pictures of the playback: the layout for it, and virtual devices."""
+    page.keyboard.press(f"{1 + NAMES.index('Playback')}")
+    page.wait_for_selector("#playback-events [data-at]")
+    take(page, "layout-playback")
     page.click("#tab-devices")
     page.wait_for_selector("#playback-events [data-at]")
     page.wait_for_selector("#device-bumper")

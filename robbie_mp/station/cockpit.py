@@ -91,8 +91,8 @@ class Cockpit:
     def _build_rail(self) -> None:
         with ui.element("nav").classes("cockpit-rail").props('aria-label="Panels" id=panels'):
             for name, (panel, title) in self._panels.items():
-                button = ui.button(icon=panel.icon, on_click=lambda name=name: self.show_alone(name))
-                button.props(f"flat dense id=tab-{name}")
+                button = ui.button(icon=panel.icon, color=None).props(f"flat dense id=tab-{name}")
+                button.on_click(lambda name=name: self.show_alone(name))
                 button.props["aria-label"] = button.props["title"] = title
                 self._tabs[name] = button
 
@@ -142,11 +142,6 @@ class Cockpit:
         if layout is not None and not self._single:
             self._name, self._layout, self._alone = name, layout, ""
             self._show()
-
-    def choose_number(self, number: int) -> None:
-        """Show a layout by its place in the list, counted from 1."""
-        if number <= len(self.names):
-            self.choose(self.names[number - 1])
 
     def show_alone(self, panel: str) -> None:
         """Let one panel fill the grid, also one that the layout does not have."""
@@ -276,7 +271,7 @@ class TileHead:
 
 
 def _tool(icon: str, name: str, on_click: Any) -> ui.button:
-    return ui.button(icon=icon, on_click=on_click).props(f"flat dense id={name}")
+    return ui.button(icon=icon, color=None, on_click=on_click).props(f"flat dense id={name}")
 
 
 def _label(button: ui.button, text: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from nicegui import ui
 
@@ -24,8 +24,11 @@ if TYPE_CHECKING:
     from robbie_mp.run.run_directory import KnownRun
     from robbie_mp.scene_graph import SceneGraphListener
     from robbie_mp.station.access import Access, DriversSeat
+    from robbie_mp.station.driving.driver import Driver
+    from robbie_mp.station.driving.motion import Motion
     from robbie_mp.station.live import LiveParts
     from robbie_mp.station.map_marks import MapMarks, PlacesWatch
+    from robbie_mp.station.panels.cameras import Cameras
     from robbie_mp.station.run_watch import RunWatch
     from robbie_mp.station.settings_watch import SettingsWatch
 
@@ -41,6 +44,8 @@ class StationContext(MessageSource, Protocol):
         live: the parts that pages draw many times a second.
         map_marks: the marks on the map and in the 3-D view.
         run_watch: the figures of all processes and channels.
+        motion: the robot's movement, and what it is commanded.
+        cameras: the cameras that have sent an image.
         refusals: the log of refused actions of visitors; its rate is limited.
     """
 
@@ -59,6 +64,8 @@ class StationContext(MessageSource, Protocol):
     map_marks: MapMarks
     places_watch: PlacesWatch
     settings_watch: SettingsWatch
+    motion: Motion
+    cameras: Cameras
     panels: list[str]
     tabs: dict[str, str]
     layouts: dict[str, dict[str, list[int]]]
@@ -107,6 +114,13 @@ class Link(Protocol):
         """Whether the browser has received almost everything that was sent."""
 
 
+class Key(NamedTuple):
+    """An action that a key starts."""
+
+    text: str
+    action: Callable[[], None] | None
+
+
 class Page:
     """One page that is open in a browser, and the only way from it to the robot.
 
@@ -129,6 +143,10 @@ class Page:
         """What has not ended yet, each with what to show when it succeeds."""
         self.shown: frozenset[str] = frozenset()
         """Names of the panels that the page shows now."""
+        self.driver: Driver | None = None
+        """Drives for an operator; None on an observer's page."""
+        self.keys: dict[str, Key] = {}
+        """Actions by the keys that start them."""
 
     @property
     def role(self) -> Role | None:
@@ -195,6 +213,16 @@ class Page:
                 ui.notify(ending(asked), type="negative", timeout=8000)
             elif success:
                 ui.notify(success, type="positive")
+
+    def add_key(self, key: str, text: str, action: Callable[[], None] | None = None) -> None:
+        """Let a key start an action wherever the focus is, but for texts; `?` lists it.
+
+        Args:
+            key: the character, in lower case. If another action has it already, that one keeps it.
+            text: what it does.
+            action: called in the page server's thread; None: a script of the page listens itself.
+        """
+        self.keys.setdefault(key, Key(text, action))
 
     def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
         """Call an update periodically while the page shows a panel.

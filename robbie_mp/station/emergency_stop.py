@@ -76,7 +76,14 @@ class EmergencyStopControl:
                 ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
                 ui.button("Keep it stopped", on_click=dialog.close)
         # It keeps its place while it is invisible, so that nothing else moves.
-        again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop")
+        again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop no-caps")
+
+        def ask() -> None:
+            if self._can_be_released and page.role is Role.OPERATOR:
+                dialog.open()
+
+        if page.role is Role.OPERATOR:
+            page.add_key("r", "Release the emergency stop, after a confirmation", ask)
 
         def update() -> None:
             is_shown = self._can_be_released and page.role is Role.OPERATOR

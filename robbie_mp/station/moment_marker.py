@@ -34,5 +34,6 @@ class MomentMarker:
                 self._station.log.info("%s, by hand", text)
                 ui.notify(text)
 
+        page.add_key("m", "Mark this moment", mark)
         button = ui.button(icon="bookmark_add", on_click=mark).props("flat dense color=white id=mark")
         button.props('aria-label="Mark this moment" title="Mark this moment"')

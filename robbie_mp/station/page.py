@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +13,10 @@ from nicegui import core, ui
 from robbie_mp.station.access import Role
 from robbie_mp.station.cockpit import LAYOUT, TAB, Cockpit
 from robbie_mp.station.context import Link, Page
+from robbie_mp.station.driving.driver import Driver
 from robbie_mp.station.gate import SESSION
 from robbie_mp.station.grid import STYLES
+from robbie_mp.station.keyboard import Keyboard, keys_button
 from robbie_mp.station.layouts import LayoutCollection
 from robbie_mp.station.panel import Panel
 
@@ -59,48 +63,78 @@ class BrowserLink(Link):
         return bool(waiting) and min(waiting) < MAX_WAITING_PACKETS
 
 
+@dataclass(frozen=True)
+class PageParts:
+    """What builds the parts of a page."""
+
+    strip: Callable[[Page], None]
+    """Builds the strip with the state of the robot."""
+    tools: Sequence[Callable[[Page], None]]
+    """Build the buttons in the bar at the top."""
+    bars: Sequence[Callable[[Page], None]]
+    """Build the elements above the tiles, some of them hidden most of the time."""
+    foot: Callable[[Page], None]
+    """Builds the bar below the tiles."""
+    panels: Sequence[tuple[Panel, str]]
+    """Each with its title."""
+
+
 def build_page(
-    station: StationContext,
-    tools: Sequence[Callable[[Page], None]],
-    bars: Sequence[Callable[[Page], None]],
-    panels: Sequence[tuple[Panel, str]],
-    layouts: LayoutCollection,
-    single: str = "",
+    station: StationContext, parts: PageParts, layouts: LayoutCollection, single: str = ""
 ) -> None:
     """Build the elements of a page that has just been opened.
 
     Args:
         station: the station that serves the page.
-        tools: build the elements in the bar at the top.
-        bars: build the elements above the tiles, some of them hidden most of the time.
-        panels: each with its title.
+        parts: build the page's parts.
         layouts: the layouts of the panels.
         single: the only panel that the page shows; '': it has layouts.
     """
     client = ui.context.client
     page = Page(client.id, client.request.scope[SESSION], station, BrowserLink(core.sio, client.id))
-    role = page.role or Role.OBSERVER
     station.opened(page)
     client.on_delete(lambda: station.closed(page))
     ui.run_javascript(RECONNECT)
     for style in (*STYLES, STYLE):
         ui.add_css(style)
     ui.colors(primary=PRIMARY)
-    cockpit = Cockpit(page, layouts, panels, single)
+    if page.role is Role.OPERATOR:
+        page.driver = Driver(station, page)
+    cockpit = Cockpit(page, layouts, parts.panels, single)
     with ui.element("div").classes("cockpit"):
-        with (
-            ui.element("header").classes("cockpit-bar beside-emergency-stop"),
-            ui.element("div").classes("cockpit-tools"),
-        ):
-            for build in tools:
-                build(page)
-            cockpit.build_menu()
-            ui.badge(role.name.lower()).props("outline id=role color=white")
-            leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
-            leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
+        with ui.element("header").classes("cockpit-bar beside-emergency-stop"):
+            parts.strip(page)
+            with ui.element("div").classes("cockpit-tools"):
+                _build_tools(page, parts, cockpit)
         with ui.element("div").classes("cockpit-bars"):
-            for build in bars:
+            for build in parts.bars:
                 build(page)
         asked = client.request.query_params if client.request else {}
         cockpit.build(asked.get(LAYOUT, ""), asked.get(TAB, ""))
+        with ui.element("footer").classes("cockpit-foot"):
+            parts.foot(page)
+    _add_keys(page, cockpit)
+    Keyboard(page.keys)
     page.always(ENDS_PERIOD_S, page.show_ends)
+
+
+def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:
+    cockpit.build_menu()
+    keys_button()
+    for build in parts.tools:
+        build(page)
+    ui.badge((page.role or Role.OBSERVER).name.lower()).props("outline id=role color=white")
+    leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
+    leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
+
+
+def _add_keys(page: Page, cockpit: Cockpit) -> None:
+    """Add the keys of layouts and driving."""
+    for number, name in enumerate(cockpit.names[:9], 1):
+        page.add_key(f"{number}", f"Layout {name}", partial(cockpit.choose, name))
+    if cockpit.names:
+        page.add_key("0", "Back to the layout from a maximised tile", cockpit.show_all)
+    if (driver := page.driver) is not None:
+        page.add_key("+", "Drive faster", lambda: driver.change_limits(up=True))
+        page.add_key("-", "Drive slower", lambda: driver.change_limits(up=False))
+        page.add_key("t", "Take over driving from another page", driver.take_over)

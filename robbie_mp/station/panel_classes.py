@@ -13,6 +13,7 @@ FRAMEWORK_PANELS = {
     "drive": "robbie_mp.station.panels.drive:DrivePanel",
     "view": "robbie_mp.station.panels.view:ViewPanel",
     "map": "robbie_mp.station.panels.map:MapPanel",
+    "camera": "robbie_mp.station.panels.camera:CameraPanel",
     "cameras": "robbie_mp.station.panels.cameras:CamerasPanel",
     "speech": "robbie_mp.station.panels.speech:SpeechPanel",
     "system": "robbie_mp.station.panels.system:SystemPanel",

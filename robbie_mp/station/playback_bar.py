@@ -39,6 +39,11 @@ class PlaybackBar:
         control = PlaybackControl(request=secrets.randbits(63), command=command, value=value)
         page.publish(control, f"{command} of the playback")
 
+    def _turn(self, page: Page) -> None:
+        state = self._state.message
+        if state is not None:
+            self.order(page, "resume" if state.paused else "pause")
+
     def _on_seek(self, page: Page, event: GenericEventArguments) -> None:
         if isinstance(event.args, int | float) and math.isfinite(event.args):
             self.order(page, "seek", float(event.args))
@@ -49,6 +54,8 @@ class PlaybackBar:
             text = ui.label("").props("id=playback-text role=status")
             with ui.row().classes("w-full items-center no-wrap"):
                 if page.role is Role.OPERATOR:
+                    page.add_key("k", "Playback: pause or resume", lambda: self._turn(page))
+                    page.add_key(".", "Playback: one step", lambda: self.order(page, "step"))
                     pause = ui.button(icon="pause", on_click=lambda: self.order(page, "pause"))
                     pause.props('id=playback-pause aria-label="Pause"')
                     play = ui.button(icon="play_arrow", on_click=lambda: self.order(page, "resume"))

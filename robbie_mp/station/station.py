@@ -34,6 +34,8 @@ from robbie_mp.trace.log_limit import limited
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page
+    from robbie_mp.station.driving.motion import Motion
+    from robbie_mp.station.panels.cameras import Cameras
     from robbie_mp.station.website import Website
 
 REPLY_S = 3.0
@@ -87,6 +89,8 @@ class OperatorStation(Module):
     """
 
     follows_run_clock = False
+    motion: Motion
+    cameras: Cameras
     host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all addresses of this machine")
     port: int = setting(8080, "port to listen on; 0: any free port", minimum=0, maximum=65535)
     operator_token: Secret | None = setting(

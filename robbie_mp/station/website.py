@@ -13,18 +13,21 @@ from starlette.responses import PlainTextResponse, Response
 
 from robbie_mp.station.cockpit import TILE_PATH
 from robbie_mp.station.connections import bounded_connections
+from robbie_mp.station.driving.motion import Motion
 from robbie_mp.station.emergency_stop import EmergencyStopControl
 from robbie_mp.station.gate import Gate
 from robbie_mp.station.layouts import LayoutCollection, check_layout, default_layouts
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
 from robbie_mp.station.moment_marker import MomentMarker
-from robbie_mp.station.page import build_page
+from robbie_mp.station.page import PageParts, build_page
 from robbie_mp.station.page_events import PageEvents, with_known_packets
 from robbie_mp.station.page_limit import with_page_limit
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panels_in_order
+from robbie_mp.station.panels.cameras import Cameras
 from robbie_mp.station.playback_bar import PlaybackBar
 from robbie_mp.station.server import PageServer
+from robbie_mp.station.state_strip import StateStrip
 from robbie_mp.trace.log_limit import limited
 
 if TYPE_CHECKING:
@@ -83,20 +86,24 @@ class Website:
 
     def __init__(self, station: StationContext, listener: socket.socket):
         self._map = LiveMap(station)
+        self._motion = station.motion = Motion(station)
+        station.cameras = Cameras(station)
+        self._strip = StateStrip(station)
         panels, titles = make_panels(station)
         self._panels = [*panels.values()]
         titled = [(panels[name], title or panels[name].title) for name, title in titles.items()]
         self._emergency_stop = EmergencyStopControl(station)
-        tools = [self._emergency_stop.build, MomentMarker(station).build]
+        tools = [MomentMarker(station).build, self._emergency_stop.build]
         event_kinds = [kind for panel in self._panels for kind in panel.log_events]
         playback_bar = PlaybackBar(station, event_kinds)
-        bars = [playback_bar.build, *(panel.build_on_every_tab for panel in self._panels)]
+        bars = [panel.build_on_every_tab for panel in self._panels]
+        parts = PageParts(self._strip.build, tools, bars, playback_bar.build, titled)
         layouts = layouts_of(station, [name for name in titles if name in panels])
 
         def build(panel: str = "") -> None:
             if panel and panel not in titles:
                 raise HTTPException(404)
-            build_page(station, tools, bars, titled, layouts, single=panel)
+            build_page(station, parts, layouts, single=panel)
 
         for path in ("/", f"{TILE_PATH}{{panel}}"):
             ui.page(path, title="Robbie", response_timeout=10)(build)
@@ -140,6 +147,8 @@ class Website:
         self._server.check()
         self._emergency_stop.tick()
         self._map.tick()
+        self._motion.tick()
+        self._strip.tick()
         for panel in self._panels:
             panel.tick()
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from robbie_mp.station.dead_man import DeadManSwitch
-from robbie_mp.station.panels.drive import checked
+from robbie_mp.station.driving.driver import checked
 
 
 def test_commands_with_the_usual_delay_are_fresh() -> None:

@@ -12,7 +12,7 @@ export default {
       <div v-if="answers.length" class="answers">
         <button v-for="[text, answer, colour] in answers" type="button" :id="'victim-' + text.toLowerCase()"
           :style="{ background: colour }" :disabled="is_inert" :data-victim="shown.id"
-          @click="say(text, answer)">{{ text }}</button>
+          @click="say(text, answer)">{{ text }} <kbd>{{ text[0] }}</kbd></button>
       </div>
     </div></div></div>`,
   props: { questions: Array, answers: Array },
@@ -25,9 +25,17 @@ export default {
       if (this.held) setTimeout(() => ((this.held = false), this.look()), 100);
     };
     for (const name of ["pointerup", "pointercancel"]) addEventListener(name, this.let_go);
+    this.on_key = (event) => {
+      if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || !this.shown || this.is_inert) return;
+      if (event.target.closest?.("input, textarea, [contenteditable], .q-dialog")) return;
+      const answer = this.answers.find(([text]) => text[0].toLowerCase() === event.key.toLowerCase());
+      if (answer) this.say(answer[0], answer[1]);
+    };
+    addEventListener("keydown", this.on_key);
     this.look();
   },
   unmounted() {
+    removeEventListener("keydown", this.on_key);
     for (const name of ["pointerup", "pointercancel"]) removeEventListener(name, this.let_go);
     clearTimeout(this.timer);
   },

@@ -60,6 +60,9 @@ class VictimQuestion:
         """Add the question to a page."""
         ui.add_css(STYLE)
         card = QuestionCard(can_answer=page.role is Role.OPERATOR)
+        if page.role is Role.OPERATOR:
+            for text, _, _ in ANSWERS:
+                page.add_key(text[0].lower(), f"Answer {text} to the question about a victim")
 
         def on_answer(event: GenericEventArguments) -> None:
             self._answer(page, event.args)

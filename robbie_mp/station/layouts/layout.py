@@ -48,7 +48,7 @@ Layout = tuple[Tile, ...]
 
 DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
     "Drive": {
-        "cameras": (0, 0, 14, 15),
+        "camera": (0, 0, 14, 15),
         "map": (14, 0, 10, 12),
         "view": (14, 12, 10, 12),
         "drive": (0, 15, 7, 9),
@@ -56,7 +56,7 @@ DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
     },
     "Mission": {
         "map": (0, 0, 14, 16),
-        "cameras": (14, 0, 10, 10),
+        "camera": (14, 0, 10, 10),
         OWN: (14, 10, 10, 14),
         "trace": (0, 16, 14, 8),
     },
@@ -67,13 +67,13 @@ DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
         "messages": (14, 13, 10, 11),
     },
     "Tablet": {
-        "cameras": (0, 0, 24, 8),
+        "camera": (0, 0, 24, 8),
         "map": (0, 8, 24, 7),
         "drive": (0, 15, 24, 9),
     },
     "Playback": {
         "map": (0, 0, 10, 15),
-        "cameras": (10, 0, 14, 15),
+        "camera": (10, 0, 14, 15),
         "view": (0, 15, 10, 9),
         "plots": (10, 15, 7, 9),
         "trace": (17, 15, 7, 9),
@@ -163,17 +163,17 @@ def without_gaps(tiles: Sequence[Tile]) -> Layout:
     """Let each tile in turn grow in all directions, as far as nothing lies there."""
     grown = list(tiles)
     for index, tile in enumerate(grown):
-        taken = set().union(*(other.cells for other in grown if other is not tile))
-        for wider in (
-            lambda one: replace(one, width=one.width + 1),
-            lambda one: replace(one, height=one.height + 1),
-            lambda one: replace(one, x=one.x - 1, width=one.width + 1),
-            lambda one: replace(one, y=one.y - 1, height=one.height + 1),
-        ):
-            while _is_free(candidate := wider(tile), taken):
-                tile = candidate  # noqa: PLW2901 - it is put back below
-        grown[index] = tile
+        taken = {cell for other in grown if other is not tile for cell in other.cells}
+        for left, up, right, down in ((0, 0, 1, 0), (0, 0, 0, 1), (1, 0, 0, 0), (0, 1, 0, 0)):
+            while _is_free(wider := _widened(grown[index], left, up, right, down), taken):
+                grown[index] = wider
     return tuple(grown)
+
+
+def _widened(tile: Tile, left: int, up: int, right: int, down: int) -> Tile:
+    """Return a tile with more cells at its sides."""
+    x, y = tile.x - left, tile.y - up
+    return Tile(tile.panel, x, y, tile.width + left + right, tile.height + up + down)
 
 
 def _is_free(tile: Tile, taken: set[tuple[int, int]]) -> bool:
@@ -188,7 +188,7 @@ def with_panel(layout: Layout, panel: str) -> Layout:
     """Return a layout with one more tile: in the largest free area, or in a half of the largest tile."""
     if any(tile.panel == panel for tile in layout):
         return layout
-    taken: set[tuple[int, int]] = set().union(*(tile.cells for tile in layout)) if layout else set()
+    taken = {cell for tile in layout for cell in tile.cells}
     free = [
         (size * size, x, y, size)
         for size in range(4, COLUMNS + 1)

@@ -126,6 +126,46 @@ class Camera:
         return f"{image.format if image else ''}, image {self.latest.count}"
 
 
+class Cameras:
+    """All cameras of the robot, for the panels that show them.
+
+    Attributes:
+        found: the cameras by the topic of their images.
+        detections: the newest detections by the same topic.
+    """
+
+    def __init__(self, station: StationContext):
+        self._station = station
+        self.found: dict[str, Camera] = {}
+        self.detections: dict[str, Detection2DArray] = {}
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        station.subscribe(Image, self._on_image, newest)
+        station.subscribe(CompressedImage, self._on_image, newest)
+        station.subscribe(Detection2DArray, self._on_detections, newest)
+        serve_pictures(ADDRESS, self._answer)
+
+    def _on_image(self, image: Image | CompressedImage) -> None:
+        topic = self._station.envelope.topic or "image"
+        name = topic if isinstance(image, Image) else f"{topic}/compressed"
+        camera = self.found.get(name)
+        if camera is None:
+            if len(self.found) >= MAX_CAMERAS:
+                return
+            camera = Camera()
+            # A new dict, because pages read the old one.
+            self.found = {**self.found, name: camera}
+        camera.latest.put(image)
+
+    def _on_detections(self, found: Detection2DArray) -> None:
+        topic = self._station.envelope.topic or "image"
+        if topic in self.detections or len(self.detections) < MAX_CAMERAS:
+            self.detections = {**self.detections, topic: found}
+
+    def _answer(self, name: str) -> Response:
+        camera = self.found.get(name)
+        return camera.picture.answer() if camera else no_picture("there is no such camera")
+
+
 class CamerasPanel(Panel):
     """Shows a picture for each topic with images."""
 
@@ -135,35 +175,7 @@ class CamerasPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self.cameras: dict[str, Camera] = {}
-        self.detections: dict[str, Detection2DArray] = {}
-        """Cameras by the topic of their images."""
-        newest = MessageHandling.KEEP_ONLY_NEWEST
-        station.subscribe(Image, self._on_image, newest)
-        station.subscribe(CompressedImage, self._on_image, newest)
-        station.subscribe(Detection2DArray, self._on_detections, newest)
-        serve_pictures(ADDRESS, self._answer)
-
-    def _on_image(self, image: Image | CompressedImage) -> None:
-        topic = self.station.envelope.topic or "image"
-        name = topic if isinstance(image, Image) else f"{topic}/compressed"
-        camera = self.cameras.get(name)
-        if camera is None:
-            if len(self.cameras) >= MAX_CAMERAS:
-                return
-            camera = Camera()
-            # A new dict, because pages read the old one.
-            self.cameras = {**self.cameras, name: camera}
-        camera.latest.put(image)
-
-    def _on_detections(self, found: Detection2DArray) -> None:
-        topic = self.station.envelope.topic or "image"
-        if topic in self.detections or len(self.detections) < MAX_CAMERAS:
-            self.detections = {**self.detections, topic: found}
-
-    def _answer(self, name: str) -> Response:
-        camera = self.cameras.get(name)
-        return camera.picture.answer() if camera else no_picture("there is no such camera")
+        self._cameras = station.cameras
 
     def build(self, page: Page) -> None:
         """Build a card for each camera, and add cards for new cameras."""
@@ -172,12 +184,12 @@ class CamerasPanel(Panel):
         cards: dict[str, CameraCard] = {}
 
         def update() -> None:
-            for name, camera in sorted(self.cameras.items()):
+            for name, camera in sorted(self._cameras.found.items()):
                 if name not in cards:
                     hint.set_visibility(False)
                     with row, ui.card():
                         cards[name] = CameraCard(name)
-                cards[name].show(camera, self.detections.get(name))
+                cards[name].show(camera, self._cameras.detections.get(name))
 
         page.every(REFRESH_S, self.name, update)
 

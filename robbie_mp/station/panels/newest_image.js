@@ -21,6 +21,8 @@ export default {
       this.$el.src = `${this.address}?count=${this.count}`;
     },
     loaded() {
+      const { naturalWidth: width, naturalHeight: height, parentElement } = this.$el;
+      if (width) parentElement?.style.setProperty("--ratio", width / height);
       this.loading = false;
       this.fetch_newest();
     },

@@ -63,7 +63,7 @@ def test_operator_can_do_what_an_observer_cannot(station: Station) -> None:
     with operator.connect(document.query) as page:
         press(page, document, "confirm-release", "click")
         station.robot.until(lambda _: ("EmergencyStop", False) in station.heard)
-        press(page, document, "drive-pad", "drive", DRIVE)
+        press(page, document, "driver", "drive", DRIVE)
         station.robot.until(lambda _: ("DriveCommand", None) in station.heard)
         press(page, document, "map-view", "placed", PLACE)
         station.robot.until(lambda _: ("robbie_msgs/action/NavigateTo_Goal", None) in station.heard)
@@ -85,7 +85,7 @@ def test_events_in_the_name_of_another_page_are_refused(
                 page.emit("handshake", driven.query | {"document_id": str(uuid.uuid4())})
             for name, event, arguments in (
                 ("confirm-release", "click", []),
-                ("drive-pad", "drive", [DRIVE]),
+                ("driver", "drive", [DRIVE]),
                 ("mark", "click", []),
             ):
                 press(page, driven, name, event, *arguments)

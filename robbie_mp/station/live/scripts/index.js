@@ -18,7 +18,9 @@ export class Live {
 
   look() {
     const wanted = this.in_sight && document.visibilityState === "visible";
-    if (!wanted) this.socket?.close();
+    // A socket that is still opening is closed then: otherwise the browser reports an error.
+    if (!wanted && this.socket?.readyState === WebSocket.CONNECTING) this.socket.onopen = this.look;
+    else if (!wanted) this.socket?.close();
     else if (!this.socket && !this.timer) this.open();
   }
 

@@ -1,0 +1,99 @@
+// Sends "drive" events at 10 Hz while the pad, a key or a gamepad's dead man's button is held, and one
+// with held = false when that ends, for any reason that the browser reports. The robot does not rely on the
+// last one: it stops when the others are missing.
+//
+// Keys drive wherever the focus is, but for texts, and only while the page shows the pad or a camera to drive by.
+export default {
+  template: `<div style="position: absolute"></div>`,
+  mounted() {
+    this.keys = new Set();
+    this.pointer = null;
+    this.held = false;
+    this.on_key = (event) => {
+      if (!KEYS[event.code]) return;
+      if (event.type === "keyup") {
+        // A released key counts as released, wherever the focus is.
+        this.keys.delete(event.code);
+        this.beat();
+      } else if (this.is_shown() && !is_meant_for_another(event)) {
+        event.preventDefault();
+        this.keys.add(event.code);
+        if (!event.repeat) this.beat();
+      }
+    };
+    this.on_pad = (event) => {
+      const begins_or_ends = !this.pointer !== !event.detail;
+      this.pointer = event.detail;
+      if (begins_or_ends) this.beat();
+    };
+    this.all_off = () => this.let_go();
+    addEventListener("keydown", this.on_key);
+    addEventListener("keyup", this.on_key);
+    addEventListener("robbie-pad", this.on_pad);
+    addEventListener("blur", this.all_off);
+    addEventListener("pagehide", this.all_off);
+    document.addEventListener("visibilitychange", this.all_off);
+    this.timer = setInterval(() => this.beat(), 100);
+  },
+  unmounted() {
+    clearInterval(this.timer);
+    removeEventListener("keydown", this.on_key);
+    removeEventListener("keyup", this.on_key);
+    removeEventListener("robbie-pad", this.on_pad);
+    removeEventListener("blur", this.all_off);
+    removeEventListener("pagehide", this.all_off);
+    document.removeEventListener("visibilitychange", this.all_off);
+    this.let_go();
+  },
+  methods: {
+    is_shown() {
+      if (document.visibilityState !== "visible") return false;
+      return [...document.querySelectorAll(".drives")].some((one) => one.offsetParent !== null);
+    },
+    wish() {
+      if (!this.is_shown()) return null;
+      if (this.pointer && this.pointer.pad.offsetParent !== null) return this.pointer;
+      if (this.keys.size) {
+        const wish = { linear: 0, angular: 0 };
+        for (const code of this.keys) {
+          wish.linear += KEYS[code][0];
+          wish.angular += KEYS[code][1];
+        }
+        return wish;
+      }
+      for (const pad of navigator.getGamepads ? navigator.getGamepads() : [])
+        if (pad && pad.buttons[DEAD_MAN_BUTTON] && pad.buttons[DEAD_MAN_BUTTON].pressed)
+          return { linear: -pad.axes[1], angular: -pad.axes[0] };
+      return null;
+    },
+    beat() {
+      const wish = this.wish();
+      if (wish) this.send(true, wish.linear, wish.angular);
+      else if (this.held) this.send(false, 0, 0);
+    },
+    let_go() {
+      this.pointer = null;
+      this.keys.clear();
+      if (this.held) this.send(false, 0, 0);
+    },
+    send(held, linear, angular) {
+      const begins = held && !this.held;
+      this.held = held;
+      dispatchEvent(new CustomEvent("robbie-driven", { detail: { linear, angular } }));
+      this.$emit("drive", { held, begins, linear, angular, sent_s: performance.now() / 1000 });
+    },
+  },
+};
+
+const KEYS = {
+  KeyW: [1, 0], ArrowUp: [1, 0], KeyS: [-1, 0], ArrowDown: [-1, 0],
+  KeyA: [0, 1], ArrowLeft: [0, 1], KeyD: [0, -1], ArrowRight: [0, -1],
+};
+const DEAD_MAN_BUTTON = 5; // the right shoulder button of a standard gamepad (W3C Gamepad API)
+
+// Keys that type a text or control another element, such as arrows on sliders and menus.
+function is_meant_for_another(event) {
+  if (event.ctrlKey || event.altKey || event.metaKey) return true;
+  const arrows = event.code.startsWith("Arrow") ? ", [role=slider], [role=listbox], [role=menu]" : "";
+  return event.target.closest(`input, textarea, [contenteditable]${arrows}`) !== null;
+}

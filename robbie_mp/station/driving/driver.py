@@ -1,0 +1,105 @@
+"""The driver of one page: the robot moves only while the operator holds a control."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+from nicegui.element import Element
+
+from robbie_mp.messages import DriveCommand, Duration
+from robbie_mp.station.context import header_of_now
+from robbie_mp.station.dead_man import DeadManSwitch
+
+if TYPE_CHECKING:
+    from nicegui.events import GenericEventArguments
+
+    from robbie_mp.station.context import Page, StationContext
+
+VALID_FOR = Duration.from_nanoseconds(220_000_000)
+"""The base brakes when no further command arrives within this time, which is two heartbeats."""
+MANUAL_TOPIC = "manual"
+MIN_LINEAR_M_PER_S, MIN_ANGULAR_RAD_PER_S = 0.05, 0.1
+STEP = 1.25
+"""Factor by which one press on a key changes the maximum speeds."""
+
+
+class DriverKeys(Element, component="driver.js"):
+    """Listens to keys, the gamepad and the pads of the page."""
+
+
+class Driver:
+    """Drives for an operator's page, whatever its layout.
+
+    Args:
+        station: holds the driving page and the speed limits.
+        page: publishes the commands.
+
+    Attributes:
+        linear_m_per_s: speed while a control is held to its end.
+        angular_rad_per_s: turn rate while a control is held to its end.
+        stale: number of commands that came too late.
+    """
+
+    def __init__(self, station: StationContext, page: Page):
+        self._station = station
+        self._page = page
+        self._switch = DeadManSwitch()
+        self.linear_m_per_s = station.max_linear_m_per_s / 2
+        self.angular_rad_per_s = station.max_angular_rad_per_s / 2
+        DriverKeys().props("id=driver").on("drive", self._on_drive)
+
+    @property
+    def stale(self) -> int:
+        """Number of commands that came too late."""
+        return self._switch.stale
+
+    @property
+    def is_other_driving(self) -> bool:
+        """Whether another page drives."""
+        return self._station.drivers_seat.holder not in (None, self._page.key)
+
+    def take_over(self) -> None:
+        """Drive instead of the page that drives now."""
+        if self._page.may("taking over"):
+            self._station.drivers_seat.take(self._page.key, over=True)
+
+    def change_limits(self, up: bool) -> None:
+        """Drive faster or slower from now on."""
+        factor = STEP if up else 1 / STEP
+        linear, angular = self.linear_m_per_s * factor, self.angular_rad_per_s * factor
+        self.linear_m_per_s = min(self._station.max_linear_m_per_s, max(MIN_LINEAR_M_PER_S, linear))
+        self.angular_rad_per_s = min(self._station.max_angular_rad_per_s, max(MIN_ANGULAR_RAD_PER_S, angular))
+
+    def _on_drive(self, event: GenericEventArguments) -> None:
+        command = checked(event.args)
+        if command is None or not self._page.may("driving"):
+            return
+        if not self._station.drivers_seat.take(self._page.key):
+            return
+        held, begins, linear, angular, sent_s = command
+        if begins:
+            self._switch.begin()
+        if not self._switch.accept(sent_s, time.monotonic()) and held:
+            return
+        command_message = DriveCommand(
+            header=header_of_now(self._station, "base_link"),
+            linear_m_per_s=linear * self.linear_m_per_s,
+            angular_rad_per_s=angular * self.angular_rad_per_s,
+            valid_for=VALID_FOR,
+        )
+        self._page.publish(command_message, "the command", MANUAL_TOPIC)
+        self._station.motion.command(command_message)
+
+
+def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:
+    """Return the command that the page sent, with speeds from -1 to 1; None if it is malformed."""
+    try:
+        numbers = [float(sent[name]) for name in ("linear", "angular", "sent_s")]
+    except (KeyError, TypeError, ValueError):
+        return None
+    if not all(map(math.isfinite, numbers)):
+        return None
+    linear, angular = (max(-1.0, min(1.0, number)) for number in numbers[:2])
+    return bool(sent.get("held")), bool(sent.get("begins")), linear, angular, numbers[2]

@@ -1,0 +1,175 @@
+"""What the robot is commanded, what it does, and why it does not move although it is commanded."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.messages import DriveCommand, EmergencyStop, Imu, LaserScan, Odometry, Quaternion
+from robbie_mp.scene_graph import SceneGraphError
+from robbie_mp.station.latest import silence
+from robbie_mp.station.scene_view.points import scan_points
+from robbie_mp.station.scene_view.surroundings import BASE
+
+if TYPE_CHECKING:
+    from robbie_mp.station.context import StationContext
+
+PERIOD_S = 0.1
+SILENT_AFTER_S = 1.0
+"""Maximum time between two odometry messages of a working base."""
+FRESH_S = 0.5
+"""A command is shown for this time."""
+STANDS_AFTER_S = 1.0
+"""A robot that has not moved for this time although it was commanded is reported."""
+MOVES_M_PER_S, MOVES_RAD_PER_S = 0.02, 0.05
+NEAR_M = 0.15
+
+
+@dataclass(frozen=True)
+class Movement:
+    """The robot's movement at one moment. What is not known is None."""
+
+    linear_m_per_s: float | None = None
+    angular_rad_per_s: float | None = None
+    commanded_linear: float | None = None
+    """m/s; None: no module and no operator commands anything now."""
+    commanded_angular: float | None = None
+    heading_rad: float | None = None
+    pitch_rad: float | None = None
+    roll_rad: float | None = None
+    ahead_m: float | None = None
+    """Free way ahead, from the robot's front to the nearest hit of the laser."""
+    silent: str = ""
+    """For how long the odometry has been silent; '' while it is not."""
+    hint: str = ""
+    """Why the robot does not move although it is commanded; '' while it does."""
+
+
+class Motion:
+    """Watches the robot's movement for all pages. Used in the station's thread, but for `command`.
+
+    Args:
+        station: receives the messages.
+
+    Attributes:
+        now: the movement at present.
+    """
+
+    def __init__(self, station: StationContext):
+        self._station = station
+        self._odometry = station.newest(Odometry, "odom")
+        self._imu = station.newest(Imu)
+        self._scan = station.newest(LaserScan)
+        self._stop = station.newest(EmergencyStop, "emergency_stop_state")
+        self._commands = station.newest(DriveCommand)
+        self._commands.listen(self.command)
+        self._command: tuple[float, DriveCommand] | None = None
+        self._stands_since_s: float | None = None
+        self._next_s = 0.0
+        self._ahead: tuple[int, float | None] = (0, None)
+        self.now = Movement()
+
+    def command(self, command: DriveCommand) -> None:
+        """Note a command; any thread may call this."""
+        self._command = (time.monotonic(), command)
+
+    def tick(self) -> None:
+        """Look at the movement, while any page is open."""
+        now_s = time.monotonic()
+        if not self._station.pages or now_s < self._next_s:
+            return
+        self._next_s = now_s + PERIOD_S
+        self.now = self._look(now_s)
+
+    def _look(self, now_s: float) -> Movement:
+        odometry = self._odometry.message
+        twist = odometry.twist.twist if odometry else None
+        given = self._command
+        command = given[1] if given and now_s - given[0] < FRESH_S else None
+        linear = command.linear_m_per_s if command else None
+        angular = command.angular_rad_per_s if command else None
+        pitch, roll = tilt(self._imu.message.orientation) if self._imu.message else (None, None)
+        found = Movement(
+            linear_m_per_s=twist.linear.x if twist else None,
+            angular_rad_per_s=twist.angular.z if twist else None,
+            commanded_linear=linear,
+            commanded_angular=angular,
+            heading_rad=self._heading(),
+            pitch_rad=pitch,
+            roll_rad=roll,
+            ahead_m=self._ahead_m(),
+            silent=silence(self._odometry.age_s, SILENT_AFTER_S),
+        )
+        return replace(found, hint=self._why(found)) if self._stands(found, now_s) else found
+
+    def _heading(self) -> float | None:
+        try:
+            return self._station.scene.graph.pose("map", BASE).yaw
+        except SceneGraphError:
+            odometry = self._odometry.message
+            return odometry.pose.pose.orientation.yaw if odometry else None
+
+    def _ahead_m(self) -> float | None:
+        scan = self._scan.message
+        if scan is None or (self._scan.age_s or 0.0) > SILENT_AFTER_S:
+            return None
+        if self._ahead[0] != self._scan.count:
+            try:
+                pose = self._station.scene.graph.pose(BASE, scan.header.frame_id)
+            except SceneGraphError:
+                return None
+            length_m, width_m, _ = self._station.robot_size_m
+            free_m = free_way_m(pose.apply(scan_points(scan).places), length_m, width_m, scan.range_max)
+            self._ahead = (self._scan.count, free_m)
+        return self._ahead[1]
+
+    def _stands(self, found: Movement, now_s: float) -> bool:
+        """Whether the robot has not moved for some time although it is commanded."""
+        wanted = max(
+            abs(found.commanded_linear or 0.0) / MOVES_M_PER_S,
+            abs(found.commanded_angular or 0.0) / MOVES_RAD_PER_S,
+        )
+        moves = found.silent == "" and (
+            abs(found.linear_m_per_s or 0.0) > MOVES_M_PER_S
+            or abs(found.angular_rad_per_s or 0.0) > MOVES_RAD_PER_S
+        )
+        if wanted <= 1.0 or moves:
+            self._stands_since_s = None
+            return False
+        if self._stands_since_s is None:
+            self._stands_since_s = now_s
+        return now_s - self._stands_since_s >= STANDS_AFTER_S
+
+    def _why(self, found: Movement) -> str:
+        if self._stop.message is not None and self._stop.message.engaged:
+            return "It is commanded but stands: the emergency stop is engaged"
+        if found.silent or found.linear_m_per_s is None:
+            return "It is commanded, and the base does not report whether it moves"
+        if (found.commanded_linear or 0.0) > 0 and found.ahead_m is not None and found.ahead_m < NEAR_M:
+            return f"It is commanded but stands: something is {found.ahead_m:.2f} m ahead"
+        return "It is commanded but stands: it is blocked, or the base does not follow"
+
+
+def free_way_m(points: NDArray[np.float64], length_m: float, width_m: float, range_max_m: float) -> float:
+    """Return the free way ahead of a robot.
+
+    Args:
+        points: (N, 3) hits in base_link, m.
+        length_m: length of the robot, whose middle is the origin.
+        width_m: width of the robot.
+        range_max_m: the way if nothing is hit.
+    """
+    ahead = points[(points[:, 0] > 0) & (np.abs(points[:, 1]) < width_m / 2)]
+    farthest_m = range_max_m if not len(ahead) else float(ahead[:, 0].min())
+    return max(0.0, farthest_m - length_m / 2)
+
+
+def tilt(q: Quaternion) -> tuple[float, float]:
+    """Return pitch and roll of an orientation, rad: pitch is positive with the front down."""
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (q.w * q.y - q.z * q.x))))
+    return pitch, math.atan2(2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x * q.x + q.y * q.y))

@@ -1,0 +1,169 @@
+"""One camera to drive by, as a head-up display; the other cameras are small beside it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+from nicegui.element import Element
+
+from robbie_mp.station.latest import silence
+from robbie_mp.station.panel import Panel
+from robbie_mp.station.panels.cameras import (
+    ADDRESS,
+    REFRESH_S,
+    SILENT_AFTER_S,
+    Camera,
+    DetectionBoxes,
+    NewestImage,
+)
+
+if TYPE_CHECKING:
+    from robbie_mp.messages import Detection2DArray
+    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.driving.motion import Movement
+    from robbie_mp.station.panels.cameras import Cameras
+
+MAX_SMALL = 3
+"""Maximum number of small pictures beside the large one."""
+STYLE = Path(__file__).parent / "camera.css"
+
+
+class HeadUpDisplay(Element, component="hud.js"):
+    """Draws the robot's movement over a picture."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._props["now"] = {}
+
+    def show(self, now: dict[str, Any]) -> None:
+        """Show a movement, if it has changed."""
+        if self._props["now"] != now:
+            self._props["now"] = now
+            self.update()
+
+
+class CameraPanel(Panel):
+    """Shows the picture to drive by."""
+
+    name = "camera"
+    title = "Camera"
+    icon = "videocam"
+
+    def __init__(self, station: StationContext):
+        super().__init__(station)
+        self._cameras = station.cameras
+
+    def build(self, page: Page) -> None:
+        """Build the large picture, the small ones and the display."""
+        ui.add_css(STYLE)
+        stage = Stage(self._cameras, self.station.max_linear_m_per_s)
+        page.add_key("c", "Next camera", stage.turn)
+        page.every(REFRESH_S, self.name, lambda: stage.update(self.station.motion.now))
+
+
+class Stage:
+    """The pictures of one page.
+
+    Args:
+        cameras: the cameras of the robot.
+        scale_m_per_s: speed at the end of the display's scale.
+    """
+
+    def __init__(self, cameras: Cameras, scale_m_per_s: float):
+        self._cameras = cameras
+        self._scale_m_per_s = scale_m_per_s
+        self._chosen = ""
+        self._large: tuple[str, NewestImage, DetectionBoxes] | None = None
+        self._small: dict[str, NewestImage] = {}
+        with ui.element("div").classes("camera-stage drives"):
+            self._picture = ui.element("div").classes("camera-picture")
+        self._none = ui.label("no camera has sent an image yet").classes("camera-none")
+        self._display = HeadUpDisplay().props("id=camera-display")
+        self._beside = ui.element("div").classes("camera-small").props("id=camera-small")
+
+    def turn(self) -> None:
+        """Show the next camera large."""
+        names = sorted(self._cameras.found)
+        if self._chosen in names:
+            self._chosen = names[(names.index(self._chosen) + 1) % len(names)]
+
+    def choose(self, name: str) -> None:
+        """Show a camera large."""
+        self._chosen = name
+
+    def update(self, movement: Movement) -> None:
+        """Show the newest pictures and the movement."""
+        found = self._cameras.found
+        names = sorted(found)
+        if self._chosen not in found and names:
+            self._chosen = names[0]
+        age = ""
+        if self._chosen in found:
+            age = self._show_large(
+                self._chosen, found[self._chosen], self._cameras.detections.get(self._chosen)
+            )
+        self._show_small([name for name in names if name != self._chosen][:MAX_SMALL])
+        self._display.show(display_of(movement, self._chosen, age, self._scale_m_per_s))
+
+    def _show_large(self, name: str, camera: Camera, found: Detection2DArray | None) -> str:
+        if self._large is None or self._large[0] != name:
+            self._none.set_visibility(False)
+            self._picture.clear()
+            with self._picture:
+                image = NewestImage(address_of(name), f"camera {name}")
+                boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
+            self._large = (name, image, boxes)
+        _, image, boxes = self._large
+        image.show(camera.latest.count)
+        boxes.show(camera.boxes(found))
+        silent = silence(camera.latest.age_s, SILENT_AFTER_S)
+        image.classes(add="grayscale" if silent else "", remove="" if silent else "grayscale")
+        return f"silent: this image is {silent} old" if silent else f"{camera.latest.age_s or 0.0:.1f} s old"
+
+    def _show_small(self, names: list[str]) -> None:
+        if list(self._small) != names:
+            self._beside.clear()
+            self._small = {}
+            for name in names:
+                with self._beside, ui.element("button") as button:
+                    button.on("click", lambda name=name: self.choose(name))
+                    button.props["title"] = button.props["aria-label"] = f"Show camera {name} large"
+                    self._small[name] = NewestImage(address_of(name), f"camera {name}")
+                    ui.label(name)
+        for name, image in self._small.items():
+            image.show(self._cameras.found[name].latest.count)
+
+
+def address_of(name: str) -> str:
+    """Return the address of a camera's pictures."""
+    return ADDRESS.replace("{name:path}", name)
+
+
+def display_of(now: Movement, camera: str, age: str, scale_m_per_s: float) -> dict[str, Any]:
+    """Return what the display shows, rounded so that it changes only if that can be seen."""
+
+    def rounded(value: float | None, digits: int) -> float | None:
+        return None if value is None else round(value, digits) + 0.0
+
+    def degrees(value: float | None) -> int | None:
+        return None if value is None else round(math.degrees(value))
+
+    heading = degrees(now.heading_rad)
+    return {
+        "camera": camera,
+        "age": age,
+        "scale": scale_m_per_s,
+        "linear": rounded(now.linear_m_per_s, 2),
+        "angular": rounded(now.angular_rad_per_s, 1),
+        "commanded": rounded(now.commanded_linear, 2),
+        "commanded_turn": rounded(now.commanded_angular, 1),
+        "heading": None if heading is None else heading % 360,
+        "pitch": degrees(now.pitch_rad),
+        "roll": degrees(now.roll_rad),
+        "ahead": rounded(now.ahead_m, 1 if (now.ahead_m or 0.0) > 1.0 else 2),
+        "silent": now.silent,
+        "hint": now.hint,
+    }

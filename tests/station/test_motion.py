@@ -1,0 +1,82 @@
+"""The display says how far the way is free, how the robot leans, and why it stands though commanded."""
+
+from collections import deque
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robbie_mp.messages import DriveCommand, EmergencyStop, LaserScan, Message, Odometry, Quaternion
+from robbie_mp.scene_graph import UnknownNode
+from robbie_mp.station.driving.motion import Motion, Movement, free_way_m, tilt
+from robbie_mp.station.latest import Latest
+from robbie_mp.station.state_strip import clock_text, time_left_s
+
+
+class Stage:
+    """What `Motion` sees of a station."""
+
+    robot_size_m = (0.4, 0.3, 0.2)
+
+    def __init__(self) -> None:
+        self.pages = {"one": None}
+        self.known: dict[tuple[type[Message], str], Latest[Any]] = {}
+        self.scene = SimpleNamespace(graph=SimpleNamespace(pose=self._pose))
+
+    def newest(self, message_type: type[Message], topic: str = "") -> Latest[Any]:
+        return self.known.setdefault((message_type, topic), Latest())
+
+    def _pose(self, *_nodes: str) -> None:
+        raise UnknownNode("map")
+
+
+@pytest.fixture
+def time_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
+
+
+def test_free_way_ahead_is_counted_from_the_front_and_as_wide_as_the_robot() -> None:
+    points = np.array([[1.0, 0.0, 0.1], [0.5, 0.2, 0.1], [-0.3, 0.0, 0.1]])
+    assert free_way_m(points, length_m=0.4, width_m=0.3, range_max_m=8.0) == pytest.approx(0.8)
+    assert free_way_m(points[1:], length_m=0.4, width_m=0.3, range_max_m=8.0) == pytest.approx(7.8)
+
+
+def test_tilt_is_told_apart_from_heading() -> None:
+    assert tilt(Quaternion.from_yaw(1.0)) == pytest.approx((0.0, 0.0))
+    assert tilt(Quaternion(x=np.sin(0.1), w=np.cos(0.1))) == pytest.approx((0.0, 0.2))
+    assert tilt(Quaternion(y=np.sin(0.1), w=np.cos(0.1))) == pytest.approx((0.2, 0.0))
+
+
+def test_robot_that_stands_though_commanded_is_reported_with_the_reason(time_s: list[float]) -> None:
+    stage = Stage()
+    watch = Motion(stage)  # type: ignore[arg-type]
+
+    def drive(for_s: float) -> str:
+        until_s = time_s[0] + for_s
+        while time_s[0] < until_s:
+            time_s[0] += 0.2
+            stage.known[(Odometry, "odom")].put(Odometry())
+            watch.command(DriveCommand(linear_m_per_s=0.3))
+            watch.tick()
+        return watch.now.hint
+
+    assert drive(0.8) == ""
+    assert drive(1.0) == "It is commanded but stands: it is blocked, or the base does not follow"
+    stage.known[(EmergencyStop, "emergency_stop_state")].put(EmergencyStop(engaged=True))
+    assert drive(0.4) == "It is commanded but stands: the emergency stop is engaged"
+    assert watch.now.commanded_linear == 0.3
+    time_s[0] += 1.0
+    watch.tick()
+    assert watch.now == Movement(linear_m_per_s=0.0, angular_rad_per_s=0.0, heading_rad=0.0)
+    assert (LaserScan, "") in stage.known
+    assert watch.now.ahead_m is None
+
+
+def test_battery_lasts_as_long_as_its_charge_has_fallen_lately() -> None:
+    assert time_left_s(deque([(0.0, 0.5), (100.0, 0.4)])) == pytest.approx(400.0)
+    assert time_left_s(deque([(0.0, 0.5), (10.0, 0.4)])) is None, "too short to tell"
+    assert time_left_s(deque([(0.0, 0.5), (100.0, 0.6)])) is None, "it is being charged"
+    assert [clock_text(seconds) for seconds in (65.4, 7200.0)] == ["1:05", "2 h 00"]
