@@ -1,0 +1,108 @@
+"""Race day: drives a course with boundaries and obstacles as fast as possible."""
+
+import itertools
+import json
+
+from hw.pose import Pose
+from modules.planar_messages import angles_rad, planar
+from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
+from robbie_mp.messages import DriveCommand, LaserScan, Odometry, PoseStamped
+from workers.parcours.lap_counter import LapCounter, LapState
+from workers.parcours.race_driver import RaceDriver, RaceLimits
+
+
+class Parcours(Module):
+    """Drives a closed course by the laser alone, counts laps, and ends after the last one.
+
+    It counts them by the robot's pose on the map (`map_pose`), or by odometry as long as there is none;
+    odometry may be wrong by metres after a lap. Laps that were counted survive a restart. Their times are in
+    `laps.json` in the run's results.
+    """
+
+    period_s: float = setting(0.05, "time between drive commands", minimum=0.01)
+    laps: int = setting(2, "laps to drive", minimum=1)
+    command_valid_for_s: float = setting(
+        0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
+    )
+    stale_s: float = setting(0.3, "the robot stops when the newest scan is older than this", minimum=0.05)
+    max_linear_m_per_s: float = setting(0.8, "maximum speed", minimum=0.05, changeable=True)
+    margin_m: float = setting(0.08, "distance kept from everything", minimum=0.0)
+
+    def setup(self) -> None:
+        """Subscribe; the first scan creates the driver."""
+        self.driver: RaceDriver | None = None
+        self.speeds = (0.0, 0.0)
+        self.scan_ns: int | None = None
+        self.speed_m_per_s = 0.0
+        self.counter = LapCounter(self.restored and LapState.from_plain(self.restored["laps"]))
+        self.has_map: bool = self.restored is not None and self.restored["has_map"]
+        self.began_s: float = self._time_s() if self.restored is None else self.restored["began_s"]
+        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(Odometry, self.on_odometry, topic="odom")
+        self.subscribe(PoseStamped, self.on_map_pose, topic="map_pose", optional=True)
+
+    def setting_changed(self, _name: str) -> None:
+        """Take the new maximum speed with the next scan."""
+        self.driver = None
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Choose the speeds."""
+        if self.driver is None:
+            limits = RaceLimits(max_linear_m_per_s=self.max_linear_m_per_s, margin_m=self.margin_m)
+            self.driver = RaceDriver(angles_rad(scan), limits)
+        self.scan_ns = self.clock.now_ns()
+        self.speeds = self.driver.drive(scan.ranges, self.speed_m_per_s)
+
+    def on_odometry(self, odometry: Odometry) -> None:
+        """Take the speed; count laps as long as there is no map."""
+        self.speed_m_per_s = odometry.twist.twist.linear.x
+        if not self.has_map:
+            self.count(Pose(*planar(odometry.pose.pose)))
+
+    def on_map_pose(self, pose: PoseStamped) -> None:
+        """Count laps. The first pose on the map begins them anew, as it is in another frame."""
+        if not self.has_map:
+            self.has_map = True
+            self.counter = LapCounter()
+        self.count(Pose(*planar(pose.pose)))
+
+    def count(self, pose: Pose) -> None:
+        """Count laps by a pose, and keep them."""
+        if self.counter.see(pose, self._time_s()):
+            ends_s = [self.began_s, *self.counter.state.ends_s]
+            self.log.info("lap %d took %.2f s", self.counter.laps, ends_s[-1] - ends_s[-2])
+        kept = {"laps": self.counter.state.plain(), "began_s": self.began_s, "has_map": self.has_map}
+        self.checkpoint(kept)
+
+    def tick(self) -> None:
+        """Command the drive; end after the last lap."""
+        if self.counter.laps >= self.laps:
+            self._finish()
+            return
+        is_fresh = self.scan_ns is not None and self.clock.now_ns() - self.scan_ns <= self.stale_s * 1e9
+        self._command(*(self.speeds if is_fresh else (0.0, 0.0)))
+        self.show_state("RACE" if is_fresh else "STOPPED_NO_LASER")
+        self.status = f"lap {self.counter.laps + 1} of {self.laps}, {self.speed_m_per_s:.2f} m/s"
+
+    def _finish(self) -> None:
+        self._command(0.0, 0.0)
+        ends_s = [self.began_s, *self.counter.state.ends_s]
+        times_s = [round(end - begin, 3) for begin, end in itertools.pairwise(ends_s)]
+        (self.output_directory / "laps.json").write_text(json.dumps({"laps_s": times_s}) + "\n")
+        self.status = f"{self.laps} laps, the fastest in {min(times_s):.2f} s"
+        self.show_state("FINISHED")
+        self.log.info("%s", self.status)
+        self.stop()
+
+    def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
+        self.publish(
+            DriveCommand(
+                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link"),
+                linear_m_per_s=linear_m_per_s,
+                angular_rad_per_s=angular_rad_per_s,
+                valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+            )
+        )
+
+    def _time_s(self) -> float:
+        return self.clock.now_ns() / 1e9
