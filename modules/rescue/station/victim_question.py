@@ -1,4 +1,4 @@
-"""The question whether something is a victim. Every tab shows it, and it never covers the controls."""
+"""The question whether something is a victim. Every layout shows it, and it never covers the controls."""
 
 from __future__ import annotations
 
