@@ -14,6 +14,8 @@ PART_S = 0.008
 START_BYTES = 32_000
 KEPT_S = 10.0
 """After this time without a shorter round trip, the link is drained to measure it again."""
+LONGER_S = 1.0
+"""And also if all round trips have been longer for this time: there is a queue, or another way."""
 DRAIN_S = 0.2
 PACE = 1.25
 """Packets are sent at most so much faster than the link can carry them."""
@@ -42,6 +44,8 @@ class Window:
         self.round_trip_ns = 0
         self._shortest_ns = 0
         self._shortest_at_ns = 0
+        self._short_at_ns = 0
+        """When a round trip was last about as short as the shortest."""
         self._drains_until_ns = 0
         self._greatest = [0.0, 0.0]
         """Greatest bandwidth measured in the last period, and in the present one."""
@@ -68,10 +72,6 @@ class Window:
         if now_ns < self._drains_until_ns:
             return self.under_way < 2 * self.part_bytes
         return self.under_way < self.limit and now_ns >= self._next_ns
-
-    def has_room_for_state(self) -> bool:
-        """Whether one more packet may be sent that must not wait behind bulk which was lost."""
-        return self.under_way < 2 * self.limit
 
     def sent(self, size: int, now_ns: int) -> int:
         """Count a packet as under way; return what `acknowledged` needs."""
@@ -118,15 +118,22 @@ class Window:
     def _take_trip(self, trip_ns: int, now_ns: int) -> None:
         smoothed = self.round_trip_ns
         self.round_trip_ns = round(smoothed + SMOOTHING * (trip_ns - smoothed)) if smoothed else trip_ns
-        is_old = now_ns - self._shortest_at_ns > KEPT_S * 1e9
+        if trip_ns <= self._shortest_ns + 2 * QUEUE_S * 1e9:
+            self._short_at_ns = now_ns
+        is_old = (
+            now_ns - self._shortest_at_ns > KEPT_S * 1e9
+            or now_ns - self._short_at_ns > LONGER_S * 1e9 + self.round_trip_ns
+        )
         if self._drains_until_ns:
             if now_ns >= self._drains_until_ns:
                 self._drains_until_ns = 0
         elif is_old and self._shortest_ns:
             self._drains_until_ns = now_ns + round(DRAIN_S * 1e9) + self.round_trip_ns
             self._shortest_ns, self._shortest_at_ns = trip_ns, now_ns
+            self._short_at_ns = now_ns
         if not self._shortest_ns or trip_ns <= self._shortest_ns:
             self._shortest_ns, self._shortest_at_ns = trip_ns, now_ns
+            self._short_at_ns = now_ns
 
     def forget_under_way(self) -> None:
         """Begin again: nothing is under way to a new receiver."""

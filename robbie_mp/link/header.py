@@ -17,6 +17,8 @@ MAGIC = b"RL"
 VERSION = 1
 PART_BYTES = 60_000
 """Most bytes of a message in one packet: with its header, it fits into one of Zenoh's batches."""
+DATAGRAM_BYTES = 900
+"""Most bytes of a message in one datagram: with all headers, it fits into one frame of Ethernet or Wi-Fi."""
 MAX_PARTS = 1 << 16
 MAX_HEADER_BYTES = 16_384
 MAX_NAME_BYTES = 96
@@ -35,9 +37,9 @@ _KNOWN_FLAGS = LATCHED | COMPRESSED
 _START = struct.Struct("<2sBB")
 _DATA_FIELDS = struct.Struct("<BBHQQQQIIqQ")
 _NAMES = struct.Struct("<II")
-_REPORT_FIELDS = struct.Struct("<BQQQQH")
+_REPORT_FIELDS = struct.Struct("<BBQQQQH")
 _COUNT = struct.Struct("<HQQ")
-_BEAT_FIELDS = struct.Struct("<QQqqq")
+_BEAT_FIELDS = struct.Struct("<QQqqqQH")
 
 
 class ChannelId(NamedTuple):
@@ -94,6 +96,8 @@ class Report(NamedTuple):
     """Sequence of the first packet whose message has not been handled; at most `next`."""
     counts: tuple[tuple[int, int, int], ...]
     """For each channel: its number, messages received, and messages thrown away by the receiver."""
+    misses: bool = False
+    """Whether packets after `next` have come, so that `next` was lost."""
 
 
 class Beat(NamedTuple):
@@ -108,6 +112,10 @@ class Beat(NamedTuple):
     """When the other link sent its last beat, by its clock; 0: none has arrived."""
     echo_received_ns: int
     """When that beat arrived, by this link's clock."""
+    datagrams: int = 0
+    """Datagrams that this link has sent to the other one, copies too."""
+    lost_permille: int = 0
+    """Of the datagrams that the other link has sent lately, the part that has not arrived."""
 
 
 Packet = Data | Report | Beat
@@ -127,8 +135,9 @@ def pack(packet: Packet) -> bytes:
         return _start(_DATA, packet.robot) + fixed + (_pack_names(packet) if packet.name else b"")
     if isinstance(packet, Report):
         fixed = _REPORT_FIELDS.pack(
-            packet.traffic, packet.session, packet.about, packet.next, packet.handled, len(packet.counts)
-        )
+            packet.traffic, packet.misses, packet.session, packet.about, packet.next, packet.handled,
+            len(packet.counts),
+        )  # fmt: skip
         return _start(_REPORT, packet.robot) + fixed + b"".join(_COUNT.pack(*one) for one in packet.counts)
     return _start(_BEAT, packet.robot) + _BEAT_FIELDS.pack(*packet[1:])
 
@@ -154,6 +163,8 @@ def unpack(header: bytes) -> Packet | None:
             packet = _unpack_report(robot, rest)
         elif kind == _BEAT:
             packet = Beat(robot, *rest.take(_BEAT_FIELDS))
+            if packet.lost_permille > 1000:
+                return None
         else:
             return None
     except (_Malformed, struct.error):
@@ -241,14 +252,14 @@ def _unpack_data(robot: str, rest: _Reader) -> Data:
 
 
 def _unpack_report(robot: str, rest: _Reader) -> Report:
-    traffic, session, about, following, handled, count = rest.take(_REPORT_FIELDS)
-    if count > MAX_COUNTS or not 0 < handled <= following:
+    traffic, misses, session, about, following, handled, count = rest.take(_REPORT_FIELDS)
+    if count > MAX_COUNTS or misses > 1 or not 0 < handled <= following:
         raise _Malformed
     counts: list[tuple[int, int, int]] = []
     for _ in range(count):
         channel, received, refused = rest.take(_COUNT)
         counts.append((channel, received, refused))
-    return Report(robot, _traffic(traffic), session, about, following, handled, tuple(counts))
+    return Report(robot, _traffic(traffic), session, about, following, handled, tuple(counts), bool(misses))
 
 
 def _traffic(number: int) -> TrafficClass:

@@ -112,7 +112,9 @@ class LinkNode:
             self._offer_to(peer, message, now_ns)
             peer.pump(now_ns)
 
-    def take(self, robot: str, header: bytes, payload: bytes, now_ns: int) -> None:
+    def take(
+        self, robot: str, header: bytes, payload: bytes, now_ns: int, *, is_datagram: bool = False
+    ) -> None:
         """Take a packet, whatever it holds.
 
         Args:
@@ -120,6 +122,7 @@ class LinkNode:
             header: its header.
             payload: the rest of it.
             now_ns: when it arrived.
+            is_datagram: whether it was sent as a datagram.
         """
         packet = unpack(header)
         if packet is None or packet.robot != robot:
@@ -129,6 +132,8 @@ class LinkNode:
         if peer is None:
             self.strangers += 1
             return
+        if is_datagram:
+            peer.took_datagram()
         if isinstance(packet, Data):
             peer.take_data(packet, payload, now_ns)
         elif isinstance(packet, Report):

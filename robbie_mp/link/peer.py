@@ -22,6 +22,17 @@ PAST_BEATS = 5
 PAST_TOLD = 8
 """Sessions of which it is told."""
 MAX_PAST_SESSIONS = 64
+MAX_COPIES = 4
+MAX_COPIED_PARTS = 8
+"""Of longer messages there is one copy: several would fill a slow network."""
+COPIED_LOSS = 0.01
+"""Where more datagrams are lost, commands and states go in so many copies that fewer are."""
+LEAST_COUNTED = 30
+"""Datagrams by which the loss is measured."""
+MIN_STATE_BYTES = 32_000
+"""Bytes of states that may be under way however slow the link seems."""
+MAX_REPORT_COUNTS = 40
+"""Channels of a report that fits into a datagram."""
 MAX_BURST = 1000
 """Packets sent in one go, before the link looks at what has arrived."""
 
@@ -29,8 +40,22 @@ MAX_BURST = 1000
 class Network(Protocol):
     """Sends packets to other robots."""
 
-    def send(self, robot: str, packet: Data | Report | Beat, payload: memoryview | bytes) -> None:
-        """Send a packet; it may be lost without a word."""
+    def send(
+        self,
+        robot: str,
+        packet: Data | Report | Beat,
+        payload: memoryview | bytes,
+        *,
+        as_datagram: bool = False,
+    ) -> None:
+        """Send a packet; it may be lost without a word.
+
+        Args:
+            robot: who gets it.
+            packet: its header.
+            payload: the rest of it.
+            as_datagram: send it alone, so that it never waits for others that the network repeats.
+        """
 
 
 class Peer:
@@ -96,6 +121,13 @@ class Peer:
         self._beat_sent_ns = 0
         self._beat_number = 0
         self._beats_sent: deque[int] = deque(maxlen=64)
+        self.lost_there = 0.0
+        """Ratio of lost datagrams of those that this link has sent."""
+        self._lost_here = 0.0
+        self._datagrams_sent = 0
+        self._datagrams_taken = 0
+        self._counted: tuple[int, int] | None = None
+        """Datagrams sent by the other link, and taken here, when the loss was last measured."""
 
     # -- sending ---------------------------------------------------------------------------------------
 
@@ -136,7 +168,7 @@ class Peer:
             if not stream.has_pending:
                 continue
             if traffic is TrafficClass.STATE:
-                if not self.window.has_room_for_state():
+                if stream.under_way > max(self.window.limit, MIN_STATE_BYTES):
                     continue
             elif MANNERS[traffic].waits_for_room and not self.window.has_room(now_ns):
                 return False
@@ -147,7 +179,26 @@ class Peer:
     def _transmit(self, header: Data, payload: memoryview | bytes) -> None:
         sources = (self._own,) if header.name is not None else ()
         packet = header._replace(robot=self._own, session=self._own_session, to=self.session, sources=sources)
-        self._network.send(self.name, packet, payload)
+        if not MANNERS[header.traffic].goes_as_datagrams:
+            self._network.send(self.name, packet, payload)
+            return
+        is_urgent = header.traffic is TrafficClass.URGENT
+        for _ in range(1 if is_urgent or header.parts > MAX_COPIED_PARTS else self._copies):
+            self._send_datagram(packet, payload)
+        if is_urgent:  # on every way there is
+            self._network.send(self.name, packet, payload)
+
+    def _send_datagram(self, packet: Data | Report | Beat, payload: memoryview | bytes = b"") -> None:
+        self._datagrams_sent += 1
+        self._network.send(self.name, packet, payload, as_datagram=True)
+
+    @property
+    def _copies(self) -> int:
+        """How many copies of a datagram are sent, so that one of them probably arrives."""
+        copies = 1
+        while self.lost_there**copies > COPIED_LOSS and copies < MAX_COPIES:
+            copies += 1
+        return copies
 
     # -- beats -----------------------------------------------------------------------------------------
 
@@ -166,8 +217,11 @@ class Peer:
         self._beat_number += 1
         sessions = self._books.sessions_of(self.name)
         knows = self.session if self._incoming else next(reversed(sessions), 0)
-        self._network.send(
-            self.name, Beat(self._own, self._own_session, knows, now_ns, *self._last_beat), b""
+        lost = round(1000 * self._lost_here)
+        self._send_datagram(
+            Beat(
+                self._own, self._own_session, knows, now_ns, *self._last_beat, self._datagrams_sent + 1, lost
+            )
         )
         for stream in self._incoming.values():
             stream.is_told = False
@@ -184,6 +238,8 @@ class Peer:
             return False
         self.last_beat_ns = now_ns
         self._last_beat = (beat.sent_ns, now_ns)
+        self.lost_there = beat.lost_permille / 1000
+        self._measure_loss(beat.datagrams)
         if beat.echo_sent_ns in self._beats_sent:
             self.clock.add(Exchange(beat.echo_sent_ns, beat.echo_received_ns, beat.sent_ns, now_ns))
         if self._is_greeted:
@@ -199,6 +255,23 @@ class Peer:
         for channel in self._channels.values():
             start_counting(channel)
         return True
+
+    def took_datagram(self) -> None:
+        """Count a datagram that has arrived."""
+        self._datagrams_taken += 1
+
+    def _measure_loss(self, sent: int) -> None:
+        """Measure by the number of datagrams that the other link has sent."""
+        if self._counted is None:
+            self._counted = (sent, self._datagrams_taken)
+            return
+        sent_before, taken_before = self._counted
+        if sent - sent_before < LEAST_COUNTED:
+            return
+        lost = 1.0 - (self._datagrams_taken - taken_before) / (sent - sent_before)
+        # As quickly up as it was measured, but slowly down.
+        self._lost_here = max(min(1.0, max(0.0, lost)), 0.8 * self._lost_here)
+        self._counted = (sent, self._datagrams_taken)
 
     def _is_present(self, session: int, now_ns: int) -> bool:
         """Whether a session is the present one of the other link; a new one is from now on."""
@@ -216,6 +289,7 @@ class Peer:
         self.last_beat_ns = 0
         self._last_beat = (0, 0)
         self.clock.forget()
+        self._counted = None
         self._incoming = {
             traffic: self._open(TrafficClass(traffic))
             for traffic in self._books.streams_of(self.name, session)
@@ -250,14 +324,19 @@ class Peer:
         for traffic, stream in self._incoming.items():
             if not stream.is_told:
                 stream.is_told = True
-                self._report(TrafficClass(traffic), self.session, stream.next, stream.handled)
+                self._report(TrafficClass(traffic), self.session, stream.next, stream.handled, stream.misses)
 
-    def _report(self, traffic: TrafficClass, about: int, following: int, handled: int) -> None:
+    def _report(
+        self, traffic: TrafficClass, about: int, following: int, handled: int, misses: bool = False
+    ) -> None:
         counts = tuple(self._books.received_from(self.name, about, traffic)[-MAX_COUNTS:])
         report = Report(
-            self._own, traffic, self._own_session, about, max(1, following), max(1, handled), counts
+            self._own, traffic, self._own_session, about, max(1, following), max(1, handled), counts, misses
         )
-        self._network.send(self.name, report, b"")
+        if len(counts) <= MAX_REPORT_COUNTS:
+            self._send_datagram(report)
+        else:
+            self._network.send(self.name, report, b"")
 
     def _open(self, traffic: TrafficClass) -> ReceiveStream:
         row = self._books.row(Key("stream", self.name, self.session, traffic))
@@ -287,9 +366,9 @@ class Peer:
 
     @property
     def loss(self) -> float:
-        """Ratio of packets that were lost on the way, of all packets sent."""
+        """Ratio of packets that were lost on the way, of those sent lately."""
         sent = sum(stream.sequence for stream in self.streams.values())
-        return min(1.0, self.resent / sent) if sent else 0.0
+        return max(self.lost_there, min(1.0, self.resent / sent) if sent else 0.0)
 
     @property
     def resent(self) -> int:

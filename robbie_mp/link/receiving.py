@@ -75,6 +75,8 @@ class ReceiveStream:
         self.duplicates = 0
         self.damaged = 0
         self.is_told = False
+        self.misses = False
+        """Whether the newest packet could not be taken, because one before it is missing."""
         if row[HANDLING]:  # a process was killed while it published this message: not again
             row[NEXT] = row[HANDLING] + 1
             row[HANDLING] = 0
@@ -90,11 +92,13 @@ class ReceiveStream:
     def take(self, header: Data, payload: bytes) -> None:
         """Take a packet, if it is the next one or, where packets are not sent again, a newer one."""
         self.is_told = False
+        self.misses = False
         if header.sequence < self.next:
             self.duplicates += 1
             return
         if header.sequence > self.next:
             if self._is_in_order and header.oldest <= self.next:
+                self.misses = True
                 return  # the missing one will be sent again, and then this one
             self._parts = None
             if self._is_in_order and header.sequence != header.oldest:

@@ -19,18 +19,16 @@ from robbie_mp.link.books import (
     Row,
 )
 from robbie_mp.link.congestion import Window
-from robbie_mp.link.header import COMPRESSED, LATCHED, ChannelId, Data, Report
+from robbie_mp.link.header import COMPRESSED, DATAGRAM_BYTES, LATCHED, MAX_COUNTS, ChannelId, Data, Report
 from robbie_mp.link.traffic import MANNERS, TrafficClass
 
 MIN_COMPRESSED_BYTES = 512
 """Smaller messages are sent as they are."""
 COMPRESSION_LEVEL = 1
-REPEATED_REPORTS = 2
-"""After this many reports that a packet is missing while later ones arrive, it is sent again."""
 URGENT_AGAIN_NS = 50_000_000
-MIN_AGAIN_NS = 200_000_000
+MIN_AGAIN_NS = 500_000_000
 """Least time after which a packet without an acknowledgement is sent again."""
-MAX_AGAIN_NS = 1_000_000_000
+MAX_AGAIN_NS = 4_000_000_000
 MAX_URGENT = 64
 """Urgent messages that may wait."""
 
@@ -121,6 +119,8 @@ class SendStream:
     """Parts of messages that have been begun, to be sent next."""
     sent: deque[Packet] = field(default_factory=deque)
     """Packets of which no report says that they are settled, oldest first."""
+    numbers: set[int] = field(default_factory=set)
+    """Of the channels of this class."""
     sequence: int = 0
     """Of the last packet made."""
     resent: int = 0
@@ -130,8 +130,6 @@ class SendStream:
     """When the last packet was sent for the first time, or acknowledged."""
     _again_ns: int = 0
     _rewound_ns: int = 0
-    _repeated: int = 0
-    """Reports since the last one that told of a packet that had arrived."""
 
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
@@ -142,6 +140,7 @@ class SendStream:
     def offer(self, item: Item) -> None:
         """Take a message; what there is no room for is counted."""
         item.channel.row.add(TAKEN)
+        self.numbers.add(item.channel.number)
         self._enter(item)
 
     def _enter(self, item: Item) -> None:
@@ -180,6 +179,11 @@ class SendStream:
         """Whether there is something to send."""
         return bool(self.pending or self.waiting)
 
+    @property
+    def under_way(self) -> int:
+        """How many bytes of this class are under way."""
+        return sum(packet.size for packet in self.sent if packet.is_under_way)
+
     def send_next(self, now_ns: int) -> bool:
         """Send one packet; False if there is none that may be sent now."""
         if not self.pending and not self._begin(now_ns):
@@ -202,7 +206,7 @@ class SendStream:
             compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
             if len(compressed) < len(data):
                 data, flags = compressed, flags | COMPRESSED
-        step = self.window.part_bytes
+        step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
         view = memoryview(data)
         parts = max(1, -(-len(data) // step))
         for part in range(parts):
@@ -249,11 +253,9 @@ class SendStream:
         if report.next > self.sequence + 1:
             return  # about no stream of ours
         settled = report.handled if self.manners.is_resent else report.next
-        has_progress = False
         for packet in self.sent:
             if packet.sequence >= report.next:
                 break
-            has_progress |= packet.is_under_way
             if packet.is_under_way:
                 packet.is_under_way = False
                 self._progress_ns = now_ns
@@ -269,20 +271,22 @@ class SendStream:
                 self._settle(packet)
             else:
                 self.sent.append(packet)
-        for number, received, refused in report.counts:
+        self._take_counts(report, channels)
+        if report.misses and now_ns - self._rewound_ns > 2 * self.window.round_trip_ns:
+            self._rewound_ns = now_ns
+            self.rewind()
+
+    def _take_counts(self, report: Report, channels: dict[int, SendChannel]) -> None:
+        counts = {number: (received, refused) for number, received, refused in report.counts}
+        if len(counts) < MAX_COUNTS:  # of the others, nothing has arrived
+            counts = dict.fromkeys(self.numbers, (0, 0)) | counts
+        for number, (received, refused) in counts.items():
             channel = channels.get(number)
             if channel is not None and received + refused <= channel.settled:
                 row = channel.row
                 row[RECEIVED] = row[RECEIVED_BEFORE] + received
                 row[REFUSED] = row[REFUSED_BEFORE] + refused
                 row[LOST] = channel.lost_before + channel.settled - received - refused
-
-        self._repeated = 0 if has_progress or not self.sent else self._repeated + 1
-        since_ns = now_ns - self._rewound_ns
-        if self._repeated >= REPEATED_REPORTS and since_ns > 2 * self.window.round_trip_ns:
-            self._rewound_ns = now_ns
-            self._repeated = 0
-            self.rewind()
 
     def _settle(self, packet: Packet) -> None:
         if packet.is_last and packet.item is not None:

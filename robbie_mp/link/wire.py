@@ -28,9 +28,15 @@ if TYPE_CHECKING:
 
 PACKETS = "robbie/link"
 """Packets have the key robbie/link/RECEIVER/SENDER."""
+DATAGRAMS = "robbie/datagram"
+"""Those that are sent as datagrams have the key robbie/datagram/RECEIVER/SENDER."""
 ROBOTS = "robbie/robot"
 """Each link announces itself with the key robbie/robot/NAME/SESSION while it lives."""
 LEASE_MS = 4000
+OPEN_MS = 2000
+"""How long Zenoh tries to open a connection before it begins again: its greeting may be lost."""
+MAX_WAYS = 4
+"""Connections between two links: a stream and one for datagrams, and those that end."""
 QUEUED_BATCHES = 16
 """Batches of 64 kB that Zenoh may queue for each priority."""
 FIND_S = 2.0
@@ -54,6 +60,7 @@ class Endpoints:
         listen: addresses to listen on, as `tcp/127.0.0.1:7447`.
         connect: addresses of other robots or of a router.
         multicast: whether to look for others by multicast.
+        datagrams: whether links also connect over UDP, at the same ports.
         further: further settings of Zenoh by their path, as `transport/link/tls`.
     """
 
@@ -61,6 +68,7 @@ class Endpoints:
     listen: Sequence[str] = ()
     connect: Sequence[str] = ()
     multicast: bool = False
+    datagrams: bool = True
     further: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -73,6 +81,28 @@ class Received(NamedTuple):
     payload: bytes
     at_ns: int
     """When it arrived, by the machine's monotonic clock."""
+    is_datagram: bool
+    """Whether it was sent as a datagram."""
+
+
+def ways(endpoints: Endpoints, addresses: Sequence[str]) -> list[str]:
+    """Return addresses with their ways: a stream, and datagrams past it at the same port.
+
+    An address with options of Zenoh (after `?` or `#`) stays as it is. Clients of a router have one way only.
+
+    Args:
+        endpoints: how links find one another.
+        addresses: those of `endpoints` to listen on, or to connect to.
+    """
+    found: list[str] = []
+    for address in addresses:
+        protocol, _, place = address.partition("/")
+        beside = {"tcp": "udp", "tls": "quic"}.get(protocol)
+        if not endpoints.datagrams or endpoints.mode != "peer" or beside is None or set("?#") & set(address):
+            found.append(address)
+        else:
+            found += [f"{address}?rel=1", f"{beside}/{place}?rel=0"]
+    return found
 
 
 def open_session(endpoints: Endpoints) -> "zenoh.Session":
@@ -95,9 +125,9 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
     )
     values: dict[str, object] = {
         "mode": endpoints.mode,
-        "listen/endpoints": list(endpoints.listen),
+        "listen/endpoints": ways(endpoints, endpoints.listen),
         "listen/exit_on_failure": True,
-        "connect/endpoints": list(endpoints.connect),
+        "connect/endpoints": ways(endpoints, endpoints.connect),
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
@@ -105,6 +135,9 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
         "scouting/gossip/enabled": False,
         "open/return_conditions/connect_scouted": endpoints.multicast,
         "transport/shared_memory/enabled": False,
+        "transport/unicast/max_links": MAX_WAYS,
+        "transport/unicast/open_timeout": OPEN_MS,
+        "transport/unicast/accept_timeout": OPEN_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": 4 * PART_BYTES,
         **{f"transport/link/tx/queue/size/{queue}": QUEUED_BATCHES for queue in queues},
@@ -157,24 +190,33 @@ class Wire:
         self._wake = wake
         self._inbox: deque[Received] = deque()
         self._seen: deque[str] = deque(maxlen=256)
-        self._publishers: dict[tuple[str, int], zenoh.Publisher] = {}
+        self._publishers: dict[tuple[str, int, bool], zenoh.Publisher] = {}
         self.overflowed = 0
         self.oversized = 0
         self.unsent = 0
         self._declared = [
             self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", self._on_sample),
+            self._zenoh.declare_subscriber(f"{DATAGRAMS}/{robot}/*", self._on_sample),
             self._zenoh.liveliness().declare_token(f"{ROBOTS}/{robot}/{session:x}"),
             self._zenoh.liveliness().declare_subscriber(f"{ROBOTS}/*/*", self._on_robot, history=True),
         ]
 
-    def send(self, robot: str, packet: Data | Report | Beat, payload: memoryview | bytes) -> None:
-        """Send a packet; it may be lost without a word."""
+    def send(
+        self,
+        robot: str,
+        packet: Data | Report | Beat,
+        payload: memoryview | bytes,
+        *,
+        as_datagram: bool = False,
+    ) -> None:
+        """Send a packet; it may be lost without a word. A stream carries datagrams if nothing else does."""
         import zenoh  # noqa: PLC0415
 
         traffic = packet.traffic if isinstance(packet, Data) else -1
-        publisher = self._publishers.get((robot, traffic))
+        key = (robot, traffic, as_datagram)
+        publisher = self._publishers.get(key)
         if publisher is None:
-            publisher = self._publishers[robot, traffic] = self._declare(robot, traffic)
+            publisher = self._publishers[key] = self._declare(*key)
         try:
             publisher.put(bytes(payload), attachment=pack(packet))
         except zenoh.ZError:
@@ -200,7 +242,7 @@ class Wire:
         """End the session; nothing is called back any more."""
         self._zenoh.close()
 
-    def _declare(self, robot: str, traffic: int) -> "zenoh.Publisher":
+    def _declare(self, robot: str, traffic: int, as_datagram: bool) -> "zenoh.Publisher":
         import zenoh  # noqa: PLC0415
 
         priorities: dict[int, zenoh.Priority] = {
@@ -212,10 +254,11 @@ class Wire:
         }
         priority = priorities.get(traffic, zenoh.Priority.INTERACTIVE_HIGH)
         return self._zenoh.declare_publisher(
-            f"{PACKETS}/{robot}/{self._robot}",
+            f"{DATAGRAMS if as_datagram else PACKETS}/{robot}/{self._robot}",
             priority=priority,
             congestion_control=zenoh.CongestionControl.DROP,
             express=traffic <= TrafficClass.STATE,
+            reliability=zenoh.Reliability.BEST_EFFORT if as_datagram else zenoh.Reliability.RELIABLE,
         )
 
     # -- in threads of Zenoh ---------------------------------------------------------------------------
@@ -229,8 +272,9 @@ class Wire:
         if len(self._inbox) >= self._max_packets:
             self.overflowed += 1
             return
-        robot = str(sample.key_expr).rpartition("/")[2]
-        self._inbox.append(Received(robot, header.to_bytes(), payload.to_bytes(), at_ns))
+        key = str(sample.key_expr)
+        robot, is_datagram = key.rpartition("/")[2], key.startswith(DATAGRAMS)
+        self._inbox.append(Received(robot, header.to_bytes(), payload.to_bytes(), at_ns, is_datagram))
         self._wake()
 
     def _on_robot(self, sample: "zenoh.Sample") -> None:

@@ -65,6 +65,7 @@ class Link(Module):
     connect: list[str] = setting([], "addresses of other robots, or of a router of Zenoh")
     robots: list[str] = setting([], "robots for which messages wait even before they have been met")
     multicast: bool = setting(False, "look for other robots by multicast")
+    datagrams: bool = setting(True, "also use UDP at the same ports, for what must not wait behind the rest")
     keys: Path | None = setting(
         None, "folder of the keys of `robbie keys`; then only trusted robots connect, over TLS"
     )
@@ -130,7 +131,9 @@ class Link(Module):
             self._observer = RunObserver(self.run_id)
         self._types = types
         self.books = Books(folder, self.name, session)
-        endpoints = Endpoints(self.mode, self.listen, self.connect, self.multicast, self._tls())
+        endpoints = Endpoints(
+            self.mode, self.listen, self.connect, self.multicast, self.datagrams, self._tls()
+        )
         self.wire = Wire(self.robot, session, endpoints, self.inbox_packets, self.tick_soon)
         limits = Limits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
         settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes)
@@ -223,8 +226,8 @@ class Link(Module):
             self._show(now_ns)
 
     def _take_all(self) -> None:
-        for robot, header, payload, at_ns in self.wire.received():
-            self.node.take(robot, header, payload, at_ns)
+        for one in self.wire.received():
+            self.node.take(one.robot, one.header, one.payload, one.at_ns, is_datagram=one.is_datagram)
         self.node.tell_all(self.clock.monotonic_ns())
 
     def on_arrived(self, message: Arrived) -> Fate:

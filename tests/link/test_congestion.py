@@ -22,6 +22,10 @@ class SlowNetwork:
         self._free_ns = 0
         self._under_way: deque[tuple[int, int, int, bool, int]] = deque()
 
+    def set_round_trip(self, round_trip_ns: int) -> None:
+        """Have packets sent from now on take longer."""
+        self._round_trip_ns = round_trip_ns
+
     def run(self, duration_s: float, bytes_per_s: float) -> None:
         """Send images as far as the window allows; the newest replaces what waits."""
         offered = 0
@@ -62,3 +66,12 @@ def test_network_that_becomes_faster_is_used() -> None:
     network.run(3.0, 625e3)
     network.run(5.0, 120e6)
     assert network.window.bandwidth > 3e6
+
+
+def test_network_whose_delay_grows_is_used_again_within_seconds() -> None:
+    network = SlowNetwork(round_trip_ns=10_000_000)
+    network.run(3.0, 2.5e6)
+    network.set_round_trip(200_000_000)
+    network.run(4.0, 2.5e6)
+    assert network.window.bandwidth > 1.5e6
+    assert network.window.limit > 200_000

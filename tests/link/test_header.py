@@ -61,8 +61,9 @@ REPORTS = st.builds(
     st.just(MAX_WORD),
     st.integers(1, MAX_WORD),
     st.lists(st.tuples(st.integers(0, 65535), WORDS, WORDS), max_size=20).map(tuple),
+    st.booleans(),
 )
-BEATS = st.builds(Beat, ROBOTS, WORDS, WORDS, TIMES, TIMES, TIMES)
+BEATS = st.builds(Beat, ROBOTS, WORDS, WORDS, TIMES, TIMES, TIMES, WORDS, st.integers(0, 1000))
 PACKETS = st.one_of(data_headers(), REPORTS, BEATS)
 
 

@@ -59,7 +59,14 @@ class Network:
             action()
         self.now_ns = end_ns
 
-    def carry(self, sender: str, receiver: str, packet: Data | Report | Beat, payload: bytes) -> None:
+    def carry(
+        self,
+        sender: str,
+        receiver: str,
+        packet: Data | Report | Beat,
+        payload: bytes,
+        is_datagram: bool = False,
+    ) -> None:
         """Carry a packet, in order, or lose it."""
         conditions, way = self.conditions, (sender, receiver)
         header = pack(packet)
@@ -77,7 +84,7 @@ class Network:
         def arrive() -> None:
             if receiver in self.robots and not self.conditions.is_cut:
                 self.carried.append((self.now_ns, receiver, packet, size))
-                self.robots[receiver].take(sender, header, payload)
+                self.robots[receiver].take(sender, header, payload, is_datagram=is_datagram)
 
         self.at(arrives_ns, arrive)
 
@@ -140,14 +147,21 @@ class Robot:
         if self.node is not None:
             self.node.offer(message, self.network.now_ns)
 
-    def send(self, robot: str, packet: Data | Report | Beat, payload: memoryview | bytes) -> None:
+    def send(
+        self,
+        robot: str,
+        packet: Data | Report | Beat,
+        payload: memoryview | bytes,
+        *,
+        as_datagram: bool = False,
+    ) -> None:
         """Send a packet of the link."""
-        self.network.carry(self.name, robot, packet, bytes(payload))
+        self.network.carry(self.name, robot, packet, bytes(payload), as_datagram)
 
-    def take(self, sender: str, header: bytes, payload: bytes) -> None:
+    def take(self, sender: str, header: bytes, payload: bytes, *, is_datagram: bool = False) -> None:
         """Take a packet from the network."""
         if self.node is not None:
-            self.node.take(sender, header, payload, self.network.now_ns)
+            self.node.take(sender, header, payload, self.network.now_ns, is_datagram=is_datagram)
             self.node.tell_all(self.network.now_ns)
 
     def received(self, name: ChannelId) -> list[bytes]:
