@@ -6,13 +6,13 @@ import re
 import socket
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.addresses import add_address_argument, addresses_of
+from robbie_mp.cli.addresses import add_address_argument, addresses_of, endpoints_of
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument, load
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.link.header import ROBOT_NAME
-from robbie_mp.link.wire import Endpoints, find_robots
+from robbie_mp.link.wire import find_robots
 from robbie_mp.profile.problem import refuse
 from robbie_mp.suggest import did_you_mean
 
@@ -35,7 +35,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "decides what it sends, and what it accepts from here.",
         [
             "robbie connect red --at tcp/192.168.0.7:7447",
-            "robbie connect red --at tls/red.local:7447 --as laptop --without operator",
+            "robbie connect red --at tls/red.local:7447 --keys ~/.config/robbie/keys --as laptop",
         ],
     )
     parser.add_argument("robot", help="name of the robot, as in the setting `robot` of its link")
@@ -62,17 +62,19 @@ def connect(arguments: argparse.Namespace) -> int:
             raise refuse(f"a robot cannot be called {name!r}: up to {MAX_NAME} letters, digits, - and _")
     if arguments.robot == arguments.own_name:
         raise refuse(f"both sides are called {arguments.robot}; name this one with --as")
-    found = find_robots(Endpoints(connect=addresses))
+    found = find_robots(endpoints_of(arguments))
     if arguments.robot not in found:
         near = did_you_mean(arguments.robot, found)
         known = f"; robots there: {', '.join(found)}" if found else ", nor any other robot"
         warn(f"{arguments.robot} is not at {', '.join(addresses)} now{near or known}; waiting for it")
-    settings = {
+    settings: dict[str, object] = {
         "robot": arguments.own_name,
         "connect": addresses,
         "robots": [arguments.robot],
         "accept": {arguments.robot: ["*"]},
     }
+    if arguments.keys is not None:
+        settings["keys"] = str(arguments.keys.absolute())
     given = [f"{LINK}.{name}={json.dumps(value)}" for name, value in settings.items()]
     profile, findings = check(load(arguments, given))
     return run_robot(profile, findings, arguments)

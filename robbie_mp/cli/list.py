@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from robbie_mp.cli.addresses import add_address_argument, addresses_of
+from robbie_mp.cli.addresses import add_address_argument, endpoints_of
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
@@ -68,7 +68,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 def list_what(arguments: argparse.Namespace) -> int:
     """Print the requested list."""
     if arguments.remote:
-        return _list_robots(addresses_of(arguments), arguments.json)
+        return _list_robots(endpoints_of(arguments), arguments.json)
     if arguments.what == "runs":
         return _list_runs(arguments.json)
     rows = TABLES[arguments.what](choose_run(arguments.run))
@@ -81,14 +81,14 @@ def list_what(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _list_robots(addresses: Sequence[str], as_json: bool) -> int:
-    robots = find_robots(Endpoints(connect=addresses))
+def _list_robots(endpoints: Endpoints, as_json: bool) -> int:
+    robots = find_robots(endpoints)
     if as_json:
         print(json.dumps(robots, indent=2))
     elif robots:
         print("\n".join(robots))
     else:
-        print(f"no robot can be reached at {', '.join(addresses)}")
+        print(f"no robot can be reached at {', '.join(endpoints.connect)}")
     return 0
 
 

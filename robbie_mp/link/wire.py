@@ -7,7 +7,7 @@ module.
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -103,6 +103,34 @@ def ways(endpoints: Endpoints, addresses: Sequence[str]) -> list[str]:
         else:
             found += [f"{address}?rel=1", f"{beside}/{place}?rel=0"]
     return found
+
+
+def only_own_names(robot: str, trusted: Iterable[str]) -> dict[str, object]:
+    """Return the setting of Zenoh with which a robot with a certificate cannot send under another one's name.
+
+    Args:
+        robot: the name of this robot.
+        trusted: the names in the certificates of the robots that may connect.
+    """
+
+    def rule(name: str, flow: str, messages: Sequence[str], *keys: str) -> dict[str, object]:
+        return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+    asks = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
+    says = ("put", "delete", "reply", "liveliness_token")
+    rules = [
+        rule("out", "egress", (*asks, *says), "robbie/**"),
+        rule("asks", "ingress", asks, "robbie/**"),
+    ]
+    subjects: list[dict[str, object]] = [{"id": "all"}]
+    policies = [{"rules": ["out", "asks"], "subjects": ["all"]}]
+    for other in trusted:
+        keys = (f"{PACKETS}/{robot}/{other}", f"{DATAGRAMS}/{robot}/{other}", f"{ROBOTS}/{other}/*")
+        rules.append(rule(f"from {other}", "ingress", says, *keys))
+        subjects.append({"id": other, "cert_common_names": [other]})
+        policies.append({"rules": [f"from {other}"], "subjects": [other]})
+    control = {"rules": rules, "subjects": subjects, "policies": policies}
+    return {"access_control": {"enabled": True, "default_permission": "deny", **control}}
 
 
 def open_session(endpoints: Endpoints) -> "zenoh.Session":

@@ -17,7 +17,7 @@ from robbie_mp.link.receiving import Arrived, Fate
 from robbie_mp.link.safety import expires, shortened
 from robbie_mp.link.sending import Limits
 from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.link.wire import Endpoints, Wire
+from robbie_mp.link.wire import Endpoints, Wire, only_own_names
 from robbie_mp.messages import LinkChannel, LinkPeer, LinkState, MessageError, Time, UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.module.envelope import EncodedMessage
@@ -145,7 +145,7 @@ class Link(Module):
             self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
 
     def _tls(self) -> dict[str, object]:
-        """Return the settings of Zenoh with which only trusted robots connect; {} without keys."""
+        """Return the settings of Zenoh with which only trusted robots connect, under their own names."""
         if self.keys is None:
             return {}
         try:
@@ -154,7 +154,9 @@ class Link(Module):
             raise SettingError(str(error), "keys") from error
         if own.robot != self.robot:
             raise SettingError(f"the keys in {self.keys} are of {own.robot}, not of {self.robot}", "keys")
-        return settings
+        if self.mode != "peer":  # what a router sends on has the router's certificate
+            return settings
+        return settings | only_own_names(self.robot, [one.robot for one in Keys(self.keys).trusted()])
 
     def teardown(self) -> None:
         """Close the network and the books."""

@@ -1,6 +1,7 @@
 """`robbie connect` and `robbie list --remote`, with a robot on this machine."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -31,6 +32,15 @@ def test_a_robot_must_have_another_name_than_this_side(robot: Robot) -> None:
     assert ended.returncode == 2
     assert "name this one with --as" in ended.stderr
     assert "cannot be called" in robot.command("connect", "red/blue").stderr
+
+
+def test_keys_and_encrypted_addresses_belong_together(robot: Robot, tmp_path: Path) -> None:
+    ended = robot.command("list", "--remote", "--at", "tls/127.0.0.1:9")
+    assert ended.returncode == 2
+    assert "tls/127.0.0.1:9 needs keys" in ended.stderr
+    keys = ("--keys", str(tmp_path / "keys"))
+    assert "write tls/127.0.0.1:9" in robot.command("connect", "red", "--at", "tcp/127.0.0.1:9", *keys).stderr
+    assert "robbie keys new" in robot.command("list", "--remote", "--at", "tls/127.0.0.1:9", *keys).stderr
 
 
 def test_no_robot_is_listed_where_none_is(robot: Robot) -> None:
