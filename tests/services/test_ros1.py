@@ -101,6 +101,16 @@ def test_a_topic_that_nobody_hears_is_not_converted(bridge: Bridge) -> None:
     assert (bridge.module.unheard, bridge.module.sent) == (1, 0)
 
 
+def test_what_came_from_ros_does_not_go_back(bridge: Bridge) -> None:
+    bridge.send(LaserScan(), sender="camera")
+    (channel,) = (one for one in bridge.module._channels.values() if one)
+    bridge.module.ros.listeners = {channel.number: 1}
+    bridge.send(LaserScan(), sender="module")  # the bridge's own name
+    assert bridge.module.sent == 0
+    bridge.send(LaserScan(), sender="camera")
+    assert bridge.module.sent == 1
+
+
 def test_a_moving_transform_is_sent_once_for_each_time(bridge: Bridge) -> None:
     def move(nanosec: int) -> None:
         header = Header(stamp=Time(nanosec=nanosec))

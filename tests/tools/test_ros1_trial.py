@@ -38,8 +38,9 @@ def test_robot_and_ros_hear_each_other_whoever_dies(ros: Ros, tmp_path: Path) ->
             assert witness.read(len(ALL) + 2, limit_s=20.0) == {*ALL, *SCAN, "/map"}
             robot.wait_for(lambda: len(told(robot, "drive")) > 5, "no command has come")
             robot.wait_for(lambda: bool(told(robot, "goal") and told(robot, "pose")), "no goal, or no pose")
-        ended_s = time.monotonic()
-        assert "seq:" in ros.rostopic("echo", "-n", "1", "/scan")
+            witness.stand_still()
+            ended_s = time.monotonic()
+            assert "seq:" in ros.rostopic("echo", "-n", "1", "/scan")  # a stopped subscriber stops no other
         commands = told(robot, "drive")
         assert all(
             float(speed) == SPEED_M_PER_S and 0.0 < float(valid) <= VALID_S for speed, valid, _ in commands

@@ -129,6 +129,10 @@ class Witness:
         self._process = process
         self._text = b""
 
+    def stand_still(self) -> None:
+        """Stop the node for ever, without ending it."""
+        self._process.send_signal(signal.SIGSTOP)
+
     def read(self, count: int, limit_s: float) -> set[str]:
         """Wait until messages of `count` topics have come, at most for a limit; return the topics."""
         assert self._process.stdout is not None
