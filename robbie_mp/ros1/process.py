@@ -19,6 +19,8 @@ from robbie_mp.ros1.ros_node import Frame, frames, pack
 
 FIRST_PAUSE_S = 0.5
 LONGEST_PAUSE_S = 2.0
+MISSING_PAUSE_S = 30.0
+"""Time until the next try when there is no Python, or no rospy."""
 STABLE_S = 30.0
 SILENT_S = 5.0
 """Time without a sign of life after which the node is killed: it says how it is four times a second."""
@@ -187,9 +189,13 @@ class _Session:
         arguments = [str(theirs.fileno()), str(os.getpid()), address.name]
         command = [str(address.python), ros_node.__file__, *arguments]
         with theirs:
-            self.process = subprocess.Popen(
-                command, env=environment, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
-            )
+            try:
+                self.process = subprocess.Popen(
+                    command, env=environment, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
+                )
+            except OSError:
+                self._link.close()
+                raise
         self._threads = [
             threading.Thread(target=work, name=f"ros {work.__name__}", daemon=True)
             for work in (self._read, self._write)
@@ -253,6 +259,7 @@ class RosProcess:
         self._next_start = 0.0
         self._past_dropped = 0
         self._was_connected = False
+        self._last_reason = ""
         self.listeners: dict[int, int] = {}
         self.starts = 0
 
@@ -345,19 +352,27 @@ class RosProcess:
         try:
             self._session = _Session(self._address, self._max_bytes, self._on_frame)
         except OSError as error:
-            self._log.warning("the ROS node cannot be started: %s", error)
+            self._next_start = time.monotonic() + MISSING_PAUSE_S
+            self._say_once(f"the ROS node cannot be started: {error}")
 
     def _end(self, reason: str) -> None:
         session = self._session
         assert session is not None
-        self._log.warning("%s; it is started again in %.1f s", reason, self._pause_s)
+        self._say_once(f"{reason}; it is started again")
         with self._lock:
             self._session = None
             self.listeners = {}
         session.close()
         self._past_dropped += session.outbox.dropped + session.state.get("dropped", 0)
-        self._next_start = time.monotonic() + self._pause_s
+        is_missing = session.process.returncode == ros_node.NO_ROSPY
+        self._next_start = time.monotonic() + (MISSING_PAUSE_S if is_missing else self._pause_s)
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
+
+    def _say_once(self, reason: str) -> None:
+        """Log why there is no ROS node, unless that was logged last."""
+        if reason != self._last_reason:
+            self._last_reason = reason
+            self._log.warning("%s", reason)
 
     def _on_frame(self, session: _Session, frame: Frame) -> None:
         if frame.kind == ros_node.MESSAGE:

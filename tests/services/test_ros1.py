@@ -1,9 +1,11 @@
 """The bridge to ROS 1 without ROS: what it refuses, what messages become, and what waits for a slow side."""
 
+import logging
 import math
 import socket
 from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -25,7 +27,7 @@ from robbie_mp.messages import (
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
 from robbie_mp.ros1.conversion import ros1_type
-from robbie_mp.ros1.process import Inbox, Outbox
+from robbie_mp.ros1.process import MISSING_PAUSE_S, Inbox, Outbox, RosAddress, RosProcess
 from robbie_mp.ros1.ros_node import MESSAGE, Frame, frames, pack
 from robbie_mp.services.ros1 import Ros1Bridge
 
@@ -169,6 +171,18 @@ def test_a_slow_bridge_loses_the_oldest_messages() -> None:
     taken = inbox.take()
     assert (len(taken), taken[0].payload, inbox.dropped) == (1000, b"5", 5)
     assert inbox.take() == []
+
+
+def test_a_missing_python_is_named_once(caplog: pytest.LogCaptureFixture) -> None:
+    log, now = logging.getLogger("ros1"), [0.0]
+    address = RosAddress(NOWHERE, "127.0.0.1", "robbie", Path("/nowhere/python3"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robbie_mp.ros1.process.time.monotonic", lambda: now[0])
+        ros = RosProcess(address, 1000, log, lambda: None)
+        for now[0] in (0.0, 1.0, MISSING_PAUSE_S, 2 * MISSING_PAUSE_S):
+            ros.look_after()
+    assert ros.starts == 3
+    assert [record.getMessage().count("/nowhere/python3") for record in caplog.records] == [1]
 
 
 def test_a_frame_cut_off_is_no_frame() -> None:
