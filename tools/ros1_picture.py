@@ -20,7 +20,7 @@ from tools.ros1_trial.ros import Ros
 
 PICTURE = Path("docs/images/rviz.png")
 CONFIG = "hw/robots/demo.rviz"
-GOAL = "{header: {frame_id: map}, pose: {position: {x: 5.2, y: 0.2}, orientation: {w: 1.0}}}"
+GOAL = "{header: {frame_id: map}, pose: {position: {x: 4.5, y: 0.3}, orientation: {w: 1.0}}}"
 LOADED_S = 12.0
 """Time for which RViz runs before the robot gets its goal."""
 DRIVEN_S = 0.2
