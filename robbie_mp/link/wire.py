@@ -37,6 +37,11 @@ OPEN_MS = 2000
 """How long Zenoh tries to open a connection before it begins again: its greeting may be lost."""
 MAX_WAYS = 4
 """Connections between two links: a stream and one for datagrams, and those that end."""
+SEVERAL_WAYS = {
+    "transport/unicast/max_links": MAX_WAYS,
+    "transport/unicast/open_timeout": OPEN_MS,
+    "transport/unicast/accept_timeout": OPEN_MS,
+}
 QUEUED_BATCHES = 16
 """Batches of 64 kB that Zenoh may queue for each priority."""
 FIND_S = 2.0
@@ -68,7 +73,7 @@ class Endpoints:
     listen: Sequence[str] = ()
     connect: Sequence[str] = ()
     multicast: bool = False
-    datagrams: bool = True
+    datagrams: bool = False
     further: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -163,12 +168,10 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
         "scouting/gossip/enabled": False,
         "open/return_conditions/connect_scouted": endpoints.multicast,
         "transport/shared_memory/enabled": False,
-        "transport/unicast/max_links": MAX_WAYS,
-        "transport/unicast/open_timeout": OPEN_MS,
-        "transport/unicast/accept_timeout": OPEN_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": 4 * PART_BYTES,
         **{f"transport/link/tx/queue/size/{queue}": QUEUED_BATCHES for queue in queues},
+        **(SEVERAL_WAYS if endpoints.datagrams else {}),
         **endpoints.further,
     }
     for path, value in values.items():
@@ -180,7 +183,7 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise LinkUnavailable(
-            f"cannot listen on {', '.join(endpoints.listen) or 'any address'} or connect to "
+            f"cannot listen on {', '.join(ways(endpoints, endpoints.listen)) or 'any address'} or connect to "
             f"{', '.join(endpoints.connect) or 'nobody'}: {error}"
         ) from error
 

@@ -20,11 +20,11 @@ from robbie_mp.link.wire import Endpoints, ways
     ],
 )
 def test_a_stream_has_datagrams_beside_it(address: str, expected: list[str]) -> None:
-    assert ways(Endpoints(), [address]) == expected
+    assert ways(Endpoints(datagrams=True), [address]) == expected
 
 
 def test_clients_of_a_router_and_links_without_datagrams_have_one_way() -> None:
-    for endpoints in (Endpoints(mode="client"), Endpoints(datagrams=False)):
+    for endpoints in (Endpoints(mode="client", datagrams=True), Endpoints()):
         assert ways(endpoints, ["tcp/10.0.0.1:7447"]) == ["tcp/10.0.0.1:7447"]
 
 

@@ -30,7 +30,9 @@ def main(folder: Path) -> None:
 
     def wire(name: str, keys: Keys, listen: list[str], **further: object) -> Wire:
         connect = [] if listen else [address]
-        ways = Endpoints(listen=listen, connect=connect, further=keys.zenoh_settings() | further)
+        ways = Endpoints(
+            listen=listen, connect=connect, datagrams=True, further=keys.zenoh_settings() | further
+        )
         return Wire(name, 1, ways, 1000, lambda: None)
 
     receiver = wire("red", red, [address], **bound)
