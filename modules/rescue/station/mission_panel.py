@@ -29,7 +29,7 @@ BUTTONS = (
 
 
 class MissionPanel(Panel):
-    """Shows the mission, state machines and victims; on in every layout, the question about a victim."""
+    """Shows the mission, state machines and victims; in every layout, the question about a victim."""
 
     name = "mission"
     title = "Mission"
