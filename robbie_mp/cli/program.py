@@ -30,6 +30,7 @@ COMMANDS = (
     "param",
     "graph",
     "gui",
+    "foxglove",
     "connect",
     "top",
     "log",

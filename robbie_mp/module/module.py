@@ -227,7 +227,13 @@ class Module:
         self._bus.subscriptions.subscribe(message_type, handler, handling, topic, optional=optional)
 
     def subscribe_encoded(
-        self, type_pattern: str, handler: Callable[[EncodedMessage], None], *, topic: str = "*"
+        self,
+        type_pattern: str,
+        handler: Callable[[EncodedMessage], None],
+        *,
+        topic: str = "*",
+        version: int | None = None,
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
     ) -> None:
         """Subscribe to messages of any type as encoded bytes, to record them or to send them on.
 
@@ -239,10 +245,22 @@ class Module:
         the handler of the pattern subscribed to first gets it. You get every version of a type, and every
         message, up to the limits of this module's queue.
 
+        With `version`, you get one version of one type, and no patterns are looked at. So there may be many
+        such subscriptions, and only the newest message may be wanted:
+
+            self.subscribe_encoded(
+                Image.type_name, self.on_image, topic="front", version=Image.version,
+                handling=MessageHandling.KEEP_ONLY_NEWEST,
+            )
+
         Args:
-            type_pattern: pattern for the full name of the type, such as "sensor_msgs/msg/LaserScan".
+            type_pattern: pattern for the full name of the type, such as "sensor_msgs/msg/LaserScan"; with
+                `version`, the full name itself.
             handler: called with each message, in the order of publishing.
-            topic: pattern for the topic; "" matches only messages without a topic.
+            topic: pattern for the topic; "" matches only messages without a topic. With `version`, the topic
+                itself, and "" for all topics, as for `subscribe`.
+            version: version of the type; None: every version of every type that matches.
+            handling: what to do when messages come faster than they are handled; only with `version`.
 
         Raises:
             SubscribedTwice: the module has already subscribed with the same patterns.
@@ -250,7 +268,10 @@ class Module:
             TooManyDeclarations: the module has more than 32 patterns.
             NameTooLong: a pattern has more than 96 bytes.
         """
-        self._bus.subscriptions.subscribe_encoded(type_pattern, handler, topic)
+        if version is None:
+            self._bus.subscriptions.subscribe_encoded(type_pattern, handler, topic)
+        else:
+            self._bus.subscriptions.subscribe_encoded(type_pattern, handler, topic, version, handling)
 
     def publish_encoded(
         self,

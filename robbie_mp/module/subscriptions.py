@@ -116,9 +116,16 @@ class Subscriptions:
         self._add(Subscription(name, handling, message_type, handler, optional, topic))
 
     def subscribe_encoded(
-        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
+        self,
+        type_pattern: str,
+        handler: Callable[[EncodedMessage], None],
+        topic_pattern: str,
+        version: int = ANY_VERSION,
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
     ) -> None:
         """Subscribe to all messages whose type and topic match shell patterns; the handler gets their bytes.
+
+        With a version, type and topic are names instead of patterns.
 
         Raises:
             SubscribedTwice: the module has already subscribed with the same patterns.
@@ -126,8 +133,7 @@ class Subscriptions:
         """
         if not type_pattern:
             raise EmptyPattern
-        name = ChannelName(type_pattern, ANY_VERSION, self._wiring.subscribed(type_pattern, topic_pattern))
-        handling = MessageHandling.ALWAYS_DELIVER
+        name = ChannelName(type_pattern, version, self._wiring.subscribed(type_pattern, topic_pattern))
         self._add(Subscription(name, handling, self._as_bytes, handler, own_topic=topic_pattern))
 
     def forget(self, message_type: type[Message], topic: str) -> None:

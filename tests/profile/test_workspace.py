@@ -85,7 +85,7 @@ def test_own_profile_of_the_same_name_is_another_one(robot: Robot) -> None:
 def test_every_stock_profile_passes_the_checks_before_a_run(robot: Robot) -> None:
     robot.write("demo", f"parents: [{', '.join(stock_names())}]\nmodules: {{playback: null}}\nclock: null")
     findings = preflight(robot.load())
-    assert sorted(findings.settings) == ["link", "logger", "operator", "time"]
+    assert sorted(findings.settings) == ["foxglove", "link", "logger", "operator", "time"]
     assert not findings.failures
 
 

@@ -1,0 +1,251 @@
+"""What Foxglove's server gives and takes, seen by a client that was written from the specification."""
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from robbie_mp import ModuleHarness, SettingError
+from robbie_mp.foxglove import door
+from robbie_mp.messages import (
+    DriveCommand,
+    EmergencyStop,
+    LaserScan,
+    PoseStamped,
+    String,
+    Twist,
+    Vector3,
+)
+from robbie_mp.services.foxglove import FoxgloveServer
+from tests._support.robot import wait_until
+from tests.services._support.foxglove_client import Client, connected
+
+SETTINGS: dict[str, Any] = {
+    "port": 0,
+    "accept": {
+        "/goal_pose": "PoseStamped goal",
+        "/cmd_vel": "Twist as DriveCommand manual",
+    },
+    "drive_valid_for_s": 0.4,
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def sdk_has_started() -> None:
+    """The SDK keeps some descriptors until the process ends; have it open them before any test looks."""
+    with ModuleHarness(FoxgloveServer, {"port": 0}) as harness, connected(harness.module.link):
+        pass
+
+
+@pytest.fixture
+def harness(tmp_path: Path) -> Iterator[ModuleHarness[FoxgloveServer]]:
+    (tmp_path / "robot.stl").write_bytes(b"solid")
+    (tmp_path.parent / "outside").write_text("secret")
+    with ModuleHarness(FoxgloveServer, SETTINGS | {"assets": {"robot": str(tmp_path)}}) as harness:
+        yield harness
+
+
+@pytest.fixture
+def client(harness: ModuleHarness[FoxgloveServer]) -> Iterator[Client]:
+    with connected(harness.module.link) as client:
+        yield client
+
+
+def tick_until(harness: ModuleHarness[FoxgloveServer], condition: Any) -> None:
+    """Let the module's time pass until a condition holds."""
+
+    def check() -> bool:
+        harness.advance(0.05)
+        return bool(condition())
+
+    wait_until(check)
+
+
+def test_client_decodes_what_a_module_published(
+    harness: ModuleHarness[FoxgloveServer], client: Client
+) -> None:
+    scan = LaserScan(range_max=9.0, ranges=np.array([1.0, 2.5], np.float32))
+    harness.send(scan, topic="laser/front")
+    client.subscribe("/laser/front")
+    tick_until(harness, harness.module.server.readers)
+    harness.send(scan, topic="laser/front")
+    client.until(lambda: client.data)
+    assert client.data[0].data == scan.encode()
+    seen = client.data[0].decode()
+    assert (seen.range_max, list(seen.ranges)) == (9.0, [1.0, 2.5])
+
+
+def test_two_types_on_one_topic_have_two_names(
+    harness: ModuleHarness[FoxgloveServer], client: Client
+) -> None:
+    harness.send(String(data="a"), topic="status")
+    harness.send(LaserScan(), topic="status")
+    client.until(lambda: len(client.channels) == 2)
+    assert set(client.channels) == {"/status", "/status/laser_scan"}
+
+
+def test_accepted_message_is_published(harness: ModuleHarness[FoxgloveServer], client: Client) -> None:
+    pose = PoseStamped()
+    client.advertise(1, "/goal_pose", "geometry_msgs/msg/PoseStamped")
+    client.publish(1, pose.encode())
+    client.advertise(2, "/goal_pose", "geometry_msgs/PoseStamped", "json")
+    client.publish(2, b'{"pose": {"position": {"x": 2}}}')
+    tick_until(harness, lambda: len(harness.published) == 2)
+    first, second = harness.take(PoseStamped, "goal")
+    assert first.encode() == pose.encode()
+    assert second.pose.position.x == 2.0
+
+
+@pytest.mark.parametrize(
+    ("topic", "schema", "data", "problem"),
+    [
+        ("/goal", "geometry_msgs/msg/PoseStamped", PoseStamped().encode(), "`accept` does not allow it"),
+        ("/goal_pose", "std_msgs/msg/String", String().encode(), "`accept` does not allow it"),
+        ("/goal_pose", "geometry_msgs/msg/PoseStamped", b"\x00\x01\x00\x00\x07", "PoseStamped"),
+        ("/goal_pose", "geometry_msgs/msg/PoseStamped", b"", "PoseStamped"),
+        ("/cmd_vel", "geometry_msgs/msg/Twist", Twist(linear=Vector3(x=np.nan)).encode(), "not finite"),
+    ],
+)
+def test_wrong_message_is_counted_and_explained(
+    harness: ModuleHarness[FoxgloveServer],
+    client: Client,
+    topic: str,
+    schema: str,
+    data: bytes,
+    problem: str,
+) -> None:
+    client.advertise(1, topic, schema)
+    client.publish(1, data)
+    tick_until(harness, lambda: harness.module.refused.total() == 1)
+    client.until(client.problems)
+    assert problem in client.problems()[0]
+    assert not harness.published
+
+
+def test_velocity_becomes_a_drive_command_that_expires(
+    harness: ModuleHarness[FoxgloveServer], client: Client
+) -> None:
+    client.advertise(1, "/cmd_vel", "geometry_msgs/msg/Twist")
+    client.publish(1, Twist(linear=Vector3(x=0.3), angular=Vector3(z=-0.2)).encode())
+    tick_until(harness, lambda: harness.published)
+    (command,) = harness.take(DriveCommand, "manual")
+    assert (command.linear_m_per_s, command.angular_rad_per_s) == (0.3, -0.2)
+    assert 0 < command.valid_for.nanoseconds <= 400_000_000
+
+
+def test_messages_beyond_the_queue_are_counted(
+    harness: ModuleHarness[FoxgloveServer], client: Client
+) -> None:
+    client.advertise(1, "/goal_pose", "geometry_msgs/msg/PoseStamped")
+    for _ in range(300):
+        client.publish(1, PoseStamped().encode())
+    wait_until(lambda: harness.module.server.overflowed == 300 - 256)
+    harness.advance(0.05)
+    assert len(harness.take(PoseStamped)) == 256
+
+
+@pytest.mark.parametrize(
+    ("service", "request_data", "engaged"),
+    [
+        ("/emergency_stop", b"\x00\x01\x00\x00\x01", True),
+        ("/emergency_stop", b"\x00\x01\x00\x00\x00", False),
+        ("/emergency_stop/engage", b"\x00\x01\x00\x00\x00", True),
+    ],
+)
+def test_service_stops_the_robot(
+    harness: ModuleHarness[FoxgloveServer], client: Client, service: str, request_data: bytes, engaged: bool
+) -> None:
+    client.call(service, request_data, call=7)
+    tick_until(harness, lambda: harness.published)
+    client.until(lambda: client.responses)
+    response = client.responses[7]
+    (stop,) = harness.take(EmergencyStop, "emergency_stop")
+    assert stop.engaged is engaged
+    assert response[4] == 1
+    assert String.decode(response[:4] + response[8:]).data.startswith("sent")
+
+
+def test_client_reads_only_files_of_the_profiles_folders(
+    harness: ModuleHarness[FoxgloveServer], client: Client
+) -> None:
+    assert client.fetch("package://robot/robot.stl", 1) == b"solid"
+    for number, uri in enumerate(
+        [
+            "package://robot/../outside",
+            "package://robot/%2e%2e/outside",
+            "file:///etc/passwd",
+            "package://x/y",
+        ]
+    ):
+        assert client.fetch(uri, number + 2) is None
+
+
+@pytest.mark.parametrize("query", ["", "?token=", "?token=wrong", "?TOKEN={token}"])
+def test_without_the_token_nobody_comes_in(
+    harness: ModuleHarness[FoxgloveServer], query: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(door, "WRONG_TOKEN_PAUSE_S", 0.0)
+    module = harness.module
+    token = module.link.partition("token=")[2]
+    with pytest.raises(InvalidStatus, match="401"), connected(module.address + query.format(token=token)):
+        pass
+    assert module.door.refused == 1
+
+
+def test_who_finds_the_inner_port_gets_no_message_and_can_do_nothing(
+    harness: ModuleHarness[FoxgloveServer],
+) -> None:
+    module = harness.module
+    harness.send(String(data="secret"), topic="diary")
+    with connected(f"ws://127.0.0.1:{module.server.port}/") as stranger:
+        stranger.advertise(1, "/goal_pose", "geometry_msgs/msg/PoseStamped")
+        stranger.publish(1, PoseStamped().encode())
+        stranger.subscribe("/diary")
+        wait_until(lambda: module.server.is_breached)
+        harness.send(String(data="secret"), topic="diary")
+        harness.advance(0.1)
+    assert module.strangers == 1
+    assert not harness.published
+    assert not stranger.data
+    with connected(module.link) as client:
+        client.subscribe("/diary")
+        tick_until(harness, module.server.readers)
+        harness.send(String(data="open"), topic="diary")
+        client.until(lambda: client.data)
+        assert client.data[0].decode().data == "open"
+
+
+def test_only_so_many_clients_come_in() -> None:
+    with (
+        ModuleHarness(FoxgloveServer, {"port": 0, "max_clients": 1}) as harness,
+        connected(harness.module.link),
+        pytest.raises(InvalidStatus, match="503"),
+        connected(harness.module.link),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"host": "0.0.0.0"}, "can be reached from other machines"),
+        ({"send": {"Image camera front": ""}}, "expected a type"),
+        ({"accept": {"/x": "NoSuchType"}}, "NoSuchType"),
+        ({"accept": {"/x": "String as DriveCommand manual"}}, "can become a DriveCommand"),
+    ],
+)
+def test_wrong_settings_are_explained(settings: dict[str, object], problem: str) -> None:
+    with pytest.raises(SettingError, match=problem), ModuleHarness(FoxgloveServer, settings):
+        pass
+
+
+def test_port_in_use_is_explained() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        settings = {"port": taken.getsockname()[1]}
+        closed = pytest.raises(door.DoorClosed, match="set another host or port")
+        with closed, ModuleHarness(FoxgloveServer, settings):
+            pass
