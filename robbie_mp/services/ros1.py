@@ -200,7 +200,7 @@ def _as_ros1_keeps_it(channel: _Channel, data: memoryview) -> bytes | memoryview
         if one.child_frame_id in known or len(known) < MAX_FRAMES:
             known[one.child_frame_id] = one
     sent = list(known.values()) if is_fixed else new
-    return TFMessage(transforms=sent).encode() if sent else None
+    return TFMessage(transforms=sent).encode() if sent or not given else None
 
 
 def _has_time(known: TransformStamped | None, one: TransformStamped) -> bool:

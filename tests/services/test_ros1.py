@@ -126,6 +126,8 @@ def test_a_moving_transform_is_sent_once_for_each_time(bridge: Bridge) -> None:
     for nanosec in (2, 2, 3):
         move(nanosec)
     assert bridge.module.sent == 2
+    bridge.send(TFMessage(), topic="tf")  # an empty one is a message, too
+    assert bridge.module.sent == 3
 
 
 @pytest.mark.parametrize(
