@@ -21,9 +21,13 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from workers.mapping.grid_mapper import GridMapper
-from workers.maps.map_file import write_map
+from workers.maps.map_file import write_large_map
 from workers.maps.map_picture import draw_map
 from workers.row_log import RowLog
+
+MOST_REDRAWN = 1000  # sweeps drawn or moved between two maps; the rest follows with the next ones
+BAND_ROWS = 1024
+MOST_PICTURE_CELLS = 25_000_000
 
 
 class Mapping(Module):
@@ -40,6 +44,9 @@ class Mapping(Module):
     resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0.005)
     max_range_m: float = setting(30.0, "farther returns are ignored", minimum=0.1)
     period_s: float = setting(1.0, "time between maps", minimum=0.05)
+    window_cells: int = setting(
+        16_000_000, "largest map published; of a larger one, the part around the robot", minimum=10_000
+    )
     checkpoint_share: float = setting(
         0.05, "maximum share of its time spent on checkpoints", minimum=1e-6, maximum=1.0
     )
@@ -106,10 +113,10 @@ class Mapping(Module):
 
     def tick(self) -> None:
         """Publish the map if it has changed."""
-        if self.scans == self.drawn_scans:
+        if self.scans == self.drawn_scans and not self.mapper.sweeps_behind:
             return
         self.drawn_scans = self.scans
-        cells, corner_m, resolution_m = self.mapper.grid()
+        cells, corner_m, resolution_m = self.mapper.grid(self.window_cells, MOST_REDRAWN)
         info = MapMetaData(
             resolution=resolution_m,
             width=cells.shape[1],
@@ -124,6 +131,9 @@ class Mapping(Module):
             f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "
             f"map {cells.shape[1]}x{cells.shape[0]}"
         )
+        height, width = self.mapper.known_cells
+        if cells.shape != (height, width):
+            self.status += f" of {width}x{height}"
 
     def _take_checkpoint(self) -> None:
         """Take a checkpoint; the longer it takes, the later the next one."""
@@ -163,8 +173,12 @@ class Mapping(Module):
         """Write the results."""
         trajectory = self.mapper.trajectory()
         np.savetxt(self.output_directory / "trajectory.txt", trajectory, fmt=["%.6f", "%.6f", "%.6f", "%.8f"])
-        cells, corner_m, resolution_m = self.mapper.grid()
-        write_map(self.output_directory / "map.yaml", cells, resolution_m, corner_m)
+        grid = self.mapper.drawn()
+        known = grid.known()
+        bands = (grid.cells(band)[0] for band in known.bands(BAND_ROWS))
+        yaml, corner_m = self.output_directory / "map.yaml", known.low * grid.resolution_m
+        write_large_map(yaml, known.shape, bands, grid.resolution_m, corner_m)
+        cells, corner_m, resolution_m = grid.overview(MOST_PICTURE_CELLS)
         draw_map(
             self.output_directory / "map.png",
             cells,
@@ -179,5 +193,10 @@ class Mapping(Module):
             "loops_closed": self.mapper.loops_closed,
             "refused": dict(self.mapper.refused),
             "thinned": self.mapper.thinned,
+            "map": {
+                "width_cells": known.shape[1],
+                "height_cells": known.shape[0],
+                "grid_bytes": grid.bytes,
+            },
         }
         (self.output_directory / "mapping.json").write_text(json.dumps(counted, indent=2) + "\n")

@@ -40,14 +40,14 @@ class Limits:
     """Limits of the mapper's memory. `GridMapper.refused` counts the inputs beyond them.
 
     Attributes:
-        cells: Cells of the grid (8 bytes each).
+        cells: Cells of the grid (5 bytes each) in tiles in which something was seen.
         key_sweeps: Key sweeps of the map (some 15 kB each with 360 beams). At the limit, the mapper removes
             redundant ones.
         odometry: Entries of the trajectory (32 bytes each, and 64 for each matched sweep). At the limit, the
             mapper removes the older half.
     """
 
-    cells: int = 16_000_000
+    cells: int = 60_000_000
     key_sweeps: int = 4_000
     odometry: int = 400_000
 
@@ -152,22 +152,51 @@ class GridMapper:
         poses = corrected(self._laser(odometry[:, 1:]), rows, anchors[:, 1:4], self._corrected(anchors))
         return np.column_stack([odometry[:, 0], self._robot(poses)])
 
-    def grid(self) -> tuple[NDArray[np.int8], NDArray[np.float64], float]:
+    def grid(
+        self, most_cells: int | None = None, most_sweeps: int | None = None
+    ) -> tuple[NDArray[np.int8], NDArray[np.float64], float]:
         """Draw the map.
+
+        Args:
+            most_cells: If more are known, only a window of this many cells around the robot is returned.
+            most_sweeps: Maximum number of sweeps to draw or to move now; `sweeps_behind` says how many wait.
 
         Returns:
             Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 for unknown (as in ROS's
             nav_msgs/OccupancyGrid); the position of the corner of cell (0, 0) (x, y; m, map frame); and the
             edge of a cell (m).
         """
-        self._renderer.update()
-        self.refused["sweeps beyond the grid"] = self._renderer.left_out
-        return (*self._renderer.grid.cells(), self._renderer.grid.resolution_m)
+        grid = self.drawn(most_sweeps)
+        window = grid.known()
+        if most_cells is not None:
+            window = window.around(np.floor(self.pose[:2] / grid.resolution_m), most_cells)
+        return (*grid.cells(window), grid.resolution_m)
+
+    def drawn(self, most_sweeps: int | None = None) -> OccupancyGrid:
+        """Draw the map and return its grid, which later drawing changes. `most_sweeps` is as in `grid`."""
+        self._renderer.update(most_sweeps)
+        self.refused["sweeps beyond the grid's memory"] = self._renderer.left_out
+        return self._renderer.grid
+
+    @property
+    def known_cells(self) -> tuple[int, int]:
+        """Rows and columns of the smallest window that contains all that is drawn."""
+        return self._renderer.grid.known().shape
+
+    @property
+    def sweeps_behind(self) -> int:
+        """Number of key sweeps that wait to be drawn, or to be moved to their new poses."""
+        return self._renderer.behind
 
     @property
     def loops_closed(self) -> int:
         """Number of loops closed."""
         return self._closer.closed
+
+    @property
+    def key_sweeps(self) -> int:
+        """Number of key sweeps in the map."""
+        return len(self._keys)
 
     def state(self) -> dict[str, Any]:
         """Return the mapper's state as plain data and arrays. The next message may change the arrays."""

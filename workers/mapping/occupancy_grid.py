@@ -4,9 +4,12 @@ After Elfes, "Using occupancy grids for mobile robot perception and navigation" 
 Moravec and Elfes (ICRA 1985): the evidence of each sweep adds to the log-odds of a cell. The grid stores two
 counts (beams that ended in a cell, sweeps that looked through it) and computes the log-odds from them. So it
 can remove a sweep exactly when its pose is corrected.
+
+The plane is divided into square tiles. Only tiles in which something was seen take memory, so the grid has no
+extent of its own, and a long corridor costs as much as a room of the same area.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,27 +18,64 @@ from numpy.typing import ArrayLike, NDArray
 
 LOG_ODDS_HIT = 0.85  # a beam ended here: occupied with p = 0.70
 LOG_ODDS_PASS = -0.4  # a sweep looked through: occupied with p = 0.40
-GROWTH_M = 5.0
+TILE = 32  # cells along a tile's edge
+TILE_CELLS = TILE * TILE
+BLOCK = 512  # tiles allocated together
+HIT, PASSED = 0, 1
+FAR = 1 << 30  # tile coordinates are packed into one integer; no robot drives that far
 
 
 class GridFull(MemoryError):
-    """The explored area exceeds the grid's limit."""
+    """The area that was seen exceeds the grid's limit."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of cells: from `low` (x, y) up to, but not including, `high`, in cells from the origin."""
+
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        width, height = (self.high - self.low).tolist()
+        return height, width
+
+    def around(self, centre: ArrayLike, most_cells: int) -> "Window":
+        """Return the largest part, as square as possible, around a cell that has at most so many cells."""
+        height, width = self.shape
+        if height * width <= most_cells:
+            return self
+        side = int(np.sqrt(most_cells))
+        wide = width if width < side else min(width, most_cells // min(height, side))
+        size = np.array([wide, min(height, most_cells // wide)])
+        low = np.clip(np.asarray(centre, np.int64) - size // 2, self.low, self.high - size)
+        return Window(low, low + size)
+
+    def bands(self, rows: int) -> "Iterator[Window]":
+        """Cut the window into bands of at most `rows` rows, beginning with the largest y."""
+        for top in range(int(self.high[1]), int(self.low[1]), -rows):
+            low = max(top - rows, int(self.low[1]))
+            yield Window(np.array([self.low[0], low]), np.array([self.high[0], top]))
 
 
 class OccupancyGrid:
-    """A grid that grows with the explored area, up to a limit.
+    """A grid without a fixed extent, whose memory grows with the area that was seen.
 
     Args:
         resolution_m: Edge of a cell.
-        max_cells: Maximum number of cells (8 bytes each).
+        max_cells: Maximum number of cells in tiles in which something was seen (5 bytes each).
     """
 
-    def __init__(self, resolution_m: float = 0.05, max_cells: int = 16_000_000) -> None:
+    def __init__(self, resolution_m: float = 0.05, max_cells: int = 60_000_000) -> None:
         self.resolution_m = resolution_m
         self.max_cells = max_cells
-        self._corner = np.zeros(2, dtype=np.int64)  # cell coordinates of the array's first cell
-        self._hits = np.zeros((0, 0), dtype=np.int32)
-        self._passes = np.zeros((0, 0), dtype=np.int32)
+        self._slots: dict[int, int] = {}  # packed tile coordinates: the tile's number
+        self._free: list[int] = []
+        self._changed: set[int] = set()  # packed coordinates of tiles whose occupancy is out of date
+        self._counts: list[NDArray[Any]] = []  # by block: (2, BLOCK * TILE_CELLS), unsigned
+        self._percent: list[NDArray[np.int8]] = []  # by block: (BLOCK, TILE, TILE)
 
     def add(self, origin_xy_m: ArrayLike, points: ArrayLike) -> None:
         """Add a sweep: `points` `(N, 2)`, m, map frame, were hit by beams from `origin_xy_m`.
@@ -43,40 +83,86 @@ class OccupancyGrid:
         Raises:
             GridFull: The sweep would make the grid exceed its limit of cells. The grid does not change.
         """
-        sweep = self._drawn(origin_xy_m, points)
-        self._cover(sweep.corner, sweep.corner + sweep.hits.shape[::-1])
-        self._count(sweep, 1)
+        hits, passed = self._drawn(origin_xy_m, points)
+        self._cover(np.unique(np.concatenate([_tiles(hits.cells), _tiles(passed.cells)])))
+        self._count(HIT, hits, 1)
+        self._count(PASSED, passed, 1)
 
     def remove(self, origin_xy_m: ArrayLike, points: ArrayLike) -> None:
         """Remove a sweep that was added with exactly these values."""
-        self._count(self._drawn(origin_xy_m, points), -1)
+        hits, passed = self._drawn(origin_xy_m, points)
+        self._count(HIT, hits, -1)
+        self._count(PASSED, passed, -1)
 
-    def cells(self) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+    @property
+    def bytes(self) -> int:
+        """Memory of the grid's cells."""
+        return sum(block.nbytes for block in (*self._counts, *self._percent))
+
+    def known(self) -> Window:
+        """Return the smallest window of whole tiles that contains all that was seen."""
+        self._refresh()
+        if not self._slots:
+            return Window(np.zeros(2, np.int64), np.zeros(2, np.int64))
+        tiles = _unpacked(np.fromiter(self._slots, np.int64, len(self._slots)))
+        return Window(tiles.min(axis=0) * TILE, (tiles.max(axis=0) + 1) * TILE)
+
+    def cells(self, window: Window | None = None) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
         """Return the map in ROS's form, and its position.
+
+        Args:
+            window: The part to return; all that is known without it.
 
         Returns:
             Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 where nothing was seen; and the
             position (x, y) of the outer corner of cell (0, 0), m, map frame.
         """
-        percent: NDArray[np.int8] = np.full(self._hits.shape, -1, dtype=np.int8)
-        seen = (self._hits > 0) | (self._passes > 0)
-        log_odds = LOG_ODDS_HIT * self._hits[seen] + LOG_ODDS_PASS * self._passes[seen]
-        percent[seen] = np.round(100 / (1 + np.exp(-log_odds)))
-        corner_m: NDArray[np.float64] = self._corner * np.float64(self.resolution_m)
+        known = self.known()
+        window = window or known
+        percent: NDArray[np.int8] = np.full(window.shape, -1, dtype=np.int8)
+        for left, bottom, tile in self._inside(window):
+            column, row = left - int(window.low[0]), bottom - int(window.low[1])
+            rows = slice(max(row, 0), min(row + TILE, percent.shape[0]))
+            columns = slice(max(column, 0), min(column + TILE, percent.shape[1]))
+            percent[rows, columns] = tile[
+                rows.start - row : rows.stop - row, columns.start - column : columns.stop - column
+            ]
+        corner_m: NDArray[np.float64] = window.low * np.float64(self.resolution_m)
         return percent, corner_m
 
-    def state(self) -> dict[str, Any]:
-        """Return the counts of all cells and their position. The next `add` may change the arrays."""
-        return {"corner": self._corner, "hits": self._hits, "passes": self._passes}
+    def overview(self, most_cells: int) -> tuple[NDArray[np.int8], NDArray[np.float64], float]:
+        """Return all that is known, with coarser cells if there are more than `most_cells`.
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore the data that `state` returned."""
-        self._corner = np.array(state["corner"], dtype=np.int64)
-        self._hits = np.array(state["hits"], dtype=np.int32)
-        self._passes = np.array(state["passes"], dtype=np.int32)
+        Returns:
+            Occupancy, the greatest of each coarse cell, and its position, as `cells` does; and the edge of a
+            coarse cell, m.
+        """
+        known = self.known()
+        height, width = known.shape
+        coarse = 1
+        while coarse < TILE and height * width > most_cells * coarse**2:
+            coarse *= 2
+        percent: NDArray[np.int8] = np.full((height // coarse, width // coarse), -1, dtype=np.int8)
+        side = TILE // coarse
+        for left, bottom, tile in self._inside(known):
+            column, row = (left - int(known.low[0])) // coarse, (bottom - int(known.low[1])) // coarse
+            percent[row : row + side, column : column + side] = tile.reshape(side, coarse, side, coarse).max(
+                axis=(1, 3)
+            )
+        corner_m: NDArray[np.float64] = known.low * np.float64(self.resolution_m)
+        return percent, corner_m, self.resolution_m * coarse
 
-    def _drawn(self, origin_xy_m: ArrayLike, points: ArrayLike) -> "_Sweep":
-        """Draw one sweep. A cell that it hit does not count as looked through."""
+    def _inside(self, window: Window) -> Iterator[tuple[int, int, NDArray[np.int8]]]:
+        """Yield the tiles that touch a window: their left and lowest cell, and their occupancy."""
+        keys = np.fromiter(self._slots, np.int64, len(self._slots))
+        low = _unpacked(keys) * TILE
+        inside = ((low < window.high) & (low + TILE > window.low)).all(axis=1)
+        for key, (left, bottom) in zip(keys[inside].tolist(), low[inside].tolist(), strict=True):
+            slot = self._slots[key]
+            yield left, bottom, self._percent[slot // BLOCK][slot % BLOCK]
+
+    def _drawn(self, origin_xy_m: ArrayLike, points: ArrayLike) -> "tuple[_Counts, _Counts]":
+        """Draw one sweep: the cells it hit, and those it looked through but did not hit."""
         origin, ends = np.asarray(origin_xy_m, float), np.asarray(points, float).reshape(-1, 2)
         beams = ends - origin
         length = np.hypot(beams[:, 0], beams[:, 1])
@@ -91,41 +177,81 @@ class OccupancyGrid:
         hits, passes = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
         passes[passed[:, 1] - corner[1], passed[:, 0] - corner[0]] = True
         np.add.at(hits, (hit[:, 1] - corner[1], hit[:, 0] - corner[0]), 1)
-        return _Sweep(corner, hits, passes & (hits == 0))
+        passes &= hits == 0
+        hit_at, passed_at = np.nonzero(hits), np.nonzero(passes)
+        return (
+            _Counts(np.column_stack(hit_at[::-1]) + corner, hits[hit_at]),
+            _Counts(np.column_stack(passed_at[::-1]) + corner, np.ones(len(passed_at[0]), np.int32)),
+        )
 
-    def _cover(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
-        """Grow the arrays to hold the cells from `low` up to, but not including, `high`."""
-        shape = np.array(self._hits.shape[::-1])
-        if (low >= self._corner).all() and (high <= self._corner + shape).all():
+    def _cover(self, tiles: NDArray[np.int64]) -> None:
+        """Take memory for tiles that have none."""
+        new = [tile for tile in tiles.tolist() if tile not in self._slots]
+        if not new:
             return
-        if shape.any():
-            margin = int(GROWTH_M / self.resolution_m)
-            low = np.where(low < self._corner, low - margin, self._corner)
-            high = np.where(high > self._corner + shape, high + margin, self._corner + shape)
-        if int(np.prod(high - low)) > self.max_cells:
-            width, height = (high - low) * self.resolution_m
+        if (len(self._slots) + len(new)) * TILE_CELLS > self.max_cells:
+            self._refresh()  # frees the tiles that sweeps have left
+            new = [tile for tile in tiles.tolist() if tile not in self._slots]
+        if (len(self._slots) + len(new)) * TILE_CELLS > self.max_cells:
             raise GridFull(
-                f"a map of {width:.0f} m x {height:.0f} m at {self.resolution_m} m is more than "
-                f"{self.max_cells} cells; choose a coarser resolution or allow more cells"
+                f"the area seen at {self.resolution_m} m is more than {self.max_cells} cells; "
+                "choose a coarser resolution or allow more cells"
             )
-        column, row = self._corner - low
-        grown = [np.zeros((high - low)[::-1], dtype=np.int32) for _ in range(2)]
-        for larger, counts in zip(grown, (self._hits, self._passes), strict=True):
-            larger[row : row + shape[1], column : column + shape[0]] = counts
-        self._hits, self._passes = grown
-        self._corner = low
+        for tile in new:
+            if not self._free:
+                first = len(self._counts) * BLOCK
+                self._counts.append(np.zeros((2, BLOCK * TILE_CELLS), np.uint16))
+                self._percent.append(np.full((BLOCK, TILE, TILE), -1, np.int8))
+                self._free.extend(range(first + BLOCK - 1, first - 1, -1))
+            self._slots[tile] = self._free.pop()
 
-    def _count(self, sweep: "_Sweep", by: int) -> None:
-        column, row = sweep.corner - self._corner
-        box = np.s_[row : row + sweep.hits.shape[0], column : column + sweep.hits.shape[1]]
-        self._hits[box] += by * sweep.hits
-        self._passes[box] += by * sweep.passes
+    def _count(self, which: int, counts: "_Counts", by: int) -> None:
+        tiles = _tiles(counts.cells)
+        each, member = np.unique(tiles, return_inverse=True)
+        keys = each.tolist()
+        self._changed.update(keys)
+        slots = np.array([self._slots[key] for key in keys], np.int64)[member]
+        inside = counts.cells % TILE
+        place = slots % BLOCK * TILE_CELLS + inside[:, 1] * TILE + inside[:, 0]
+        blocks = slots // BLOCK
+        for block in np.unique(blocks).tolist():
+            here = blocks == block
+            at = place[here]
+            new = self._counts[block][which, at].astype(np.int64) + by * counts.number[here]
+            if new.max() > np.iinfo(self._counts[block].dtype).max:
+                self._counts[block] = self._counts[block].astype(np.uint32)
+            self._counts[block][which, at] = new
+
+    def _refresh(self) -> None:
+        """Compute the occupancy of changed tiles, and free those in which nothing is seen any more."""
+        for key in sorted(self._changed):
+            slot = self._slots[key]
+            block, number = divmod(slot, BLOCK)
+            part = slice(number * TILE_CELLS, (number + 1) * TILE_CELLS)
+            hits, passes = self._counts[block][:, part].astype(np.float64)
+            percent = np.round(100 / (1 + np.exp(-(LOG_ODDS_HIT * hits + LOG_ODDS_PASS * passes))))
+            percent[(hits == 0) & (passes == 0)] = -1
+            self._percent[block][number] = percent.reshape(TILE, TILE)
+            if (percent < 0).all():
+                del self._slots[key]
+                self._free.append(slot)
+        self._changed.clear()
 
 
 @dataclass(frozen=True)
-class _Sweep:
-    """One sweep as a grid: the number of beams that ended in each cell, and the cells looked through."""
+class _Counts:
+    """What to count: cells `(N, 2)` (x, y), each once, and the number for each."""
 
-    corner: NDArray[np.int64]
-    hits: NDArray[np.int32]
-    passes: NDArray[np.bool_]
+    cells: NDArray[np.int64]
+    number: NDArray[np.int32]
+
+
+def _tiles(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the packed coordinates of the tile of each cell."""
+    tiles = cells // TILE + FAR
+    packed: NDArray[np.int64] = (tiles[:, 1] << 32) | tiles[:, 0]
+    return packed
+
+
+def _unpacked(tiles: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.column_stack([tiles & 0xFFFFFFFF, tiles >> 32]) - FAR

@@ -1,6 +1,7 @@
 """Maps as files: the YAML file and image of ROS's map_server (https://wiki.ros.org/map_server, trinary)."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,13 +45,35 @@ def write_map(path: Path, cells: NDArray[np.int8], resolution_m: float, corner_x
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
     """
-    if cells.size == 0:  # an image needs at least one pixel
-        cells = np.full((1, 1), -1, dtype=np.int8)
-    shades = np.where(cells >= OCCUPIED_PERCENT, OCCUPIED_SHADE, FREE_SHADE)
-    shades = np.where(cells < 0, UNKNOWN_SHADE, shades).astype(np.uint8)
+    write_large_map(path, cells.shape, [cells], resolution_m, corner_xy_m)
+
+
+def write_large_map(
+    path: Path,
+    shape: tuple[int, ...],
+    bands: Iterable[NDArray[np.int8]],
+    resolution_m: float,
+    corner_xy_m: ArrayLike,
+) -> None:
+    """Write a map as `write_map` does, without the need to hold all of it in memory.
+
+    Args:
+        path: Path of the YAML file.
+        shape: Rows and columns of the whole map.
+        bands: Bands of the map from the largest y down, each `(h, W) int8` as the cells of `write_map`.
+        resolution_m: Edge of a cell.
+        corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+    """
+    height, width = shape
+    if height * width == 0:  # an image needs at least one pixel
+        height, width, bands = 1, 1, [np.full((1, 1), -1, dtype=np.int8)]
     image = path.with_suffix(".pgm")
-    # An image begins with its uppermost row.
-    Image.fromarray(shades[::-1]).save(image)
+    with image.open("wb") as file:
+        file.write(f"P5\n{width} {height}\n255\n".encode())
+        for cells in bands:
+            shades = np.where(cells >= OCCUPIED_PERCENT, np.uint8(OCCUPIED_SHADE), np.uint8(FREE_SHADE))
+            shades[cells < 0] = UNKNOWN_SHADE
+            file.write(shades[::-1].tobytes())  # an image begins with its uppermost row
     x_m, y_m = np.asarray(corner_xy_m, float).tolist()
     described = {
         "image": image.name,
@@ -80,7 +103,7 @@ def read_map(path: Path) -> MapFile:
     try:
         with Image.open(image) as opened:
             shades = np.asarray(opened.convert("L"), dtype=float)[::-1] / 255
-    except (OSError, UnidentifiedImageError) as error:
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise MapFileError(f"{path}: its image cannot be read: {error}") from error
     occupied = shades if described.get("negate", 0) else 1 - shades
     cells = np.full(shades.shape, -1, dtype=np.int8)

@@ -177,10 +177,33 @@ def test_endless_drive_in_a_room_has_bounded_memory_and_stays_accurate() -> None
     assert np.array_equal(second.trajectory(), mapper.trajectory())
 
 
-def test_sweeps_beyond_the_grid_are_skipped_and_counted(drive: Drive) -> None:
-    mapper = run(GridMapper(limits=Limits(cells=1000)), drive, end=300)
-    assert mapper.grid()[0].size <= 1000
-    assert mapper.refused["sweeps beyond the grid"] > 0
+def test_sweeps_beyond_the_memory_of_the_grid_are_skipped_and_counted(drive: Drive) -> None:
+    mapper = run(GridMapper(limits=Limits(cells=11_000)), drive, end=300)
+    mapper.grid()
+    assert mapper.drawn().bytes < 3_000_000
+    assert mapper.refused["sweeps beyond the grid's memory"] > 0
+
+
+def test_map_drawn_little_by_little_becomes_the_whole_map(mapped: GridMapper) -> None:
+    whole = mapped.grid()
+    second = GridMapper.from_state(deepcopy(mapped.state()))
+    seen, behind = -1, [mapped.key_sweeps]
+    while behind[-1]:
+        cells, _, _ = second.grid(most_sweeps=20)
+        behind.append(second.sweeps_behind)
+        assert (cells >= 0).sum() > seen
+        seen = int((cells >= 0).sum()) if len(behind) < 3 else seen
+    assert behind[1:3] == [mapped.key_sweeps - 20, mapped.key_sweeps - 40]
+    assert np.array_equal(second.grid()[0], whole[0])
+    assert np.array_equal(second.grid()[1], whole[1])
+
+
+def test_large_map_is_given_as_a_window_around_the_robot(mapped: GridMapper) -> None:
+    cells, corner_m, resolution_m = mapped.grid(most_cells=10_000)
+    rows, columns = mapped.known_cells
+    assert 8_000 < cells.size <= 10_000 < rows * columns
+    middle_m = corner_m + np.array(cells.shape[::-1]) * resolution_m / 2
+    assert np.hypot(*(middle_m - mapped.pose[:2])) < 2.5
 
 
 def test_sweeps_without_odometry_are_refused_and_counted(drive: Drive) -> None:
