@@ -10,6 +10,9 @@
 /* Periods of which C computes the next tick; Python has others, and those that are no period. */
 static const double MIN_PERIOD_NS = 1.0, MAX_PERIOD_NS = 1e17;
 
+/* As in calls/due.py. */
+static const long long NEVER_NS = INT64_MAX;
+
 struct tick_times_object {
     PyObject_HEAD
     long long due_ns;
@@ -24,6 +27,7 @@ struct loop_object {
     PyObject *outbox;
     PyObject *module;
     PyObject *calls;
+    PyObject *calls_due; /* a Due of calls/due.py */
     PyObject *ticks;
     struct tick_times_object *times;
     PyObject *wake;
@@ -32,8 +36,8 @@ struct loop_object {
 };
 
 /* Names of attributes, made once. */
-static PyObject *name_are_used, *name_awaits_room, *name_ends, *name_is_tick_awaited, *name_period,
-    *name_room_was_made, *name_schedule, *name_tick;
+static PyObject *name_awaits_room, *name_due, *name_ends, *name_is_tick_awaited, *name_ns, *name_period,
+    *name_room_was_made, *name_run, *name_schedule, *name_tick;
 
 /* -- ticks.py ----------------------------------------------------------------------------------------------- */
 
@@ -192,14 +196,52 @@ static int expedite_if(struct loop_object *self, int condition)
     return condition < 0 ? -1 : 1;
 }
 
-/* Wait for messages or the next tick; 1, or -1 with an exception. */
+/* Read when something is to be done for the module's calls; 0, or -1 with an exception. */
+static int read_calls_due(const struct loop_object *self, long long *due_ns)
+{
+    PyObject *ns = PyObject_GetAttr(self->calls_due, name_ns);
+    *due_ns = ns == NULL ? -1 : PyLong_AsLongLong(ns);
+    Py_XDECREF(ns);
+    return *due_ns == -1 && PyErr_Occurred() ? -1 : 0;
+}
+
+/* Whether something is to be done for the module's calls; -1 with an exception. */
+static int are_calls_due(const struct loop_object *self)
+{
+    long long due_ns;
+    if (read_calls_due(self, &due_ns) < 0)
+        return -1;
+    return due_ns != NEVER_NS && (long long)monotonic_ns() >= due_ns;
+}
+
+/* Do it; 1, or -1 with an exception. */
+static int run_calls(struct loop_object *self)
+{
+    if (begin_tick(self) < 0)
+        return -1;
+    PyObject *result = PyObject_CallMethodNoArgs(self->calls, name_run);
+    if (result == NULL)
+        return -1;
+    Py_DECREF(result);
+    return end_tick(self);
+}
+
+static long long sooner(long long wait_ns, long long due_ns)
+{
+    const long long left_ns = due_ns - (long long)monotonic_ns();
+    return left_ns < 0 ? 0 : left_ns < wait_ns ? left_ns : wait_ns;
+}
+
+/* Wait for messages, for the next tick or for calls; 1, or -1 with an exception. */
 static int wait_for_work(struct loop_object *self, bool has_period)
 {
-    long long wait_ns = self->max_wait_ns;
-    if (has_period) {
-        const long long left_ns = self->times->due_ns - (long long)monotonic_ns();
-        wait_ns = left_ns < 0 ? 0 : left_ns < wait_ns ? left_ns : wait_ns;
-    }
+    long long wait_ns = self->max_wait_ns, calls_due_ns;
+    if (has_period)
+        wait_ns = sooner(wait_ns, self->times->due_ns);
+    if (read_calls_due(self, &calls_due_ns) < 0)
+        return -1;
+    if (calls_due_ns != NEVER_NS)
+        wait_ns = sooner(wait_ns, calls_due_ns);
     const int woken = wait_for_post(self->wakeup, wait_ns);
     if (woken <= 0)
         return woken < 0 ? -1 : 1;
@@ -208,38 +250,55 @@ static int wait_for_work(struct loop_object *self, bool has_period)
     return expedite_if(self, tick_is_awaited(self));
 }
 
+/* What a turn does after it has looked for a message; 1, or -1 with an exception. */
+static int take_rest_of_turn(struct loop_object *self, enum period period, bool was_one)
+{
+    if (period == PERIOD_ERROR)
+        return -1;
+    long long period_ns;
+    const int calls_due = are_calls_due(self);
+    if (calls_due < 0)
+        return -1;
+    if (calls_due) {
+        const int ends_before = was_one ? is_true(self->runner, name_ends) : 0;
+        if (ends_before != 0)
+            return ends_before;
+        if (run_calls(self) < 0)
+            return -1;
+        const int ends = is_true(self->runner, name_ends);
+        if (ends != 0)
+            return ends;
+        period = read_period(self, &period_ns);
+    }
+    if (period == PERIOD_ERROR || period == PERIOD_ODD)
+        return period == PERIOD_ODD ? 1 : -1; /* with an odd one, the next turn is not mine */
+    if (period == PERIOD_SET && (long long)monotonic_ns() >= self->times->due_ns) {
+        const int ends = was_one ? is_true(self->runner, name_ends) : 0;
+        return ends != 0 ? ends : run_tick(self);
+    }
+    return was_one ? 1 : wait_for_work(self, period == PERIOD_SET);
+}
+
 /* One turn; 1, 0 if this is not mine, or -1 with an exception. */
 static int take_turn(struct loop_object *self)
 {
     long long period_ns;
     enum period period = read_period(self, &period_ns);
-    int are_calls_used = is_true(self->calls, name_are_used);
-    if (period == PERIOD_ERROR || are_calls_used < 0)
+    if (period == PERIOD_ERROR)
         return -1;
-    if (period == PERIOD_ODD || are_calls_used || self->wakeup->semaphore == NULL)
+    if (period == PERIOD_ODD || self->wakeup->semaphore == NULL)
         return 0;
     switch (subscriber_handle_next(self->subscriber, self->inbox)) {
     case HANDLED_NOT_MINE:
         return 0;
-    case HANDLED_WITH_ERROR:
-        return -1;
     case HANDLED_NONE:
-        if (period == PERIOD_SET && (long long)monotonic_ns() >= self->times->due_ns)
-            return run_tick(self);
-        return wait_for_work(self, period == PERIOD_SET);
+        return take_rest_of_turn(self, period, false);
     case HANDLED_ONE:
-        break;
-    }
-    period = read_period(self, &period_ns); /* the handler may have changed it, and may have called */
-    are_calls_used = is_true(self->calls, name_are_used);
-    if (period == PERIOD_ERROR || are_calls_used < 0)
+        period = read_period(self, &period_ns); /* the handler may have changed it */
+        return take_rest_of_turn(self, period, true);
+    default:
         return -1;
-    if (period != PERIOD_SET || are_calls_used || (long long)monotonic_ns() < self->times->due_ns)
-        return 1;
-    const int ends = is_true(self->runner, name_ends);
-    if (ends != 0)
-        return ends;
-    return run_tick(self);
+    }
 }
 
 static PyObject *turn(struct loop_object *self, PyObject *Py_UNUSED(none))
@@ -264,15 +323,21 @@ static PyObject *loop_new(PyTypeObject *type, PyObject *args, PyObject *keywords
         PyErr_SetString(PyExc_TypeError, "expected the post of a semaphore in C");
         return NULL;
     }
-    struct loop_object *self = (struct loop_object *)type->tp_alloc(type, 0);
-    if (self == NULL)
+    PyObject *calls_due = PyObject_GetAttr(calls, name_due);
+    if (calls_due == NULL)
         return NULL;
+    struct loop_object *self = (struct loop_object *)type->tp_alloc(type, 0);
+    if (self == NULL) {
+        Py_DECREF(calls_due);
+        return NULL;
+    }
     self->subscriber = (struct subscriber_object *)Py_NewRef(subscriber);
     self->runner = Py_NewRef(runner);
     self->inbox = Py_NewRef(inbox);
     self->outbox = Py_NewRef(outbox);
     self->module = Py_NewRef(module);
     self->calls = Py_NewRef(calls);
+    self->calls_due = calls_due;
     self->ticks = Py_NewRef(ticks);
     self->times = (struct tick_times_object *)Py_NewRef(times);
     self->wake = Py_NewRef(wake);
@@ -289,6 +354,7 @@ static int loop_traverse(struct loop_object *self, visitproc visit, void *arg)
     Py_VISIT(self->outbox);
     Py_VISIT(self->module);
     Py_VISIT(self->calls);
+    Py_VISIT(self->calls_due);
     Py_VISIT(self->ticks);
     Py_VISIT(self->wake);
     return 0;
@@ -303,6 +369,7 @@ static void loop_dealloc(struct loop_object *self)
     Py_XDECREF(self->outbox);
     Py_XDECREF(self->module);
     Py_XDECREF(self->calls);
+    Py_XDECREF(self->calls_due);
     Py_XDECREF(self->ticks);
     Py_XDECREF(self->times);
     Py_XDECREF(self->wake);
@@ -333,12 +400,14 @@ int add_loop_types(PyObject *module)
         PyObject **name;
         const char *text;
     } names[] = {
-        {&name_are_used, "are_used"},
         {&name_awaits_room, "awaits_room"},
+        {&name_due, "due"},
         {&name_ends, "ends"},
         {&name_is_tick_awaited, "_is_tick_awaited"},
+        {&name_ns, "ns"},
         {&name_period, "period_s"},
         {&name_room_was_made, "room_was_made"},
+        {&name_run, "run"},
         {&name_schedule, "schedule"},
         {&name_tick, "tick"},
     };

@@ -292,6 +292,8 @@ class Pins:
 class Subscriber:
     @property
     def current(self) -> Delivery | None: ...
+    @property
+    def source(self) -> int | None: ...
     def __init__(
         self,
         endpoint: Endpoint,

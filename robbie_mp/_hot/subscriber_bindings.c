@@ -323,6 +323,13 @@ static PyObject *get_current(struct subscriber_object *self, void *Py_UNUSED(clo
     return new_delivery(self->endpoint->delivery_type, &self->current);
 }
 
+static PyObject *get_source(struct subscriber_object *self, void *Py_UNUSED(closure))
+{
+    if (!self->is_handling)
+        Py_RETURN_NONE;
+    return PyLong_FromUnsignedLongLong(self->current.source);
+}
+
 static PyObject *let_go(struct subscriber_object *self, PyObject *Py_UNUSED(ignored))
 {
     release_words(&self->words);
@@ -338,6 +345,7 @@ static PyMethodDef subscriber_methods[] = {
 
 static PyGetSetDef subscriber_attributes[] = {
     {"current", (getter)get_current, NULL, "The delivery of the message that is being handled, or None.", NULL},
+    {"source", (getter)get_source, NULL, "The source of the message that is being handled, or None.", NULL},
     {0},
 };
 

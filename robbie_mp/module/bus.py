@@ -65,5 +65,8 @@ class Bus(Protocol):
     def wake_after_freed(self, messages: int) -> None:
         """Wake this module when all subscribers have released this number of its messages."""
 
+    def sender(self) -> str:
+        """Return the name of the module that published the message being handled; raises as `envelope`."""
+
     def envelope(self) -> Envelope:
         """Return the envelope of the message being handled."""

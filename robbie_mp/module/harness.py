@@ -433,7 +433,9 @@ class HarnessPeers:
         """Whether there is a server."""
         return self.has_server
 
-    is_open = serves
+    def is_same(self, _server: Server, incarnation: int) -> bool:
+        """Whether there is a server, with this process."""
+        return self.has_server and self.server_incarnation == incarnation
 
     def incarnation_of(self, _server: Server) -> int:
         """Return the number of the server's process."""
@@ -567,6 +569,10 @@ class HarnessBus:
 
     def wake_after_freed(self, messages: int) -> None:
         """Do nothing: there is always room."""
+
+    def sender(self) -> str:
+        """Return who published the message being handled; raises as `envelope`."""
+        return self.envelope().sender
 
     def envelope(self) -> Envelope:
         """Return the envelope of the message being handled.

@@ -82,6 +82,14 @@ class Inbox:
         )
 
     @property
+    def source(self) -> int | None:
+        """The source of the message that is being handled; this takes less time than `current`."""
+        if self._current is None and self.native is not None:
+            source: int | None = self.native.source
+            return source
+        return None if self._current is None else self._current.source
+
+    @property
     def current(self) -> Delivery | None:
         """The message that is being handled."""
         if self._current is None and self.native is not None:

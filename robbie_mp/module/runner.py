@@ -152,10 +152,12 @@ class ModuleRunner:
                 self._handle(delivery)
         if was_one and self.ends:
             return
-        if self._calls.are_used and self._calls.are_due():
+        if self._calls.are_due():
             self._begin(Activity.TICK)
             self._calls.run()
             self._idle()
+            if self.ends:
+                return
         if self._ticks.are_due():
             self._begin(Activity.TICK)
             self._ticks.run()
@@ -188,9 +190,7 @@ class ModuleRunner:
                 idle += 1
 
     def _wait(self) -> None:
-        wait_s = self._ticks.wait_s()
-        if self._calls.are_used:
-            wait_s = min(wait_s, self._calls.wait_s())
+        wait_s = min(self._ticks.wait_s(), self._calls.wait_s())
         woken = self._wakeup.wait(wait_s)
         if woken and self._outbox.awaits_room and self._outbox.room_was_made():
             self._ticks.expedite()

@@ -1,6 +1,6 @@
 """The bus of a module that runs in its own process."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Protocol
 
@@ -11,9 +11,21 @@ from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.transport.records import Delivery
 
+NOTHING_HANDLED = "there is an envelope only while a message is being handled"
+
 
 class _Publish(Protocol):
     def __call__(self, message: Message, topic: str, latched: bool = False) -> bool: ...
+
+
+class Describer(Protocol):
+    """Knows what the tables of the core and the supervisor say about a delivery."""
+
+    def sender(self, source: int) -> str:
+        """Return the name of the module whose memory a message lies in."""
+
+    def envelope(self, delivery: Delivery) -> Envelope:
+        """Return the envelope of a message."""
 
 
 class SharedMemoryBus:
@@ -22,11 +34,11 @@ class SharedMemoryBus:
     Args:
         outbox: publishes the module's messages.
         inbox: receives messages for the module.
-        describe: creates the envelope of a delivery from the tables of the core and the supervisor.
+        describe: says what is known about a delivery.
         peers: the other modules.
     """
 
-    def __init__(self, outbox: Outbox, inbox: Inbox, describe: Callable[[Delivery], Envelope], peers: Peers):
+    def __init__(self, outbox: Outbox, inbox: Inbox, describe: Describer, peers: Peers):
         self.peers = peers
         self._outbox = outbox
         self.publish: _Publish = outbox.publish
@@ -69,12 +81,20 @@ class SharedMemoryBus:
         """Wake this module when all subscribers have released this number of its messages."""
         self._outbox.wake_after_freed(messages)
 
+    def sender(self) -> str:
+        """Return the name of the module that published the message being handled; raises as `envelope`."""
+        source = self._inbox.source
+        if source is None:
+            raise LookupError(NOTHING_HANDLED)
+        return self._describe.sender(source)
+
     def envelope(self) -> Envelope:
         """Return the envelope of the message being handled.
 
         Raises:
             LookupError: no message is being handled.
         """
-        if self._inbox.current is None:
-            raise LookupError("there is an envelope only while a message is being handled")
-        return self._describe(self._inbox.current)
+        current = self._inbox.current
+        if current is None:
+            raise LookupError(NOTHING_HANDLED)
+        return self._describe.envelope(current)

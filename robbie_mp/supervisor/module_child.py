@@ -220,11 +220,17 @@ class _Describer:
         self._names: dict[int, str] = {}
         """Names of slots, which never change."""
 
-    def __call__(self, delivery: Delivery) -> Envelope:
-        name = self._channel_name(delivery.channel)
-        topic = self._own(name.type_name, name.topic)
-        slot = layout.unpack_source(delivery.source)[0]
+    def sender(self, source: int) -> str:
+        """Return the name of the module whose memory a message lies in."""
+        slot = source & layout.SOURCE_SLOT
         sender = self._names.get(slot)
         if sender is None:
             sender = self._names[slot] = self._board.name(slot)
+        return sender
+
+    def envelope(self, delivery: Delivery) -> Envelope:
+        """Return the envelope of the message."""
+        name = self._channel_name(delivery.channel)
+        topic = self._own(name.type_name, name.topic)
+        sender = self.sender(delivery.source)
         return Envelope(topic, delivery.sequence, sender, self._clock_at(delivery.stamp_ns))

@@ -105,6 +105,10 @@ class ToolBus:
         with self._lock:
             self._tool.outbox.wake_after_freed(messages)
 
+    def sender(self) -> str:
+        """Return who published the message being handled; raises as `envelope`."""
+        return self.envelope().sender
+
     def envelope(self) -> Envelope:
         """Return the envelope of the message being handled.
 

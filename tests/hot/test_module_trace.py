@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robbie_mp.module.calls.due import NEVER_NS
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
@@ -40,7 +41,7 @@ STEP = st.one_of(
         st.just(()),
     ),
     st.tuples(st.just("set_period"), st.one_of(st.tuples(PERIOD_S), st.tuples(PERIOD_S, PERIOD_S))),
-    st.tuples(st.just("use_calls"), st.tuples(st.integers(0, 1))),
+    st.tuples(st.just("use_calls"), st.tuples(st.sampled_from([0, 5_000_000, NEVER_NS]))),
     st.tuples(st.just("await_room"), st.tuples(st.integers(0, 3))),
 )
 
@@ -122,6 +123,28 @@ def test_c_really_takes_turns(
     steps: list[Step] = [("set_period", (period_s, 1e-9)), ("take_turns", (4,))]
     played(built, lambda: play(built, parcel, steps), with_c=True)
     assert turns == by_python
+
+
+def test_c_keeps_the_loop_of_a_module_with_calls(
+    built: ModuleType, parcel: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And does what is due for them, as often as Python."""
+    in_python: list[ModuleRunner] = []
+    monkeypatch.setattr(time, "monotonic_ns", built.tick)
+    steps: list[Step] = [("take_turns", (1,)), ("use_calls", (5_000_000,)), ("take_turns", (9,))]
+    runs: list[int] = []
+    turn = ModuleRunner._turn
+
+    def note_turn(runner: ModuleRunner) -> None:
+        in_python.append(runner)
+        turn(runner)
+
+    monkeypatch.setattr(ModuleRunner, "_turn", note_turn)
+    played(built, lambda: runs.append(play(built, parcel, steps).calls_run), with_c=True)
+    assert not in_python
+    played(built, lambda: runs.append(play(built, parcel, steps).calls_run), with_c=False)
+    assert in_python
+    assert runs[0] == runs[1] >= 2
 
 
 def test_awaited_tick_comes_before_its_time(

@@ -8,7 +8,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robbie_mp import CallError, CallRefused, Envelope, Message, Reply, Request, uint32
+from robbie_mp import CallError, CallRefused, Message, Reply, Request, uint32
 from robbie_mp.messages.calls import reply_type
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.peers import Server
@@ -52,7 +52,7 @@ class Wire:
         self.name = place.name
         self.incarnation = place.incarnation
         self.peers = self.subscriptions = self
-        self.sender = ""
+        self.sent_by = ""
 
     def subscribe(self, message_type: type[Message], handler: Any, _handling: Any, topic: str) -> None:
         self.place.handlers[message_type, topic] = handler
@@ -61,8 +61,8 @@ class Wire:
         self.run.route(message, topic, self.name)
         return True
 
-    def envelope(self) -> Envelope:
-        return Envelope("", 0, self.sender, 0)
+    def sender(self) -> str:
+        return self.sent_by
 
     def now_ns(self) -> int:
         return self.run.clock.monotonic_ns()
@@ -74,7 +74,8 @@ class Wire:
     def serves(self, _server: Server) -> bool:
         return self.run.server.is_open
 
-    is_open = serves
+    def is_same(self, server: Server, incarnation: int) -> bool:
+        return self.serves(server) and self.run.server.incarnation == incarnation
 
     def incarnation_of(self, _server: Server) -> int:
         return self.run.server.incarnation
@@ -207,7 +208,7 @@ class Run(RuleBasedStateMachine):
         if place.queue:
             topic, message, sender = place.queue.popleft()
             handler = place.handlers.get((type(message), topic))
-            wire.sender = sender
+            wire.sent_by = sender
             if handler is not None:
                 handler(type(message).decode(message.encode()))
 

@@ -6,6 +6,7 @@ import threading
 
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.client import ClientCalls
+from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.calls.errors import CalledInSetup, WrongThread
 from robbie_mp.module.calls.server import ServiceCalls
 from robbie_mp.module.clock import Clock
@@ -22,17 +23,18 @@ class Calls:
     Attributes:
         client: the calls that it makes.
         server: the services that it offers.
-        are_used: whether the module has ever called or served; if not, the rest costs nothing.
+        due: when `run` has something to do next; a module that has never called or served pays for no more
+            than a look at it.
         is_granted: whether time passes only by granted ticks, as in lockstep; then `run_granted` does what
             depends on the module's clock.
     """
 
     def __init__(self, bus: Bus, clock: Clock, log: logging.Logger):
         self._bus = bus
-        self.client = ClientCalls(bus, clock, log)
-        self.server = ServiceCalls(bus, log)
+        self.due = Due()
+        self.client = ClientCalls(bus, clock, log, self.due)
+        self.server = ServiceCalls(bus, log, self.due)
         self._thread = threading.get_ident()
-        self.are_used = False
         self.is_granted = False
         self._has_begun = False
 
@@ -42,7 +44,6 @@ class Calls:
         Raises:
             WrongThread: another thread does.
         """
-        self.are_used = True
         if threading.get_ident() != self._thread:
             raise WrongThread("call and serve only in the module's main thread, as handlers and ticks do")
 
@@ -53,8 +54,8 @@ class Calls:
             CalledInSetup: they are not.
             WrongThread: another thread runs.
         """
-        self.check_thread()
-        if not self._has_begun:
+        if not self._has_begun or threading.get_ident() != self._thread:
+            self.check_thread()
             raise CalledInSetup("not every module serves yet; call from the first message or tick on")
 
     def begin(self) -> None:
@@ -69,16 +70,12 @@ class Calls:
 
     def wait_s(self) -> float:
         """Return how long the module may wait for messages, in s; infinite if nothing is due."""
-        if len(self.client):
-            return self.client.wait_s()
-        return math.inf
+        due_ns = self.due.ns
+        return math.inf if due_ns == NEVER_NS else max(0.0, (due_ns - self._bus.peers.now_ns()) / 1e9)
 
     def are_due(self) -> bool:
-        """Whether there is something to do."""
-        client = self.client
-        if len(client) and (client.has_failed_calls or client.is_look_due()):
-            return True
-        return self.server.are_any and self._bus.peers.now_ns() >= self.server.look_again_ns
+        """Whether there may be something to do."""
+        return self.due.ns != NEVER_NS and self._bus.peers.now_ns() >= self.due.ns
 
     def run(self) -> None:
         """Do what is due.
@@ -86,15 +83,16 @@ class Calls:
         Raises:
             ServedTwice: as for `begin`.
         """
-        client = self.client
+        client, server = self.client, self.server
         if len(client):
             if client.is_look_due():
                 if not self.is_granted:
                     client.expire()
                 client.look()
             client.report()
-        if self.server.are_any and self._bus.peers.now_ns() >= self.server.look_again_ns:
-            self.server.check_rivals()
+        if server.are_any and self._bus.peers.now_ns() >= server.look_again_ns:
+            server.check_rivals()
+        self.due.ns = min(client.due_ns(), server.due_ns())
 
     def run_granted(self) -> None:
         """Do what is due by the module's clock, when a tick is granted."""

@@ -11,6 +11,7 @@ import numpy as np
 from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX, number_call
 from robbie_mp.module.bus import Bus
+from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.calls.errors import (
     CallError,
     CallLost,
@@ -39,6 +40,7 @@ QUESTION_PERIOD_NS = 1_000_000_000
 CANCEL_PERIOD_NS = 250_000_000
 """The same after the goal was cancelled: each question repeats the cancel, which may have been lost."""
 CALL_BITS = 32
+CALL_MASK = (1 << CALL_BITS) - 1
 GOAL_ENDS: dict[int, type[CallError]] = {
     GoalEnd.CANCELLED: GoalCancelled,
     GoalEnd.ABORTED: GoalAborted,
@@ -81,6 +83,18 @@ class _Call:
         return None if self.timeout_ns is None else self.begun_ns + self.timeout_ns
 
 
+@dataclass(slots=True, eq=False)
+class _Service:
+    """A service that this module has called."""
+
+    name: ChannelName
+    label: str
+    server: Server | None = None
+    """The server found last; None: there was none."""
+    incarnation: int = 0
+    """Of the server, when it was found."""
+
+
 class ClientCalls:
     """The calls that one module makes.
 
@@ -88,20 +102,22 @@ class ClientCalls:
         bus: the module's bus.
         clock: times the calls.
         log: the module's logger.
+        due: brought forward when something will be due for these calls.
 
     Attributes:
         late: number of replies to calls that had already ended, or were made by an earlier incarnation.
     """
 
-    def __init__(self, bus: Bus, clock: Clock, log: logging.Logger):
+    def __init__(self, bus: Bus, clock: Clock, log: logging.Logger, due: Due):
         self._bus = bus
         self._clock = clock
         self._log = log
+        self._due = due
         self._calls: dict[int, _Call] = {}
         self._failed: list[tuple[OnError, CallError]] = []
         """Calls that have failed; their errors are still to be reported."""
-        self._servers: dict[ChannelName, tuple[Server, int]] = {}
-        """The servers found last, and their incarnations then."""
+        self._services: dict[tuple[type[Message], str], _Service] = {}
+        """Services that had a server when they were called last, by type of requests and topic."""
         self._listened: set[type[Any]] = set()
         self._listens_as = ""
         """The topic of this module's replies."""
@@ -146,41 +162,52 @@ class ClientCalls:
         """
         if timeout_s is not None and not 0 < timeout_s < math.inf:
             raise InvalidTimeout(f"timeout_s={timeout_s}; expected a number of seconds greater than 0")
-        if len(self) >= MAX_CALLS:
+        if len(self._calls) + len(self._failed) >= MAX_CALLS:
             raise TooManyCalls(
                 f"{len(self)} calls have not ended; wait for replies, or give a shorter timeout"
             )
-        request_type = type(request)
-        name = request_type.__name__.removesuffix(REQUEST_SUFFIX).removesuffix(GOAL_SUFFIX)
-        label = f"{name}{f' on topic {topic!r}' * bool(topic)}"
-        report = on_error or self._log_error
         if replies not in self._listened:
             self._listen(replies, self._on_reply)
         if feedbacks is not None and feedbacks not in self._listened:
             self._listen(feedbacks, self._on_feedback)
             if GoalEnd not in self._listened:
                 self._listen(GoalEnd, self._on_goal_end)
-        service = ChannelName(request.type_name, request.version, service_topic(topic))
-        server = self._find_server(service)
-        self._number += 1
-        number = self._bus.peers.incarnation << CALL_BITS | self._number & (1 << CALL_BITS) - 1
+        # The reply waits for what is done before the request is sent, but not for the rest.
+        peers = self._bus.peers
+        service = self._services.get((type(request), topic))
+        if service is None or not (service.server and peers.is_same(service.server, service.incarnation)):
+            service = self._find(type(request), topic)
+        self._number = self._number + 1 & CALL_MASK
+        number = peers.incarnation << CALL_BITS | self._number
+        report = on_error or self._log_error
+        server, incarnation = service.server, service.incarnation
         if server is None:
-            self._failed.append((report, NoServer(f"{label}: no module serves it")))
+            self._report_soon(report, NoServer(f"{service.label}: no module serves it"))
             return number
-        incarnation = self._bus.peers.incarnation_of(server)
+        number_call(request, number)
+        is_sent = self._bus.publish(request, service.name.topic)
+        if not is_sent:
+            full = CallNotSent(f"{service.label}: this module's memory or ring is full")
+            self._report_soon(report, full)
+            return number
         now_ns = self._clock.monotonic_ns()
         timeout_ns = None if timeout_s is None else round(timeout_s * 1e9)
-        look_ns = self._bus.peers.now_ns() + min(LOOK_PERIOD_NS, timeout_ns or LOOK_PERIOD_NS)
+        look_ns = peers.now_ns() + min(LOOK_PERIOD_NS, timeout_ns or LOOK_PERIOD_NS)
         self._look_ns = min(look_ns, self._look_ns) if self._calls else look_ns
-        made = _Call(
-            number, label, server, on_reply, report, now_ns, timeout_ns, now_ns, incarnation, incarnation
+        self._due.bring_forward(self._look_ns)
+        self._calls[number] = _Call(
+            number,
+            service.label,
+            server,
+            on_reply,
+            report,
+            now_ns,
+            timeout_ns,
+            now_ns,
+            incarnation,
+            incarnation,
+            on_feedback,
         )
-        made.on_feedback = on_feedback
-        number_call(request, number)
-        if self._bus.publish(request, service.topic):
-            self._calls[number] = made
-        else:
-            self._failed.append((report, CallNotSent(f"{label}: this module's memory or ring is full")))
         return number
 
     def cancel(self, number: int, reason: str) -> bool:
@@ -204,15 +231,15 @@ class ClientCalls:
         for message_type in self._listened:
             self._bus.subscriptions.forget(message_type, self._listens_as)
         self._listened.clear()
-        self._servers.clear()
+        self._services.clear()
 
     # -- what is due ---------------------------------------------------------------------------------------
 
-    def wait_s(self) -> float:
-        """Return the time until something is due, in s of the machine; infinite if nothing is."""
+    def due_ns(self) -> int:
+        """Return when something is due, by the machine's clock; NEVER_NS: nothing is."""
         if self._failed:
-            return 0.0
-        return max(0.0, (self._look_ns - self._bus.peers.now_ns()) / 1e9) if self._calls else math.inf
+            return 0
+        return self._look_ns if self._calls else NEVER_NS
 
     def report(self) -> None:
         """Report the errors of the calls that have failed."""
@@ -315,7 +342,7 @@ class ClientCalls:
 
     def _on_feedback(self, feedback: Any) -> None:
         call = self._calls.get(feedback.call)
-        if call is None or call.is_over or call.server.module != self._bus.envelope().sender:
+        if call is None or call.is_over or call.server.module != self._bus.sender():
             self.late += 1
         elif call.on_feedback is not None:
             call.on_feedback(feedback)
@@ -326,7 +353,7 @@ class ClientCalls:
             call.on_error(GOAL_ENDS.get(end.outcome, GoalAborted)(end.reason))
 
     def _on_answer(self, answer: CallsAnswer) -> None:
-        sender = self._bus.envelope().sender
+        sender = self._bus.sender()
         for number in set(answer.calls.tolist()) - set(answer.pending.tolist()):
             call = self._calls.get(number)
             if call is not None and call.server.module == sender:
@@ -342,7 +369,7 @@ class ClientCalls:
     def _take(self, number: int) -> _Call | None:
         """Return the call that the message being handled ends; None if it ends none."""
         call = self._calls.get(number)
-        if call is None or call.server.module != self._bus.envelope().sender:
+        if call is None or call.server.module != self._bus.sender():
             self.late += 1
             self._log.debug("a reply came too late: call %d", number)
             return None
@@ -356,20 +383,27 @@ class ClientCalls:
         """End a call; its error is reported by the next `report`, unless its end was reported before."""
         del self._calls[call.number]
         if not call.is_over:
-            self._failed.append((call.on_error, error))
+            self._report_soon(call.on_error, error)
 
-    def _find_server(self, service: ChannelName) -> Server | None:
-        """Return the server of a service: the one that was found last, unless it seems to be gone."""
+    def _report_soon(self, on_error: OnError, error: CallError) -> None:
+        self._failed.append((on_error, error))
+        self._due.bring_forward(0)
+
+    def _find(self, request_type: type[Message], topic: str) -> _Service:
+        """Find the server of a service, and remember it."""
+        name = request_type.__name__.removesuffix(REQUEST_SUFFIX).removesuffix(GOAL_SUFFIX)
+        service = _Service(
+            ChannelName(request_type.type_name, request_type.version, service_topic(topic)),
+            f"{name}{f' on topic {topic!r}' * bool(topic)}",
+        )
         peers = self._bus.peers
-        server, incarnation = self._servers.get(service, (None, 0))
-        if server is not None and peers.is_open(server) and peers.incarnation_of(server) == incarnation:
-            return server
-        server = peers.find_server(service)
-        if server is None:
-            self._servers.pop(service, None)
+        service.server = peers.find_server(service.name)
+        if service.server is None:
+            self._services.pop((request_type, topic), None)
         else:
-            self._servers[service] = server, peers.incarnation_of(server)
-        return server
+            service.incarnation = peers.incarnation_of(service.server)
+            self._services[request_type, topic] = service
+        return service
 
     def _log_error(self, error: CallError) -> None:
         self._log.error("%s: %s", type(error).__name__, error)

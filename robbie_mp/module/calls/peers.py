@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 from robbie_mp.module.wiring import SERVICE_TOPIC, UNCHANGED, Wiring
 from robbie_mp.observe.declarations import read_declarations
+from robbie_mp.transport import layout
 from robbie_mp.transport.board import TOOL_PREFIX, Board
 from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
 from robbie_mp.transport.words import Words
@@ -57,8 +58,8 @@ class Peers(Protocol):
     def serves(self, server: Server) -> bool:
         """Whether a server still serves, although it may be restarting just now."""
 
-    def is_open(self, server: Server) -> bool:
-        """The same, if the server has the incarnation that it had when it was found; this takes less time."""
+    def is_same(self, server: Server, incarnation: int) -> bool:
+        """Whether a server that was found earlier still serves, with the same process as then."""
 
     def incarnation_of(self, server: Server) -> int:
         """Return the number of a server's newest process."""
@@ -111,12 +112,20 @@ class RunPeers:
             return any(found.slot == server.slot for found in self._servers(server.service))
         return self._is_open(self._tables.subscription_row(server.row), server)
 
-    def is_open(self, server: Server) -> bool:
-        """Whether the row of a server's subscription is open; it may be that of another subscription."""
+    def is_same(self, server: Server, incarnation: int) -> bool:
+        """Whether a server still serves, with the same process as when it was found.
+
+        The process keeps its subscriptions until it ends, so the name in the row need not be read again.
+        """
+        if self.incarnation_of(server) != incarnation:
+            return False
         if server.row == _UNKNOWN:
             return self.serves(server)
-        row = self._tables.subscription_row(server.row)
-        return row.state == ROW_OPEN and row.slot == server.slot
+        row, words = self._tables.subscription(server.row), self._tables.words
+        return (
+            words[row + layout.SUBSCRIPTION_STATE] == ROW_OPEN
+            and words[row + layout.SUBSCRIPTION_SLOT] == server.slot
+        )
 
     def incarnation_of(self, server: Server) -> int:
         """Return the number of a server's newest process."""

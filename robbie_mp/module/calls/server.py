@@ -20,6 +20,7 @@ from robbie_mp.messages.calls import (
     reply_type,
 )
 from robbie_mp.module.bus import Bus
+from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.calls.errors import CallRefused, CannotServe, GoalEnded, ServedTwice, WrongReply
 from robbie_mp.module.calls.peers import service_topic
 from robbie_mp.module.subscriptions import SubscribedTwice
@@ -141,6 +142,7 @@ class ServiceCalls:
     Args:
         bus: the module's bus.
         log: the module's logger.
+        due: brought forward when something will be due for these services.
 
     Attributes:
         goals: the goals that are being worked on, by client and call.
@@ -148,9 +150,10 @@ class ServiceCalls:
         unsent: number of replies for which there was no memory.
     """
 
-    def __init__(self, bus: Bus, log: logging.Logger):
+    def __init__(self, bus: Bus, log: logging.Logger, due: Due):
         self._bus = bus
         self._log = log
+        self._due = due
         self._services: list[ChannelName] = []
         self.goals: dict[tuple[str, int], ActiveGoal[Any, Any, Any]] = {}
         self._on_cancels: dict[type[Message], Callable[[Any, str], None] | None] = {}
@@ -175,7 +178,7 @@ class ServiceCalls:
         replies = reply_type(request_type)
 
         def on_request(request: Request[ReplyType]) -> None:
-            client = self._bus.envelope().sender
+            client = self._bus.sender()
             try:
                 reply = handler(request)
             except CallRefused as refusal:
@@ -211,6 +214,7 @@ class ServiceCalls:
         if not self._services:
             subscriptions.subscribe(CallsQuestion, self._on_question, always, own)
         self._services.append(service)
+        self._due.bring_forward(self.look_again_ns)
 
     def serve_goals(
         self,
@@ -223,7 +227,7 @@ class ServiceCalls:
         types = goal_types(goal_type)
 
         def on_message(goal: Goal[FeedbackType, ResultType]) -> None:
-            active: ActiveGoal[Any, Any, Any] = ActiveGoal(self, self._bus.envelope().sender, goal, types)
+            active: ActiveGoal[Any, Any, Any] = ActiveGoal(self, self._bus.sender(), goal, types)
             self.goals[active.key] = active
             try:
                 on_goal(active)
@@ -250,7 +254,7 @@ class ServiceCalls:
         return active
 
     def _on_cancel(self, cancel: GoalCancel) -> None:
-        active = self.goals.get((self._bus.envelope().sender, cancel.call))
+        active = self.goals.get((self._bus.sender(), cancel.call))
         if active is None or active.was_cancelled:
             return  # it has just ended, or the client repeats the cancel
         active.was_cancelled = True
@@ -259,6 +263,10 @@ class ServiceCalls:
             active.cancelled(cancel.reason)
         else:
             on_cancel(active, cancel.reason)
+
+    def due_ns(self) -> int:
+        """Return when to look for rivals, by the machine's clock; NEVER_NS: it serves nothing."""
+        return self.look_again_ns if self._services else NEVER_NS
 
     def check_rivals(self) -> None:
         """Check that no other module serves the same.
@@ -288,7 +296,7 @@ class ServiceCalls:
             self._log.error("no memory to send a %s to %s", message.type_name, client)
 
     def _on_question(self, question: CallsQuestion) -> None:
-        client = self._bus.envelope().sender
+        client = self._bus.sender()
         pending = [call for call in question.calls.tolist() if (client, call) in self.goals]
         self.send(client, CallsAnswer(calls=question.calls, pending=np.array(pending, np.uint64)))
 

@@ -1,6 +1,7 @@
 """A publisher and a subscriber over the test build's memory: in C, or in Python with the same clock."""
 
 import contextlib
+import math
 import os
 from collections.abc import Callable
 from itertools import count
@@ -11,6 +12,7 @@ import numpy as np
 
 from robbie_mp import Array, Message, MessageHandling, int32, uint8
 from robbie_mp.messages import message as message_module
+from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
@@ -57,6 +59,7 @@ class Exchange:
         native = SimulatedRun.memory.native
         built.set_clock(10**10)
         self.run_id = f"test{os.getpid()}x{next(_runs)}"
+        self.built = built
         self.parcel = parcel
         self.kept: list[Any] = []
         self.lent: list[Any] = []
@@ -76,7 +79,12 @@ class Exchange:
         self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, ChannelNames(self.run.words), native)
         for topic in TOPICS[:2]:
             self.inbox.subscriptions.subscribe(parcel, self._handle, MessageHandling.ALWAYS_DELIVER, topic)
-        self.calls: Any = SimpleNamespace(are_used=False, are_due=lambda: False, wait_s=lambda: 0.0)
+        self.due = Due()
+        self.calls_period_ns = NEVER_NS
+        self.calls: Any = SimpleNamespace(
+            due=self.due, are_due=self._are_calls_due, wait_s=self._calls_wait_s, run=self._run_calls
+        )
+        self.calls_run = 0
         module: Any = SimpleNamespace(
             stop_requested=False, period_s=None, _calls=self.calls, tick=self._tick, _is_tick_awaited=False
         )
@@ -137,8 +145,22 @@ class Exchange:
     def await_tick(self) -> None:
         self.module._is_tick_awaited = True
 
-    def use_calls(self, are_used: int) -> None:
-        self.calls.are_used = bool(are_used)
+    def use_calls(self, period_ns: int) -> None:
+        """Let something be due for the receiver's calls at once, and then once in each period."""
+        self.calls_period_ns = period_ns
+        self.due.ns = 0
+
+    def _are_calls_due(self) -> bool:
+        return bool(self.due.ns != NEVER_NS and self.built.tick() >= self.due.ns)
+
+    def _calls_wait_s(self) -> float:
+        due_ns = self.due.ns
+        return math.inf if due_ns == NEVER_NS else max(0.0, (due_ns - self.built.tick()) / 1e9)
+
+    def _run_calls(self) -> None:
+        self.calls_run += 1
+        never = self.calls_period_ns == NEVER_NS
+        self.due.ns = NEVER_NS if never else self.built.tick() + self.calls_period_ns
 
     def await_room(self, messages: int) -> None:
         self.outbox.wake_after_freed(messages)
