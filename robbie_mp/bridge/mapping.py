@@ -225,7 +225,8 @@ class BridgeMap:
                 return SentAs(name, one.quality)
         return None
 
-    def _absolute(self, name: str) -> str:
+    def absolute(self, name: str) -> str:
+        """Return a name on the other side with the namespace, unless it begins with a slash."""
         return name if name.startswith("/") else f"/{self._namespace}/{name}".replace("//", "/")
 
     def _outgoing(self, key: str, text: str, problems: list[str]) -> Outgoing | None:
@@ -246,7 +247,7 @@ class BridgeMap:
             problems.append(f"{key!r}: {error}")
             return None
         pair = Pair(type_pattern(patterns[0]), patterns[1] if len(patterns) == 2 else "*")
-        return Outgoing(pair, self._absolute(name), quality)
+        return Outgoing(pair, self.absolute(name), quality)
 
     def _incoming(self, key: str, text: str, problems: list[str]) -> Incoming | None:
         words = text.split()
@@ -262,7 +263,7 @@ class BridgeMap:
             topic = "" if becomes is NavigateTo else key.strip("/")
             if words and not _is_quality(words[0]):
                 topic = words.pop(0)
-            return Incoming(self._absolute(key), type_name, topic, becomes, Quality.of(words))
+            return Incoming(self.absolute(key), type_name, topic, becomes, Quality.of(words))
         except (MappingError, MessageError) as error:
             problems.append(f"{key!r}: {error}")
             return None

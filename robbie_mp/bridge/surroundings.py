@@ -16,10 +16,12 @@ class Surroundings:
         types: the stock types, and the robot's.
         bridges: names of the modules that bridge to the same system, with this one. What they publish came
             from there, so none of them sends it back: no message can go in circles.
+        has_own_clock: whether the run's time is that of a playback or a simulation.
     """
 
     types: KnownTypes
     bridges: frozenset[str]
+    has_own_clock: bool = False
 
     @classmethod
     def of(cls, run_id: str, module: str, class_path: str) -> Self:
@@ -35,4 +37,5 @@ class Surroundings:
         plan = RunPlan.load(next(run.folder for run in list_runs() if run.run_id == run_id))
         own = {one.class_path for one in plan.modules if one.name == module} | {class_path}
         bridges = {one.name for one in plan.modules if one.class_path in own}
-        return cls(KnownTypes(TypeDescription(*one) for one in plan.types), frozenset({module, *bridges}))
+        types = KnownTypes(TypeDescription(*one) for one in plan.types)
+        return cls(types, frozenset({module, *bridges}), plan.clock.source is not None)

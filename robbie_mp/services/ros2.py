@@ -3,13 +3,24 @@
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from robbie_mp.bridge.arrivals import hand_over
 from robbie_mp.bridge.driving import drive_command
-from robbie_mp.bridge.mapping import NAME, BridgeMap, Incoming, MappingError
+from robbie_mp.bridge.mapping import NAME, BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.bridge.surroundings import Surroundings
-from robbie_mp.messages import Message, MessageError, Time, Twist, TwistStamped, UnknownType
+from robbie_mp.messages import (
+    Message,
+    MessageError,
+    String,
+    Time,
+    Twist,
+    TwistStamped,
+    UnknownType,
+    from_dict,
+)
 from robbie_mp.messages.descriptions import KnownTypes, own_types
+from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
@@ -19,11 +30,18 @@ from robbie_mp.ros2.padding import unpadded
 from robbie_mp.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
 from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.ros2.zenoh_side import ROUTER, ZenohSide
+from robbie_mp.run.run_clock import RunClock
 from robbie_mp.trace.log_limit import LogLimit
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.visible_text import one_line
 
 CLASS_PATH = "robbie_mp.services.ros2:Ros2Bridge"
+CLOCK_TOPIC = "/clock"
+CLOCK = message_type_from_schema(
+    "rosgraph_msgs/msg/Clock",
+    f"builtin_interfaces/Time clock\n{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+)
+DESCRIPTION = "robot_description"
 SHOWN_EVERY_NS = 1_000_000_000
 MAX_REMEMBERED = 4096
 MAX_NAMED = 256
@@ -72,6 +90,10 @@ class Ros2Bridge(Module):
     interface: str = setting(LOOPBACK, "network interface of DDS; `lo` reaches nodes of this machine only")
     send: dict[str, str] = setting({}, "what is sent: a type, or a type and a topic, and its name in ROS")
     accept: dict[str, str] = setting({}, "what is accepted: a name in ROS, its type, and the topic here")
+    clock_topic: bool = setting(True, "send the time of a simulation or playback on /clock")
+    urdf: Path | None = setting(
+        None, "the robot's model, which is sent on robot_description", must_exist=True
+    )
     drive_for_s: float = setting(0.5, "how long a velocity is followed if no other comes", minimum=0.05)
     inbox_messages: int = setting(1000, "messages that may wait until this module takes them", minimum=1)
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
@@ -100,6 +122,8 @@ class Ros2Bridge(Module):
         self._named: set[str] = set()
         self._shown_at_ns = 0
         self.log.addFilter(LogLimit())
+        self._run_clock = RunClock.attach(self.run_id) if around.has_own_clock else None
+        self._is_described = self.urdf is None
         settings = {"send": self.send, "accept": self.accept}
         self.map = _mapping(settings, self.namespace, self._types)
         self.inbox = Inbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
@@ -110,17 +134,27 @@ class Ros2Bridge(Module):
             channel = Channel(one.name, one.type_name, type_hash(message_type), one.quality)
             self._incoming[channel] = one, message_type
             self.side.listen(channel)
+        self._time = self._own(CLOCK, CLOCK_TOPIC, Quality(depth=1))
         for outgoing in self.map.outgoing:
             self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
 
     def _join(self, node: NodeName) -> Side:
         if self.middleware == "dds":
-            return DdsSide(node, self.inbox, self._types.get, self.interface)
+            return DdsSide(node, self.inbox, self._type, self.interface)
         return ZenohSide(node, self.inbox, self.listen, self.connect, self.max_message_bytes)
+
+    def _type(self, type_name: str) -> type[Message]:
+        return CLOCK if type_name == CLOCK.type_name else self._types.get(type_name)
+
+    def _own(self, message_type: type[Message], name: str, quality: Quality) -> Channel:
+        """Return a channel of the bridge's own messages."""
+        return Channel(name, message_type.type_name, type_hash(message_type), quality)
 
     def teardown(self) -> None:
         """Leave ROS 2."""
         self.side.close()
+        if self._run_clock is not None:
+            self._run_clock.close()
         if self._observer is not None:
             self._observer.close()
 
@@ -172,6 +206,7 @@ class Ros2Bridge(Module):
             self._take(arrived)
         while self.inbox.unnamed:
             self._name(f"a message was not asked for: {one_line(self.inbox.unnamed.popleft())}")
+        self._send_own()
         self.side.look_after()
         now_ns = self.clock.monotonic_ns()
         if now_ns - self._shown_at_ns >= SHOWN_EVERY_NS:
@@ -201,12 +236,25 @@ class Ros2Bridge(Module):
 
     def _drive(self, incoming: Incoming, velocity: Twist | TwistStamped, at_ns: int) -> bool:
         waited_s = max(0.0, (time.monotonic_ns() - at_ns) * 1e-9)
-        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        stamp = Time.from_nanoseconds((self._run_clock or self.clock).now_ns())
         command = drive_command(velocity, stamp, self.drive_for_s, waited_s)
         if command is None:
             self.late += 1
             return False
         return self.publish(command, topic=incoming.topic)
+
+    # -- what the bridge itself tells ROS 2 --------------------------------------------------------------
+
+    def _send_own(self) -> None:
+        """Send the run's time if it is not the machine's, and once the robot's model."""
+        if self._run_clock is not None and self.clock_topic and self._run_clock.has_begun:
+            now = Time.from_nanoseconds(self._run_clock.now_ns())
+            told = from_dict(CLOCK, {"clock": {"sec": now.sec, "nanosec": now.nanosec}})
+            self.side.send(self._time, told.encode())
+        if not self._is_described and self.urdf is not None:
+            self._is_described = True
+            channel = self._own(String, self.map.absolute(DESCRIPTION), Quality(is_latched=True, depth=1))
+            self.side.send(channel, String(data=self.urdf.read_text()).encode())
 
     # -- figures -----------------------------------------------------------------------------------------
 

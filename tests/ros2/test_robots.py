@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 
 from robbie_mp import ModuleHarness
-from robbie_mp.messages import DriveCommand, Twist, Vector3
+from robbie_mp.messages import DriveCommand, Time, Twist, Vector3
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.services.ros2 import Ros2Bridge
 from tests._support.robot import Robot, kill, wait_until
+from tests.ros2.test_type_hash import PUBLISHED
 from tests.ros2.test_zenoh import TWIST, Node, free_port, session, zenoh_has_started
 
 __all__ = ["zenoh_has_started"]
@@ -87,3 +88,24 @@ def test_a_killed_bridge_comes_back_and_the_robot_goes_on(robot: Robot) -> None:
         wait_until(drives, 60.0)
         assert robot.top()["counter"]["restarts"] == 0
         assert robot.top()["listener"]["restarts"] == 0
+
+
+@pytest.mark.slow
+def test_time_of_a_simulation_reaches_ros(robot: Robot) -> None:
+    port = free_port()
+    time_module = (
+        '  time: {class: "robbie_mp.services.simulated_time:SimulatedTime", settings: {duration_s: 600}}\n'
+    )
+    lockstep = "clock: {source: time, lockstep: true}\n"
+    robot.write_profile(PROFILE.format(port=port) + time_module + lockstep)
+    with ExitStack() as stack:
+        stack.enter_context(session(mode="router", listen__endpoints=[f"tcp/127.0.0.1:{port}"]))
+        node = Node(port, stack)
+        got: list[bytes] = []
+        key = f"7/clock/rosgraph_msgs::msg::dds_::Clock_/{PUBLISHED['rosgraph_msgs/msg/Clock']}"
+        node.session.declare_subscriber(key, lambda sample: got.append(sample.payload.to_bytes()))
+        robot.start()
+        wait_until(lambda: len(got) > 20, 60.0)
+        times = [Time.decode(one).nanoseconds for one in got]
+        assert times == sorted(times)
+        assert times[0] < times[-1]

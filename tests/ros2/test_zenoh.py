@@ -4,8 +4,10 @@ import json
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -43,6 +45,9 @@ GRID = (
 )
 TWIST = (
     "geometry_msgs::msg::dds_::Twist_/RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
+)
+STRING = (
+    "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 )
 ROS = get_typestore(Stores.ROS2_JAZZY)
 SETTINGS = {
@@ -112,12 +117,12 @@ class Node:
 
 
 @contextmanager
-def network() -> Iterator[tuple[Bridge, Node]]:
+def network(further: Mapping[str, object] = MappingProxyType({})) -> Iterator[tuple[Bridge, Node]]:
     """A bridge, a router that starts later, and a node."""
     port = free_port()
     with ExitStack() as stack:
         bridge = stack.enter_context(
-            ModuleHarness(Ros2Bridge, {**SETTINGS, "connect": [f"tcp/127.0.0.1:{port}"]})
+            ModuleHarness(Ros2Bridge, {**SETTINGS, **further, "connect": [f"tcp/127.0.0.1:{port}"]})
         )
         bridge.send(
             LaserScan(ranges=np.ones(1, np.float32)), topic="laser"
@@ -199,6 +204,21 @@ def test_robot_gets_a_nodes_messages_and_drives_for_a_while() -> None:
         command = bridge.take(DriveCommand, "ros")[-1]
         assert (command.linear_m_per_s, command.angular_rad_per_s) == (0.4, 0.1)
         assert 0 < command.valid_for.nanoseconds <= 500_000_000
+
+
+def test_late_node_gets_the_robots_model(tmp_path: Path) -> None:
+    model = tmp_path / "robot.urdf"
+    model.write_text('<robot name="red"/>')
+    with network({"urdf": str(model), "namespace": "team"}) as (bridge, node):
+        bridge.advance(0.02)
+        got: list[Any] = []
+        history = zenoh.ext.HistoryConfig(detect_late_publishers=True)
+        key = f"7/team/robot_description/{STRING}"
+        kept = zenoh.ext.declare_advanced_subscriber(node.session, key, got.append, history=history)
+        until(bridge, lambda: got)
+        read: Any = ROS.deserialize_cdr(got[0].payload.to_bytes(), "std_msgs/msg/String")
+        assert read.data == '<robot name="red"/>'
+        kept.undeclare()
 
 
 def test_wrong_bytes_and_other_types_are_counted_and_reach_nobody(caplog: pytest.LogCaptureFixture) -> None:
