@@ -111,6 +111,7 @@ class Website:
         ui.run_with(
             application,
             dark=True,
+            language="en-US",
             reconnect_timeout=10.0,
             binding_refresh_interval=None,
             message_history_length=MESSAGE_HISTORY,

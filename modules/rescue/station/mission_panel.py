@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 BUTTONS = (
     ("Start", OrderMission.START, "play_arrow", "green-9"),
-    ("Pause", OrderMission.PAUSE, "pause", "orange-10"),
+    ("Pause", OrderMission.PAUSE, "pause", "deep-orange-10"),
     ("Return", OrderMission.RETURN, "home", "primary"),
     ("Abort …", OrderMission.ABORT, "stop", "red-10"),
 )

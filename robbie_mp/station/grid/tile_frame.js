@@ -5,9 +5,18 @@ export default {
   data() {
     return { seen: this.shown };
   },
+  mounted() {
+    this.let_tables_be_scrolled_by_keys();
+  },
   watch: {
     shown(shown) {
       if (shown) this.seen = true;
+      this.$nextTick(() => this.let_tables_be_scrolled_by_keys());
+    },
+  },
+  methods: {
+    let_tables_be_scrolled_by_keys() {
+      for (const table of this.$el.querySelectorAll(".q-table__middle")) table.tabIndex = 0;
     },
   },
 };
