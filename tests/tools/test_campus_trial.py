@@ -18,7 +18,8 @@ def test_small_campus_is_mapped_with_every_sweep(result: Result) -> None:
     assert not result.violations()
     assert result.loops_closed > 0
     assert result.end_error_m < 0.1
-    assert result.map_m[0] >= 17
+    assert min(result.map_m) >= 13
+    assert max(result.map_m) >= 17
 
 
 @pytest.mark.slow
