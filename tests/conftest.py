@@ -7,12 +7,16 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from tests._support.left_behind import leaving_nothing_behind
 from tests._support.others_runs import VARIABLE, OthersRuns, Session, remove_names_of_dead_tests, watched
 from tests._support.robot import Robot, robot_in
 from tools.loop_disk import LoopDisk, NoLoopDisk
 from tools.test_network.network import Network, NoTestNetwork
+
+settings.register_profile("robbie", deadline=None)  # a busy machine may stop any test for a second
+settings.load_profile("robbie")
 
 HERE = Path(__file__).parent
 SLOW_FOLDERS = [HERE / "robot", HERE / "security" / "station", HERE / "tools"]

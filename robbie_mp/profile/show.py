@@ -1,5 +1,6 @@
 """Shows a merged profile with the origin of each value."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from robbie_mp.visible_text import visible
 
 DEFAULT = "default"
 COMMENT_COLUMN = 48
+VARIABLE = re.compile(r"\$\{[^}]*\}")
 KeyPath = tuple[str, ...]
 
 
@@ -115,10 +117,24 @@ def _dump(value: object, *, allow_unicode: bool) -> str:
 
 def inline(value: object) -> str:
     """Return a value as YAML on one line, as a profile may contain it."""
+    value = _without_variables(value)
     text = _dump(value, allow_unicode=True)
     if (
         visible(text) != text
     ):  # PyYAML would write control characters unescaped, and read some of them as blanks
         text = _dump(value, allow_unicode=False)
-    text = text.replace("${", "$${")  # what looks like a variable is none any more
     return text.removesuffix("\n").removesuffix("\n...").rstrip("\n")
+
+
+def _without_variables(value: object) -> object:
+    """Return a value whose texts are read back as they are, though some look like variables.
+
+    Keys stay as they are, because the reader looks for variables in values only.
+    """
+    if isinstance(value, str):
+        return VARIABLE.sub(lambda found: f"${found[0]}", value)
+    if isinstance(value, dict):
+        return {key: _without_variables(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_variables(item) for item in value]
+    return value

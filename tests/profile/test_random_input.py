@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.profile.load import load_profile
@@ -14,6 +14,7 @@ from robbie_mp.profile.model import Profile
 from robbie_mp.profile.problem import Place, ProfileError
 from robbie_mp.profile.reader import Node, read_text
 from robbie_mp.profile.show import inline
+from robbie_mp.profile.variables import resolve
 
 WORDS = (
     "parents description modules config core class settings restart policy memory segment_bytes limit_bytes "
@@ -124,9 +125,14 @@ def test_merging_agrees_with_its_definition(base: dict[str, object], over: dict[
 
 
 @given(VALUES)
+@example({"${a}": "${a}"})
+@example(["$${", "$${a}", {"a${b}": "$$${b} ${${c}} ${"}])
 def test_shown_value_is_read_back_as_it_was(value: object) -> None:
     try:
-        got = read_text(inline(value), Path("p.yaml")).plain()
+        shown = read_text(f"config: {{x: {inline(value)}}}", Path("p.yaml"))
+        profile = resolve(shown).tree.plain()
+        assert isinstance(profile, dict)
+        got = profile["config"]["x"]
     except ProfileError as error:
         assert "64 bits" in str(error) or "<<" in str(error)
     else:
