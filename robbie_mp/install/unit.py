@@ -7,6 +7,7 @@ from pathlib import Path
 
 from robbie_mp.doctor.needs import Needs
 from robbie_mp.profile.model import Profile
+from robbie_mp.visible_text import one_line
 
 UNITS = Path("etc/systemd/system")
 WATCHDOG_S = 10
@@ -15,6 +16,7 @@ STOP_MARGIN_S = 10
 SHARED_MEMORY_MARGIN = 1.25
 """Other programs use /dev/shm, too."""
 MEBIBYTE = 1 << 20
+CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 TEMPLATE = """\
 # Written by `robbie install {profile}`; run it again when the profile has changed.
 [Unit]
@@ -114,7 +116,8 @@ def unit(
 
 def quoted(word: str) -> str:
     """Return a word of a command as systemd reads it back."""
-    escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+    escaped = word.replace("\\", "\\\\").replace('"', '\\"')
+    escaped = CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", escaped)
     return f'"{_specifiers(escaped).replace("$", "$$")}"'
 
 
@@ -123,4 +126,4 @@ def _specifiers(text: str) -> str:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(_specifiers(text).split())
+    return one_line(_specifiers(text))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import secrets
+from collections import deque
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from nicegui import ui
-from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.station.access import Role
@@ -44,9 +44,9 @@ class PlaybackBar:
         if state is not None:
             self.order(page, "resume" if state.paused else "pause")
 
-    def _on_seek(self, page: Page, event: GenericEventArguments) -> None:
-        if isinstance(event.args, int | float) and math.isfinite(event.args):
-            self.order(page, "seek", float(event.args))
+    def _seek(self, page: Page, position_s: object) -> None:
+        if isinstance(position_s, int | float) and math.isfinite(position_s):
+            self.order(page, "seek", float(position_s))
 
     def build(self, page: Page) -> None:
         """Build the bar for a page. Observers only see the position."""
@@ -69,8 +69,11 @@ class PlaybackBar:
                     place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
                 place.set_enabled(page.role is Role.OPERATOR)
                 if page.role is Role.OPERATOR:
-                    # Only the operator causes a "change"; a new position does not.
-                    place.on("change", lambda event: self._on_seek(page, event))
+                    # Only the operator causes these two; a new position does not. The position may change
+                    # between them, and then the slider's own value is not what the operator has chosen.
+                    chosen: deque[object] = deque(maxlen=1)
+                    place.on("update:model-value", lambda event: chosen.append(event.args))
+                    place.on("change", lambda event: self._seek(page, chosen.pop() if chosen else event.args))
                 held: list[bool] = []
                 place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
         bar.set_visibility(False)

@@ -110,12 +110,16 @@ def test_device_that_is_not_there_is_refused() -> None:
         usb.usb_device("/dev/ttyS0", {"/dev/ttyS0": None})
 
 
-@given(st.text(st.characters(codec="utf-8", exclude_characters="\n\r\0")))
+@given(st.text(st.characters(codec="utf-8", exclude_categories=["Cc"])))
 def test_words_of_a_command_are_quoted(word: str) -> None:
     text = quoted(word)
     assert text[0] == text[-1] == '"'
     inside = text[1:-1].replace("%%", "%").replace("$$", "$").replace('\\"', '"').replace("\\\\", "\\")
     assert "\\" in word or inside == word
+
+
+def test_control_characters_in_words_are_escaped() -> None:
+    assert quoted("a\x1b\n\x7fb") == r'"a\x1b\x0a\x7fb"'
 
 
 def test_devices_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,9 @@ from mcap.writer import CompressionType, Writer
 
 from robbie_mp import Header
 from robbie_mp.cli import main
+from robbie_mp.cli.new import make_workspace
 from robbie_mp.cli.program import COMMANDS
+from robbie_mp.install.device_names import UsbDevice
 from robbie_mp.messages import PoseStamped, schema_text
 from tests._support.robot import COMMAND, Robot, wait_until
 from tests.security._support.hostile import HOSTILE, check_plain, check_terminal, obeyed
@@ -34,7 +36,8 @@ config: {"greeting": "\\x1b[2J\\u202e"}
 NAMES_IT = {
     "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "param",
     "gui", "top", "log", "info", "log-repair", "diff", "export", "import-carmen", "import-rosbag", "module",
-    "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion",
+    "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion", "devices", "install",
+    "foxglove",
 }  # fmt: skip
 """Commands that a test below runs with hostile input."""
 
@@ -141,6 +144,22 @@ def test_hostile_files_are_refused_plainly(
     reader.run("run", "bad0\x1b]0;owned\x07")
     reader.run("new", str(tmp_path / "team\x1b]0;owned\x07\u202e"))
     reader.run("completion", "no\x1b[2J")
+
+
+def test_devices_with_hostile_serial_numbers_print_plainly(
+    reader: Reader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ports = {f"/dev/tty{HOSTILE}": UsbDevice("15d1", "0000", HOSTILE, HOSTILE)}
+    monkeypatch.setattr("robbie_mp.cli.devices.serial_devices", lambda: ports)
+    monkeypatch.setattr("robbie_mp.cli.install.serial_devices", lambda: ports)
+    assert "owned" in reader.run("devices", may_have_lines=True)
+    reader.run("devices", "--json")
+    make_workspace(tmp_path / "mouse")
+    monkeypatch.chdir(tmp_path / "mouse")
+    device = f"laser=/dev/tty{HOSTILE}"
+    words = ["install", "robot", "--user", "root", "--var", HOSTILE, "--device", device]
+    reader.run(*words, "--print", may_have_lines=True)
+    reader.run("install", "robot", "--user", HOSTILE, may_have_lines=True)
 
 
 @pytest.fixture
