@@ -33,6 +33,8 @@ modules:
 """
 EXPIRY_S = 0.22
 DEAD_MAN_BUTTON = 5
+ATTEMPTS, BEGIN_LIMIT_S = 3, 15.0
+"""To drive: a key that is pressed while the page is not in front has no effect, which is as it should be."""
 BRAKING_M_PER_S2 = 6.0
 
 
@@ -66,11 +68,18 @@ def stops(
 ) -> None:
     """Drive ahead until something happens; then the robot stands soon, by what the base says."""
     page.bring_to_front()
-    if begin is None:
-        page.keyboard.down("KeyW")
-    else:
-        begin()
-    wait_until(lambda: journal.speed() > 0.19)
+    for left in reversed(range(ATTEMPTS)):
+        if begin is None:
+            page.keyboard.down("KeyW")
+        else:
+            begin()
+        try:
+            wait_until(lambda: journal.speed() > 0.19, BEGIN_LIMIT_S)
+            break
+        except TimeoutError:  # a page that comes to the front on a busy machine may lose its focus once more
+            if not left:
+                raise
+            page.keyboard.up("KeyW")
     happens()
     wait_until(lambda: journal.speed() == 0)
     # Needs no clock: from the last command on it went on until that expired, and then it braked.

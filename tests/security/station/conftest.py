@@ -109,7 +109,10 @@ def shared_station(
 
 
 @pytest.fixture
-def station(shared_station: Station) -> Station:
-    """The robot, without the messages that it received before this test."""
+def station(shared_station: Station) -> Iterator[Station]:
+    """The robot, without the messages it received before; the test fails if it restarts the station."""
     shared_station.forget()
-    return shared_station
+    yield shared_station
+    figures = shared_station.robot.top().get("operator")
+    if figures is None or figures["incarnation"] != shared_station.starts_before:
+        pytest.fail(f"the station died: {figures}\n{shared_station.robot.log('operator')[-4000:]}")
