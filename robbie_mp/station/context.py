@@ -9,7 +9,6 @@ from nicegui import ui
 
 from robbie_mp.messages import Header, Time
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
-from robbie_mp.module.module import MessageHandling
 from robbie_mp.station.access import Role
 from robbie_mp.station.latest import MessageSource
 from robbie_mp.station.requests import Asked, Asking
@@ -20,15 +19,13 @@ if TYPE_CHECKING:
 
     from robbie_mp.messages import Message
     from robbie_mp.module.clock import Clock
-    from robbie_mp.module.envelope import MessageType
     from robbie_mp.run.run_directory import KnownRun
     from robbie_mp.scene_graph import SceneGraphListener
     from robbie_mp.station.access import Access, DriversSeat
-    from robbie_mp.station.driving.driver import Driver
+    from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.driving.motion import Motion
     from robbie_mp.station.live import LiveParts
     from robbie_mp.station.map_marks import MapMarks, PlacesWatch
-    from robbie_mp.station.panels.cameras import Cameras
     from robbie_mp.station.run_watch import RunWatch
     from robbie_mp.station.settings_watch import SettingsWatch
 
@@ -78,16 +75,6 @@ class StationContext(MessageSource, Protocol):
     persons: list[str]
     objects: list[str]
 
-    def subscribe(
-        self,
-        message_type: type[MessageType],
-        handler: Callable[[MessageType], None],
-        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
-        *,
-        topic: str = "",
-    ) -> None:
-        """Subscribe to messages of a type, as `Module.subscribe` does."""
-
     def publish(self, message: Message, *, topic: str = "") -> bool:
         """Publish a message from any thread. Panels use `Page.publish`, which checks the visitor's role."""
 
@@ -121,6 +108,32 @@ class Key(NamedTuple):
     action: Callable[[], None] | None
 
 
+class Drives(Protocol):
+    """Drives the robot for an operator's page.
+
+    Attributes:
+        linear_m_per_s: speed while a control is held to its end.
+        angular_rad_per_s: turn rate while a control is held to its end.
+    """
+
+    linear_m_per_s: float
+    angular_rad_per_s: float
+
+    @property
+    def stale(self) -> int:
+        """Number of commands that came too late."""
+
+    @property
+    def is_other_driving(self) -> bool:
+        """Whether another page drives."""
+
+    def take_over(self) -> None:
+        """Drive instead of the page that drives now."""
+
+    def change_limits(self, up: bool) -> None:
+        """Drive faster or slower from now on."""
+
+
 class Page:
     """One page that is open in a browser, and the only way from it to the robot.
 
@@ -143,7 +156,7 @@ class Page:
         """What has not ended yet, each with what to show when it succeeds."""
         self.shown: frozenset[str] = frozenset()
         """Names of the panels that the page shows now."""
-        self.driver: Driver | None = None
+        self.driver: Drives | None = None
         """Drives for an operator; None on an observer's page."""
         self.keys: dict[str, Key] = {}
         """Actions by the keys that start them."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Generic, Protocol
 
 from robbie_mp.module.envelope import Envelope, MessageType
+from robbie_mp.module.module import MessageHandling
 
 
 class Latest(Generic[MessageType]):
@@ -53,6 +54,16 @@ class MessageSource(Protocol):
     @property
     def envelope(self) -> Envelope:
         """Topic, sender and times of the message that is being handled."""
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+        *,
+        topic: str = "",
+    ) -> None:
+        """Subscribe to messages of a type, as `Module.subscribe` does."""
 
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
         """Return the holder of the newest message of a type and topic; called in the module's thread."""

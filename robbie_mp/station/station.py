@@ -33,9 +33,9 @@ from robbie_mp.station.settings_watch import SettingsWatch
 from robbie_mp.trace.log_limit import limited
 
 if TYPE_CHECKING:
+    from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.context import Page
     from robbie_mp.station.driving.motion import Motion
-    from robbie_mp.station.panels.cameras import Cameras
     from robbie_mp.station.website import Website
 
 REPLY_S = 3.0

@@ -11,6 +11,7 @@ from nicegui import app, core, ui
 from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, Response
 
+from robbie_mp.station.camera_images import Cameras
 from robbie_mp.station.cockpit import TILE_PATH
 from robbie_mp.station.connections import bounded_connections
 from robbie_mp.station.driving.motion import Motion
@@ -24,7 +25,6 @@ from robbie_mp.station.page import PageParts, build_page
 from robbie_mp.station.page_events import PageEvents, with_known_packets
 from robbie_mp.station.page_limit import with_page_limit
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panels_in_order
-from robbie_mp.station.panels.cameras import Cameras
 from robbie_mp.station.playback_bar import PlaybackBar
 from robbie_mp.station.server import PageServer
 from robbie_mp.station.state_strip import StateStrip

@@ -80,6 +80,9 @@ class Source:
     def envelope(self) -> Envelope:
         raise LookupError
 
+    def subscribe(self, *_arguments: Any, **_options: Any) -> None:
+        raise AssertionError("a trail needs no other messages")
+
     def newest(self, _message_type: Any, topic: str = "") -> Any:
         assert topic == "map_pose"
         return self.poses

@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.messages import DriveCommand, EmergencyStop, Imu, LaserScan, Odometry, Quaternion
 from robbie_mp.scene_graph import SceneGraphError
-from robbie_mp.station.latest import silence
+from robbie_mp.station.latest import MessageSource, silence
 from robbie_mp.station.scene_view.points import scan_points
-from robbie_mp.station.scene_view.surroundings import BASE
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import StationContext
+    from collections.abc import Sequence, Sized
 
+    from robbie_mp.scene_graph import SceneGraphListener
+
+BASE = "base_link"
 PERIOD_S = 0.1
 SILENT_AFTER_S = 1.0
 """Maximum time between two odometry messages of a working base."""
@@ -50,6 +52,20 @@ class Movement:
     """Why the robot does not move although it is commanded; '' while it does."""
 
 
+class MovingRobot(MessageSource, Protocol):
+    """The operator station, as far as the robot's movement depends on it."""
+
+    scene: SceneGraphListener
+
+    @property
+    def pages(self) -> Sized:
+        """The open pages."""
+
+    @property
+    def robot_size_m(self) -> Sequence[float]:
+        """Length, width and height of the robot."""
+
+
 class Motion:
     """Watches the robot's movement for all pages. Used in the station's thread, but for `command`.
 
@@ -60,7 +76,7 @@ class Motion:
         now: the movement at present.
     """
 
-    def __init__(self, station: StationContext):
+    def __init__(self, station: MovingRobot):
         self._station = station
         self._odometry = station.newest(Odometry, "odom")
         self._imu = station.newest(Imu)

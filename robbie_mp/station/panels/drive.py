@@ -11,8 +11,7 @@ from nicegui.element import Element
 from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page
-    from robbie_mp.station.driving.driver import Driver
+    from robbie_mp.station.context import Drives, Page
 
 STYLE = Path(__file__).parent / "drive.css"
 
@@ -50,7 +49,7 @@ class DrivePanel(Panel):
 
         page.every(0.2, self.name, update)
 
-    def _build_controls(self, page: Page, driver: Driver) -> None:
+    def _build_controls(self, page: Page, driver: Drives) -> None:
         seat = ui.label("").props("id=drivers-seat")
         take_over = ui.button("Take over", on_click=driver.take_over).props("id=take-over dense no-caps")
         linear_text = ui.label("")

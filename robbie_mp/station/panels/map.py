@@ -26,7 +26,7 @@ from robbie_mp.station.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, Go
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.scene_view.points import PointSources
+from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.surroundings import MAP, other_robots, pose_for_picture
 from robbie_mp.station.trail import Trail
 
