@@ -1,0 +1,50 @@
+"""No file of the project imports itself by way of others, not even for the sake of its types."""
+
+import ast
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("robbie_mp", "modules", "workers", "hw", "tools")
+
+
+def module_files() -> dict[str, Path]:
+    """Return the project's files by the names with which they are imported."""
+    files = {}
+    for folder in FOLDERS:
+        for path in (ROOT / folder).rglob("*.py"):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return files
+
+
+def imported(source: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield each module that a program names in an import, and the names that it takes from it."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from ((name.name, []) for name in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module, [name.name for name in node.names]
+
+
+def imports_of(path: Path, files: dict[str, Path]) -> set[str]:
+    """Return the files that a file imports; of a package, those that it names in it."""
+    found = set()
+    for module, names in imported(path.read_text()):
+        inside = {f"{module}.{name}" for name in names} & files.keys()
+        found |= inside or {module} & files.keys()
+    return found
+
+
+def test_no_imports_run_in_a_circle() -> None:
+    files = module_files()
+    assert "robbie_mp.station.context" in files
+    graph = {name: imports_of(path, files) - {name} for name, path in files.items()}
+    assert {"robbie_mp.station.latest", "robbie_mp.messages"} <= graph["robbie_mp.station.context"]
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail("these import each other: " + " <- ".join(error.args[1]))
