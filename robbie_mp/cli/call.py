@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.messages import Message, UnknownType
+from robbie_mp.messages import Message
 from robbie_mp.messages.calls import (
     FEEDBACK_SUFFIX,
     GOAL_SUFFIX,
-    REQUEST_SUFFIX,
     RESULT_SUFFIX,
     response_name,
 )
@@ -21,7 +20,6 @@ from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.suggest import did_you_mean
 from robbie_mp.tool.tool_bus import ToolBus
 from robbie_mp.views.known_types import types_of_run
 from robbie_mp.views.message_text import FieldPath, message_of_yaml, to_json, to_yaml
@@ -31,7 +29,6 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 TIMEOUT_S = 5.0
-FOLDERS = {REQUEST_SUFFIX: "srv", GOAL_SUFFIX: "action"}
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -72,7 +69,7 @@ def call(arguments: argparse.Namespace) -> int:
     """Call, and print what comes back."""
     run = choose_run(arguments.run)
     types = types_of_run(run)
-    name = request_name(types, arguments.service)
+    name = types.find_request(arguments.service)
     caller = _Caller(types, name, message_of_yaml(types.get(name), arguments.request), arguments)
     with closing(ToolBus(run, f"robbie call {arguments.service}")) as bus:
         return caller.run(bus)
@@ -139,38 +136,3 @@ class _Caller:
         value.pop("call")
         is_line = self._arguments.json or type(message) is self._feedbacks
         print(to_json(value) if is_line else to_yaml(value), flush=True)
-
-
-def request_name(types: KnownTypes, service: str) -> str:
-    """Return the full name of the type of a service's requests, or of an action's goals.
-
-    Args:
-        types: the types of the run.
-        service: type of the service: `package/srv/Name`, `package/Name` or `Name`; for an action, with
-            `action` instead of `srv`.
-
-    Raises:
-        UnknownType: no service has this type, or several do.
-    """
-    bases = {
-        name: name.removesuffix(suffix)
-        for name in types.names()
-        for suffix in (REQUEST_SUFFIX, GOAL_SUFFIX)
-        if name.endswith(suffix) and f"/{FOLDERS[suffix]}/" in name
-    }
-    for shape in (str, _short, _last):
-        found = [name for name, base in bases.items() if shape(base) == service]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise UnknownType(f"{service!r} may be {' or '.join(bases[name] for name in found)}")
-    near = did_you_mean(service, [_last(base) for base in bases.values()])
-    raise UnknownType(f"no module of this robot declares a service {service!r}{near}")
-
-
-def _short(base: str) -> str:
-    return base.replace("/srv/", "/").replace("/action/", "/")
-
-
-def _last(base: str) -> str:
-    return base.rpartition("/")[2]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from robbie_mp.messages import schema_parser
+from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
 from robbie_mp.messages.errors import UnknownType
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.registry import full_name
@@ -91,6 +92,31 @@ class KnownTypes:
         near = f"; did you mean {' or '.join(map(repr, same))}?" if same else did_you_mean(full, names)
         raise UnknownType(f"no message type is called {name!r}{near}")
 
+    def find_request(self, service: str) -> str:
+        """Return the full name of the type of a service's requests, or of an action's goals.
+
+        Args:
+            service: type of the service: `package/srv/Name`, `package/Name` or `Name`; for an action, with
+                `action` instead of `srv`.
+
+        Raises:
+            UnknownType: no service has this type, or several do.
+        """
+        bases = {
+            name: name.removesuffix(suffix)
+            for name in self.names()
+            for suffix, folder in ((REQUEST_SUFFIX, "srv"), (GOAL_SUFFIX, "action"))
+            if name.endswith(suffix) and f"/{folder}/" in name
+        }
+        for shape in (str, _short, _last):
+            found = [name for name, base in bases.items() if shape(base) == service]
+            if len(found) == 1:
+                return found[0]
+            if found:
+                raise UnknownType(f"{service!r} may be {' or '.join(bases[name] for name in found)}")
+        near = did_you_mean(service, [_last(base) for base in bases.values()])
+        raise UnknownType(f"no module of this robot declares a service {service!r}{near}")
+
     def describe(self, name: str) -> TypeDescription:
         """Return the description of a type; names as for `find`."""
         found = self.find(name)
@@ -111,3 +137,11 @@ class KnownTypes:
     def is_stock(self, name: str) -> bool:
         """Whether a type comes with Robbie-MP."""
         return self.find(name) in self._stock
+
+
+def _short(base: str) -> str:
+    return base.replace("/srv/", "/").replace("/action/", "/")
+
+
+def _last(base: str) -> str:
+    return base.rpartition("/")[2]

@@ -3,11 +3,14 @@
 CycloneDDS calls back in its own threads. They only put messages into the inbox.
 """
 
+import time
+from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robbie_mp.bridge.mapping import DEFAULT_DEPTH
 from robbie_mp.messages import Message, from_dict
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.ros2.idl_types import raw_type, sample_of
@@ -16,6 +19,8 @@ from robbie_mp.ros2.type_hash import type_hash
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from robbie_mp.ros2.service_types import ServiceType
 
 LOOPBACK = "lo"
 MAX_TAKEN = 256
@@ -42,6 +47,25 @@ _SETTINGS = """<CycloneDDS><Domain>
 {peers}</Discovery></Domain></CycloneDDS>"""
 
 
+ENCAPSULATION_BYTES, HEADER_BYTES = 4, 16
+"""Before each message; and, after that, before each request and response: the client and a number."""
+LITTLE_ENDIAN = 1
+RESPONSE_WAIT_NS = 1_000_000_000
+"""How long a response waits until the client's reader has been discovered, which can be after its request."""
+MAX_RESPONSES = 64
+"""Most responses that wait for that."""
+
+
+@dataclass
+class _Response:
+    """A response that waits for the client's reader."""
+
+    writer: Any
+    participant: Any
+    data: bytes
+    until_ns: int
+
+
 @dataclass
 class DdsSide:
     """The robot as a node in a domain of DDS.
@@ -65,6 +89,8 @@ class DdsSide:
     """Endpoints of others that do not fit because of their quality of service."""
     _writers: dict[Channel, Any] = field(default_factory=dict)
     _readers: list[Any] = field(default_factory=list)
+    _responders: list[Any] = field(default_factory=list)
+    _responses: deque[_Response] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
         try:
@@ -128,8 +154,36 @@ class DdsSide:
         self._readers.append(DataReader(self._participant, topic, policies, Taking()))
         self._tell()
 
+    def serve(self, name: str, service: "ServiceType") -> None:
+        """Offer a service: a topic for requests, and one for responses."""
+        from cyclonedds.core import Listener  # noqa: PLC0415
+        from cyclonedds.sub import DataReader  # noqa: PLC0415
+        from cyclonedds.topic import Topic  # noqa: PLC0415
+
+        side = self
+        asked, answered = service.over_dds
+        identity = f"serviceid={self._service_id()};".encode()
+        requests = Topic(self._participant, f"rq{name}Request", raw_type(asked))
+        responses = Topic(self._participant, f"rr{name}Reply", raw_type(answered))
+        writer = self._writer(responses, True, False, DEFAULT_DEPTH, service.response, identity)
+
+        class Taking(Listener):  # type: ignore[misc, unused-ignore]
+            def on_data_available(self, reader: Any) -> None:
+                for sample in reader.take(MAX_TAKEN):
+                    if hasattr(sample, "raw"):
+                        side._on_request(name, reader, writer, sample)
+
+        policies = self._quality(True, False, DEFAULT_DEPTH, service.request, identity)
+        self._responders.append(writer)
+        self._readers.append(DataReader(self._participant, requests, policies, Taking()))
+        self._tell()
+
     def look_after(self) -> None:
-        """Count endpoints that do not fit."""
+        """Send responses whose clients are known now, and count endpoints that do not fit."""
+        for _ in range(len(self._responses)):
+            response = self._responses.popleft()
+            if not self._respond(response):
+                self._responses.append(response)
         readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
         writers = self._writers.values()
         self.incompatible = readers + sum(
@@ -147,15 +201,56 @@ class DdsSide:
         message_type = self.types(channel.type_name)
         return Topic(self._participant, f"rt{channel.name}", raw_type(message_type)), message_type
 
+    def _service_id(self) -> str:
+        """Return the identity of the next service: that of the participant, and a number."""
+        number = len(self._responders) + 1
+        identity = self._participant.guid.bytes[:12] + number.to_bytes(4, "big")
+        return ".".join(f"{one:x}" for one in identity)
+
+    def _answer(self, response: _Response) -> None:
+        if len(self._responses) >= MAX_RESPONSES:
+            self.unsent += 1
+        elif not self._respond(response):
+            self._responses.append(response)
+
+    def _respond(self, response: _Response) -> bool:
+        """Send a response if its client has a reader; return False if it must wait for that."""
+        from cyclonedds.core import DDSException  # noqa: PLC0415
+
+        writer = response.writer
+        found = map(writer.get_matched_subscription_data, writer.get_matched_subscriptions())
+        if not any(one is not None and one.participant_key == response.participant for one in found):
+            is_over = time.monotonic_ns() >= response.until_ns
+            self.unsent += is_over
+            return is_over
+        try:
+            writer.write(sample_of(writer.topic.data_type, response.data))
+        except DDSException:
+            self.unsent += 1
+        return True
+
     def _writer(
-        self, topic: Any, is_reliable: bool, is_latched: bool, depth: int, message_type: type[Message]
+        self,
+        topic: Any,
+        is_reliable: bool,
+        is_latched: bool,
+        depth: int,
+        message_type: type[Message],
+        identity: bytes = b"",
     ) -> Any:
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
 
-        policies = self._quality(is_reliable, is_latched, depth, message_type)
+        policies = self._quality(is_reliable, is_latched, depth, message_type, identity)
         return DataWriter(self._participant, topic, policies)
 
-    def _quality(self, is_reliable: bool, is_latched: bool, depth: int, message_type: type[Message]) -> Any:
+    def _quality(
+        self,
+        is_reliable: bool,
+        is_latched: bool,
+        depth: int,
+        message_type: type[Message],
+        identity: bytes = b"",
+    ) -> Any:
         from cyclonedds.core import Policy, Qos  # noqa: PLC0415
 
         # 0: a write does not wait for slow readers.
@@ -169,7 +264,7 @@ class DdsSide:
             Policy.DurabilityService(0, kept, -1, -1, -1),
             Policy.DataRepresentation(use_cdrv0_representation=True),
             Policy.IgnoreLocal.Participant,
-            Policy.Userdata(f"typehash={type_hash(message_type)};".encode()),
+            Policy.Userdata(identity + f"typehash={type_hash(message_type)};".encode()),
         )
 
     def _tell(self) -> None:
@@ -178,10 +273,32 @@ class DdsSide:
             "node_namespace": self.node.namespace,
             "node_name": self.node.name,
             "reader_gid_seq": [_gid(one) for one in self._readers],
-            "writer_gid_seq": [_gid(one) for one in self._writers.values()],
+            "writer_gid_seq": [_gid(one) for one in (*self._writers.values(), *self._responders)],
         }
         told = from_dict(NODES, {"gid": _gid(self._participant), "node_entities_info_seq": [node]})
         self._nodes.write(sample_of(self._told, told.encode()))
+
+    # -- in threads of CycloneDDS ----------------------------------------------------------------------
+
+    def _on_request(self, name: str, reader: Any, writer: Any, sample: Any) -> None:
+        data: bytes = sample.raw
+        begin = ENCAPSULATION_BYTES + HEADER_BYTES
+        handle = sample.sample_info.publication_handle
+        if len(data) <= begin or data[1] != LITTLE_ENDIAN:
+            self.inbox.put_stranger(f"a request to {name} without its header, or not little endian")
+            return
+        header = data[ENCAPSULATION_BYTES:begin]
+
+        def answer(response: bytes) -> None:
+            client = reader.get_matched_publication_data(handle)
+            if client is None:  # it has gone
+                self.unsent += 1
+                return
+            whole = response[:ENCAPSULATION_BYTES] + header + response[ENCAPSULATION_BYTES:]
+            until_ns = time.monotonic_ns() + RESPONSE_WAIT_NS
+            self._answer(_Response(writer, client.participant_key, whole, until_ns))
+
+        self.inbox.put_call(name, data[:ENCAPSULATION_BYTES] + data[begin:], answer)
 
 
 def _gid(entity: Any) -> dict[str, Any]:

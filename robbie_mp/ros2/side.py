@@ -3,13 +3,18 @@
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from robbie_mp.bridge.mapping import Quality
 from robbie_mp.errors import RobbieError
 
+if TYPE_CHECKING:
+    from robbie_mp.ros2.service_types import ServiceType
+
 MAX_DOMAIN = 232
 """The largest ROS_DOMAIN_ID."""
+MAX_CALLS = 64
+"""Most requests that wait until the module takes them; the clients of further ones get no response."""
 
 
 class Ros2Unavailable(RobbieError, RuntimeError):
@@ -71,8 +76,24 @@ class Arrived(NamedTuple):
     at_ns: int
 
 
+class Call(NamedTuple):
+    """A request from ROS 2; nothing in it has been checked, except for its size.
+
+    Attributes:
+        service: the name of the service.
+        data: the encoded request.
+        at_ns: when it arrived, by the machine's monotonic clock.
+        answer: sends the encoded response; in the module's thread, once.
+    """
+
+    service: str
+    data: bytes
+    at_ns: int
+    answer: Callable[[bytes], None]
+
+
 class Inbox:
-    """Messages that threads of a middleware have received, until the module takes them.
+    """Messages and requests that threads of a middleware have received, until the module takes them.
 
     Args:
         max_messages: messages that may wait; further ones are thrown away and counted.
@@ -88,6 +109,7 @@ class Inbox:
     def __init__(self, max_messages: int, max_bytes: int, wake: Callable[[], None]):
         self._max_messages, self._max_bytes, self._wake = max_messages, max_bytes, wake
         self._waiting: deque[Arrived] = deque()
+        self._calls: deque[Call] = deque()
         self.overflowed = 0
         self.oversized = 0
         self.strangers = 0
@@ -104,6 +126,16 @@ class Inbox:
             self._waiting.append(Arrived(channel, data, time.monotonic_ns()))
             self._wake()
 
+    def put_call(self, service: str, data: bytes, answer: Callable[[bytes], None]) -> None:
+        """Keep a request for the module; in any thread."""
+        if len(data) > self._max_bytes:
+            self.oversized += 1
+        elif len(self._calls) >= MAX_CALLS:
+            self.overflowed += 1
+        else:
+            self._calls.append(Call(service, data, time.monotonic_ns(), answer))
+            self._wake()
+
     def put_stranger(self, what: str) -> None:
         """Count a message that was not asked for; in any thread."""
         self.strangers += 1
@@ -113,6 +145,11 @@ class Inbox:
         """Take what waits now."""
         for _ in range(len(self._waiting)):
             yield self._waiting.popleft()
+
+    def take_calls(self) -> Iterator[Call]:
+        """Take the requests that wait now."""
+        for _ in range(len(self._calls)):
+            yield self._calls.popleft()
 
 
 class Side(Protocol):
@@ -128,6 +165,9 @@ class Side(Protocol):
 
     def listen(self, channel: Channel) -> None:
         """Ask for the messages of a channel; they come into the inbox."""
+
+    def serve(self, name: str, service: "ServiceType") -> None:
+        """Offer a service; requests come into the inbox."""
 
     def look_after(self) -> None:
         """Do what is due; called a few times in a second."""

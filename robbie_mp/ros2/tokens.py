@@ -11,6 +11,7 @@ from robbie_mp.ros2.side import Channel, NodeName
 
 PUBLISHER: Final = "MP"
 SUBSCRIPTION: Final = "MS"
+SERVICE: Final = "SS"
 DEFAULT_DEPTH: Final = 42
 """The depth that rmw_zenoh leaves out."""
 GID_BYTES: Final = 16
@@ -34,14 +35,14 @@ def node_token(zenoh_id: str, node: NodeName) -> str:
 
 
 def endpoint_token(zenoh_id: str, node: NodeName, entity: int, kind: str, channel: Channel) -> str:
-    """Return the liveliness token of a publisher or subscription.
+    """Return the liveliness token of a publisher, subscription or service.
 
     Args:
         zenoh_id: the session.
         node: the node that it belongs to.
         entity: its number in the session.
-        kind: PUBLISHER or SUBSCRIPTION.
-        channel: its topic.
+        kind: PUBLISHER, SUBSCRIPTION or SERVICE.
+        channel: its topic, or the service with its type.
     """
     parts = (_mangled(channel.name), channel.dds_type, channel.type_hash, quality_text(channel.quality))
     return f"@ros2_lv/{node.domain}/{zenoh_id}/0/{entity}/{kind}/{_place(node)}/{'/'.join(parts)}"
@@ -66,10 +67,12 @@ def gid(token: str) -> bytes:
 class Attachment(NamedTuple):
     """What rmw_zenoh attaches to each message; nodes throw away messages without it.
 
+    The response of a service has the number and the client of its request.
+
     Attributes:
-        sequence: number of the message, of its publisher; the first is 1.
+        sequence: number of the message or request, of its publisher or client; the first is 1.
         sent_ns: when it was sent: ns since 1970.
-        gid: the publisher.
+        gid: the publisher or client.
     """
 
     sequence: int

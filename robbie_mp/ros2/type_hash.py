@@ -15,6 +15,7 @@ from robbie_mp.messages import Message
 from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text
 from robbie_mp.messages.message import fields_of
 from robbie_mp.messages.schema import nested_types
+from robbie_mp.messages.schema_parser import message_type_from_schema
 
 PREFIX: Final = "RIHS01_"
 NESTED: Final = 1
@@ -39,6 +40,15 @@ ARRAY: Final = 48
 BOUNDED_SEQUENCE: Final = 96
 SEQUENCE: Final = 144
 FILLER: Final = "structure_needs_at_least_one_member"
+EVENT_INFO: Final = message_type_from_schema(
+    "service_msgs/msg/ServiceEventInfo",
+    """uint8 event_type
+builtin_interfaces/Time stamp
+char[16] client_gid
+int64 sequence_number
+""",
+)
+"""What is told of each event of a service, if nodes are to see them."""
 
 
 def type_hash(message_type: type[Message]) -> str:
@@ -50,10 +60,44 @@ def type_hash(message_type: type[Message]) -> str:
     Args:
         message_type: the class of the messages.
     """
-    nested = sorted(nested_types(message_type), key=lambda one: one.type_name)
+    return _hash(_describe(message_type), [_describe(one) for one in nested_types(message_type)])
+
+
+def service_hash(name: str, request: type[Message], response: type[Message]) -> str:
+    """Return the hash of a service's type, which covers its requests, its responses, and the events of both.
+
+    Args:
+        name: as `std_srvs/srv/Trigger`.
+        request: the class of its requests.
+        response: the class of its responses.
+    """
+    parts = {one.type_name: one for one in (EVENT_INFO, request, response)}
+    for one in list(parts.values()):
+        parts |= {nested.type_name: nested for nested in nested_types(one)}
+    info, asked, answered = EVENT_INFO.type_name, request.type_name, response.type_name
+    event = {
+        "type_name": f"{name}_Event",
+        "fields": [
+            _nested_field("info", info),
+            _nested_field("request", asked, several=BOUNDED_SEQUENCE, capacity=1),
+            _nested_field("response", answered, several=BOUNDED_SEQUENCE, capacity=1),
+        ],
+    }
+    service = {
+        "type_name": name,
+        "fields": [
+            _nested_field("request_message", asked),
+            _nested_field("response_message", answered),
+            _nested_field("event_message", f"{name}_Event"),
+        ],
+    }
+    return _hash(service, [event, *map(_describe, parts.values())])
+
+
+def _hash(described: dict[str, Any], referenced: list[dict[str, Any]]) -> str:
     description = {
-        "type_description": _describe(message_type),
-        "referenced_type_descriptions": [_describe(one) for one in nested],
+        "type_description": described,
+        "referenced_type_descriptions": sorted(referenced, key=lambda one: str(one["type_name"])),
     }
     return PREFIX + hashlib.sha256(json.dumps(description).encode()).hexdigest()
 
@@ -72,20 +116,29 @@ def _field(name: str, kind: FieldType) -> dict[str, Any]:
     if isinstance(kind, Numbers | Items):
         capacity = kind.length or kind.max_length or 0
         several = ARRAY if kind.length else BOUNDED_SEQUENCE if kind.max_length else SEQUENCE
+    if isinstance(element, Nested):
+        return _nested_field(name, element.message.type_name, several, capacity)
+    longest = (element.max_length or 0) if isinstance(element, Text) else 0
+    return _typed_field(name, _number(element) + several, capacity, longest)
+
+
+def _nested_field(name: str, type_name: str, several: int = 0, capacity: int = 0) -> dict[str, Any]:
+    return _typed_field(name, NESTED + several, capacity, 0, type_name)
+
+
+def _typed_field(name: str, number: int, capacity: int, longest: int, nested: str = "") -> dict[str, Any]:
     return {
         "name": name,
         "type": {
-            "type_id": _number(element) + several,
+            "type_id": number,
             "capacity": capacity,
-            "string_capacity": (element.max_length or 0) if isinstance(element, Text) else 0,
-            "nested_type_name": element.message.type_name if isinstance(element, Nested) else "",
+            "string_capacity": longest,
+            "nested_type_name": nested,
         },
     }
 
 
-def _number(kind: Primitive | Text | Nested) -> int:
+def _number(kind: Primitive | Text) -> int:
     if isinstance(kind, Primitive):
         return PRIMITIVES[kind.name]
-    if isinstance(kind, Text):
-        return STRING if kind.max_length is None else BOUNDED_STRING
-    return NESTED
+    return STRING if kind.max_length is None else BOUNDED_STRING

@@ -12,6 +12,7 @@ from robbie_mp.link.wire import Endpoints, LinkUnavailable, open_session
 from robbie_mp.ros2.side import Channel, Inbox, NodeName, Ros2Unavailable
 from robbie_mp.ros2.tokens import (
     PUBLISHER,
+    SERVICE,
     SUBSCRIPTION,
     Attachment,
     any_type_key,
@@ -23,6 +24,8 @@ from robbie_mp.ros2.tokens import (
 
 if TYPE_CHECKING:
     import zenoh
+
+    from robbie_mp.ros2.service_types import ServiceType
 
 ROUTER = "tcp/127.0.0.1:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
@@ -132,6 +135,17 @@ class ZenohSide:
             subscriber = self._zenoh.declare_subscriber(pattern, on_sample, allowed_origin=remote)
         self._declared += [subscriber, self._token(SUBSCRIPTION, channel)[1]]
 
+    def serve(self, name: str, service: "ServiceType") -> None:
+        """Offer a service. Its queryable is complete, because nodes ask no other ones."""
+        channel = service.channel(name)
+        key = data_key(self.node.domain, channel)
+
+        def on_query(query: "zenoh.Query") -> None:
+            self._on_query(name, key, query)
+
+        served = self._zenoh.declare_queryable(key, on_query, complete=True)
+        self._declared += [served, self._token(SERVICE, channel)[1]]
+
     def look_after(self) -> None:
         """Nothing is due: Zenoh connects again by itself."""
 
@@ -174,3 +188,21 @@ class ZenohSide:
             self.withheld += 1
             return
         self.inbox.put(channel, sample.payload.to_bytes())
+
+    def _on_query(self, name: str, key: str, query: "zenoh.Query") -> None:
+        attached = query.attachment and Attachment.decode(query.attachment.to_bytes())
+        if not attached or query.payload is None:
+            self.inbox.put_stranger(f"a request to {name} without attachment or content")
+            return
+        sequence, _, client = attached
+
+        def answer(data: bytes) -> None:
+            import zenoh  # noqa: PLC0415
+
+            try:
+                query.reply(key, data, attachment=Attachment(sequence, time.time_ns(), client).encode())
+            except zenoh.ZError:
+                self.unsent += 1
+            query.drop()
+
+        self.inbox.put_call(name, query.payload.to_bytes(), answer)

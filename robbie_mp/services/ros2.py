@@ -3,11 +3,13 @@
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from robbie_mp.bridge.arrivals import hand_over
 from robbie_mp.bridge.driving import drive_command
 from robbie_mp.bridge.mapping import NAME, BridgeMap, Incoming, MappingError, Quality
+from robbie_mp.bridge.orders import STOP_TOPIC, Order, StopSwitch, carry_out, check_orders, orders_of
 from robbie_mp.bridge.surroundings import Surroundings
 from robbie_mp.messages import (
     Message,
@@ -26,7 +28,9 @@ from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.observe.run_observer import RunObserver
 from robbie_mp.ros2.dds_side import LOOPBACK, DdsSide
+from robbie_mp.ros2.desk import Asked, Desk
 from robbie_mp.ros2.padding import unpadded
+from robbie_mp.ros2.service_types import SET_BOOL, TRIGGER
 from robbie_mp.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
 from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.ros2.zenoh_side import ROUTER, ZenohSide
@@ -94,6 +98,12 @@ class Ros2Bridge(Module):
     urdf: Path | None = setting(
         None, "the robot's model, which is sent on robot_description", must_exist=True
     )
+    services: dict[str, str] = setting(
+        {}, "services in ROS: a name, a service of this robot, and the fields of its requests"
+    )
+    emergency_stop: str = setting(
+        "engage", "what ROS may do with the emergency stop", choices=("none", "engage", "release")
+    )
     drive_for_s: float = setting(0.5, "how long a velocity is followed if no other comes", minimum=0.05)
     inbox_messages: int = setting(1000, "messages that may wait until this module takes them", minimum=1)
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
@@ -107,6 +117,12 @@ class Ros2Bridge(Module):
         for name in ("send", "accept"):
             parts = {"send": {}, "accept": {}, name: settings[name]}
             _mapping(parts, str(settings["namespace"]), KnownTypes(own_types()), name)
+        services = settings["services"]
+        assert isinstance(services, Mapping)
+        try:
+            check_orders(services)
+        except MappingError as error:
+            raise SettingError(str(error), "services") from error
 
     # -- begin and end ---------------------------------------------------------------------------------
 
@@ -126,6 +142,10 @@ class Ros2Bridge(Module):
         self._is_described = self.urdf is None
         settings = {"send": self.send, "accept": self.accept}
         self.map = _mapping(settings, self.namespace, self._types)
+        try:
+            self._orders = orders_of(self.services, self._types)
+        except MappingError as error:
+            raise SettingError(str(error), "services") from error
         self.inbox = Inbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
         self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
         self._incoming: dict[Channel, tuple[Incoming, type[Message]]] = {}
@@ -134,14 +154,33 @@ class Ros2Bridge(Module):
             channel = Channel(one.name, one.type_name, type_hash(message_type), one.quality)
             self._incoming[channel] = one, message_type
             self.side.listen(channel)
+        self.desk = Desk(self.side, self.inbox, self.log)
+        self._offer_services()
         self._time = self._own(CLOCK, CLOCK_TOPIC, Quality(depth=1))
         for outgoing in self.map.outgoing:
             self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
+
+    def _offer_services(self) -> None:
+        for order in self._orders:
+            kind = TRIGGER if order.off is None else SET_BOOL
+            self.desk.offer(self.map.absolute(order.name), kind, partial(self._order, order))
+        self._stop: StopSwitch | None = None
+        if self.emergency_stop != "none":
+            self._stop = StopSwitch(self, "ROS 2", self._now_ns)
+            name = self.map.absolute(STOP_TOPIC)
+            self.desk.offer(f"{name}/engage", TRIGGER, partial(self._stop_or_release, self._stop))
+            if self.emergency_stop == "release":
+                self.desk.offer(name, SET_BOOL, partial(self._stop_or_release, self._stop))
 
     def _join(self, node: NodeName) -> Side:
         if self.middleware == "dds":
             return DdsSide(node, self.inbox, self._type, self.interface)
         return ZenohSide(node, self.inbox, self.listen, self.connect, self.max_message_bytes)
+
+    def _now_ns(self) -> int:
+        """Return the run's time; the machine's until that of a simulation or playback has begun."""
+        clock = self._run_clock
+        return clock.now_ns() if clock is not None and clock.has_begun else self.clock.now_ns()
 
     def _type(self, type_name: str) -> type[Message]:
         return CLOCK if type_name == CLOCK.type_name else self._types.get(type_name)
@@ -206,6 +245,9 @@ class Ros2Bridge(Module):
             self._take(arrived)
         while self.inbox.unnamed:
             self._name(f"a message was not asked for: {one_line(self.inbox.unnamed.popleft())}")
+        self.desk.serve()
+        if self._stop is not None:
+            self._stop.tick()
         self._send_own()
         self.side.look_after()
         now_ns = self.clock.monotonic_ns()
@@ -236,12 +278,28 @@ class Ros2Bridge(Module):
 
     def _drive(self, incoming: Incoming, velocity: Twist | TwistStamped, at_ns: int) -> bool:
         waited_s = max(0.0, (time.monotonic_ns() - at_ns) * 1e-9)
-        stamp = Time.from_nanoseconds((self._run_clock or self.clock).now_ns())
+        stamp = Time.from_nanoseconds(self._now_ns())
         command = drive_command(velocity, stamp, self.drive_for_s, waited_s)
         if command is None:
             self.late += 1
             return False
         return self.publish(command, topic=incoming.topic)
+
+    # -- services for ROS 2 ------------------------------------------------------------------------------
+
+    def _order(self, order: Order, asked: Asked) -> None:
+        """Call a service of this robot; the response to ROS says what came of it."""
+        is_on = order.off is None or asked.request.data
+        carry_out(self, order, is_on, lambda success, message: asked.answer(success=success, message=message))
+
+    def _stop_or_release(self, stop: StopSwitch, asked: Asked) -> None:
+        def done(success: bool, message: str) -> None:
+            asked.answer(success=success, message=message)
+
+        if getattr(asked.request, "data", True):
+            stop.engage(done)
+        else:
+            stop.release((time.monotonic_ns() - asked.at_ns) * 1e-9, done)
 
     # -- what the bridge itself tells ROS 2 --------------------------------------------------------------
 
@@ -271,13 +329,14 @@ class Ros2Bridge(Module):
             "unsent": self.side.unsent,
             "incompatible": self.side.incompatible,
             "not asked for": self.inbox.strangers,
-            "malformed": self.malformed,
+            "malformed": self.malformed + self.desk.malformed,
             "late": self.late,
             "refused": self.refused,
             "overflowed": self.inbox.overflowed,
             "too large": self.inbox.oversized,
         }
-        shown = "".join(f", {number} {what}" for what, number in lost.items() if number)
+        served = f", {self.desk.handled} requests" if self.desk.handled else ""
+        shown = served + "".join(f", {number} {what}" for what, number in lost.items() if number)
         return f"sent {self.sent}, received {self.received}{shown}"
 
 

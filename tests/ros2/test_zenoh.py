@@ -49,6 +49,12 @@ TWIST = (
 STRING = (
     "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 )
+TRIGGER = (
+    "std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+)
+SET_BOOL = (
+    "std_srvs::srv::dds_::SetBool_/RIHS01_abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a"
+)
 ROS = get_typestore(Stores.ROS2_JAZZY)
 SETTINGS = {
     "domain": 7,
@@ -110,6 +116,17 @@ class Node:
         )
         publisher.put(data, attachment=struct.pack("<qqB16s", 1, time.time_ns(), 16, b"another node ..."))
         self.kept = publisher
+
+    def ask(self, key: str, data: bytes, number: int = 1) -> Any:
+        """Send a request as rmw_zenoh's clients do, and return where its response comes."""
+        return self.session.get(
+            key,
+            payload=data,
+            attachment=struct.pack("<qqB16s", number, time.time_ns(), 16, b"a client of ROS."),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=20.0,
+        )
 
     def tokens(self) -> list[str]:
         replies = self.session.liveliness().get("@ros2_lv/7/**", timeout=1.0)
@@ -177,8 +194,9 @@ def test_node_sees_the_robot_and_gets_its_messages() -> None:
             f"{begin}/1/MS/%/%/red/%goal_pose/{POSE}/::,10:,:,:,,",
             f"{begin}/2/MS/%/%/red/%costs/{GRID}/:1:,10:,:,:,,",
             f"{begin}/3/MS/%/%/red/%cmd_vel/{TWIST}/::,10:,:,:,,",
-            f"{begin}/4/MP/%/%/red/%scan/{SCAN}/2::,5:,:,:,,",
-            f"{begin}/5/MP/%/%/red/%map/{GRID}/:1:,1:,:,:,,",
+            f"{begin}/4/SS/%/%/red/%emergency_stop%engage/{TRIGGER}/::,10:,:,:,,",
+            f"{begin}/5/MP/%/%/red/%scan/{SCAN}/2::,5:,:,:,,",
+            f"{begin}/6/MP/%/%/red/%map/{GRID}/:1:,1:,:,:,,",
         }
         wait_until(lambda: set(node.tokens()) == tokens, 10.0)
         kept.undeclare()
