@@ -80,6 +80,19 @@ class Access:
             self._refuse(key)
         return allowed
 
+    def may_send(self, robot: str | None, type_name: str) -> bool:
+        """Return whether a robot may send messages of a type on any topic at all.
+
+        Args:
+            robot: the sender; None: any robot.
+            type_name: full name of the type.
+        """
+        return any(
+            (robot is None or fnmatchcase(robot, name))
+            and any(fnmatchcase(type_name, pair.type) for pair in pairs)
+            for name, pairs in self._rules
+        )
+
     def _refuse(self, key: tuple[str, str, str]) -> None:
         robot, type_name, topic = (one_line(text) for text in key)
         what = f"{type_name} on {topic!r} from {robot}" if topic else f"{type_name} from {robot}"

@@ -5,14 +5,15 @@ These are the only messages that a link decodes.
 
 from robbie_mp.link.receiving import Arrived
 from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.messages import DriveCommand, Duration, EmergencyStop, MessageError, replace
+from robbie_mp.messages import DriveCommand, Duration, EmergencyStop, MessageError, OperatorRequest, replace
 
 
 def expires(message: Arrived) -> bool:
     """Whether a message must not be obeyed when it is late.
 
-    Commands are, and the release of an emergency stop: somebody may have stopped the robot again since. The
-    emergency stop itself never comes too late.
+    Commands are, and the release of an emergency stop: somebody may have stopped the robot again since. So is
+    the wish to drive: another operator may have taken over since. The emergency stop itself never comes too
+    late.
 
     Args:
         message: a message that has arrived.
@@ -22,7 +23,7 @@ def expires(message: Arrived) -> bool:
             return not EmergencyStop.decode(message.data).engaged
         except MessageError:
             return True
-    return message.traffic is TrafficClass.COMMAND
+    return message.traffic is TrafficClass.COMMAND or message.name.type_name == OperatorRequest.type_name
 
 
 def shortened(message: Arrived, age_ns: int) -> bytes | None:

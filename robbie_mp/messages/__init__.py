@@ -57,7 +57,13 @@ from robbie_mp.messages.stock.geometry_msgs import (
     TwistWithCovariance,
     Vector3,
 )
-from robbie_mp.messages.stock.link_msgs import LinkChannel, LinkPeer, LinkState
+from robbie_mp.messages.stock.link_msgs import (
+    LinkChannel,
+    LinkPeer,
+    LinkState,
+    OperatorRequest,
+    OperatorState,
+)
 from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
 from robbie_mp.messages.stock.playback_msgs import PlaybackControl, PlaybackState, TimeJump
 from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile, SystemProfile
@@ -181,6 +187,8 @@ __all__ = [
     "ObjectHypothesisWithPose",
     "OccupancyGrid",
     "Odometry",
+    "OperatorRequest",
+    "OperatorState",
     "PanTiltCommand",
     "Path",
     "PlaybackControl",

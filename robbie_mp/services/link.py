@@ -4,6 +4,7 @@ import hashlib
 import math
 import secrets
 from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from robbie_mp.capture.selection import Pair
@@ -12,13 +13,25 @@ from robbie_mp.link.books import Account, Books
 from robbie_mp.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.link.keys import Keys, KeysError
 from robbie_mp.link.node import LinkNode, NodeSettings, Offered
+from robbie_mp.link.operators import REQUEST_TOPIC, STATE_TOPIC, Operators, driver_text, read_commanding
 from robbie_mp.link.peer import Peer
 from robbie_mp.link.receiving import Arrived, Fate
 from robbie_mp.link.safety import expires, shortened
 from robbie_mp.link.sending import Limits
 from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, Wire, only_own_names
-from robbie_mp.messages import LinkChannel, LinkPeer, LinkState, MessageError, Time, UnknownType
+from robbie_mp.messages import (
+    DriveCommand,
+    LinkChannel,
+    LinkPeer,
+    LinkState,
+    Message,
+    MessageError,
+    OperatorRequest,
+    OperatorState,
+    Time,
+    UnknownType,
+)
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
@@ -51,7 +64,8 @@ class Link(Module):
             accept:
               laptop: [DriveCommand manual, EmergencyStop emergency_stop]
 
-    It publishes `LinkState` once a second.
+    It publishes `LinkState` once a second. The link of a robot that accepts commands publishes
+    `OperatorState`, which says who may drive, and follows `OperatorRequest`.
     """
 
     period_s = 0.01
@@ -71,6 +85,10 @@ class Link(Module):
     )
     send: dict[str, list[str]] = setting({}, "what is sent, by class: a type, or a type and a topic")
     accept: dict[str, list[str]] = setting({}, "what is accepted, by robot: a type, or a type and a topic")
+    commanding: list[str] = setting(
+        ["DriveCommand", "PanTiltCommand", "PoseStamped goal"],
+        "what is obeyed only from the operator who holds the command: a type, or a type and a topic",
+    )
     prefix_topics: bool = setting(False, "publish what comes from robot `red` on topics `red/…`")
     command_expires_s: float = setting(0.3, "age at which a command is thrown away", minimum=0.01)
     state_hz: float = setting(20.0, "most states of a channel in a second", minimum=0.01)
@@ -95,6 +113,12 @@ class Link(Module):
                 _rules(settings[name])
             except AccessError as error:
                 raise SettingError(str(error), name) from error
+        commanding = settings["commanding"]
+        assert isinstance(commanding, list)
+        try:
+            read_commanding(commanding)
+        except AccessError as error:
+            raise SettingError(str(error), "commanding") from error
         sent = _rules(settings["send"])
         unknown = [one for one, _ in sent if one.upper() not in TrafficClass.__members__ or not one.islower()]
         if unknown:
@@ -112,6 +136,12 @@ class Link(Module):
         self.rules = [
             (pair, TrafficClass[name.upper()]) for name, pairs in _rules(self.send) for pair in pairs
         ]
+        self._commanding = read_commanding(self.commanding)
+        self._commands: dict[tuple[str, str], bool] = {}
+        """Whether messages of a type and topic are obeyed only from the operator who holds the command."""
+        self.operators = Operators(self.robot, self.restored)
+        self._drivers: dict[str, str] = {}
+        """Who holds the command of other robots, as far as they have said."""
         self.late = 0
         self.mismatched = 0
         self.looped = 0
@@ -141,6 +171,14 @@ class Link(Module):
         for robot in self.robots:
             self.node.meet(robot)
         self.advertise(LinkState)
+        # A side that sends drive commands is an operator's; the robots at its other ends decide who drives.
+        self._is_operators = any(
+            traffic is TrafficClass.COMMAND and fnmatchcase(DriveCommand.type_name, pair.type)
+            for pair, traffic in self.rules
+        )
+        self.operators.is_news = not self._is_operators and self.access.may_send(None, DriveCommand.type_name)
+        self.subscribe(OperatorRequest, self.on_request, topic=REQUEST_TOPIC, optional=True)
+        self.advertise(OperatorState, topic=STATE_TOPIC)
         for pair, _ in self.rules:
             self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
 
@@ -222,6 +260,7 @@ class Link(Module):
         self._take_all()
         now_ns = self.clock.monotonic_ns()
         self.node.look_after(now_ns)
+        self._look_after_operators(now_ns)
         if now_ns - self._state_at_ns >= STATE_NS:
             self._state_at_ns = now_ns
             self._find_latched()
@@ -235,19 +274,17 @@ class Link(Module):
     def on_arrived(self, message: Arrived) -> Fate:
         """Publish a message of another robot, unless it is late, not allowed, or of another type."""
         name = message.name
-        if self.robot in message.sources:
-            self.looped += 1
-            return Fate.REFUSED
         topic = f"{message.robot}/{name.topic}".rstrip("/") if self.prefix_topics else name.topic
-        if not self.access.allows(message.robot, name.type_name, topic):
-            return Fate.REFUSED
-        known = self._hash(name.type_name, name.version)
-        if known and message.type_hash and known != message.type_hash:
-            self.mismatched += 1
+        if not self._is_allowed(message, topic):
             return Fate.REFUSED
         data = self._in_time(message)
         if data is None:
             self.late += 1
+            return Fate.REFUSED
+        if name.type_name == OperatorRequest.type_name:
+            return self._follow(message.robot, data)
+        is_wrong = name.type_name == OperatorState.type_name and not self._note_driver(message.robot, data)
+        if is_wrong or not self._is_obeyed(message, topic):
             return Fate.REFUSED
         try:
             done = self.publish_encoded(
@@ -257,6 +294,20 @@ class Link(Module):
             self.log.warning("a message of %s cannot be published: %s", message.robot, error)
             return Fate.REFUSED
         return Fate.PUBLISHED if done else Fate.NO_ROOM
+
+    def _is_allowed(self, message: Arrived, topic: str) -> bool:
+        """Whether a message may come in, and is of the type that this robot knows."""
+        type_name, robot = message.name.type_name, message.robot
+        if self.robot in message.sources:
+            self.looped += 1
+            return False
+        if not self._is_about_operators(message) and not self.access.allows(robot, type_name, topic):
+            return False
+        known = self._hash(type_name, message.name.version)
+        if known and message.type_hash and known != message.type_hash:
+            self.mismatched += 1
+            return False
+        return True
 
     def _in_time(self, message: Arrived) -> bytes | None:
         """Return the message as it is to be published; None if it is too late, or nobody knows."""
@@ -270,11 +321,106 @@ class Link(Module):
             return None
         return shortened(message, sum(ages) // 2)
 
+    # -- who drives ------------------------------------------------------------------------------------
+
+    def on_request(self, request: OperatorRequest) -> None:
+        """Follow a wish of this robot's own page; that of an operator's side goes to the robot."""
+        if self.envelope.sender in self._links:
+            return
+        if self._is_operators:
+            self._offer(request, REQUEST_TOPIC, TrafficClass.URGENT)
+        else:
+            self.operators.request(self.robot, request, *self._now())
+            self._tell_operators()
+
+    def _is_obeyed(self, message: Arrived, topic: str) -> bool:
+        """Whether a message commands nothing, or is from the operator who holds the command."""
+        key = (message.name.type_name, topic)
+        commands = self._commands.get(key)
+        if commands is None:
+            if len(self._commands) >= MAX_REMEMBERED:
+                self._commands.clear()
+            commands = self._commands[key] = any(pair.matches(*key) for pair in self._commanding)
+        if not commands:
+            return True
+        before = self.operators.holder
+        is_obeyed = self.operators.obeys(message.robot, *self._now())
+        if not is_obeyed or before != self.operators.holder:
+            self._tell_operators()
+        return is_obeyed
+
+    def _follow(self, operator: str, data: bytes) -> Fate:
+        try:
+            request = OperatorRequest.decode(data)
+        except MessageError:
+            return Fate.REFUSED
+        self.operators.request(operator, request, *self._now())
+        self._tell_operators()
+        return Fate.PUBLISHED
+
+    def _is_about_operators(self, message: Arrived) -> bool:
+        """Whether it says who drives, or is a request of somebody who may: these need no `accept`."""
+        type_name = message.name.type_name
+        if type_name == OperatorRequest.type_name:
+            return self.access.may_send(message.robot, DriveCommand.type_name)
+        return type_name == OperatorState.type_name
+
+    def _note_driver(self, robot: str, data: bytes) -> bool:
+        """Say who drives another robot. Return whether that robot itself has told it."""
+        try:
+            state = OperatorState.decode(data)
+        except MessageError:
+            return False
+        if state.robot != robot:
+            return False
+        text = driver_text(state.operator)
+        if self._drivers.get(robot) != text:
+            self._drivers[robot] = text
+            self.log.info("%s: %s", robot, text)
+        return True
+
+    def _look_after_operators(self, now_ns: int) -> None:
+        """Free the command if its holder is gone, and tell what is new."""
+        peer = self.node.peers.get(self.operators.holder)
+        is_heard = self.operators.holder == self.robot or (peer is not None and peer.is_up(now_ns))
+        self.operators.look_after(is_heard, *self._now())
+        self._tell_operators()
+
+    def _tell_operators(self) -> None:
+        """Publish and send who drives this robot, if the others must be told."""
+        operators = self.operators
+        is_refusing, state = operators.is_refusing, operators.news(self.clock.monotonic_ns())
+        if state is None:
+            return
+        if is_refusing and state.refused_operator:
+            self.log.warning("%s; commands of %s are refused", operators.text, state.refused_operator)
+        else:
+            self.log.info("%s", operators.text)
+        self.checkpoint(operators.as_data())
+        self.publish(state, topic=STATE_TOPIC, latched=True)
+        self._offer(state, STATE_TOPIC, TrafficClass.RELIABLE, is_latched=True)
+
+    def _offer(
+        self, message: Message, topic: str, traffic: TrafficClass, *, is_latched: bool = False
+    ) -> None:
+        """Send a message of the link itself."""
+        name = ChannelId(message.type_name, message.version, topic)
+        now_ns = self.clock.monotonic_ns()
+        type_hash = self._hash(message.type_name, message.version)
+        self.node.offer(Offered(name, traffic, message.encode(), now_ns, is_latched, type_hash), now_ns)
+
+    def _now(self) -> tuple[int, int]:
+        """Return the module's time, and the clock's."""
+        return self.clock.monotonic_ns(), self.clock.now_ns()
+
     # -- figures -----------------------------------------------------------------------------------------
 
     def _show(self, now_ns: int) -> None:
         self.publish(self.link_state(now_ns))
         shown = [_summary(peer, now_ns) for peer in self.node.peers.values()]
+        shown += [f"{robot}: {driver}" for robot, driver in self._drivers.items()]
+        if self.operators.holder:
+            shown.append(self.operators.text)
         self.status = "; ".join(shown) or "no other robot has been found"
 
     def link_state(self, now_ns: int) -> LinkState:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from robbie_mp.scene_graph import SceneGraphListener
     from robbie_mp.station.access import Access, DriversSeat
     from robbie_mp.station.camera_images import Cameras
+    from robbie_mp.station.driving.command import RobotCommand
     from robbie_mp.station.driving.motion import Motion
     from robbie_mp.station.live import LiveParts
     from robbie_mp.station.map_marks import MapMarks, PlacesWatch
@@ -41,6 +42,8 @@ class StationContext(MessageSource, Protocol):
         live: the parts that pages draw many times a second.
         map_marks: the marks on the map and in the 3-D view.
         run_watch: the figures of all processes and channels.
+        drivers_seat: the page that drives.
+        robot_command: the operator who holds the command of the robot, here or elsewhere.
         motion: the robot's movement, and what it is commanded.
         cameras: the cameras that have sent an image.
         refusals: the log of refused actions of visitors; its rate is limited.
@@ -61,6 +64,7 @@ class StationContext(MessageSource, Protocol):
     map_marks: MapMarks
     places_watch: PlacesWatch
     settings_watch: SettingsWatch
+    robot_command: RobotCommand
     motion: Motion
     cameras: Cameras
     panels: list[str]
@@ -114,10 +118,12 @@ class Drives(Protocol):
     Attributes:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
+        refused: number of commands refused here because an operator elsewhere drives.
     """
 
     linear_m_per_s: float
     angular_rad_per_s: float
+    refused: int
 
     @property
     def stale(self) -> int:
@@ -125,10 +131,10 @@ class Drives(Protocol):
 
     @property
     def is_other_driving(self) -> bool:
-        """Whether another page drives."""
+        """Whether another page, or an operator elsewhere, drives."""
 
     def take_over(self) -> None:
-        """Drive instead of the page that drives now."""
+        """Drive instead of the page or the operator elsewhere that drives now."""
 
     def change_limits(self, up: bool) -> None:
         """Drive faster or slower from now on."""

@@ -137,4 +137,4 @@ def _add_keys(page: Page, cockpit: Cockpit) -> None:
     if (driver := page.driver) is not None:
         page.add_key("+", "Drive faster", lambda: driver.change_limits(up=True))
         page.add_key("-", "Drive slower", lambda: driver.change_limits(up=False))
-        page.add_key("t", "Take over driving from another page", driver.take_over)
+        page.add_key("t", "Take over driving from another page or operator", driver.take_over)

@@ -93,11 +93,17 @@ class StateStrip:
         page.always(PERIOD_S, update)
 
     def _driver(self, page: Page) -> Item:
-        holder = self._station.drivers_seat.holder
+        holder, robot = self._station.drivers_seat.holder, self._station.robot_command
+        if robot.other:
+            detail = "an operator elsewhere drives; the commands of this page are refused"
+            return Item("driver", "sports_esports", robot.text[:24], WARNING, detail)
         if holder is None:
             return Item("driver", "person_off", "nobody drives", UNKNOWN)
         mine = holder == page.key
-        return Item("driver", "sports_esports", "you drive" if mine else "another page drives")
+        text, rival = "you drive" if mine else "another page drives", robot.rival
+        if rival:
+            return Item("driver", "sports_esports", text, WARNING, f"commands of {rival} are refused")
+        return Item("driver", "sports_esports", text)
 
     def _look(self) -> Iterator[Item]:
         reading, rates = self._station.run_watch.reading, self._station.run_watch.rates

@@ -35,6 +35,7 @@ from robbie_mp.trace.log_limit import limited
 if TYPE_CHECKING:
     from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.context import Page
+    from robbie_mp.station.driving.command import RobotCommand
     from robbie_mp.station.driving.motion import Motion
     from robbie_mp.station.website import Website
 
@@ -90,6 +91,7 @@ class OperatorStation(Module):
 
     follows_run_clock = False
     motion: Motion
+    robot_command: RobotCommand
     cameras: Cameras
     host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all addresses of this machine")
     port: int = setting(8080, "port to listen on; 0: any free port", minimum=0, maximum=65535)
@@ -261,7 +263,9 @@ class OperatorStation(Module):
     def closed(self, page: Page) -> None:
         """Remove a page, which then no longer drives; called in the page server's thread."""
         self.pages.pop(page.key, None)
-        self.drivers_seat.leave(page.key)
+        if self.drivers_seat.holder == page.key:
+            self.drivers_seat.leave(page.key)
+            self.robot_command.give_up()
 
     def tick(self) -> None:
         """Check the page server, and do the work that is common to all pages."""

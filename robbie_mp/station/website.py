@@ -14,6 +14,7 @@ from starlette.responses import PlainTextResponse, Response
 from robbie_mp.station.camera_images import Cameras
 from robbie_mp.station.cockpit import TILE_PATH
 from robbie_mp.station.connections import bounded_connections
+from robbie_mp.station.driving.command import RobotCommand
 from robbie_mp.station.driving.motion import Motion
 from robbie_mp.station.emergency_stop import EmergencyStopControl
 from robbie_mp.station.gate import Gate
@@ -86,6 +87,9 @@ class Website:
 
     def __init__(self, station: StationContext, listener: socket.socket):
         self._map = LiveMap(station)
+        station.robot_command = RobotCommand(
+            station, lambda request, topic: station.publish(request, topic=topic)
+        )
         self._motion = station.motion = Motion(station)
         station.cameras = Cameras(station)
         self._strip = StateStrip(station)

@@ -60,7 +60,7 @@ def state(pair: Pair) -> LinkState:
 def books(pair: Pair) -> list[tuple[str, int, int, int]]:
     """Topic, sent, received and under way of each channel that red sends."""
     found = pair.state("red")
-    channels = found.channels if found is not None else []
+    channels = [one for one in found.channels if one.is_sent] if found is not None else []
     for one in channels:
         assert one.sent == one.received + one.replaced + one.dropped + one.lost + one.under_way
     return [(one.topic, one.sent, one.received, one.under_way) for one in channels]

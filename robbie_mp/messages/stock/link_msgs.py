@@ -1,8 +1,10 @@
 """Messages of the link between robots."""
 
+from typing import ClassVar
+
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import float32, float64, uint32, uint64
+from robbie_mp.messages.primitives import float32, float64, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Time
 
 
@@ -54,3 +56,23 @@ class LinkState(Message, name="robbie_msgs/msg/LinkState", version=1):
     mismatched: uint64 = DEFAULT  # messages of types that are declared differently here
     peers: list[LinkPeer] = DEFAULT
     channels: list[LinkChannel] = DEFAULT
+
+
+class OperatorRequest(Message, name="robbie_msgs/msg/OperatorRequest", version=1):
+    """An operator wants to hold the command of a robot, or gives it up; the link knows which operator."""
+
+    TAKE: ClassVar[uint8] = 0  # if nobody holds it
+    TAKE_OVER: ClassVar[uint8] = 1  # whoever holds it
+    GIVE_UP: ClassVar[uint8] = 2
+
+    wish: uint8 = TAKE
+
+
+class OperatorState(Message, name="robbie_msgs/msg/OperatorState", version=1):
+    """Which operator holds the command of a robot: only this one's commands are obeyed."""
+
+    robot: str = DEFAULT
+    operator: str = DEFAULT  # the name of that side of the link, or of the robot for its own page; "": nobody
+    since: Time = DEFAULT
+    refused: uint64 = DEFAULT  # commands of other operators
+    refused_operator: str = DEFAULT  # who sent the newest of them

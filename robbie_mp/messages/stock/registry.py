@@ -25,6 +25,8 @@ def stock_registry() -> TypeRegistry:
             geometry_msgs.PoseWithCovarianceStamped,
             geometry_msgs.TwistStamped,
             link_msgs.LinkState,
+            link_msgs.OperatorRequest,
+            link_msgs.OperatorState,
             nav_msgs.OccupancyGrid,
             nav_msgs.Odometry,
             nav_msgs.Path,

@@ -6,6 +6,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
+from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.messages import DriveCommand, Duration
@@ -40,12 +41,14 @@ class Driver:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
         stale: number of commands that came too late.
+        refused: number of commands refused here because an operator elsewhere drives.
     """
 
     def __init__(self, station: StationContext, page: Page):
         self._station = station
         self._page = page
         self._switch = DeadManSwitch()
+        self.refused = 0
         self.linear_m_per_s = station.max_linear_m_per_s / 2
         self.angular_rad_per_s = station.max_angular_rad_per_s / 2
         DriverKeys().props("id=driver").on("drive", self._on_drive)
@@ -57,13 +60,15 @@ class Driver:
 
     @property
     def is_other_driving(self) -> bool:
-        """Whether another page drives."""
-        return self._station.drivers_seat.holder not in (None, self._page.key)
+        """Whether another page, or an operator elsewhere, drives."""
+        is_other_page = self._station.drivers_seat.holder not in (None, self._page.key)
+        return is_other_page or bool(self._station.robot_command.other)
 
     def take_over(self) -> None:
-        """Drive instead of the page that drives now."""
+        """Drive instead of the page or the operator elsewhere that drives now."""
         if self._page.may("taking over"):
             self._station.drivers_seat.take(self._page.key, over=True)
+            self._station.robot_command.take(over=True)
 
     def change_limits(self, up: bool) -> None:
         """Drive faster or slower from now on."""
@@ -81,7 +86,12 @@ class Driver:
         held, begins, linear, angular, sent_s = command
         if begins:
             self._switch.begin()
+            self._begin()
         if not self._switch.accept(sent_s, time.monotonic()) and held:
+            return
+        robot = self._station.robot_command
+        if robot.is_here and robot.other:
+            self.refused += 1
             return
         command_message = DriveCommand(
             header=header_of_now(self._station, "base_link"),
@@ -91,6 +101,14 @@ class Driver:
         )
         self._page.publish(command_message, "the command", MANUAL_TOPIC)
         self._station.motion.command(command_message)
+
+    def _begin(self) -> None:
+        """Ask the robot for the command, or tell that an operator elsewhere holds it."""
+        robot = self._station.robot_command
+        robot.take()
+        if robot.other:
+            text = f"{robot.text}: your commands are refused. Take over to drive"
+            ui.notify(text, type="warning")
 
 
 def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:

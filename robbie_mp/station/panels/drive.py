@@ -78,8 +78,12 @@ class DrivePanel(Panel):
             angular_text.set_text(f"fastest turn {driver.angular_rad_per_s:.2f} rad/s")
             take_over.set_visibility(driver.is_other_driving)
             late = f"; {driver.stale} commands came too late" if driver.stale else ""
+            robot = self.station.robot_command
             own = f"this page drives{late}" if self.station.drivers_seat.holder else "nobody drives"
-            seat.set_text("another page drives" if driver.is_other_driving else own)
+            own += f"; commands of {robot.rival} are refused" if robot.rival else ""
+            page = "another page drives" if driver.is_other_driving else own
+            refused = f"; {driver.refused} commands were refused" if driver.refused else ""
+            seat.set_text(f"{robot.text}{refused}" if robot.other else page)
 
         update()
         page.every(0.25, self.name, update)

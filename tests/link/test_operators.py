@@ -1,0 +1,74 @@
+"""A robot obeys one operator at a time, and another one only after it has taken over."""
+
+from robbie_mp.link.operators import FREE_AFTER_NS, Operators
+from robbie_mp.messages import OperatorRequest
+
+S = 1_000_000_000
+
+
+def wish(operators: Operators, operator: str, what: int, now_ns: int = 0) -> None:
+    operators.request(operator, OperatorRequest(wish=what), now_ns, now_ns)
+
+
+def test_first_command_takes_the_command_and_others_are_refused_and_counted() -> None:
+    operators = Operators("red")
+    assert operators.obeys("anna", 0, 0)
+    assert not operators.obeys("ben", 1, 1)
+    assert not operators.obeys("ben", 2, 2)
+    assert operators.obeys("anna", 3, 3)
+    assert (operators.holder, operators.refused, operators.refused_operator) == ("anna", 2, "ben")
+
+
+def test_only_an_explicit_take_over_moves_the_command() -> None:
+    operators = Operators("red")
+    operators.obeys("anna", 0, 0)
+    wish(operators, "ben", OperatorRequest.TAKE)
+    assert operators.holder == "anna"
+    wish(operators, "ben", OperatorRequest.TAKE_OVER)
+    assert not operators.obeys("anna", 1, 1)
+    assert operators.obeys("ben", 1, 1)
+
+
+def test_only_its_holder_gives_the_command_up() -> None:
+    operators = Operators("red")
+    operators.obeys("anna", 0, 0)
+    wish(operators, "ben", OperatorRequest.GIVE_UP)
+    assert operators.holder == "anna"
+    wish(operators, "anna", OperatorRequest.GIVE_UP)
+    assert operators.obeys("ben", 1, 1)
+
+
+def test_command_outlives_a_broken_link_for_some_seconds_only() -> None:
+    operators = Operators("red")
+    operators.obeys("anna", 0, 0)
+    operators.look_after(True, S, S)
+    operators.look_after(False, FREE_AFTER_NS, 0)
+    assert operators.holder == "anna"
+    operators.look_after(False, FREE_AFTER_NS + S, 0)
+    assert operators.holder == ""
+
+
+def test_restarted_link_still_knows_who_holds_the_command() -> None:
+    before = Operators("red")
+    before.obeys("anna", 0, 5)
+    operators = Operators("red", before.as_data())
+    assert not operators.obeys("ben", 1, 1)
+    operators.look_after(False, 2 * FREE_AFTER_NS, 0)  # the links have not found each other again yet
+    assert operators.holder == "anna"
+
+
+def test_changes_are_told_at_once_and_refusals_once_a_second() -> None:
+    operators = Operators("red")
+    assert (first := operators.news(S)) is not None
+    assert (first.robot, first.operator) == ("red", "")
+    assert operators.news(S) is None
+    operators.obeys("anna", S, 7)
+    assert (taken := operators.news(S)) is not None
+    assert (taken.operator, taken.since.nanoseconds) == ("anna", 7)
+    told = []
+    for tick in range(100, 400):
+        operators.obeys("ben", tick * S // 100, 0)
+        told += [operators.news(tick * S // 100)]
+    states = [one for one in told if one is not None]
+    assert len(states) in (2, 3)
+    assert states[-1].refused_operator == "ben"
