@@ -30,6 +30,7 @@ from robbie_mp.observe.run_observer import RunObserver
 from robbie_mp.ros2.dds_side import LOOPBACK, DdsSide
 from robbie_mp.ros2.desk import Asked, Desk
 from robbie_mp.ros2.padding import unpadded
+from robbie_mp.ros2.parameters import NodeParameters
 from robbie_mp.ros2.service_types import SET_BOOL, TRIGGER
 from robbie_mp.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
 from robbie_mp.ros2.type_hash import type_hash
@@ -98,6 +99,9 @@ class Ros2Bridge(Module):
     urdf: Path | None = setting(
         None, "the robot's model, which is sent on robot_description", must_exist=True
     )
+    parameters: str = setting(
+        "change", "what ROS may do with the settings of modules", choices=("none", "read", "change")
+    )
     services: dict[str, str] = setting(
         {}, "services in ROS: a name, a service of this robot, and the fields of its requests"
     )
@@ -156,6 +160,12 @@ class Ros2Bridge(Module):
             self.side.listen(channel)
         self.desk = Desk(self.side, self.inbox, self.log)
         self._offer_services()
+        self.node_parameters: NodeParameters | None = None
+        if self.parameters != "none":
+            node = self.map.absolute(self.node)
+            self.node_parameters = NodeParameters(
+                self, self.desk, node, around.settings, self.parameters == "change"
+            )
         self._time = self._own(CLOCK, CLOCK_TOPIC, Quality(depth=1))
         for outgoing in self.map.outgoing:
             self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
@@ -248,6 +258,8 @@ class Ros2Bridge(Module):
         self.desk.serve()
         if self._stop is not None:
             self._stop.tick()
+        if self.node_parameters is not None:
+            self.node_parameters.tick()
         self._send_own()
         self.side.look_after()
         now_ns = self.clock.monotonic_ns()

@@ -110,9 +110,10 @@ def test_emergency_stop_is_answered_by_what_the_base_says(ros: Ros) -> None:
 
 
 def test_release_is_offered_only_if_the_profile_says_so() -> None:
-    with ModuleHarness(Ros2Bridge, {"connect": []}) as bridge:
+    alone = {"connect": [], "parameters": "none"}
+    with ModuleHarness(Ros2Bridge, alone) as bridge:
         assert list(bridge.module.desk.offered) == ["/emergency_stop/engage"]
-    with ModuleHarness(Ros2Bridge, {"connect": [], "emergency_stop": "none"}) as bridge:
+    with ModuleHarness(Ros2Bridge, {**alone, "emergency_stop": "none"}) as bridge:
         assert not bridge.module.desk.offered
 
 

@@ -59,6 +59,7 @@ ROS = get_typestore(Stores.ROS2_JAZZY)
 SETTINGS = {
     "domain": 7,
     "node": "red",
+    "parameters": "none",
     "send": {"LaserScan": "/scan best_effort depth=5", "OccupancyGrid": "/map latched depth=1"},
     "accept": {
         "/goal_pose": "PoseStamped goal",
