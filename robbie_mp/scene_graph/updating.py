@@ -2,8 +2,8 @@
 
 from collections.abc import Container
 
-from robbie_mp.messages import JointState, Odometry, PoseStamped
-from robbie_mp.scene_graph.conversion import from_pose
+from robbie_mp.messages import JointState, Odometry, PoseStamped, TFMessage
+from robbie_mp.scene_graph.conversion import from_pose, from_transform
 from robbie_mp.scene_graph.errors import Disconnected, NeverPlaced, SceneGraphError, TooNew
 from robbie_mp.scene_graph.graph import SceneGraph
 from robbie_mp.scene_graph.rigid_transform import RigidTransform
@@ -86,6 +86,24 @@ class SceneUpdater:
         waiting = self._waiting.pop(prefix, None)
         if waiting is not None:
             self.add_map_pose(topic, waiting)
+
+    def place(self, topic: str, message: TFMessage) -> None:
+        """Move floating nodes in their parents.
+
+        Between two messages the pose is interpolated, so place a node again as long as others ask for it.
+        """
+        for one in message.transforms:
+            try:
+                hangs_on = self._graph.node(one.child_frame_id).parent
+                if hangs_on != one.header.frame_id:
+                    raise Disconnected(
+                        f"the parent of node {one.child_frame_id!r} is {hangs_on!r}, "
+                        f"not {one.header.frame_id!r}"
+                    )
+                stamp_ns = one.header.stamp.nanoseconds
+                self._move(one.child_frame_id, stamp_ns, from_transform(one.transform))
+            except SceneGraphError as error:
+                self._warnings.ignore(f"the place of {one.child_frame_id!r} on {topic!r}", error)
 
     def add_map_pose(self, topic: str, pose: PoseStamped) -> None:
         """Move the odometry frame so that the robot has its map pose.

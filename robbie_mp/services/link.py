@@ -10,6 +10,7 @@ from pathlib import Path
 from robbie_mp.capture.selection import Pair
 from robbie_mp.link.access import Access, AccessError, read_rules
 from robbie_mp.link.books import Account, Books
+from robbie_mp.link.frames import has_frames, prefixed
 from robbie_mp.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.link.keys import Keys, KeysError
 from robbie_mp.link.node import LinkNode, NodeSettings, Offered
@@ -90,6 +91,9 @@ class Link(Module):
         "what is obeyed only from the operator who holds the command: a type, or a type and a topic",
     )
     prefix_topics: bool = setting(False, "publish what comes from robot `red` on topics `red/…`")
+    prefix_frames: bool = setting(
+        False, "put `red/` before the names of frames in what comes from robot `red`; needs `prefix_topics`"
+    )
     command_expires_s: float = setting(0.3, "age at which a command is thrown away", minimum=0.01)
     state_hz: float = setting(20.0, "most states of a channel in a second", minimum=0.01)
     store_messages: int = setting(1000, "messages that may wait, of each robot and class", minimum=1)
@@ -107,6 +111,8 @@ class Link(Module):
                 raise SettingError(
                     f"a robot cannot be called {robot!r}: up to 32 letters, digits, - and _", setting_name
                 )
+        if settings["prefix_frames"] and not settings["prefix_topics"]:
+            raise SettingError("frames get a prefix only if topics do: set `prefix_topics`", "prefix_frames")
         _check_encryption(settings)
         for name in ("send", "accept"):
             try:
@@ -147,6 +153,7 @@ class Link(Module):
         self.looped = 0
         self._classes: dict[ChannelId, TrafficClass] = {}
         self._hashes: dict[tuple[str, int], int] = {}
+        self._framed: dict[tuple[str, int], type[Message] | None] = {}
         self._latched: set[ChannelId] = set()
         self._state_at_ns = 0
         self._observer: RunObserver | None = None
@@ -275,7 +282,7 @@ class Link(Module):
         """Publish a message of another robot, unless it is late, not allowed, or of another type."""
         name = message.name
         topic = f"{message.robot}/{name.topic}".rstrip("/") if self.prefix_topics else name.topic
-        if not self._is_allowed(message, topic):
+        if not self._is_allowed(message):
             return Fate.REFUSED
         data = self._in_time(message)
         if data is None:
@@ -287,6 +294,8 @@ class Link(Module):
         if is_wrong or not self._is_obeyed(message, topic):
             return Fate.REFUSED
         try:
+            if self.prefix_frames:
+                data = self._with_own_frames(message.robot, name, data)
             done = self.publish_encoded(
                 name.type_name, name.version, data, topic=topic, latched=message.is_latched
             )
@@ -295,19 +304,36 @@ class Link(Module):
             return Fate.REFUSED
         return Fate.PUBLISHED if done else Fate.NO_ROOM
 
-    def _is_allowed(self, message: Arrived, topic: str) -> bool:
+    def _is_allowed(self, message: Arrived) -> bool:
         """Whether a message may come in, and is of the type that this robot knows."""
-        type_name, robot = message.name.type_name, message.robot
+        name, robot = message.name, message.robot
         if self.robot in message.sources:
             self.looped += 1
             return False
-        if not self._is_about_operators(message) and not self.access.allows(robot, type_name, topic):
+        if not self._is_about_operators(message) and not self.access.allows(
+            robot, name.type_name, name.topic
+        ):
             return False
-        known = self._hash(type_name, message.name.version)
+        known = self._hash(name.type_name, name.version)
         if known and message.type_hash and known != message.type_hash:
             self.mismatched += 1
             return False
         return True
+
+    def _with_own_frames(self, robot: str, name: ChannelId, data: bytes) -> bytes:
+        """Return a message with the robot's name before the names of its frames.
+
+        A type that this robot does not know in that version stays as it is.
+        """
+        key = (name.type_name, name.version)
+        if key not in self._framed:
+            if len(self._framed) >= MAX_REMEMBERED:
+                self._framed.clear()
+            # The hash is 0 if the type is not known in that version.
+            known = self._types.get(name.type_name) if self._hash(*key) else None
+            self._framed[key] = known if known is not None and has_frames(known) else None
+        message_type = self._framed[key]
+        return data if message_type is None else prefixed(message_type.decode(data), f"{robot}/").encode()
 
     def _in_time(self, message: Arrived) -> bytes | None:
         """Return the message as it is to be published; None if it is too late, or nobody knows."""

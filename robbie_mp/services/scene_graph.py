@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.messages import JointState, Odometry, PoseStamped, TimeJump
+from robbie_mp.messages import JointState, Odometry, PoseStamped, TFMessage, TimeJump
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import REQUIRED, SettingError
 from robbie_mp.scene_graph import JointType, RigidTransform, SceneFileError, SceneGraph, read_scene
@@ -21,7 +21,7 @@ class SceneGraphService(Module):
     It subscribes to JointState on any topic, Odometry on `odom` and PoseStamped on `map_pose`. For robots
     whose nodes have a prefix, as in "red/base_link", the topics are `red/odom` and `red/map_pose`. A map pose
     moves the child of its frame that carries the robot, the odometry frame, by the correction that makes the
-    map pose true.
+    map pose true. A TFMessage on `placed` moves any floating nodes, such as the map of another robot.
 
     It publishes moving transforms as TFMessage on `tf`, and fixed ones once on `tf_static`. It also publishes
     SceneGraphState, which holds the whole graph. Both `tf_static` and SceneGraphState are latched.
@@ -58,6 +58,7 @@ class SceneGraphService(Module):
             if name in self.graph and self.graph.node(name).joint_type is JointType.FLOATING:
                 self.updater.correct(prefix, name, since_ns, RigidTransform(*pose))
         self.subscribe(JointState, self.on_joint_state, optional=True)
+        self.subscribe(TFMessage, self.on_placed, topic="placed", optional=True)
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         floating = [node.name for node in self.graph if node.joint_type is JointType.FLOATING]
         for prefix in sorted(set(map(prefix_of, floating))):
@@ -67,6 +68,11 @@ class SceneGraphService(Module):
     def on_joint_state(self, state: JointState) -> None:
         """Move joints."""
         self.updater.add_joint_state(self.envelope.topic, state)
+        self._tell_moved()
+
+    def on_placed(self, message: TFMessage) -> None:
+        """Move floating nodes."""
+        self.updater.place(self.envelope.topic, message)
         self._tell_moved()
 
     def on_odometry(self, odometry: Odometry) -> None:

@@ -5,14 +5,19 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from robbie_mp import ModuleHarness, SettingError
+from robbie_mp import Header, ModuleHarness, SettingError
+from robbie_mp.link.frames import prefixed
 from robbie_mp.link.handshake import NotConnected, shake_hands
+from robbie_mp.link.header import ChannelId
 from robbie_mp.link.keys import Keys
+from robbie_mp.link.receiving import Arrived, Fate
+from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, open_session
-from robbie_mp.messages import LinkState
+from robbie_mp.messages import LinkState, Message, Odometry, String
 from robbie_mp.services.link import Link
 
 LINK_ALONE = """
@@ -40,6 +45,7 @@ def zenoh_has_started() -> None:
         ({"robot": "red", "send": {"state": ["Image camera front"]}}, "with a space between"),
         ({"robot": "red", "accept": {"blue": [""]}}, "expected a type"),
         ({"robot": "red", "listen": ["tls/127.0.0.1:7447"]}, "needs keys: make them with `robbie keys new`"),
+        ({"robot": "red", "prefix_frames": True}, "frames get a prefix only if topics do"),
         (
             {"robot": "red", "listen": [], "connect": ["tcp/127.0.0.1:7447"], "keys": "keys"},
             "not encrypted, but `keys` is set; write tls/127.0.0.1:7447",
@@ -85,3 +91,30 @@ def test_link_with_the_keys_of_another_robot_does_not_start(tmp_path: Path) -> N
         settings = {"robot": "red", "listen": [], "keys": str(tmp_path / folder)}
         with pytest.raises(SettingError, match=problem), ModuleHarness(Link, settings):
             pass
+
+
+def arrive(message: Message, **settings: Any) -> tuple[Message, str]:
+    """Return what a link publishes of a message of robot `red`, and its topic."""
+    chosen = {
+        "robot": "blue",
+        "listen": [],
+        "robots": ["red"],
+        "accept": {"red": ["Odometry odom", "String odom"]},
+    }
+    with ModuleHarness(Link, {**chosen, **settings}) as harness:
+        name = ChannelId(message.type_name, message.version, "odom")
+        one = Arrived("red", 1, TrafficClass.STATE, 0, name, message.encode(), 0, 0, False, ("red",))
+        assert harness.module.on_arrived(one) is Fate.PUBLISHED
+        (entry,) = harness.published_encoded
+        return type(message).decode(entry.data), entry.topic
+
+
+@pytest.mark.parametrize(
+    "message",
+    [Odometry(header=Header(frame_id="odom"), child_frame_id="base_link"), String(data="base_link")],
+)
+def test_link_puts_the_robots_name_before_topics_and_frames(message: Message) -> None:
+    assert arrive(message) == (message, "odom")
+    assert arrive(message, prefix_topics=True) == (message, "red/odom")
+    found = arrive(message, prefix_topics=True, prefix_frames=True)
+    assert found == (prefixed(message, "red/"), "red/odom")

@@ -188,6 +188,24 @@ def test_each_robot_has_its_own_topics_and_nodes(file: Path) -> None:
             graph.pose("red/base_link", "red/pan")
 
 
+def test_a_placed_map_brings_another_robot_into_the_scene_graph(file: Path) -> None:
+    team = file.with_name("team.yaml")
+    team.write_text(
+        ROBOT + "include:\n  - {file: robot.yaml, prefix: blue/, parent: map, joint: {type: floating}}\n"
+    )
+    with serve(team) as harness:
+        harness.send(odometry(1.0, 0.0), topic="odom")
+        harness.send(map_pose(1.0, 1.0, 0.0, 0.0), topic="map_pose")
+        blue = Odometry(header=header(1.0, "blue/odom"), child_frame_id="blue/base_link")
+        harness.send(blue, topic="blue/odom")
+        harness.send(PoseStamped(header=header(1.0, "blue/map")), topic="blue/map_pose")
+        graph = harness.module.graph
+        with pytest.raises(NeverPlaced):
+            graph.pose("base_link", "blue/laser")
+        harness.send(transforms(1.0, ("map", "blue/map", 5.0)), topic="placed")
+        assert graph.pose("base_link", "blue/laser").x == pytest.approx(4.2)
+
+
 def test_state_has_every_node(file: Path) -> None:
     with serve(file) as harness:
         harness.send(odometry(1.0, 2.0), topic="odom")
@@ -265,6 +283,11 @@ def test_odometry_with_a_future_stamp_does_not_block_the_robot_for_ever(file: Pa
             PoseStamped(header=header(1.0, "mapp")),
             "map_pose",
             "a map pose on 'map_pose' is ignored: there is no",
+        ),
+        (
+            TFMessage(transforms=[TransformStamped(header=header(1.0, "map"), child_frame_id="laser")]),
+            "placed",
+            "the place of 'laser' on 'placed' is ignored: the parent of node 'laser' is 'base_link'",
         ),
         (PoseStamped(header=header(1.0, "laser")), "map_pose", "'base_link' is not below 'laser'"),
         (PoseStamped(header=header(-60.0, "map")), "map_pose", "is known from 1.000000 s on; asked for 61"),
