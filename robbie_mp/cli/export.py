@@ -1,4 +1,4 @@
-"""`robbie export FILE OUT`: the messages of a log as CSV, numpy or PNG files."""
+"""`robbie export FILE OUT`: the messages of a log as CSV, numpy or PNG files, or as a bag of ROS 2."""
 
 import argparse
 import re
@@ -11,10 +11,12 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from robbie_mp.bridge.bag_export import bridge_of_log, export_bag
 from robbie_mp.cli.log_files import (
     add_limit_argument,
     add_log_argument,
     add_topics_argument,
+    print_conversion,
     progress_bar,
     warn_of_unmatched,
 )
@@ -29,6 +31,7 @@ from robbie_mp.recording.png import IMAGE_TYPES, NoPicture, PngMaker
 from robbie_mp.recording.reader import Log, LogChannel, channel_name, open_log, select
 from robbie_mp.recording.repair import Progress
 from robbie_mp.views.message_text import FieldPath, flat, to_csv
+from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -45,15 +48,17 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "export",
-        "write the messages of a log as CSV, numpy or PNG files",
+        "write the messages of a log as CSV, numpy or PNG files, or as a ROS 2 bag",
         "Write one file per channel of a log into a folder. Each message is a row: its publishing time, its "
         "sequence number, and a column for each number and text in it. In CSV, a list is one column of JSON; "
         "in numpy files, the lists of all messages are one array, which NAME.lengths splits again. With "
-        "--png, each image is a file, named after its stamp, in a folder for each channel.",
+        "--png, each image is a file, named after its stamp, in a folder for each channel. With --rosbag2, "
+        "OUT is a bag of ROS 2 with the names that the robot's bridge gives.",
         [
             "robbie export logs/monday tables",
             "robbie export monday.mcap arrays --npz --topics odom 'laser/*'",
             "robbie export monday.mcap pictures --png --topics front/camera",
+            "robbie export logs/monday monday_bag --rosbag2",
         ],
     )
     add_log_argument(parser)
@@ -64,6 +69,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     form.add_argument("--csv", action="store_true", help="write CSV files (the default)")
     form.add_argument("--npz", action="store_true", help="write numpy .npz files")
     form.add_argument("--png", action="store_true", help="write images as PNG files, and nothing else")
+    form.add_argument("--rosbag2", action="store_true", help="write a bag of ROS 2 (MCAP and metadata.yaml)")
     add_topics_argument(parser)
     add_limit_argument(parser)
     parser.set_defaults(command=export)
@@ -73,6 +79,8 @@ def export(arguments: argparse.Namespace) -> int:
     """Write the files."""
     if arguments.png:
         return _export_pictures(arguments)
+    if arguments.rosbag2:
+        return _export_bag(arguments)
     write, suffix = (_write_npz, ".npz") if arguments.npz else (_write_csv, ".csv")
     is_whole = True
     with open_log(arguments.log, arguments.limits) as log:
@@ -95,6 +103,23 @@ def export(arguments: argparse.Namespace) -> int:
         for line in log.damage:
             warn(f"{line}; only the intact part was exported")
     return 0 if is_whole else LEFT_OUT
+
+
+def _export_bag(arguments: argparse.Namespace) -> int:
+    """Write a bag of ROS 2."""
+    folder: Path = arguments.folder
+    with open_log(arguments.log, arguments.limits) as log:
+        warn_of_unmatched(log.channels, arguments.topics)
+        chosen, _ = select(log.channels, arguments.topics)
+        bridge = bridge_of_log(log)
+        with progress_bar(f"writing {folder}") as progress:
+            done = export_bag(log, folder, chosen, bridge.map, progress)
+        for line in log.damage:
+            warn(f"{line}; only the intact part was exported")
+    print_conversion(folder, done)
+    if bridge.module:
+        print(f"names as the module {one_line(bridge.module)} sends them to ROS 2")
+    return LEFT_OUT if done.left_out else 0
 
 
 def _export_pictures(arguments: argparse.Namespace) -> int:

@@ -15,12 +15,15 @@ import yaml
 from robbie_mp.linux.private_files import write_private
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import LogError
+from robbie_mp.recording.format import LATCHED_KEY, QOS_KEY
 from robbie_mp.recording.limits import READ_LIMITS
 from robbie_mp.recording.reader import part_files
 from robbie_mp.recording.summary import read_summary
 
 BAG_METADATA = "metadata.yaml"
 FORMAT_VERSION = 5
+FOREVER = {"sec": 9223372036, "nsec": 854775807}
+"""A duration without an end, as rosbag2 writes it."""
 OURS = "# Written by Robbie-MP\n"
 """First line of the file; no other file of that name is ever changed."""
 
@@ -55,6 +58,28 @@ def write_bag_metadata(folder: Path) -> str:
     write_private(waiting, OURS + yaml.safe_dump(_metadata(contents), sort_keys=False))
     os.replace(waiting, path)
     return ""
+
+
+def offered_qos(*, is_reliable: bool = True, is_latched: bool = False, depth: int = 1) -> str:
+    """Return a quality of service as rosbag2 keeps it: with this `ros2 bag play` publishes the messages.
+
+    Args:
+        is_reliable: whether lost messages are sent again.
+        is_latched: whether those who come later get the newest messages (transient local).
+        depth: how many of them.
+    """
+    profile = {
+        "history": 1,  # keep last
+        "depth": depth,
+        "reliability": 1 if is_reliable else 2,
+        "durability": 1 if is_latched else 2,
+        "deadline": dict(FOREVER),
+        "lifespan": dict(FOREVER),
+        "liveliness": 1,  # automatic
+        "liveliness_lease_duration": dict(FOREVER),
+        "avoid_ros_namespace_conventions": False,
+    }
+    return yaml.safe_dump([profile], sort_keys=False).strip()
 
 
 def update_bag_metadata(folder: Path) -> None:
@@ -119,18 +144,22 @@ def _metadata(contents: dict[Path, Contents]) -> dict[str, Any]:
 def _topics(contents: list[Contents]) -> list[dict[str, Any]]:
     """Return a row for each topic, type and encoding; the senders are not told apart."""
     counts: Counter[tuple[str, str, str]] = Counter()
+    qualities: dict[str, str] = {}
     for one in contents:
         for id_, channel in one.channels.items():
             schema = one.schemas.get(channel.schema_id)
             name = schema.name if schema else ""
             counts[channel.topic, name, channel.message_encoding] += one.counts.get(id_, 0)
+            latched = offered_qos(is_latched=True) if channel.metadata.get(LATCHED_KEY) else ""
+            if quality := channel.metadata.get(QOS_KEY) or latched:
+                qualities.setdefault(channel.topic, quality)
     return [
         {
             "topic_metadata": {
                 "name": topic,
                 "type": type_name,
                 "serialization_format": encoding,
-                "offered_qos_profiles": "",
+                "offered_qos_profiles": qualities.get(topic, ""),
             },
             "message_count": count,
         }

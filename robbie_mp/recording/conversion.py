@@ -25,6 +25,9 @@ class NewChannel(NamedTuple):
     """With a leading slash."""
     type_name: str
     schema: str
+    sender: str = ""
+    robot_topic: str = ""
+    """The topic in the robot, if it is another one; such channels stay apart."""
 
 
 class Conversion:

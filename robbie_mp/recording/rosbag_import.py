@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from robbie_mp.messages import TypeRegistry, schema_text, stock_registry
 from robbie_mp.recording.conversion import Conversion, NewChannel, converted_log
-from robbie_mp.recording.errors import BagUnreadable
-from robbie_mp.recording.reader import has_layout
+from robbie_mp.recording.errors import BagUnreadable, LogError
+from robbie_mp.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
+from robbie_mp.recording.reader import has_layout, open_log
 from robbie_mp.recording.repair import Progress
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversi
     """Write a log with the messages of a bag, published at the times at which the bag recorded them.
 
     A type that we have gets our schema if both have the same layout; other types keep their definitions.
+    Latched topics stay latched. From a bag of `robbie export`, topics return as they were in the robot.
 
     Args:
         source: a ROS 1 `.bag` file, or the folder of a ROS 2 bag.
@@ -37,7 +39,8 @@ def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversi
     with _Bag(source) as bag, converted_log(target, source) as conversion:
         for done, (connection, time_ns, data) in enumerate(bag.messages(), start=1):
             try:
-                conversion.add(bag.channel(connection), {}, time_ns, bag.cdr(connection, data))
+                channel = bag.channel(connection)
+                conversion.add(channel, bag.about(connection), time_ns, bag.cdr(connection, data))
             except BagUnreadable as error:
                 conversion.leave_out(str(error))
             progress(done, bag.message_count)
@@ -64,6 +67,7 @@ class _Bag:
             raise BagUnreadable(f"{path} cannot be read as a bag of ROS: {error!r}") from error
         self._stock = stock_registry()
         self._channels: dict[int, NewChannel] = {}
+        self._robot_keys = _robot_keys(path) if self._reader.is2 else {}
 
     @property
     def message_count(self) -> int:
@@ -84,6 +88,11 @@ class _Bag:
             schema = self._schema(connection, type_name)
             self._channels[connection.id] = NewChannel(connection.topic, type_name, schema)
         return self._channels[connection.id]
+
+    def about(self, connection: "Connection") -> dict[str, str]:
+        """Return the metadata of the new channel for a connection."""
+        key = self._robot_keys.get(connection.topic)
+        return (key.metadata() if key else {}) | ({LATCHED_KEY: "1"} if _is_latched(connection) else {})
 
     def cdr(self, connection: "Connection", data: bytes) -> bytes:
         """Return a message as little-endian CDR."""
@@ -119,6 +128,32 @@ class _Bag:
 
     def __exit__(self, *_error: object) -> None:
         self._reader.close()
+
+
+def _is_latched(connection: "Connection") -> bool:
+    """Whether those who come later get the newest message."""
+    ext: Any = connection.ext
+    if hasattr(ext, "latching"):  # ROS 1
+        return bool(ext.latching)
+    return any(one.durability.name == "TRANSIENT_LOCAL" for one in ext.offered_qos_profiles)
+
+
+def _robot_keys(path: Path) -> dict[str, ChannelKey]:
+    """Return what the robot called the topics of a bag of `robbie export`, by their names there."""
+    keys: dict[str, set[ChannelKey]] = {}
+    try:
+        with open_log(path) as log:
+            for part in log.parts:
+                for channel in part.contents.channels.values():
+                    about = channel.metadata
+                    if TOPIC_KEY in about and about.get(VERSION_KEY, "").isdecimal():
+                        schema = part.contents.schemas.get(channel.schema_id)
+                        version = int(about[VERSION_KEY])
+                        key = ChannelKey(schema.name if schema else "", version, about[TOPIC_KEY], "")
+                        keys.setdefault(channel.topic, set()).add(key)
+    except LogError:  # a bag in a database, or of ROS 2 before MCAP
+        return {}
+    return {name: found.pop() for name, found in keys.items() if len(found) == 1}
 
 
 def _our_schema(stock: TypeRegistry, type_name: str, schema: str) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
 
 from robbie_mp.cli import main
 from robbie_mp.module.settings import check_settings, settings_of
@@ -72,6 +73,12 @@ def test_export_and_use_of_its_arrays(capsys: pytest.CaptureFixture[str]) -> Non
     assert {path.suffix for path in Path("tables").iterdir()} == {".csv"}
     ranges = python("part the scans")["ranges"]
     assert len(ranges) > 20 and {part.shape for part in ranges} == {(8,)}
+
+
+def test_export_of_bags() -> None:
+    assert run("bag") == [0, 0]
+    with AnyReader([Path("monday_bag")]) as bag:
+        assert {one.topic for one in bag.connections} == {"/laser/front", "/odom", "/laser_scan"}
 
 
 def test_import(tmp_path: Path) -> None:

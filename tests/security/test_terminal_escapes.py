@@ -101,6 +101,7 @@ def test_logs_with_hostile_texts_print_plainly(reader: Reader, tmp_path: Path) -
     for file in (tmp_path / "tables").iterdir():
         assert not obeyed(file.name) and not obeyed(file.read_text())
     reader.run("export", str(log), str(tmp_path / f"no{HOSTILE}"), "--topics", f"none{HOSTILE}")
+    reader.run("export", str(log), str(tmp_path / "bag"), "--rosbag2")
     cut = tmp_path / f"cut{HOSTILE.replace('/', '')}.mcap"
     cut.write_bytes(log.read_bytes()[:-40])
     reader.run("info", str(cut), may_have_lines=True)  # the user's own word may have two lines
