@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Self
 
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
@@ -20,12 +21,14 @@ class Surroundings:
             from there, so none of them sends it back: no message can go in circles.
         has_own_clock: whether the run's time is that of a playback or a simulation.
         settings: where the settings of each module stand.
+        output: where the run writes its results; None in a test.
     """
 
     types: KnownTypes
     bridges: frozenset[str]
     has_own_clock: bool = False
     settings: Mapping[str, SettingsFile] = field(default_factory=dict)
+    output: Path | None = None
 
     @classmethod
     def of(cls, run_id: str, module: str, class_path: str) -> Self:
@@ -38,10 +41,12 @@ class Surroundings:
         """
         if not run_id:
             return cls(KnownTypes(), frozenset({module}))
-        folder = next(run.folder for run in list_runs() if run.run_id == run_id)
-        plan = RunPlan.load(folder)
+        run = next(run for run in list_runs() if run.run_id == run_id)
+        plan = RunPlan.load(run.folder)
         own = {one.class_path for one in plan.modules if one.name == module} | {class_path}
         bridges = {one.name for one in plan.modules if one.class_path in own}
         types = KnownTypes(TypeDescription(*one) for one in plan.types)
-        settings = {one.name: SettingsFile(folder, one.name) for one in plan.modules}
-        return cls(types, frozenset({module, *bridges}), plan.clock.source is not None, settings)
+        settings = {one.name: SettingsFile(run.folder, one.name) for one in plan.modules}
+        output = None if run.record is None else Path(run.record.output_directory)
+        has_own_clock = plan.clock.source is not None
+        return cls(types, frozenset({module, *bridges}), has_own_clock, settings, output)

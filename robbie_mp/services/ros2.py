@@ -7,11 +7,13 @@ from functools import partial
 from pathlib import Path
 
 from robbie_mp.bridge.arrivals import hand_over
+from robbie_mp.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.bridge.driving import drive_command
 from robbie_mp.bridge.mapping import NAME, BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.bridge.orders import STOP_TOPIC, Order, StopSwitch, carry_out, check_orders, orders_of
 from robbie_mp.bridge.surroundings import Surroundings
 from robbie_mp.messages import (
+    Log,
     Message,
     MessageError,
     String,
@@ -26,6 +28,7 @@ from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
+from robbie_mp.observe import RunReading, rates_between
 from robbie_mp.observe.run_observer import RunObserver
 from robbie_mp.ros2.dds_side import LOOPBACK, DdsSide
 from robbie_mp.ros2.desk import Asked, Desk
@@ -36,12 +39,16 @@ from robbie_mp.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, S
 from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.ros2.zenoh_side import ROUTER, ZenohSide
 from robbie_mp.run.run_clock import RunClock
+from robbie_mp.services.profiler import system_profile
 from robbie_mp.trace.log_limit import LogLimit
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.visible_text import one_line
 
 CLASS_PATH = "robbie_mp.services.ros2:Ros2Bridge"
-CLOCK_TOPIC = "/clock"
+CLOCK_TOPIC, ROSOUT, DIAGNOSTICS_TOPIC = "/clock", "/rosout", "/diagnostics"
+ROSOUT_DEPTH = 1000
+"""As that of ROS's own nodes."""
+TRACE_EVERY_NS = 500_000_000
 CLOCK = message_type_from_schema(
     "rosgraph_msgs/msg/Clock",
     f"builtin_interfaces/Time clock\n{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
@@ -99,6 +106,8 @@ class Ros2Bridge(Module):
     urdf: Path | None = setting(
         None, "the robot's model, which is sent on robot_description", must_exist=True
     )
+    rosout: bool = setting(True, "send what modules log on /rosout")
+    diagnostics: bool = setting(True, "send the state of all modules on /diagnostics, once a second")
     parameters: str = setting(
         "change", "what ROS may do with the settings of modules", choices=("none", "read", "change")
     )
@@ -166,6 +175,7 @@ class Ros2Bridge(Module):
             self.node_parameters = NodeParameters(
                 self, self.desk, node, around.settings, self.parameters == "change"
             )
+        self._observe(around)
         self._time = self._own(CLOCK, CLOCK_TOPIC, Quality(depth=1))
         for outgoing in self.map.outgoing:
             self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
@@ -182,6 +192,19 @@ class Ros2Bridge(Module):
             if self.emergency_stop == "release":
                 self.desk.offer(name, SET_BOOL, partial(self._stop_or_release, self._stop))
 
+    def _observe(self, around: Surroundings) -> None:
+        """Begin to watch the run, for /rosout and /diagnostics."""
+        self._trace: TraceLines | None = None
+        self._diagnosis: Diagnosis | None = None
+        self._before: RunReading | None = None
+        self._looked_at_ns = 0
+        if self.rosout and around.output is not None:
+            self._trace = TraceLines(around.output)
+            self._rosout = self._own(Log, ROSOUT, Quality(is_latched=True, depth=ROSOUT_DEPTH))
+        if self.diagnostics and self._observer is not None:
+            self._diagnosis = Diagnosis(self.node, self.run_id)
+            self._diagnostics = self._own(DIAGNOSTICS, DIAGNOSTICS_TOPIC, Quality())
+
     def _join(self, node: NodeName) -> Side:
         if self.middleware == "dds":
             return DdsSide(node, self.inbox, self._type, self.interface)
@@ -193,7 +216,8 @@ class Ros2Bridge(Module):
         return clock.now_ns() if clock is not None and clock.has_begun else self.clock.now_ns()
 
     def _type(self, type_name: str) -> type[Message]:
-        return CLOCK if type_name == CLOCK.type_name else self._types.get(type_name)
+        own = {one.type_name: one for one in (CLOCK, DIAGNOSTICS)}
+        return own.get(type_name) or self._types.get(type_name)
 
     def _own(self, message_type: type[Message], name: str, quality: Quality) -> Channel:
         """Return a channel of the bridge's own messages."""
@@ -263,9 +287,13 @@ class Ros2Bridge(Module):
         self._send_own()
         self.side.look_after()
         now_ns = self.clock.monotonic_ns()
+        if now_ns - self._looked_at_ns >= TRACE_EVERY_NS:
+            self._looked_at_ns = now_ns
+            self._send_trace()
         if now_ns - self._shown_at_ns >= SHOWN_EVERY_NS:
             self._shown_at_ns = now_ns
             self.status = self._figures()
+            self._send_diagnostics()
 
     def _take(self, arrived: Arrived) -> None:
         incoming, message_type = self._incoming[arrived.channel]
@@ -326,6 +354,19 @@ class Ros2Bridge(Module):
             channel = self._own(String, self.map.absolute(DESCRIPTION), Quality(is_latched=True, depth=1))
             self.side.send(channel, String(data=self.urdf.read_text()).encode())
 
+    def _send_trace(self) -> None:
+        if self._trace is not None:
+            for line in self._trace.read_new():
+                self.side.send(self._rosout, line.encode())
+
+    def _send_diagnostics(self) -> None:
+        if self._diagnosis is None or self._observer is None:
+            return
+        before, self._before = self._before, self._observer.read()
+        if before is not None:
+            profile = system_profile(self._before, rates_between(before, self._before))
+            self.side.send(self._diagnostics, self._diagnosis.of(profile).encode())
+
     # -- figures -----------------------------------------------------------------------------------------
 
     def _name(self, problem: str) -> None:
@@ -346,6 +387,7 @@ class Ros2Bridge(Module):
             "refused": self.refused,
             "overflowed": self.inbox.overflowed,
             "too large": self.inbox.oversized,
+            "of the trace skipped": self._trace.skipped if self._trace is not None else 0,
         }
         served = f", {self.desk.handled} requests" if self.desk.handled else ""
         shown = served + "".join(f", {number} {what}" for what, number in lost.items() if number)

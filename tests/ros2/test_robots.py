@@ -7,6 +7,7 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,7 @@ from robbie_mp.ros2.type_hash import type_hash
 from robbie_mp.services.ros2 import Ros2Bridge
 from tests._support.robot import Robot, kill, wait_until
 from tests.ros2.test_type_hash import PUBLISHED
-from tests.ros2.test_zenoh import TWIST, Node, free_port, session, zenoh_has_started
+from tests.ros2.test_zenoh import ROS, TWIST, Node, free_port, session, zenoh_has_started
 
 __all__ = ["zenoh_has_started"]
 DOMAIN = 120 + os.getpid() % 80
@@ -109,3 +110,37 @@ def test_time_of_a_simulation_reaches_ros(robot: Robot) -> None:
         times = [Time.decode(one).nanoseconds for one in got]
         assert times == sorted(times)
         assert times[0] < times[-1]
+
+
+@pytest.mark.slow
+def test_ros_hears_of_a_killed_module(robot: Robot) -> None:
+    port = free_port()
+    robot.write_profile(PROFILE.format(port=port))
+    with ExitStack() as stack:
+        stack.enter_context(session(mode="router", listen__endpoints=[f"tcp/127.0.0.1:{port}"]))
+        node = Node(port, stack)
+        heard: dict[str, list[Any]] = {
+            "rcl_interfaces/msg/Log": [],
+            "diagnostic_msgs/msg/DiagnosticArray": [],
+        }
+        for name, found in heard.items():
+            topic = "rosout" if name.endswith("Log") else "diagnostics"
+            package, _, short = name.split("/")
+            key = f"7/{topic}/{package}::msg::dds_::{short}_/{PUBLISHED[name]}"
+            node.session.declare_subscriber(
+                key,
+                lambda sample, name=name, found=found: found.append(
+                    ROS.deserialize_cdr(sample.payload.to_bytes(), name)
+                ),
+            )
+        lines, arrays = heard.values()
+        robot.start()
+        wait_until(lambda: bool(arrays), 30.0)
+        kill(robot.top()["listener"]["pid"])
+
+        def has_been_heard() -> bool:
+            statuses = [one for array in arrays for one in array.status if one.name == "robbie: listener"]
+            is_diagnosed = any("restarted" in one.message for one in statuses)
+            return is_diagnosed and any(one.level == 40 and "listener" in one.name for one in lines)
+
+        wait_until(has_been_heard, 30.0)
