@@ -37,7 +37,7 @@ from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from workers.maps.map_file import read_map
 from workers.planar_pose import relative, transform_points
 
-NOISY = ("base", "laser", "camera")
+NOISY = ("base", "laser", "camera", "base_emulator", "laser_emulator")
 PLACED_M, HOME_M = 0.2, 0.5
 WISHES = ArenaWishes(width_m=8.0, height_m=6.0, victims=4, signs=2, obstacles=6)
 RUN_LIMIT_S = 900.0
@@ -87,9 +87,12 @@ def run_mission(seed: int, folder: Path, profile: str, wishes: ArenaWishes, kill
     file.write_text(generate_arena(seed, wishes))
     arena = read_arena(file)
     outcome = Outcome(seed, victims=len(arena.victims))
-    settings = [f"{name}.seed={seed}" for name in NOISY]
+    settings = []
     for spec in load_profile(profile, REPOSITORY).modules:
-        settings += [f"{spec.name}.arena={file}"] if "arena" in spec.settings else []
+        # The driver of an emulated device has no arena and no noise.
+        if "arena" in spec.settings:
+            settings += [f"{spec.name}.arena={file}"]
+            settings += [f"{spec.name}.seed={seed}"] if spec.name in NOISY else []
     words = [profile, *(word for setting in settings for word in ("--set", setting))]
     began_s = time.monotonic()
     robot = Robot(folder / "run", REPOSITORY, *words)

@@ -4,8 +4,8 @@ Source: iRobot, Create 2 Open Interface (OI) Specification based on the Roomba 6
 """
 
 import math
-from collections.abc import Callable
 
+from hw.emulation.body import Body, ObedientBody
 from hw.emulation.device import EmulatedClock, EmulatedDevice
 
 BIT_RATES = (300, 600, 1200, 2400, 4800, 9600, 14_400, 19_200, 28_800, 38_400, 57_600, 115_200)
@@ -53,20 +53,16 @@ class EmulatedCreate(EmulatedDevice):
         songs: notes by the number of the song; `played` lists what was played.
     """
 
-    def __init__(
-        self,
-        clock: EmulatedClock | None = None,
-        on_move: Callable[[float, float, float], None] | None = None,
-    ) -> None:
+    def __init__(self, clock: EmulatedClock | None = None, body: Body | None = None) -> None:
         """Create it.
 
         Args:
             clock: its clock.
-            on_move: called with the way of the right and the left wheel, m, and the time it took, s.
+            body: moves as its wheels are told; by default exactly so.
         """
         super().__init__(clock)
         self.sensors: dict[int, int] = {}
-        self._on_move = on_move
+        self._body = body or ObedientBody()
         self.power_on()
 
     def power_on(self) -> None:
@@ -205,11 +201,13 @@ class EmulatedCreate(EmulatedDevice):
 
     def _move(self, now_s: float) -> None:
         passed_s, self._moved_s = max(0.0, now_s - self._moved_s), now_s
-        right, left = (speed / 1000 * passed_s for speed in self.speeds_mm_per_s)
-        self._counts[0] += left * COUNTS_PER_M
-        self._counts[1] += right * COUNTS_PER_M
-        if self._on_move is not None and passed_s:
-            self._on_move(right, left, passed_s)
+        if not passed_s:
+            return
+        right, left = (speed / 1000 for speed in self.speeds_mm_per_s)
+        way_m, turn_rad = self._body.move((left + right) / 2, (right - left) / WHEEL_BASE_M, passed_s)
+        half_m = turn_rad * WHEEL_BASE_M / 2
+        self._counts[0] += (way_m - half_m) * COUNTS_PER_M
+        self._counts[1] += (way_m + half_m) * COUNTS_PER_M
 
     def _packet(self, number: int) -> bytes:
         """Return the bytes of a packet, or of a group of packets."""

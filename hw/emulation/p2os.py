@@ -4,9 +4,9 @@ Source: ActivMedia Robotics, Pioneer 2 / PeopleBot Operations Manual.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from hw.emulation.body import Body, ObedientBody
 from hw.emulation.device import EmulatedClock, EmulatedDevice
 
 HEADER = b"\xfa\xfb"
@@ -53,7 +53,7 @@ class EmulatedPioneer(EmulatedDevice):
     Args:
         clock: its clock.
         base: its body.
-        on_move: called with forward and turn rate, mm/s and deg/s, and the time they lasted, s.
+        body: moves as the wheels are told; by default exactly so.
 
     Attributes:
         watchdog_stops: how often it stopped because the host fell silent.
@@ -63,11 +63,11 @@ class EmulatedPioneer(EmulatedDevice):
         self,
         clock: EmulatedClock | None = None,
         base: Base | None = None,
-        on_move: Callable[[float, float, float], None] | None = None,
+        body: Body | None = None,
     ) -> None:
         super().__init__(clock)
         self.base = base or Base()
-        self._on_move = on_move
+        self._body = body or ObedientBody()
         self.velocity = (0.0, 0.0)
         self.power_on()
 
@@ -179,13 +179,14 @@ class EmulatedPioneer(EmulatedDevice):
 
     def _move(self, now_s: float) -> None:
         passed_s, self._moved_s = max(0.0, now_s - self._moved_s), now_s
+        if not passed_s:
+            return
         forward, turn = self.velocity
-        middle = self._heading_rad + math.radians(turn) * passed_s / 2
-        self._x_mm += forward * passed_s * math.cos(middle)
-        self._y_mm += forward * passed_s * math.sin(middle)
-        self._heading_rad += math.radians(turn) * passed_s
-        if self._on_move is not None and passed_s:
-            self._on_move(forward, turn, passed_s)
+        way_m, turned_rad = self._body.move(forward / 1000, math.radians(turn), passed_s)
+        middle = self._heading_rad + turned_rad / 2
+        self._x_mm += 1000 * way_m * math.cos(middle)
+        self._y_mm += 1000 * way_m * math.sin(middle)
+        self._heading_rad += turned_rad
 
     def _report(self) -> bytes:
         base, (forward, turn) = self.base, self.velocity

@@ -77,6 +77,8 @@ class SimulatedDrive(Drive):
         tick_m, slip = self._body.tick_m, errors.slip_m_per_sqrt_m
         self._left = SimulatedWheel(tick_m, errors.left_scale, slip, (seed, 0))
         self._right = SimulatedWheel(tick_m, errors.right_scale, slip, (seed, 1))
+        self.ticks = (0, 0)
+        """What the encoders of the left and the right wheel have counted since this drive began."""
         self._time_s = clock()
         self._began_s = self._time_s - world.elapsed_s
         self._speeds = (0.0, 0.0)
@@ -170,9 +172,9 @@ class SimulatedDrive(Drive):
             self._speeds = (0.0, self._speeds[1])
         self._true_pose = self._true_pose.after_arc(way_m, turn_rad)
         half_m = turn_rad * self._body.axle_m / 2
-        self._odometry = self._body.after_ticks(
-            self._odometry, self._left.roll(way_m - half_m), self._right.roll(way_m + half_m)
-        )
+        left, right = self._left.roll(way_m - half_m), self._right.roll(way_m + half_m)
+        self.ticks = (self.ticks[0] + left, self.ticks[1] + right)
+        self._odometry = self._body.after_ticks(self._odometry, left, right)
 
     def _passes(self, there: Pose) -> bool:
         """Return whether the robot can go there; count the start of a contact."""

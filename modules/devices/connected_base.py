@@ -81,7 +81,7 @@ class CreateModule(ConnectedBaseModule):
 
     def open_device(self) -> CreateBase:
         """Return the driver."""
-        return CreateBase(self.port, self.bit_rate, clock=self.time_s)
+        return CreateBase(self.url, self.bit_rate, clock=self.time_s)
 
 
 class PioneerModule(ConnectedBaseModule):
@@ -91,7 +91,7 @@ class PioneerModule(ConnectedBaseModule):
 
     def open_device(self) -> PioneerBase:
         """Return the driver."""
-        return PioneerBase(self.port, self.bit_rate, clock=self.time_s)
+        return PioneerBase(self.url, self.bit_rate, clock=self.time_s)
 
 
 def battery_state(value: BaseReading, header: Header) -> BatteryState:

@@ -48,7 +48,7 @@ class NmeaReceiverModule(ReceiverModule):
 
     def open_device(self) -> NmeaReceiver:
         """Return the driver."""
-        return NmeaReceiver(self.port, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)
+        return NmeaReceiver(self.url, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)
 
 
 class UbxReceiverModule(ReceiverModule):
@@ -58,4 +58,4 @@ class UbxReceiverModule(ReceiverModule):
 
     def open_device(self) -> UbxReceiver:
         """Return the driver."""
-        return UbxReceiver(self.port, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)
+        return UbxReceiver(self.url, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)

@@ -21,7 +21,7 @@ class HokuyoLaserRangeFinder(PluggableLaserModule):
     def open_device(self) -> HokuyoLaser:
         """Return the driver."""
         return HokuyoLaser(
-            self.port,
+            self.url,
             self.time_s,
             self.silence_s,
             data=self.data,

@@ -3,6 +3,7 @@
 from typing import Generic, TypeVar
 
 from hw.connection.device import ConnectionState, PluggableDevice
+from modules.devices.offered_port import RUN_PORT, offered_port
 from robbie_mp import REQUIRED, Header, Module, Time, setting
 from robbie_mp.messages import DeviceState
 
@@ -24,7 +25,10 @@ class PluggableDeviceModule(Module, Generic[T]):
     Publishes `DeviceState`, on a topic named after the module.
     """
 
-    port: str = setting(REQUIRED, "port of the device: a path, socket://HOST:PORT, or rfc2217://HOST:PORT")
+    port: str = setting(
+        REQUIRED,
+        "port: a path, socket://HOST:PORT, rfc2217://HOST:PORT, or run:MODULE for an emulated device",
+    )
     silence_s: float = setting(
         1.0, "the device counts as disconnected when it sends nothing valid for this time", minimum=0.05
     )
@@ -37,6 +41,13 @@ class PluggableDeviceModule(Module, Generic[T]):
         self.device = self.open_device()
         self._told = ConnectionState.DISCONNECTED
         self._told_ns = -(10**18)
+
+    @property
+    def url(self) -> str:
+        """Return the port as drivers take it; a module of this run that emulates the device offers it."""
+        if self.port.startswith(RUN_PORT):
+            return str(offered_port(self.output_directory, self.port.removeprefix(RUN_PORT)))
+        return self.port
 
     def open_device(self) -> PluggableDevice[T]:
         """Return the driver."""

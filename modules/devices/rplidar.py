@@ -19,7 +19,7 @@ class RpLidarRangeFinder(PluggableLaserModule):
     def open_device(self) -> RpLidar:
         """Return the driver."""
         return RpLidar(
-            self.port,
+            self.url,
             self.time_s,
             bit_rate=self.bit_rate,
             express=self.express,

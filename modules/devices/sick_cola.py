@@ -20,7 +20,7 @@ class SickColaRangeFinder(PluggableLaserModule):
     def open_device(self) -> SickColaLaser:
         """Return the driver."""
         return SickColaLaser(
-            self.port,
+            self.url,
             self.time_s,
             dialect=self.dialect,
             intensities=self.intensities,

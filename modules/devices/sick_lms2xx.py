@@ -18,7 +18,7 @@ class SickLms2xxRangeFinder(PluggableLaserModule):
     def open_device(self) -> SickLms2xx:
         """Return the driver."""
         return SickLms2xx(
-            self.port,
+            self.url,
             self.time_s,
             bit_rate=self.bit_rate,
             field_deg=self.field_deg,

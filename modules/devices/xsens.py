@@ -17,7 +17,7 @@ class XsensModule(PluggableDeviceModule[OrientedSample]):
 
     def open_device(self) -> XsensImu:
         """Return the driver."""
-        return XsensImu(self.port, self.rate_hz, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)
+        return XsensImu(self.url, self.rate_hz, self.bit_rate, clock=self.time_s, silence_s=self.silence_s)
 
     def on_value(self, value: OrientedSample) -> None:
         """Publish a sample."""

@@ -1,0 +1,71 @@
+"""What an emulated base moves: its body, with motors, wheels and encoders."""
+
+from abc import ABC, abstractmethod
+from threading import Lock
+
+from hw.drive import DriveState
+from hw.simulation.differential_drive import DifferentialDrive
+from hw.simulation.drive import SimulatedDrive, WorldState
+
+# An emulated base moves its body again much earlier.
+VALID_S = 1.0
+
+
+class Body(ABC):
+    """A body on two driven wheels."""
+
+    @abstractmethod
+    def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
+        """Turn the wheels at these speeds from now on, and tell what the encoders have counted.
+
+        Args:
+            linear_m_per_s: speed forward that the motors were told.
+            angular_rad_per_s: turn rate that the motors were told, positive to the left.
+            passed_s: time since the last call.
+
+        Returns:
+            The way forward, m, and the turn, rad, since the last call, by the encoders.
+        """
+
+
+class ObedientBody(Body):
+    """A body without mass in a world without walls."""
+
+    def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
+        """Move exactly as told."""
+        return linear_m_per_s * passed_s, angular_rad_per_s * passed_s
+
+
+class SimulatedBody(Body):
+    """A body in a simulated arena: it has mass, its wheels slip, and walls stop it. Threads may share it.
+
+    Args:
+        drive: the simulated drive; nobody else may command it.
+        shape: the same geometry and limits as the drive's.
+    """
+
+    def __init__(self, drive: SimulatedDrive, shape: DifferentialDrive) -> None:
+        self._drive, self._shape, self._lock = drive, shape, Lock()
+        self._counted = drive.ticks
+
+    def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
+        """Move as the motors, the wheels and the walls let it."""
+        with self._lock:
+            self._drive.read()
+            ticks = self._drive.ticks
+            left_m, right_m = (
+                (now - before) * self._shape.tick_m for now, before in zip(ticks, self._counted, strict=True)
+            )
+            self._counted = ticks
+            self._drive.command(linear_m_per_s, angular_rad_per_s, VALID_S)
+        return (left_m + right_m) / 2, (right_m - left_m) / self._shape.axle_m
+
+    def ground_truth(self) -> DriveState:
+        """Return the robot's true state, arena frame."""
+        with self._lock:
+            return self._drive.ground_truth()
+
+    def world_state(self) -> WorldState:
+        """Return the state from which a drive in a new process can continue."""
+        with self._lock:
+            return self._drive.world_state()

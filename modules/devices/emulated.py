@@ -1,0 +1,211 @@
+"""Emulated devices on pseudo-terminals, with the simulated world behind them.
+
+The drivers for real hardware connect to them as to a real device: every measurement and every command
+crosses a serial line as bytes.
+"""
+
+import math
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.emulation.body import SimulatedBody
+from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.create import COUNTS_PER_M, MAX_SPEED_MM_PER_S, WHEEL_BASE_M, EmulatedCreate
+from hw.emulation.device import EmulatedDevice
+from hw.emulation.faults import Faults
+from hw.emulation.line import EmulatedLine
+from hw.emulation.p2os import EmulatedPioneer
+from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
+from hw.laser import LaserGeometry
+from hw.simulation.bumper import SimulatedBumper
+from hw.simulation.differential_drive import DifferentialDrive
+from hw.simulation.laser import SimulatedLaser
+from modules.devices.offered_port import offered_port
+from modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from modules.devices.true_base import TrueBase, state_of
+from robbie_mp import Module, Time, setting
+
+CREATE_RADIUS_M = 0.17
+CREATE_WHEEL_M = 0.036
+FRONT = ("front_left", "front_right")
+REAR = ("back_left", "back_right")
+
+
+class EmulatedDeviceModule(Module):
+    """A module that emulates a device on a pseudo-terminal, in real time.
+
+    The module of the driver finds it at port `run:NAME`, with the name of this module. A subclass calls
+    `plug_in` in `setup`.
+    """
+
+    line: EmulatedLine | None = None
+
+    jitter_s: float = setting(0.0, "each frame is late by a random time up to this", minimum=0.0, maximum=1.0)
+    bit_error_rate: float = setting(0.0, "share of bits that arrive wrong", minimum=0.0, maximum=0.1)
+    virtual_plug: bool = setting(True, "whether the device is plugged in", changeable=True)
+
+    def plug_in(self, device: EmulatedDevice) -> None:
+        """Switch the device on and offer its port."""
+        link = offered_port(self.output_directory, self.name)
+        link.parent.mkdir(exist_ok=True)
+        link.unlink(missing_ok=True)  # a killed predecessor has left it
+        faults = Faults(jitter_s=self.jitter_s, bit_error_rate=self.bit_error_rate)
+        self.line = EmulatedLine(device, PseudoTerminal(link), faults)
+        self.line.__enter__()
+        self.setting_changed("virtual_plug")
+
+    def setting_changed(self, _name: str) -> None:
+        """Pull the plug, or plug it in again."""
+        if self.line is not None:
+            (self.line.plug_in if self.virtual_plug else self.line.unplug)()
+
+    def pull_out(self) -> None:
+        """Switch the device off and take its port away."""
+        if self.line is not None:
+            self.line.__exit__(None, None, None)
+            self.line = None
+
+    @property
+    def line_status(self) -> str:
+        """Return a status line on what the line has lost."""
+        assert self.line is not None
+        plug = "plugged in" if self.line.is_plugged_in else "UNPLUGGED"
+        return f"{plug}, {self.line.way.damaged} damaged frames, {self.line.dropped_bytes} dropped bytes"
+
+
+class EmulatedBase(TrueBase, EmulatedDeviceModule):
+    """A base on a serial line that moves a simulated robot through an arena.
+
+    Publishes what `SimulatedBase` publishes on `ground_truth`. After a restart the robot is at rest where it
+    was at the last tick, and its controller has just been switched on.
+    """
+
+    period_s: float = setting(0.02, "time between messages of the true pose", minimum=0.005)
+
+    def setup(self) -> None:
+        """Put the robot into the arena and plug the base in."""
+        shape = self.shape()
+        self.enter_arena(shape)
+        self.body = SimulatedBody(self.drive, shape)
+        self.bumper = SimulatedBumper(self.world, shape.body_radius_m)
+        self.plug_in(self.create_device(self.body))
+
+    @abstractmethod
+    def shape(self) -> DifferentialDrive:
+        """Return the robot's geometry and limits."""
+
+    @abstractmethod
+    def create_device(self, body: SimulatedBody) -> EmulatedDevice:
+        """Return the base's controller."""
+
+    @abstractmethod
+    def press(self, parts: tuple[str, ...]) -> None:
+        """Let the base's bumpers feel contacts."""
+
+    def tick(self) -> None:
+        """Publish and checkpoint the true pose; let the bumpers feel what they touch."""
+        truth = self.body.ground_truth()
+        self.publish_truth(truth, Time.from_nanoseconds(self.clock.now_ns()))
+        self.checkpoint(state_of(self.body.world_state()))
+        self.bumper.arena = self.world.with_obstacles(self.drive.obstacles)
+        self.bumper.place(truth.pose, truth.stamp_s)
+        self.press(self.bumper.read().pressed)
+        self.status = f"{self.line_status}, {self.drive.collisions} collisions"
+
+    def teardown(self) -> None:
+        """Pull the base out; write collisions and distance from the start to `base.json`."""
+        self.pull_out()
+        self.write_results()
+
+
+class EmulatedCreateBase(EmulatedBase):
+    """An iRobot Create 2 that drives through an arena: see `EmulatedBase`."""
+
+    def shape(self) -> DifferentialDrive:
+        """Return a Create's geometry: its driver knows it."""
+        fastest = MAX_SPEED_MM_PER_S / 1000
+        return DifferentialDrive(
+            body_radius_m=CREATE_RADIUS_M,
+            wheel_radius_m=CREATE_WHEEL_M,
+            axle_m=WHEEL_BASE_M,
+            ticks_per_turn=round(COUNTS_PER_M * 2 * math.pi * CREATE_WHEEL_M),
+            max_linear_m_per_s=fastest,
+            max_angular_rad_per_s=2 * fastest / WHEEL_BASE_M,
+            max_wheel_m_per_s=fastest,
+        )
+
+    def create_device(self, body: SimulatedBody) -> EmulatedCreate:
+        """Return the controller."""
+        self.create = EmulatedCreate(body=body)
+        return self.create
+
+    def press(self, parts: tuple[str, ...]) -> None:
+        """Press the two bumpers at the front."""
+        self.create.press(sum(bit for bit, part in ((1, "front_right"), (2, "front_left")) if part in parts))
+
+
+class EmulatedPioneerBase(EmulatedBase):
+    """A base with a Pioneer's controller and the stock robot's body: see `EmulatedBase`."""
+
+    def shape(self) -> DifferentialDrive:
+        """Return the stock robot's geometry: a Pioneer's controller tells poses, not turns of its wheels."""
+        return DifferentialDrive()
+
+    def create_device(self, body: SimulatedBody) -> EmulatedPioneer:
+        """Return the controller."""
+        self.pioneer = EmulatedPioneer(body=body)
+        return self.pioneer
+
+    def press(self, parts: tuple[str, ...]) -> None:
+        """Press the bumpers at the front and at the rear."""
+        front, rear = (int(any(part in parts for part in side)) for side in (FRONT, REAR))
+        self.pioneer.base.bumpers = (front, rear)
+
+
+class EmulatedHokuyoLaser(SimulatedDevice, EmulatedDeviceModule):
+    """A Hokuyo UTM-30LX that measures an arena from where the simulated robot is.
+
+    Its sweeps show the arena at the time of their stamp, in the frame of the robot's centre.
+    """
+
+    seed: int = setting(0, "random seed of the noise")
+    noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
+    range_max_m: float = setting(10.0, "longest range", minimum=0.1, maximum=60.0)
+
+    def setup(self) -> None:
+        """Plug the laser in; it sees nothing until the emulated base has published its pose."""
+        angles = UTM_30LX.angles_rad()
+        geometry = LaserGeometry(
+            angle_min_rad=float(angles[0]),
+            angle_increment_rad=2 * math.pi / UTM_30LX.steps_per_turn,
+            beams=len(angles),
+            range_min_m=UTM_30LX.least_mm / 1000,
+            range_max_m=self.range_max_m,
+        )
+        self.world = SharedWorld(self, self.arena, self.on_truth)
+        self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
+        self.hokuyo = EmulatedHokuyo(UTM_30LX, self.measure)
+        self.plug_in(self.hokuyo)
+
+    def on_truth(self, _truth: Any) -> None:
+        """Show how many sweeps were sent."""
+        self.status = f"{self.line_status}, {self.hokuyo.sweeps} sweeps"
+
+    def measure(self) -> NDArray[np.float64]:
+        """Return the ranges of a sweep from where the robot is now; the line's thread calls it."""
+        truth = self.world.truth
+        if truth is None:
+            return np.full(self.laser.geometry.beams, np.inf)
+        # The robot has moved since its pose was published.
+        since_s = max(0.0, (self.clock.now_ns() - self.world.stamp.nanoseconds) / 1e9)
+        pose = truth.pose.after_arc(truth.linear_m_per_s * since_s, truth.angular_rad_per_s * since_s)
+        self.laser.arena = self.world.arena
+        self.laser.place(pose, truth.stamp_s + since_s)
+        return self.laser.scan().ranges_m.astype(np.float64)
+
+    def teardown(self) -> None:
+        """Pull the laser out."""
+        self.pull_out()

@@ -1,0 +1,72 @@
+"""What the modules share that own the true pose of a simulated robot."""
+
+import json
+import math
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from hw.drive import DriveState
+from hw.pose import Pose as Pose2D
+from hw.simulation.arena_file import read_arena
+from hw.simulation.differential_drive import DifferentialDrive
+from hw.simulation.drive import SimulatedDrive, WorldState
+from modules.devices.commanded_base import odometry
+from modules.devices.simulated_world import SimulatedDevice
+from robbie_mp import Header, Time, setting
+from robbie_mp.messages import SimulatedWorld
+from workers.planar_pose import relative
+
+
+class TrueBase(SimulatedDevice):
+    """A module with the drive of a simulated robot in an arena.
+
+    A subclass calls `enter_arena` in `setup`, `publish_truth` in `tick` and `write_results` in `teardown`.
+    """
+
+    drive: SimulatedDrive
+
+    seed: int = setting(0, "random seed of the wheels' slip")
+    period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
+
+    def enter_arena(self, body: DifferentialDrive | None = None) -> None:
+        """Put the robot at the arena's start, or where it was before a restart."""
+        self.world = read_arena(self.arena)
+        resumed = None if self.restored is None else world_of(self.restored)
+        clock = self.clock
+        self.drive = SimulatedDrive(
+            self.world, lambda: clock.monotonic_ns() / 1e9, seed=self.seed, body=body, resumed=resumed
+        )
+
+    def publish_truth(self, truth: DriveState, stamp: Time) -> None:
+        """Publish the true state and, if the arena has temporary obstacles, which of them are present."""
+        truth = replace(truth, pose=Pose2D(*relative(self.world.start, truth.pose)))
+        self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
+        if self.world.appearing:
+            header = Header(stamp=stamp, frame_id="base_link")
+            obstacles = np.array(self.drive.obstacles, np.uint32)
+            self.publish(SimulatedWorld(header=header, obstacles=obstacles), topic="ground_truth")
+
+    def write_results(self) -> None:
+        """Write collisions, expired commands and distance from the start to `base.json`."""
+        counted = {
+            "collisions": self.drive.collisions,
+            "expired_commands": self.drive.expired_commands,
+            "from_start_m": math.dist(self.drive.ground_truth().pose[:2], self.world.start[:2]),
+        }
+        (self.output_directory / "base.json").write_text(json.dumps(counted) + "\n")
+
+
+def state_of(world: WorldState) -> dict[str, object]:
+    """Return a simulated world as plain data."""
+    return {field.name: getattr(world, field.name) for field in fields(world)} | {
+        "true_pose": tuple(world.true_pose),
+        "odometry": tuple(world.odometry),
+    }
+
+
+def world_of(state: dict[str, Any]) -> WorldState:
+    """Return the world that `state_of` described."""
+    poses = {"true_pose": Pose2D(*state["true_pose"]), "odometry": Pose2D(*state["odometry"])}
+    return WorldState(**state | poses)
