@@ -104,6 +104,8 @@ IDLE_POLL_S = 0.1
 CLOCK_STEP_S = 0.01
 SAY_AWAITED_AFTER_S = 5.0
 MAX_NAMED = 6
+ECHO_S = 0.3
+"""A signal that follows another one this soon was sent by the same event."""
 
 
 class NoSuchChild(RobbieError, LookupError):
@@ -173,6 +175,7 @@ class Tree:
         self._clock_offset_s = wall_clock() - self._clock()
         self._loop = EventLoop(self._clock)
         self._stop: OrderedStop | None = None
+        self._first_signal_s: float | None = None
         self._partial_stops: list[OrderedStop] = []
         self._was_all_started = False
         self._began_s = self._clock()
@@ -400,11 +403,14 @@ class Tree:
     def _on_signal(self, signum: int) -> None:
         name = signal.Signals(signum).name
         self._say(f"got {name}")
-        # A closing terminal may send SIGHUP twice; the second one is not a request to hurry.
-        if self._stop and signum != signal.SIGHUP:
-            self.kill_all(f"second signal, {name}")
-        else:
+        # `timeout` signals the supervisor, and at once its process group; a closing terminal may send SIGHUP
+        # twice, with any pause. Neither is a request to hurry.
+        first_s = self._first_signal_s
+        if first_s is None or signum == signal.SIGHUP or self._clock() - first_s < ECHO_S:
+            self._first_signal_s = self._clock() if first_s is None else first_s
             self.stop(name)
+        else:
+            self.kill_all(f"second signal, {name}")
 
     def _on_change(self, child: SupervisedChild, change: StateChange) -> None:
         name = child.spec.name

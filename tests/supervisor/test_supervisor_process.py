@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from robbie_mp.run.run_directory import list_runs
@@ -45,16 +46,23 @@ def ready(process: "subprocess.Popen[str]") -> tuple[str, list[int]]:
     return run_id, [int(pid) for pid in pids]
 
 
+def swept_of(run_id: str, folder: Path) -> Swept:
+    """Sweep; return what belonged to a run. A sweep also finds what other tests have left at that moment."""
+    swept = sweep([folder / "runs"])
+    names = tuple(name for name in swept.names if run_id in name)
+    return replace(swept, names=names) if names or swept.runs else Swept()
+
+
 def test_children_of_a_killed_supervisor_die_and_a_sweep_removes_the_rest(tmp_path: Path) -> None:
     with supervisor(tmp_path, "works", "ignores_sigterm", "forks") as process:
         run_id, children = ready(process)
         forked = [int(pid) for pid in (tmp_path / "ready" / "forks.1.forked").read_text().split()]
-        assert sweep([tmp_path / "runs"]) == Swept(), "a live run was swept"
+        assert swept_of(run_id, tmp_path) == Swept(), "a live run was swept"
         process.kill()
         process.wait()
         wait_for(lambda: all(map(is_gone, children)), limit_s=1.0)
         assert [run.is_live for run in list_runs([tmp_path / "runs"])] == [False]
-        swept = sweep([tmp_path / "runs"])
+        swept = swept_of(run_id, tmp_path)
         assert swept.runs == (run_id,)
         assert swept.names == (f"robbie-{run_id}/board", f"robbie-{run_id}")
         assert set(swept.processes) == set(forked), "the kernel does not kill what children forked"
@@ -65,12 +73,12 @@ def test_children_of_a_killed_supervisor_die_and_a_sweep_removes_the_rest(tmp_pa
 
 def test_stop_by_sigterm_leaves_nothing_to_sweep(tmp_path: Path) -> None:
     with supervisor(tmp_path, "works", "forks") as process:
-        _, children = ready(process)
+        run_id, children = ready(process)
         process.terminate()
         assert process.wait() == 0
         assert all(map(is_gone, children))
         assert list_runs([tmp_path / "runs"]) == []
-        assert sweep([tmp_path / "runs"]) == Swept()
+        assert swept_of(run_id, tmp_path) == Swept()
 
 
 def _printed(folder: Path) -> list[str]:

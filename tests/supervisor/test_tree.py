@@ -13,6 +13,7 @@ from robbie_mp.supervisor import supervised_child
 from robbie_mp.supervisor.child_spec import ChildSpec, InvalidChild
 from robbie_mp.supervisor.process import ChildProcess
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.supervisor.tree import ECHO_S
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import ALWAYS, NEVER, Run, Scenario, animal, core
 
@@ -221,6 +222,8 @@ def test_second_signal_kills_at_once(tmp_path: Path) -> None:
         yield run.all_running
         os.kill(os.getpid(), signal.SIGINT)
         yield lambda: ("wake", "b", 1) in run.incarnations.calls
+        hurry_s = time.monotonic() + ECHO_S
+        yield lambda: time.monotonic() > hurry_s
         os.kill(os.getpid(), signal.SIGINT)
 
     begin_s = time.monotonic()
@@ -228,6 +231,32 @@ def test_second_signal_kills_at_once(tmp_path: Path) -> None:
     assert time.monotonic() - begin_s < 5.0
     assert run.last("core").new is STOPPED
     assert run.last("a").reason == "second signal, SIGINT: killed by SIGKILL"
+
+
+def test_signal_that_is_sent_twice_at_once_stops_in_order(tmp_path: Path) -> None:
+    run = Run(tmp_path, core(), animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        os.kill(os.getpid(), signal.SIGTERM)
+        yield lambda: bool(run.tree.stop_reason)
+        os.kill(os.getpid(), signal.SIGTERM)  # as `timeout` does
+
+    assert run.play(scenario()) == 0
+    assert run.last("works").reason == "exit code 0"
+
+
+def test_first_signal_does_not_kill_a_run_that_stops_already(tmp_path: Path) -> None:
+    run = Run(tmp_path, core(), animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        run.tree.stop("seen enough")
+        os.kill(os.getpid(), signal.SIGTERM)
+        yield lambda: False
+
+    assert run.play(scenario()) == 0
+    assert run.last("works").reason == "exit code 0"
 
 
 def test_second_sighup_does_not_kill(tmp_path: Path) -> None:
