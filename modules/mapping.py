@@ -47,6 +47,7 @@ class Mapping(Module):
     window_cells: int = setting(
         16_000_000, "largest map published; of a larger one, the part around the robot", minimum=10_000
     )
+    map_topic: str = setting("", "topic of the map, if the robot has other maps, too")
     checkpoint_share: float = setting(
         0.05, "maximum share of its time spent on checkpoints", minimum=1e-6, maximum=1.0
     )
@@ -125,7 +126,9 @@ class Mapping(Module):
         )
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         header = Header(stamp=stamp, frame_id="map")
-        with self.loan(OccupancyGrid, latched=True, header=header, info=info, data=cells.size) as grid:
+        with self.loan(
+            OccupancyGrid, topic=self.map_topic, latched=True, header=header, info=info, data=cells.size
+        ) as grid:
             grid.data[:] = cells.ravel()
         self.status = (
             f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "

@@ -1,0 +1,92 @@
+"""The map of a team."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from modules.map_merger import MapMerger
+from modules.team_messages import MapAlignment
+from robbie_mp import ModuleHarness, SettingError
+from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, TFMessage
+from tests.workers._support.known_room import draw
+from tests.workers.maps.test_map_alignment import BLUE, RED, TRUE, off
+from workers.maps.map_alignment import GridMap
+
+
+def message(grid: GridMap) -> OccupancyGrid:
+    x, y = np.asarray(grid.corner_xy_m, float).tolist()
+    height, width = grid.cells.shape
+    origin = Pose(position=Point(x=x, y=y))
+    info = MapMetaData(resolution=grid.resolution_m, width=width, height=height, origin=origin)
+    return OccupancyGrid(info=info, data=grid.cells.ravel())
+
+
+def known_m2(grid: OccupancyGrid) -> float:
+    return float((grid.data >= 0).sum()) * grid.info.resolution**2
+
+
+def merge(other: GridMap, restored: object = None, **settings: Any) -> ModuleHarness[MapMerger]:
+    harness = ModuleHarness(MapMerger, {"robots": ["blue"], **settings}, restored=restored)
+    with harness:
+        harness.send(message(draw(RED, to_x_m=7.0)), topic="own")
+        harness.advance(0.0)
+        harness.send(message(other), topic="blue/own")
+        harness.advance(1.1)
+    return harness
+
+
+def test_maps_become_one_and_the_scene_graph_learns_where_the_other_map_is() -> None:
+    harness = merge(draw(BLUE, from_x_m=1.0))
+    alone, team = harness.take(OccupancyGrid, "team")
+    assert known_m2(team) > 1.1 * known_m2(alone)
+    (alignment,) = harness.take(MapAlignment, "blue")
+    assert alignment.is_sure and not alignment.is_known
+    position = alignment.pose.position
+    assert off([position.x, position.y, alignment.pose.orientation.yaw])[0] < 0.06
+    (placed,) = harness.take(TFMessage, "placed")[-1].transforms
+    assert (placed.header.frame_id, placed.child_frame_id) == ("map", "blue/map")
+    assert harness.module.status == "blue: sure"
+    assert off(harness.checkpoint["blue"])[0] < 0.06
+
+
+def test_map_that_does_not_fit_is_not_merged() -> None:
+    harness = merge(draw(BLUE, from_x_m=0.1, to_x_m=0.2))
+    alone, team = harness.take(OccupancyGrid, "team")
+    assert known_m2(team) == known_m2(alone)
+    assert not harness.take(TFMessage, "placed")
+    assert not harness.take(MapAlignment, "blue")[-1].is_sure
+    assert harness.module.status.startswith("blue: only 0.")
+
+
+def test_known_start_counts_until_the_maps_confirm_it() -> None:
+    harness = merge(draw(BLUE, from_x_m=7.0), starts={"blue": TRUE.tolist()})
+    alone, team = harness.take(OccupancyGrid, "team")
+    assert known_m2(team) > known_m2(alone)
+    (alignment,) = harness.take(MapAlignment, "blue")
+    assert alignment.is_known and not alignment.is_sure
+
+
+def test_restarted_merger_still_knows_where_the_other_map_is() -> None:
+    with ModuleHarness(MapMerger, {"robots": ["blue"]}, restored={"blue": TRUE.tolist()}) as harness:
+        harness.send(message(draw(RED)), topic="own")
+        harness.advance(0.0)
+        (placed,) = harness.take(TFMessage, "placed")[-1].transforms
+        assert placed.transform.translation.x == pytest.approx(TRUE[0])
+
+
+def test_damaged_map_is_ignored() -> None:
+    with ModuleHarness(MapMerger, {"robots": ["blue"]}) as harness:
+        harness.send(OccupancyGrid(info=MapMetaData(resolution=0.05, width=3, height=3)), topic="blue/own")
+        harness.advance(1.1)
+        assert harness.module.refused == 1
+        assert harness.module.status == "waiting for this robot's map"
+
+
+@pytest.mark.parametrize(
+    ("starts", "problem"),
+    [({"green": [0.0, 0.0, 0.0]}, "'green' is none of the robots blue"), ({"blue": [1.0]}, "expected x, y")],
+)
+def test_wrong_starts_are_explained(starts: dict[str, list[float]], problem: str) -> None:
+    with pytest.raises(SettingError, match=problem):
+        ModuleHarness(MapMerger, {"robots": ["blue"], "starts": starts})
