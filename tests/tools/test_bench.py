@@ -85,6 +85,15 @@ def test_round_trip_of_a_call_is_compared_with_one_way(
     assert "call and reply, 64 B each: p50 ÷ one way" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_link_is_compared_with_plain_zenoh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = measure(tmp_path, "link", "--only=robbie-link,zenoh_tcp", "--count=20")
+    for result, sent in zip(run["results"], (20, 2), strict=True):
+        for row in result["contenders"]:
+            assert (row["sent"], row["lost"], row["trouble"]) == ([sent], [0], "")
+    assert "over a link: 1 MB/s ÷ Zenoh" in capsys.readouterr().out
+
+
 def test_ways_to_wake_a_process_are_measured_in_one_run(tmp_path: Path) -> None:
     floors = "floor,floor_futex,floor_eventfd,floor_fifo,floor_datagram"
     run = measure(tmp_path, "wake", f"--only={floors}", "--count=20")

@@ -52,3 +52,4 @@ def test_short_play_drives_a_robot_over_a_bad_network(network: Network, tmp_path
     assert figures.reliable_missing == 0
     assert max(stops.times_s) <= MAX_STOP_S
     assert stops.oldest_s <= MAX_STOP_S
+    assert stops.by_itself == 0

@@ -14,6 +14,7 @@ from tools.bench import load, messages
 from tools.bench.calling import call
 from tools.bench.goals import goal_table
 from tools.bench.handling import handling
+from tools.bench.linking import link
 from tools.bench.loaded import loaded
 from tools.bench.machine import describe_machine, processors_awake
 from tools.bench.options import Options, read_variant
@@ -33,6 +34,7 @@ BENCHMARKS = {
     "restart": restart,
     "handling": handling,
     "call": call,
+    "link": link,
 }
 
 

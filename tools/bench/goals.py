@@ -125,6 +125,12 @@ def _of_bus(beginning: str, column: str, compared: str = "") -> Callable[[Result
     return figure
 
 
+def _hops_of_link(results: Results) -> tuple[float | None, str]:
+    rows = [results.row("link", name, "64") for name in ("robbie-link", "zenoh_tcp", "robbie")]
+    linked, plain, hop = (middle(row.get("p50_us", ())) for row in rows)
+    return ((linked - plain) / hop if linked and plain and hop else None), "Zenoh over TCP"
+
+
 def _restart_ms(results: Results) -> tuple[float | None, str]:
     parts = results.row("restart", "robbie small").get("parts", {})
     return parts.get("kill to handler", {}).get("median_ms"), ""
@@ -199,6 +205,13 @@ GOALS = (
         _of_row("handling", "construct 64 B, all 8 fields given", "us"),
     ),
     Goal("call and reply, 64 B each: p50 ÷ one way", 2.2, _against("call", "robbie-call", "robbie")),
+    Goal("over a link: (p50 of 64 B - Zenoh) ÷ local hop", 2.0, _hops_of_link),
+    Goal(
+        "over a link: 1 MB/s ÷ Zenoh",
+        0.9,
+        _against("link", "robbie-link", "zenoh_tcp", "1 MB", "received_per_s"),
+        at_least=True,
+    ),
     Goal("watched by `top`: p50 of 64 B ÷ unwatched", 1.1, _against("latency", WATCHED, "robbie")),
     Goal("watched by `top`: p50 of 6.2 MB ÷ unwatched", 1.1, _against("large", WATCHED, "robbie", "6.2")),
     Goal("watched by `top`: p50 of 1 MB to 8 ÷ unwatched", 1.1, _against("fanout", WATCHED, "robbie")),

@@ -19,13 +19,16 @@ from robbie_mp import (
     setting,
     uint8,
 )
-from tools.bench.record import BEGAN_NS, ENDED_NS, SENT, Receipts, map_publisher
+from tools.bench.record import BEGAN_NS, ENDED_NS, FINISHED, SENT, Receipts, map_publisher, map_subscriber
 from tools.bench.work import END, Work
 
 LOOK_EVERY_S = 0.01
 FLAT_OUT_OUTSTANDING = 800
 """Maximum number of unhandled messages when publishing flat out: less than a subscriber's queue holds (1000),
 and less than the ring to the core holds (1024 records, of which 128 are kept for releases)."""
+
+FAR_OUTSTANDING = 8
+"""Maximum number of large messages that the link has not taken."""
 
 
 class Probe(Message, name="bench_msgs/msg/Probe", version=1):
@@ -78,6 +81,8 @@ class Publisher(Module):
         yield END
         self.ended = True
 
+    max_outstanding = FLAT_OUT_OUTSTANDING
+
     def tick(self) -> None:
         """Publish the next message, or at flat-out rate as many as the limit allows."""
         if time.monotonic_ns() < self.begins_ns:
@@ -89,9 +94,9 @@ class Publisher(Module):
         if self.work.rate_hz:
             self.publish_next()
             return
-        while not self.ended and self.outstanding < FLAT_OUT_OUTSTANDING:
+        while not self.ended and self.outstanding < self.max_outstanding:
             self.publish_next()
-        self.wake_after_freed(FLAT_OUT_OUTSTANDING // 2)
+        self.wake_after_freed(self.max_outstanding // 2)
 
     def publish_next(self) -> None:
         """Stamp and publish the next message."""
@@ -115,6 +120,22 @@ class Publisher(Module):
                 stamp.release()
         else:
             self.publish(Picture(number=number, stamp_ns=time.monotonic_ns(), data=self.source), topic=topic)
+
+
+class FarPublisher(Publisher):
+    """Publishes for a subscriber in another robot, and ends when that has received the last message."""
+
+    def setup(self) -> None:
+        """Prepare the messages."""
+        super().setup()
+        if self.work.has_array:
+            self.max_outstanding = FAR_OUTSTANDING
+        self.far = map_subscriber(self.work, 0)
+
+    def tick(self) -> None:
+        """Publish, then wait."""
+        if not self.ended or self.far[FINISHED]:
+            super().tick()
 
 
 class Subscriber(Module):

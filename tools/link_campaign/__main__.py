@@ -1,4 +1,4 @@
-"""Run it as `python -m tools.link_campaign --kills 200 --seed 1 [--robots] [--json]`."""
+"""Run it as `python -m tools.link_campaign --kills 200 --seed 1 [--robots] [--router] [--json]`."""
 
 import argparse
 import json
@@ -15,10 +15,14 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--robots", action="store_true", help="kill whole robots, too")
+    parser.add_argument("--router", action="store_true", help="link through a router, and kill it, too")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="link-campaign-") as folder:
-        report = Campaign(Path(folder), arguments.seed, kills_robots=arguments.robots).play(arguments.kills)
+        campaign = Campaign(
+            Path(folder), arguments.seed, kills_robots=arguments.robots, has_router=arguments.router
+        )
+        report = campaign.play(arguments.kills)
     if arguments.json:
         print(json.dumps(report.as_data(), indent=2))
     else:

@@ -9,10 +9,14 @@ from typing import Any
 
 from robbie_mp.messages import LinkChannel, LinkState
 from tools.link_campaign.modules import CLASSES, PAUSE_FILE
-from tools.link_campaign.robots import Robots, wait_until
+from tools.link_campaign.robots import ROUTER, Robots, wait_until
 
 ROBOT_SHARE = 0.1
 """Share of the kills that kill a whole robot."""
+ROUTER_SHARE = 0.2
+"""And one that kills the router, if there is one."""
+FLOW_SHARE = 0.5
+"""Share of the kills after which messages must flow again; the others may hit what is just starting."""
 MAX_PAUSE_S = 1.0
 
 
@@ -22,6 +26,7 @@ class Report:
 
     links_killed: int = 0
     robots_killed: int = 0
+    routers_killed: int = 0
     duration_s: float = 0.0
     sent: dict[str, int] = field(default_factory=dict)
     received: dict[str, int] = field(default_factory=dict)
@@ -36,7 +41,8 @@ class Report:
 
     def __str__(self) -> str:
         lines = [
-            f"{self.links_killed} links and {self.robots_killed} robots killed in {self.duration_s:.0f} s",
+            f"{self.links_killed} links, {self.robots_killed} robots and {self.routers_killed} routers "
+            f"killed in {self.duration_s:.0f} s",
             *(
                 f"{one}: {self.books.get(one, '-')}; not taken: {self.not_taken.get(one, 0)}"
                 for one in CLASSES
@@ -54,10 +60,11 @@ class Campaign:
         folder: an empty folder.
         seed: of the moments and the victims.
         kills_robots: whether whole robots are killed, too.
+        has_router: whether the robots are linked through a router, which is killed, too.
     """
 
-    def __init__(self, folder: Path, seed: int, *, kills_robots: bool = False):
-        self._robots = Robots(folder)
+    def __init__(self, folder: Path, seed: int, *, kills_robots: bool = False, has_router: bool = False):
+        self._robots = Robots(folder, has_router=has_router)
         self._random = random.Random(seed)
         self._kills_robots = kills_robots
         self.report = Report()
@@ -71,12 +78,17 @@ class Campaign:
         began_s = time.monotonic()
         robots, report = self._robots, self.report
         try:
+            if robots.has_router:
+                robots.start_router()
             for name in ("red", "blue"):
                 robots.start(name)
             wait_until(lambda: bool(robots.numbers("blue", "got-urgent")), "the first message")
-            while report.links_killed + report.robots_killed < kills:
+            while report.links_killed + report.robots_killed + report.routers_killed < kills:
                 self._kill()
+                if self._random.random() < FLOW_SHARE:
+                    self._wait_for_news()
                 time.sleep(self._random.uniform(0.0, MAX_PAUSE_S))
+            self._wait_for_news()
             self._come_to_rest()
         finally:
             robots.stop()
@@ -85,14 +97,24 @@ class Campaign:
         return report
 
     def _kill(self) -> None:
+        if self._robots.has_router and self._random.random() < ROUTER_SHARE:
+            self._robots.kill(ROUTER)
+            self._robots.start_router()
+            self.report.routers_killed += 1
+            return
         name = self._random.choice(["red", "blue"])
         if self._kills_robots and self._random.random() < ROBOT_SHARE:
-            self._robots.kill_robot(name)
+            self._robots.kill(name)
             self._robots.start(name)
             self.report.robots_killed += 1
             return
         if self._robots.kill_link(name):
             self.report.links_killed += 1
+
+    def _wait_for_news(self) -> None:
+        """Wait until blue receives something new."""
+        before = len(self._robots.numbers("blue", "got-urgent"))
+        wait_until(lambda: len(self._robots.numbers("blue", "got-urgent")) > before, "a new message")
 
     def _come_to_rest(self) -> None:
         """Have red send nothing more, and wait until nothing is under way."""

@@ -1,4 +1,4 @@
-"""The two robots of a campaign: robot `red` sends, robot `blue` receives."""
+"""The two robots of a campaign: robot `red` sends, robot `blue` receives; a router may be between them."""
 
 import contextlib
 import os
@@ -26,6 +26,7 @@ modules:
     class: robbie_mp.services.link:Link
     settings:
       robot: {name}
+      mode: {mode}
       listen: {listen}
       connect: {connect}
       robots: {robots}
@@ -40,6 +41,7 @@ SEND = """{
         reliable: ["String reliable"], bulk: [Image]}"""
 COMMAND = "import sys; from robbie_mp.cli import main; sys.exit(main())"
 PATIENCE_S = 120.0
+ROUTER = "router"
 
 
 class Robots:
@@ -47,23 +49,40 @@ class Robots:
 
     Args:
         folder: an empty folder for both.
+        has_router: whether they are linked through a router of Zenoh.
     """
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, *, has_router: bool = False):
         self.folder = folder
+        self.has_router = has_router
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         (folder / "profiles").mkdir()
         with socket.socket() as listening:
             listening.bind(("127.0.0.1", 0))
-            address = f"[tcp/127.0.0.1:{listening.getsockname()[1]}]"
-        self._write("red", "talker", "Talker", address, "[]", SEND)
+            self._address = f"tcp/127.0.0.1:{listening.getsockname()[1]}"
+        address = f"[{self._address}]"
+        listen, connect = ("[]", address) if has_router else (address, "[]")
+        self._write("red", "talker", "Talker", listen, connect, SEND)
         self._write("blue", "listener", "Listener", "[]", address, "{}")
+
+    def start_router(self) -> None:
+        """Start the router."""
+        command = [sys.executable, "-m", "tools.link_campaign.router", self._address]
+        with open(self.folder / "router.log", "ab") as log:
+            self.processes[ROUTER] = subprocess.Popen(command, cwd=PROJECT, stdout=log, stderr=log)
 
     def _write(self, name: str, role: str, cls: str, listen: str, connect: str, send: str) -> None:
         robots = "[blue]" if name == "red" else "[]"
         (self.folder / "profiles" / f"{name}.yaml").write_text(
             PROFILE.format(
-                name=name, role=role, cls=cls, listen=listen, connect=connect, send=send, robots=robots
+                mode="client" if self.has_router else "peer",
+                name=name,
+                role=role,
+                cls=cls,
+                listen=listen,
+                connect=connect,
+                send=send,
+                robots=robots,
             )
         )
 
@@ -80,7 +99,16 @@ class Robots:
             )
 
     def stop(self) -> None:
-        """Stop both robots in good order."""
+        """Stop both robots in good order, then the router."""
+        if ROUTER in self.processes:
+            router = self.processes.pop(ROUTER)
+            self._stop_robots()
+            router.kill()
+            router.wait()
+        else:
+            self._stop_robots()
+
+    def _stop_robots(self) -> None:
         for process in self.processes.values():
             process.send_signal(signal.SIGINT)
         for process in self.processes.values():
@@ -90,8 +118,8 @@ class Robots:
                 process.kill()
                 process.wait()
 
-    def kill_robot(self, name: str) -> None:
-        """Kill a robot's supervisor; the kernel then kills all its processes."""
+    def kill(self, name: str) -> None:
+        """Kill the router, or a robot's supervisor; the kernel then kills all processes of that robot."""
         self.processes[name].kill()
         self.processes[name].wait()
 

@@ -18,6 +18,10 @@ DRAIN_S = 15.0
 """Time limit in which reliable messages arrive that a bad network has held back."""
 COMMAND_ALLOWANCE_S = 0.05
 STATE_PERIODS = 3
+CUT_S = 1.0
+"""Time for which the network is cut."""
+LINKED_S = 0.5
+"""Time for which the base is watched after the link has returned."""
 GOOD = Conditions(bandwidth_bit_per_s=20e6, delay_s=0.005)
 
 
@@ -171,14 +175,16 @@ class Stops:
     Attributes:
         times_s: from each cut until the base stood.
         oldest_s: greatest age of a command that the base has obeyed.
+        by_itself: commands obeyed after the link had returned, although the operator had let go.
     """
 
     times_s: list[float] = field(default_factory=list)
     oldest_s: float = 0.0
+    by_itself: int = 0
 
 
 def cut_while_driving(pair: Pair, count: int, seed: int = 0) -> Stops:
-    """Cut the network at random moments, and mend it a second later."""
+    """Cut the network at random moments, and mend it a second later. Meanwhile the operator lets go."""
     random = np.random.default_rng(seed)
     cuts = []
     pair.network.set(GOOD)
@@ -186,14 +192,21 @@ def cut_while_driving(pair: Pair, count: int, seed: int = 0) -> Stops:
         time.sleep(random.uniform(0.5, 0.8))
         pair.network.cut()
         cut_s = time.monotonic()
-        time.sleep(1.0)
-        cuts.append((cut_s, time.monotonic()))
+        time.sleep(random.uniform(0.0, CUT_S))
+        pair.let_go(True)
+        time.sleep(max(0.0, cut_s + CUT_S - time.monotonic()))
+        mended_s = time.monotonic()
         pair.network.mend()
+        pair.wait_until_linked(["state"])
+        time.sleep(LINKED_S)
+        cuts.append((cut_s, mended_s, time.monotonic()))
+        pair.let_go(False)
         pair.wait_until_linked()
     pair.network.set(PERFECT)
     commands = pair.received("manual")
     stops = Stops(oldest_s=max(one.latency_s for one in commands))
-    for cut_s, mended_s in cuts:
+    for cut_s, mended_s, held_s in cuts:
         last = max(one.at_s + one.valid_s for one in commands if one.at_s < mended_s)
         stops.times_s.append(max(0.0, last - cut_s))
+        stops.by_itself += sum(mended_s <= one.at_s < held_s for one in commands)
     return stops

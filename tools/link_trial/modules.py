@@ -72,8 +72,11 @@ class Listener(Module):
         self.journal.note(RECEIVED, self.envelope.topic, probe.number, probe.sent_ns)
 
 
+LET_GO_FILE = "let_go"
+
+
 class Pilot(Module):
-    """Drives all the time. Lines of its journal: P manual NUMBER TIME."""
+    """Drives, unless a file says that the operator has let go. Lines of its journal: P manual NUMBER TIME."""
 
     period_s = 0.05
 
@@ -84,6 +87,8 @@ class Pilot(Module):
 
     def tick(self) -> None:
         """Send a command."""
+        if (self.output_directory / LET_GO_FILE).exists():
+            return
         self.number += 1
         header = Header(stamp=Time.from_nanoseconds(time.monotonic_ns()), frame_id=str(self.number))
         valid_for = Duration.from_nanoseconds(round(VALID_FOR_S * 1e9))

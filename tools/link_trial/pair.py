@@ -1,7 +1,7 @@
 """Two robots on two hosts with a bad network between them: `robot`, and the `laptop` that drives it."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import yaml
 from robbie_mp.messages import LinkState
 from tools.kill_campaign.journal import read_journal
 from tools.kill_campaign.robot import Robot, RobotTrouble
-from tools.link_trial.modules import RECEIVED, SENT
+from tools.link_trial.modules import LET_GO_FILE, RECEIVED, SENT
 from tools.test_network.network import Network
 
 PORT = 7447
@@ -70,12 +70,20 @@ class Pair:
         file = run.output / "link_state"
         return LinkState.decode(file.read_bytes()) if file.exists() else None
 
-    def wait_until_linked(self) -> None:
-        """Wait until messages pass in both directions."""
+    def let_go(self, now: bool) -> None:
+        """Have the operator let go of the controls, or hold them again."""
+        file = self.laptop.output / LET_GO_FILE
+        if now:
+            file.touch()
+        else:
+            file.unlink()
+
+    def wait_until_linked(self, topics: Sequence[str] = ("manual", "state")) -> None:
+        """Wait until new messages of these topics arrive."""
         since_s = time.monotonic()
 
         def has_come() -> bool:
-            newest = (self.received(topic)[-1:] for topic in ("manual", "state"))
+            newest = (self.received(topic)[-1:] for topic in topics)
             return all(found and found[0].sent_s > since_s for found in newest)
 
         self.robot.wait_for(has_come, "nothing comes over the link")
