@@ -45,6 +45,7 @@ class Navigation(Module):
         0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
     )
     max_linear_m_per_s: float = setting(0.5, "maximum forward speed", minimum=0.05, changeable=True)
+    map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
     clearance_m: float = setting(
         0.27, "distance of planned paths from obstacles to the robot's centre", minimum=0.05
     )
@@ -78,7 +79,7 @@ class Navigation(Module):
         self.serve(CancelNavigation, self.on_cancel_navigation)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
-        self.subscribe(OccupancyGrid, self.on_map, newest)
+        self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(LaserScan, self.on_scan, newest)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)

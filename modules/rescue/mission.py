@@ -88,6 +88,7 @@ class RescueMission(Module):
         0.15, "ratio of charge below which the battery is not used", minimum=0.0, maximum=1.0
     )
     clearance_m: float = setting(0.27, "distance of paths from obstacles; use navigation's", minimum=0.05)
+    map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
     report_name: str = setting("rescue", "prefix of the names of the report's files")
     ends_after_s: float = setting(
         1.0, "time between the end of the mission and that of the module", minimum=0.0
@@ -124,7 +125,7 @@ class RescueMission(Module):
         self.told: tuple[str, list[OperatorOrder]] | None = None
         self.told_s = -math.inf
         newest = MessageHandling.KEEP_ONLY_NEWEST
-        self.subscribe(OccupancyGrid, self.on_map, newest)
+        self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
         self.subscribe(SearchedWalls, self.on_searched, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.serve(OrderMission, self.on_order)

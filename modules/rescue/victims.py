@@ -52,6 +52,7 @@ class Victims(Module):
     max_questions: int = setting(2, "maximum number of questions about one victim", minimum=1)
     near_m: float = setting(1.8, "a victim must have been seen from at most this distance", minimum=0.1)
     far_m: float = setting(2.4, "maximum distance at which a wall counts as searched", minimum=0.5)
+    map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
     camera_frame: str = setting("base_link", "frame that the pan-tilt unit is mounted on")
     period_s: float = setting(0.1, "time between searches of new images", minimum=0.01)
     searched_period_s: float = setting(0.5, "time between messages about searched walls", minimum=0.1)
@@ -84,7 +85,7 @@ class Victims(Module):
         self.scene = SceneGraphListener(self)
         self.subscribe(CameraInfo, self.on_camera, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
         self.subscribe(Image, self.on_image, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
-        self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST, topic=self.map_topic)
         self.advertise(VictimFound)
         self.serve(AnswerVictim, self.on_answer)
 

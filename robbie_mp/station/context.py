@@ -73,6 +73,7 @@ class StationContext(MessageSource, Protocol):
     layouts_file: Path | None
     max_linear_m_per_s: float
     max_angular_rad_per_s: float
+    map_topic: str
     robot_size_m: list[float]
     robot_model: Path | None
     speech_commands: list[str]

@@ -113,6 +113,7 @@ class OperatorStation(Module):
     )
     max_linear_m_per_s: float = setting(0.7, "maximum forward speed of manual driving", minimum=0.05)
     max_angular_rad_per_s: float = setting(1.5, "maximum turn rate of manual driving", minimum=0.1)
+    map_topic: str = setting("", "topic of the map to show, if the robot has several; '' for any")
     robot_size_m: list[float] = setting(
         [0.45, 0.35, 0.25], "length, width and height of the robot in the 3-D view", minimum=0.01
     )

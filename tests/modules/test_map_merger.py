@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from modules.map_merger import MapMerger
+from modules.navigation import Navigation
+from modules.rescue.mission import RescueMission
+from modules.rescue.victims import Victims
 from modules.team_messages import MapAlignment
-from robbie_mp import ModuleHarness, SettingError
+from robbie_mp import Module, ModuleHarness, SettingError
 from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, TFMessage
 from tests.workers._support.known_room import draw
 from tests.workers.maps.test_map_alignment import BLUE, RED, TRUE, off
@@ -73,6 +76,17 @@ def test_restarted_merger_still_knows_where_the_other_map_is() -> None:
         harness.advance(0.0)
         (placed,) = harness.take(TFMessage, "placed")[-1].transforms
         assert placed.transform.translation.x == pytest.approx(TRUE[0])
+
+
+@pytest.mark.parametrize(
+    ("module", "kept"), [(Navigation, "grid"), (RescueMission, "map"), (Victims, "map_info")]
+)
+def test_modules_use_the_map_that_the_profile_names_and_no_other(module: type[Module], kept: str) -> None:
+    with ModuleHarness(module, {"map_topic": "team"}) as harness:
+        harness.send(message(draw(BLUE)), topic="blue/own")
+        assert getattr(harness.module, kept) is None
+        harness.send(message(draw(RED)), topic="team")
+        assert getattr(harness.module, kept) is not None
 
 
 def test_damaged_map_is_ignored() -> None:

@@ -137,7 +137,7 @@ class LiveMap:
 
     def __init__(self, station: StationContext):
         self._live = station.live
-        self._grid = station.newest(OccupancyGrid)
+        self._grid = station.newest(OccupancyGrid, station.map_topic)
         self._tiles = MapTiles()
         self._count = 0
         self._next_s = 0.0

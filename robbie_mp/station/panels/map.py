@@ -74,7 +74,7 @@ class MapPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._grid = station.newest(OccupancyGrid)
+        self._grid = station.newest(OccupancyGrid, station.map_topic)
         self._pose = station.newest(PoseStamped, "map_pose")
         self._goal = station.newest(PoseStamped, "goal")
         self._path = station.newest(Path, "path")
