@@ -7,7 +7,7 @@ import pytest
 
 from robbie_mp.core.declarations import Declarations
 from robbie_mp.core.directory import Channel, Subscription
-from robbie_mp.core.ledger import Ledger
+from robbie_mp.core.ledger import Ledger, Outcome
 from robbie_mp.core.members import Link, Slot
 from robbie_mp.core.queues import LockstepQueues, Queues
 from robbie_mp.core.router import Router
@@ -18,6 +18,7 @@ from tests.core.test_crash_points import (
     SCENARIOS,
     SETTINGS,
     late_and_short_of_memory,
+    outlive_the_publisher,
     play,
 )
 
@@ -84,6 +85,39 @@ MUTATIONS_OF_GIVING: dict[str, Callable[..., object]] = {
     "a late subscriber is given nothing": lambda *_arguments: [],
     "a late subscriber is given what it has": give_what_it_may_have,
 }
+
+
+def forget_latched(takeover: Takeover, index: int) -> None:
+    subscription = takeover._ledger.reference(index)[2]
+    restore_waiting(takeover, index)
+    if subscription.is_latch:
+        takeover._queues.remove(takeover._slots[subscription.slot], index)
+        takeover._ledger.finish(index, Outcome.DROPPED)
+
+
+def keep_the_older(queues: Queues, slot: Slot, entry: Subscription, reference: int, size: int) -> None:
+    if entry.is_latch and entry.queued is not None:
+        queues._ledger.finish(reference, Outcome.REPLACED)
+    else:
+        queue(queues, slot, entry, reference, size)
+
+
+restore_waiting, queue = Takeover._restore_waiting, Queues._queue
+MUTATIONS_OF_KEEPING: dict[str, tuple[object, str, Callable[..., object], str]] = {
+    "a new core forgets what is latched": (Takeover, "_restore_waiting", forget_latched, "was forgotten"),
+    "the core keeps an older message": (Queues, "_queue", keep_the_older, "is the newest"),
+}
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS_OF_KEEPING)
+def test_broken_keeping_of_latched_messages_is_noticed(
+    mutation: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    owner, name, replacement, complaint = MUTATIONS_OF_KEEPING[mutation]
+    monkeypatch.setattr(owner, name, replacement)
+    with pytest.raises(AssertionError, match=complaint):
+        for death in range(0, 600, 7):
+            play(outlive_the_publisher, LATCHED_SETTINGS[0], (death,))
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS_OF_GIVING)

@@ -16,6 +16,7 @@ from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 HANDLINGS = {2: MessageHandling.ALWAYS_DELIVER, 3: MessageHandling.KEEP_ONLY_NEWEST}
 PUBLISHERS = (1, 2)
 SLOTS = (1, 2, 3)
+MESSAGE_BYTES = 8
 
 
 class History:
@@ -35,6 +36,8 @@ class History:
         latched_bytes: int = 1 << 30,
     ) -> None:
         self.latched = latched
+        self.may_drop_latched = latched_bytes < MESSAGE_BYTES
+        """Whether the core may keep nothing for later subscribers."""
         self.run = SimulatedRun(
             latched_bytes=latched_bytes,
             queue_messages=queue_messages,
@@ -176,6 +179,7 @@ class History:
     def drop_latched(self, slot: int) -> None:
         """Be so short of memory that what the core keeps for later subscribers is dropped too."""
         if slot in self.alive and slot in PUBLISHERS:
+            self.may_drop_latched = True
             try:
                 self.alive[slot].endpoint.make_room(0, 0, WORD_MAX, latched_bytes=0)
             except Died:
@@ -260,6 +264,9 @@ class History:
             return 0
         assert keeps <= 1
         newest = self.run.newest_live()
+        last = self.run.words[layout.CORE_LAST_SEQUENCE]
+        assert keeps or self.may_drop_latched or not last, "the newest message was forgotten"
+        assert not keeps or newest == last, f"{newest} is kept, but {last} is the newest"
         for comes_back in (self.start, self.join):
             for slot in HANDLINGS:
                 self.kill(slot)
