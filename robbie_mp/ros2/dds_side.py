@@ -3,6 +3,7 @@
 CycloneDDS calls back in its own threads. They only put messages into the inbox.
 """
 
+import re
 import time
 from collections import deque
 from dataclasses import dataclass, field
@@ -41,6 +42,8 @@ Gid[] writer_gid_seq
 """,
 )
 """What each participant tells of its nodes and their endpoints (rmw_dds_common)."""
+_LARGE = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize>"
+"""Within a machine, datagrams need not fit into packets of a network."""
 _SETTINGS = """<CycloneDDS><Domain>
 <General><Interfaces><NetworkInterface name="{interface}"/></Interfaces>{multicast}</General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
@@ -50,10 +53,27 @@ _SETTINGS = """<CycloneDDS><Domain>
 ENCAPSULATION_BYTES, HEADER_BYTES = 4, 16
 """Before each message; and, after that, before each request and response: the client and a number."""
 LITTLE_ENDIAN = 1
+PADDED_TO = 4
+LOOK_NS = 1_000_000_000
+"""Time between two looks at the types of others' endpoints."""
+MAX_ENDPOINTS = 1000
+HASH = re.compile(rb"typehash=(RIHS01_[0-9a-f]{64});")
 RESPONSE_WAIT_NS = 1_000_000_000
 """How long a response waits until the client's reader has been discovered, which can be after its request."""
 MAX_RESPONSES = 64
 """Most responses that wait for that."""
+
+
+def settings_of_domain(interface: str) -> str:
+    """Return the settings of CycloneDDS for a network interface.
+
+    Args:
+        interface: the interface; on `lo`, only nodes of this machine are found.
+    """
+    is_local = interface == LOOPBACK
+    multicast = f"<AllowMulticast>false</AllowMulticast>{_LARGE}" if is_local else ""
+    peers = '<Peers><Peer address="127.0.0.1"/></Peers>' if is_local else ""
+    return _SETTINGS.format(interface=interface, multicast=multicast, peers=peers)
 
 
 @dataclass
@@ -91,9 +111,20 @@ class DdsSide:
     _readers: list[Any] = field(default_factory=list)
     _responders: list[Any] = field(default_factory=list)
     _responses: deque[_Response] = field(default_factory=deque)
+    _asked: dict[str, Channel] = field(default_factory=dict)
+    """Channels by their topic in DDS: those that this node reads; `_offered` has those that it writes."""
+    _offered: dict[str, Channel] = field(default_factory=dict)
+    _named: set[bytes] = field(default_factory=set)
+    """Endpoints of other types that have been counted."""
+    _looked_ns: int = 0
 
     def __post_init__(self) -> None:
         try:
+            from cyclonedds.builtin import (  # noqa: PLC0415
+                BuiltinDataReader,
+                BuiltinTopicDcpsPublication,
+                BuiltinTopicDcpsSubscription,
+            )
             from cyclonedds.core import DDSException, Policy, Qos  # noqa: PLC0415
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
             from cyclonedds.topic import Topic  # noqa: PLC0415
@@ -101,10 +132,7 @@ class DdsSide:
             raise Ros2Unavailable(
                 "the bridge to ROS 2 needs the extra `ros2`: run `pip install 'robbie-mp[ros2]'`"
             ) from error
-        is_local = self.interface == LOOPBACK
-        multicast = "<AllowMulticast>false</AllowMulticast>" if is_local else ""
-        peers = '<Peers><Peer address="127.0.0.1"/></Peers>' if is_local else ""
-        settings = _SETTINGS.format(interface=self.interface, multicast=multicast, peers=peers)
+        settings = settings_of_domain(self.interface)
         try:
             self._domain = Domain(self.node.domain, settings)
             self._participant = DomainParticipant(
@@ -115,25 +143,24 @@ class DdsSide:
                 f"CycloneDDS cannot use the interface {self.interface!r}: {error}"
             ) from error
         self._told = raw_type(NODES)
+        self._endpoints = (
+            BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication),
+            BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription),
+        )
         self._nodes = self._writer(Topic(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
         self._tell()
 
-    def send(self, channel: Channel, data: bytes) -> None:
+    def send(self, channel: Channel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher."""
-        from cyclonedds.core import DDSException  # noqa: PLC0415
-
         if channel not in self._writers:
             topic, message_type = self._topic(channel)
+            self._offered[f"rt{channel.name}"] = channel
             quality = channel.quality
             self._writers[channel] = self._writer(
                 topic, quality.is_reliable, quality.is_latched, quality.depth, message_type
             )
             self._tell()
-        writer = self._writers[channel]
-        try:
-            writer.write(sample_of(writer.topic.data_type, data))
-        except DDSException:
-            self.unsent += 1
+        self._write(self._writers[channel], data)
 
     def listen(self, channel: Channel) -> None:
         """Ask for the messages of a channel."""
@@ -149,6 +176,7 @@ class DdsSide:
                         inbox.put(channel, sample.raw)
 
         topic, message_type = self._topic(channel)
+        self._asked[f"rt{channel.name}"] = channel
         quality = channel.quality
         policies = self._quality(quality.is_reliable, quality.is_latched, quality.depth, message_type)
         self._readers.append(DataReader(self._participant, topic, policies, Taking()))
@@ -180,6 +208,11 @@ class DdsSide:
 
     def look_after(self) -> None:
         """Send responses whose clients are known now, and count endpoints that do not fit."""
+        if time.monotonic_ns() - self._looked_ns >= LOOK_NS:
+            self._looked_ns = time.monotonic_ns()
+            for reader, channels in zip(self._endpoints, (self._asked, self._offered), strict=True):
+                for endpoint in reader.read(MAX_ENDPOINTS):
+                    self._compare(endpoint, channels)
         for _ in range(len(self._responses)):
             response = self._responses.popleft()
             if not self._respond(response):
@@ -189,6 +222,24 @@ class DdsSide:
         self.incompatible = readers + sum(
             one.get_offered_incompatible_qos_status().total_count for one in writers
         )
+
+    def _compare(self, endpoint: Any, channels: dict[str, Channel]) -> None:
+        """Count an endpoint of others whose topic has another type here; DDS keeps those apart."""
+        from cyclonedds.core import Policy  # noqa: PLC0415
+
+        channel = channels.get(endpoint.topic_name)
+        if channel is None or endpoint.participant_key == self._participant.guid:
+            return
+        told = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""
+        hashes = HASH.findall(told)
+        is_same = endpoint.type_name == channel.dds_type and channel.type_hash.encode() in (
+            hashes or [channel.type_hash.encode()]
+        )
+        key = endpoint.key.bytes
+        if not is_same and key not in self._named and len(self._named) < MAX_ENDPOINTS:
+            self._named.add(key)
+            shown = b" ".join(hashes).decode(errors="replace")
+            self.inbox.put_stranger(f"{channel.name} has the type {endpoint.type_name} {shown}".rstrip())
 
     def close(self) -> None:
         """Leave the domain."""
@@ -215,19 +266,22 @@ class DdsSide:
 
     def _respond(self, response: _Response) -> bool:
         """Send a response if its client has a reader; return False if it must wait for that."""
-        from cyclonedds.core import DDSException  # noqa: PLC0415
-
         writer = response.writer
         found = map(writer.get_matched_subscription_data, writer.get_matched_subscriptions())
         if not any(one is not None and one.participant_key == response.participant for one in found):
             is_over = time.monotonic_ns() >= response.until_ns
             self.unsent += is_over
             return is_over
-        try:
-            writer.write(sample_of(writer.topic.data_type, response.data))
-        except DDSException:
-            self.unsent += 1
+        self._write(writer, response.data)
         return True
+
+    def _write(self, writer: Any, data: memoryview | bytes) -> None:
+        """Write a message from where it is: `DataWriter.write` would take no view, and copy more."""
+        from cyclonedds.pub import ddspy_write  # noqa: PLC0415
+
+        beyond = len(data) % PADDED_TO
+        padded = data if not beyond else bytes(data).ljust(len(data) - beyond + PADDED_TO, b"\0")
+        self.unsent += ddspy_write(writer._ref, padded) < 0
 
     def _writer(
         self,

@@ -152,6 +152,24 @@ class Inbox:
             yield self._calls.popleft()
 
 
+class ReusedMemory:
+    """Memory for copies of large messages: the pages that the system would give for each cost more."""
+
+    def __init__(self) -> None:
+        self._memory = bytearray()
+
+    def copy(self, data: memoryview | bytes) -> bytearray:
+        """Return a copy, which is valid until the next call."""
+        missing = len(data) - len(self._memory)
+        if missing > 0:
+            self._memory += bytes(missing)
+        else:
+            del self._memory[len(data) :]
+        with memoryview(self._memory) as view:
+            view[:] = data
+        return self._memory
+
+
 class Side(Protocol):
     """A middleware of ROS 2, with the robot as one node in it."""
 
@@ -160,7 +178,7 @@ class Side(Protocol):
     incompatible: int
     """Endpoints of others that do not fit because of their quality of service."""
 
-    def send(self, channel: Channel, data: bytes) -> None:
+    def send(self, channel: Channel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher. It does not wait for anybody."""
 
     def listen(self, channel: Channel) -> None:

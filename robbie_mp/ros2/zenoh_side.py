@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.link.wire import Endpoints, LinkUnavailable, open_session
-from robbie_mp.ros2.side import Channel, Inbox, NodeName, Ros2Unavailable
+from robbie_mp.ros2.side import Channel, Inbox, NodeName, ReusedMemory, Ros2Unavailable
 from robbie_mp.ros2.tokens import (
     PUBLISHER,
     SERVICE,
@@ -72,6 +72,8 @@ class ZenohSide:
     _publishers: dict[Channel, _Publisher] = field(default_factory=dict)
     _declared: list[Any] = field(default_factory=list)
     _gids: set[bytes] = field(default_factory=set)
+    _memory: ReusedMemory = field(default_factory=ReusedMemory)
+    """Zenoh takes no view, and copies what it takes."""
 
     def __post_init__(self) -> None:
         try:
@@ -101,7 +103,7 @@ class ZenohSide:
         """The session's number, as it stands in tokens."""
         return self._id
 
-    def send(self, channel: Channel, data: bytes) -> None:
+    def send(self, channel: Channel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher."""
         import zenoh  # noqa: PLC0415
 
@@ -111,7 +113,7 @@ class ZenohSide:
         publisher.sent += 1
         attachment = Attachment(publisher.sent, time.time_ns(), publisher.gid).encode()
         try:
-            publisher.zenoh.put(data, attachment=attachment)
+            publisher.zenoh.put(self._memory.copy(data), attachment=attachment)
         except zenoh.ZError:
             self.unsent += 1
 

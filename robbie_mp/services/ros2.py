@@ -248,7 +248,7 @@ class Ros2Bridge(Module):
         if channel is None:
             self.unknown += 1
             return
-        self.side.send(channel, bytes(message.data))
+        self.side.send(channel, message.data)
         self.sent += 1
 
     def _channel(self, type_name: str, version: int, topic: str) -> Channel | None:

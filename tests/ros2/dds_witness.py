@@ -102,6 +102,9 @@ def main(domain: int) -> None:
     # The bridge sends scans as best effort, so a reader that needs all of them does not fit.
     strict = Qos(Policy.Reliability.Reliable(0))
     unfit = DataReader(participant, readers["scan"].topic, strict)
+    # And one that takes scans for texts is of another type.
+    other = DomainParticipant(domain)
+    confused = DataReader(other, Topic(other, "rt/scan", String), best_effort)
     endpoints = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
     velocity = DataWriter(participant, Topic(participant, "rt/cmd_vel", Twist), strict)
     text = DataWriter(participant, Topic(participant, "rt/text", String), latched)
@@ -124,7 +127,7 @@ def main(domain: int) -> None:
             tell(seen, "unfit", 1)
         time.sleep(0.02)
     sys.stdin.read()
-    del kept
+    del kept, confused
 
 
 def _summary(what: str, sample: Any) -> object:

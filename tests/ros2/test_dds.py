@@ -33,7 +33,7 @@ SETTINGS = {
 }
 
 
-def test_messages_pass_both_ways_and_the_node_is_seen() -> None:
+def test_messages_pass_both_ways_and_the_node_is_seen(caplog: pytest.LogCaptureFixture) -> None:
     with ModuleHarness(Ros2Bridge, SETTINGS) as bridge:
         bridge.send(String(data="red robot"), topic="name")  # before anybody listens
         command = [sys.executable, str(WITNESS), str(DOMAIN)]
@@ -53,7 +53,8 @@ def test_messages_pass_both_ways_and_the_node_is_seen() -> None:
             def is_done() -> bool:
                 bridge.send(scan, topic="laser")
                 bridge.advance(0.02)
-                return len(told) == 6 and bool(bridge.published and bridge.published_encoded)
+                is_heard = bridge.published and bridge.published_encoded and bridge.module.inbox.strangers
+                return len(told) == 6 and bool(is_heard)
 
             try:
                 wait_until(is_done, 30.0)
@@ -73,6 +74,8 @@ def test_messages_pass_both_ways_and_the_node_is_seen() -> None:
         assert (drive.linear_m_per_s, drive.angular_rad_per_s) == (0.4, 0.1)
         assert 0 < drive.valid_for.nanoseconds <= 500_000_000
         assert bridge.module.side.incompatible >= 1
+        (named,) = [one for one in caplog.messages if "/scan has the type" in one]
+        assert named.endswith("std_msgs::msg::dds_::String_")
 
 
 def test_padding_is_cut_off_and_other_bytes_behind_a_message_are_an_error() -> None:
