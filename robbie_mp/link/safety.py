@@ -5,7 +5,18 @@ These are the only messages that a link decodes.
 
 from robbie_mp.link.receiving import Arrived
 from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.messages import DriveCommand, Duration, EmergencyStop, MessageError, OperatorRequest, replace
+from robbie_mp.messages import (
+    DriveCommand,
+    Duration,
+    EmergencyStop,
+    JointCommand,
+    MessageError,
+    OperatorRequest,
+    replace,
+)
+
+EXPIRING = {each.type_name: each for each in (DriveCommand, JointCommand)}
+"""Commands that tell how long they last."""
 
 
 def expires(message: Arrived) -> bool:
@@ -36,10 +47,11 @@ def shortened(message: Arrived, age_ns: int) -> bytes | None:
     Returns:
         The encoded message; None if the time is over.
     """
-    if message.name.type_name != DriveCommand.type_name:
+    message_type = EXPIRING.get(message.name.type_name)
+    if message_type is None:
         return message.data
     try:
-        command = DriveCommand.decode(message.data)
+        command = message_type.decode(message.data)
     except MessageError:
         return None
     left_ns = command.valid_for.nanoseconds - age_ns

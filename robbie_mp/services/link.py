@@ -87,7 +87,7 @@ class Link(Module):
     send: dict[str, list[str]] = setting({}, "what is sent, by class: a type, or a type and a topic")
     accept: dict[str, list[str]] = setting({}, "what is accepted, by robot: a type, or a type and a topic")
     commanding: list[str] = setting(
-        ["DriveCommand", "PanTiltCommand", "PoseStamped goal"],
+        ["DriveCommand", "JointCommand", "PanTiltCommand", "PoseStamped goal"],
         "what is obeyed only from the operator who holds the command: a type, or a type and a topic",
     )
     prefix_topics: bool = setting(False, "publish what comes from robot `red` on topics `red/…`")

@@ -6,7 +6,7 @@ from robbie_mp.link.header import ChannelId
 from robbie_mp.link.receiving import Arrived
 from robbie_mp.link.safety import expires, shortened
 from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.messages import DriveCommand, Duration, EmergencyStop, Message, String
+from robbie_mp.messages import DriveCommand, Duration, EmergencyStop, JointCommand, Message, String
 
 MS = 1_000_000
 
@@ -23,6 +23,14 @@ def test_a_drive_command_lasts_as_much_shorter_as_it_was_under_way() -> None:
     left = DriveCommand.decode(data)
     assert left.valid_for.nanoseconds == 120 * MS
     assert left.linear_m_per_s == 0.5
+
+
+def test_a_joint_command_lasts_as_much_shorter_as_it_was_under_way() -> None:
+    command = JointCommand(name=["gripper"], valid_for=Duration.from_nanoseconds(220 * MS))
+    data = shortened(arrived(command), 100 * MS)
+    assert data is not None
+    assert JointCommand.decode(data).valid_for.nanoseconds == 120 * MS
+    assert shortened(arrived(command), 220 * MS) is None
 
 
 @pytest.mark.parametrize("age_ms", [220, 500])

@@ -46,6 +46,7 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.Frontiers,
             robbie_msgs.GoalCancel,
             robbie_msgs.GoalEnd,
+            robbie_msgs.JointCommand,
             robbie_msgs.LocalizationState,
             robbie_msgs.Mark,
             robbie_msgs.ModuleState,

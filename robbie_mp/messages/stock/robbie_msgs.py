@@ -136,6 +136,15 @@ class PanTiltCommand(Message, name="robbie_msgs/msg/PanTiltCommand", version=1):
     tilt_rad: float64 = DEFAULT  # below the horizon (right-handed about the axis to the left)
 
 
+class JointCommand(Message, name="robbie_msgs/msg/JointCommand", version=1):
+    """Move joints to positions. When `valid_for` passes without a newer command, the device lets them go."""
+
+    header: Header = DEFAULT  # stamp: when it was decided
+    name: list[str] = DEFAULT  # of the joints that move; the others keep their goals
+    position: Array[float64] = DEFAULT  # (joints,) rad or m
+    valid_for: Duration = DEFAULT
+
+
 class SimulatedWorld(Message, name="robbie_msgs/msg/SimulatedWorld", version=1):
     """What has changed in a simulated world, for all simulated devices."""
 

@@ -1,0 +1,254 @@
+"""Dynamixel servos of the X and P series and MX with protocol 2.0, on one serial line.
+
+Source: Robotis, e-Manual of the X series (control table) and Dynamixel Protocol 2.0.
+"""
+
+import math
+import struct
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from hw.connection.device import PluggableDevice
+from hw.connection.errors import DeviceFault, DeviceSilent
+from hw.connection.port import Port
+from hw.dynamixel import protocol2
+from hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status, StatusError
+from hw.framing import DamagedFrame, FrameDecoder
+from hw.joints import Joint, JointReading, Joints, checked
+
+BIT_RATE = 57_600
+STEPS_PER_TURN = 4096
+RAD_PER_STEP = 2 * math.pi / STEPS_PER_TURN
+RAD_PER_S_PER_UNIT = 0.229 * 2 * math.pi / 60
+# Addresses of the control table.
+TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG, PROFILE_VELOCITY, GOAL_POSITION = 64, 70, 98, 112, 116
+PRESENT_VELOCITY = 128
+INDIRECT_ADDRESSES, INDIRECT_DATA = 168, 224
+# What each servo shows in a row: its hardware error, its watchdog, its velocity and its position.
+SHOWN = (HARDWARE_ERROR, BUS_WATCHDOG, *range(PRESENT_VELOCITY, PRESENT_VELOCITY + 8))
+_SHOWN = struct.Struct("<BBii")
+WATCHDOG_UNIT_S = 0.02
+# What a watchdog shows after it has stopped its servo.
+WATCHDOG_ENDED = 255
+ANSWER_S = 0.1
+ATTEMPTS = 3
+HARDWARE_ERRORS = {
+    0x01: "input voltage", 0x04: "overheated", 0x08: "encoder", 0x10: "electrical shock", 0x20: "overloaded",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ServoJoint(Joint):
+    """A joint that a servo moves.
+
+    Attributes:
+        servo: the servo's number on the line.
+        zero_step: position of the servo, in steps of 1/4096 turn, where the joint is at 0.
+        is_reversed: whether the joint turns against the servo.
+    """
+
+    servo: int = 1
+    zero_step: int = STEPS_PER_TURN // 2
+    is_reversed: bool = False
+
+    def steps(self, position_rad: float) -> int:
+        """Return the servo's steps for a position."""
+        sign = -1 if self.is_reversed else 1
+        return self.zero_step + sign * round(position_rad / RAD_PER_STEP)
+
+    def position_rad(self, steps: int) -> float:
+        """Return the position for the servo's steps."""
+        return (steps - self.zero_step) * RAD_PER_STEP * (-1 if self.is_reversed else 1)
+
+
+class DynamixelJoints(PluggableDevice[JointReading], Joints):
+    """Joints on Dynamixel servos. `poll` returns their states, at `rate_hz`.
+
+    When a command expires, the driver switches the torque off. If this process dies or hangs, or the cable
+    is pulled, each servo's own bus watchdog stops it after `watchdog_s`, and it holds its position. When the
+    line works again, the driver switches the torque off. Only the next command moves a servo then.
+
+    Args:
+        url: the port: see `hw.connection.port.Port`.
+        servos: the joints.
+        bit_rate: bit/s of the line.
+        rate_hz: readings each second.
+        watchdog_s: a servo stops when the line is silent for this time: 0.02 to 2.54.
+        clock: the time for stamps, s.
+        silence_s: see `PluggableDevice`.
+        monotonic: likewise.
+        open_port: likewise.
+
+    Example:
+        with closing(DynamixelJoints("/dev/ttyUSB0", [ServoJoint("gripper", servo=1)])) as gripper:
+            gripper.poll(1.0)
+            gripper.command({"gripper": 0.3}, valid_for_s=0.5)
+    """
+
+    def __init__(
+        self,
+        url: str,
+        servos: Sequence[ServoJoint],
+        bit_rate: int = BIT_RATE,
+        *,
+        rate_hz: float = 50.0,
+        watchdog_s: float = 0.2,
+        clock: Callable[[], float] = time.time,
+        silence_s: float = 0.5,
+        monotonic: Callable[[], float] = time.monotonic,
+        open_port: Callable[[str, int], Port] = Port,
+    ) -> None:
+        numbers = [joint.servo for joint in servos]
+        if not numbers or len(set(numbers)) < len(numbers) or not all(0 <= one <= 252 for one in numbers):
+            raise ValueError(f"each joint needs a servo with a number of 0 to 252, not {numbers}")
+        units = round(watchdog_s / WATCHDOG_UNIT_S)
+        if not 1 <= units <= 127:
+            raise ValueError(f"watchdog_s must be 0.02 to 2.54, not {watchdog_s:g}")
+        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        self.expired_commands = 0
+        """How many commands have ended because no newer one came in time."""
+        self.watchdog_stops = 0
+        """How often servos were found stopped by their own watchdogs."""
+        self._servos = tuple(servos)
+        self._numbers, self._watchdog_units = numbers, units
+        self._clock, self._period_s = clock, 1.0 / rate_hz
+        self._decoder = FrameDecoder(Protocol2Framing())
+        self._answered: dict[int, Status] = {}
+        self._next_s = -math.inf
+        self._valid_until_s: float | None = None
+        self._has_torque = False
+
+    @property
+    def joints(self) -> Sequence[ServoJoint]:
+        """Return the joints."""
+        return self._servos
+
+    @property
+    def has_torque(self) -> bool:
+        """Return whether the servos' torque is on."""
+        return self._has_torque
+
+    def command(self, positions_rad: Mapping[str, float], valid_for_s: float) -> None:
+        """Move joints to positions; without a connection nothing happens."""
+        goals = checked(self._servos, positions_rad, valid_for_s)
+        if not self.is_connected or not goals:
+            return
+        if not self._has_torque:
+            # A servo whose torque comes on keeps its position: its goal becomes what it measures.
+            self.send(protocol2.sync_write(TORQUE_ENABLE, dict.fromkeys(self._numbers, b"\1")))
+            self._has_torque = True
+        self._valid_until_s = self._monotonic() + valid_for_s
+        steps = {
+            self._servos[place].servo: struct.pack("<i", self._servos[place].steps(goal))
+            for place, goal in goals.items()
+        }
+        self.send(protocol2.sync_write(GOAL_POSITION, steps))
+
+    def release(self) -> None:
+        """Switch the torque of all servos off."""
+        self._valid_until_s, self._has_torque = None, False
+        self.send(protocol2.sync_write(TORQUE_ENABLE, dict.fromkeys(self._numbers, b"\0")))
+
+    def poll(self, wait_s: float = 0.0) -> list[JointReading]:
+        """Return the states since the last call; let the joints go when a command has expired."""
+        now_s = self._monotonic()
+        if self.is_connected and now_s >= self._next_s:
+            self._next_s = max(self._next_s + self._period_s, now_s)
+            self._answered.clear()
+            self.send(protocol2.sync_read(INDIRECT_DATA, len(SHOWN), self._numbers))
+        due_s = self._next_s if self.is_connected else now_s + wait_s
+        if self._valid_until_s is not None:
+            due_s = min(due_s, self._valid_until_s)
+        readings = super().poll(max(0.0, min(wait_s, due_s - now_s)))
+        if self._valid_until_s is not None and self._monotonic() >= self._valid_until_s:
+            self.expired_commands += 1
+            self.release()
+        return readings
+
+    def _start(self, port: Port) -> None:
+        """Ask for each servo, switch its torque off and tell it what to show."""
+        port.drain(quiet_s=0.01, limit_s=0.1)
+        for joint in self._servos:
+            servo = joint.servo
+            self._ask(port, servo, protocol2.ping(servo))
+            # A watchdog that has stopped a servo refuses all goals until it is cleared.
+            speed = max(1, round(joint.speed_rad_per_s / RAD_PER_S_PER_UNIT))
+            for written in (
+                protocol2.write(servo, BUS_WATCHDOG, b"\0"),
+                protocol2.write(servo, TORQUE_ENABLE, b"\0"),
+                protocol2.indirect_addresses(servo, INDIRECT_ADDRESSES, SHOWN),
+                protocol2.write(servo, PROFILE_VELOCITY, struct.pack("<I", speed)),
+                protocol2.write(servo, BUS_WATCHDOG, bytes([self._watchdog_units])),
+            ):
+                self._ask(port, servo, written)
+
+    def _ask(self, port: Port, servo: int, request: bytes) -> Status:
+        """Send a request and return the servo's answer to it."""
+        for _ in range(ATTEMPTS):
+            port.write(request)
+            end_s = time.monotonic() + ANSWER_S
+            while (left_s := end_s - time.monotonic()) > 0:
+                for packet in self._decoder.feed(port.read(left_s)):
+                    # A line of two wires may repeat what we send: a request is no answer.
+                    answer = _status(packet)
+                    if answer is None or answer.servo != servo:
+                        continue
+                    if answer.error == StatusError.CRC:
+                        continue
+                    if answer.error:
+                        problem = StatusError(answer.error).name if answer.error <= 7 else str(answer.error)
+                        raise DeviceFault(f"servo {servo} at {self.url} refuses a request: {problem}")
+                    return answer
+        raise DeviceSilent(f"servo {servo} at {self.url} does not answer at {self.bit_rate} bit/s")
+
+    def _take(self, data: bytes) -> list[JointReading]:
+        readings = []
+        for packet in self._decoder.feed(data):
+            answer = _status(packet)
+            if answer is None or answer.servo not in self._numbers or len(answer.data) != _SHOWN.size:
+                continue
+            self._answered[answer.servo] = answer
+            if len(self._answered) == len(self._numbers):
+                readings.append(self._reading())
+                self._answered.clear()
+        self.counters.damaged = self._decoder.damaged
+        self.counters.skipped_bytes = self._decoder.skipped_bytes
+        return readings
+
+    def _reading(self) -> JointReading:
+        positions, speeds, problems = [], [], []
+        is_stopped = False
+        for joint in self._servos:
+            error, watchdog, velocity, position = _SHOWN.unpack(self._answered[joint.servo].data)
+            is_stopped = is_stopped or watchdog == WATCHDOG_ENDED
+            positions.append(joint.position_rad(position))
+            sign = -1 if joint.is_reversed else 1
+            speeds.append(sign * velocity * RAD_PER_S_PER_UNIT)
+            problems += [f"{joint.name}: {text}" for bit, text in HARDWARE_ERRORS.items() if error & bit]
+        if is_stopped:
+            self._recover()
+        return JointReading(self._clock(), tuple(positions), tuple(speeds), tuple(problems))
+
+    def _recover(self) -> None:
+        """Let all joints go and clear the watchdogs: a stopped servo refuses all goals."""
+        self.watchdog_stops += 1
+        self.release()
+        for units in (0, self._watchdog_units):
+            self.send(protocol2.sync_write(BUS_WATCHDOG, dict.fromkeys(self._numbers, bytes([units]))))
+
+    def _reset(self) -> None:
+        self._decoder.reset()
+        self._answered.clear()
+        self._valid_until_s, self._has_torque = None, False
+        self._next_s = -math.inf
+
+    def _stop(self) -> None:
+        self.release()
+
+
+def _status(packet: Packet2) -> Status | None:
+    try:
+        return protocol2.status(packet)
+    except DamagedFrame:
+        return None

@@ -1,0 +1,177 @@
+"""Joints that follow commands: grippers, pan-tilt units and arms."""
+
+import math
+
+import numpy as np
+
+from hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
+from hw.joints import Joint, JointCommandError, JointReading, Joints
+from hw.simulation.joints import SimulatedJoints
+from modules.devices.pluggable import PluggableDeviceModule
+from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
+from robbie_mp.messages import JointCommand, JointState, PanTiltCommand
+
+PAN_TILT = ["pan", "tilt"]
+
+
+class CommandedJoints(Module):
+    """A module whose joints follow `JointCommand` and, if they are `pan` and `tilt`, `PanTiltCommand`.
+
+    When a `JointCommand` expires, the joints are let go. A `PanTiltCommand` has no expiry: the unit holds
+    its direction.
+
+    Publishes `JointState` on a topic named after the module, and follows `JointCommand` on the same topic.
+    """
+
+    moved: Joints
+
+    names: list[str] = setting(REQUIRED, "names of the joints")
+    least_rad: list[float] = setting([], "least position of each joint; default -pi")
+    most_rad: list[float] = setting([], "greatest position of each joint; default pi")
+    speed_rad_per_s: float = setting(1.0, "speed of each joint", minimum=0.01)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Raise SettingError if the lists do not fit."""
+        names = settings["names"]
+        assert isinstance(names, list)
+        if not names or len(set(names)) < len(names):
+            raise SettingError("expected at least one joint, each with a name that no other has", "names")
+        for name in ("least_rad", "most_rad", "servos", "zero_steps", "reversed"):
+            values = settings.get(name)
+            if isinstance(values, list) and len(values) not in (0, len(names)):
+                raise SettingError(f"expected a value for each of the {len(names)} joints, or none", name)
+
+    def obey(self) -> None:
+        """Subscribe to what commands the joints."""
+        self.subscribe(JointCommand, self.on_joint_command, topic=self.name, optional=True)
+        if sorted(self.names) == PAN_TILT:
+            self.subscribe(PanTiltCommand, self.on_pan_tilt, optional=True)
+
+    def on_joint_command(self, command: JointCommand) -> None:
+        """Move the joints while the command is valid."""
+        # The age counts from publication: this module may have been stopped while the command waited.
+        age_s = max(0.0, (self.clock.monotonic_ns() - self.envelope.published_ns) / 1e9)
+        valid_for_s = command.valid_for.nanoseconds / 1e9
+        if age_s >= valid_for_s > 0:
+            return
+        if len(command.name) != len(command.position):
+            self.log.error(
+                "ignored a command from %s with %d names and %d positions",
+                self.envelope.sender,
+                len(command.name),
+                len(command.position),
+            )
+            return
+        self._move(dict(zip(command.name, command.position.tolist(), strict=True)), valid_for_s - age_s)
+
+    def on_pan_tilt(self, command: PanTiltCommand) -> None:
+        """Look in a direction."""
+        self._move({"pan": command.pan_rad, "tilt": command.tilt_rad}, math.inf)
+
+    def publish_state(self, reading: JointReading) -> None:
+        """Publish where the joints are."""
+        self.publish(
+            JointState(
+                header=Header(stamp=Time.from_nanoseconds(round(reading.stamp_s * 1e9))),
+                name=self.names,
+                position=np.array(reading.positions_rad),
+                velocity=np.array(reading.speeds_rad_per_s),
+            ),
+            topic=self.name,
+        )
+
+    def limits(self, place: int) -> dict[str, float]:
+        """Return the limits of one joint, as arguments of `Joint`."""
+        return {
+            "least_rad": self.least_rad[place] if self.least_rad else -math.pi,
+            "most_rad": self.most_rad[place] if self.most_rad else math.pi,
+            "speed_rad_per_s": self.speed_rad_per_s,
+        }
+
+    def _move(self, positions_rad: dict[str, float], valid_for_s: float) -> None:
+        try:
+            self.moved.command(positions_rad, valid_for_s)
+        except JointCommandError as error:
+            self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
+
+
+class SimulatedJointsModule(CommandedJoints):
+    """Simulated joints: see `CommandedJoints`."""
+
+    period_s: float = setting(0.02, "time between messages", minimum=0.005)
+
+    def setup(self) -> None:
+        """Create the joints."""
+        joints = [Joint(name, **self.limits(place)) for place, name in enumerate(self.names)]
+        self.simulated = SimulatedJoints(joints, lambda: self.clock.monotonic_ns() / 1e9)
+        self.moved = self.simulated
+        self.obey()
+
+    def tick(self) -> None:
+        """Publish where the joints are."""
+        reading = self.simulated.read()
+        now_s = self.clock.now_ns() / 1e9
+        self.publish_state(JointReading(now_s, reading.positions_rad, reading.speeds_rad_per_s))
+        self.status = f"{len(self.names)} joints, {self.simulated.expired_commands} expired commands"
+
+
+class DynamixelModule(CommandedJoints, PluggableDeviceModule[JointReading]):
+    """Joints on Dynamixel servos with protocol 2.0: see `CommandedJoints`. Publishes `DeviceState`, too."""
+
+    wait_s = 0.0
+
+    bit_rate: int = setting(BIT_RATE, "bit/s of the servos' line", minimum=9600)
+    servos: list[int] = setting([], "number of each joint's servo; default 1, 2, 3 and so on")
+    zero_steps: list[int] = setting([], "servo position where each joint is at 0; default 2048")
+    reversed: list[bool] = setting([], "whether each joint turns against its servo")
+    rate_hz: float = setting(50.0, "readings each second", minimum=1.0, maximum=500.0)
+    watchdog_s: float = setting(
+        0.2, "a servo stops by itself when its line is silent for this time", minimum=0.02, maximum=2.54
+    )
+
+    def setup(self) -> None:
+        """Create the driver."""
+        super().setup()
+        assert isinstance(self.device, DynamixelJoints)
+        self.moved = self.driver = self.device
+        self.problems: tuple[str, ...] = ()
+        self.obey()
+
+    def open_device(self) -> DynamixelJoints:
+        """Return the driver."""
+        joints = [
+            ServoJoint(
+                name,
+                **self.limits(place),
+                servo=self.servos[place] if self.servos else place + 1,
+                zero_step=self.zero_steps[place] if self.zero_steps else STEPS_PER_TURN // 2,
+                is_reversed=bool(self.reversed) and self.reversed[place],
+            )
+            for place, name in enumerate(self.names)
+        ]
+        return DynamixelJoints(
+            self.url,
+            joints,
+            self.bit_rate,
+            rate_hz=self.rate_hz,
+            watchdog_s=self.watchdog_s,
+            clock=self.time_s,
+            silence_s=self.silence_s,
+        )
+
+    def on_value(self, value: JointReading) -> None:
+        """Publish where the joints are; log what the servos report."""
+        self.publish_state(value)
+        if value.problems != self.problems:
+            self.problems = value.problems
+            self.log.warning("the servos report: %s", ", ".join(value.problems) or "no more problems")
+
+    def status_line(self) -> str:
+        """Return the line that `robbie top` shows."""
+        if not self.device.is_connected:
+            return super().status_line()
+        problems = "".join(f", {problem}" for problem in self.problems)
+        torque = "torque on" if self.driver.has_torque else "torque off"
+        expired = f"{self.driver.expired_commands} expired commands"
+        return f"{torque}, {super().status_line()}, {expired}{problems}"

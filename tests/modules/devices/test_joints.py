@@ -1,0 +1,64 @@
+"""The modules of joints follow commands as long as they are valid, and tell where the joints are."""
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.dynamixel import GOAL, TORQUE, EmulatedServos
+from hw.emulation.line import EmulatedLine
+from modules.devices.joints import DynamixelModule, SimulatedJointsModule
+from robbie_mp import Duration, ModuleHarness
+from robbie_mp.messages import DeviceState, JointCommand, JointState, PanTiltCommand
+
+
+def command(valid_for_s: float = 0.5, **positions: float) -> JointCommand:
+    goals = np.array(list(positions.values()))
+    return JointCommand(name=list(positions), position=goals, valid_for=Duration.from_seconds(valid_for_s))
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait until the emulated servos have heard it."""
+    give_up_s = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < give_up_s
+        time.sleep(0.002)
+
+
+def test_simulated_gripper_closes_until_its_command_expires() -> None:
+    settings = {"names": ["gripper"], "least_rad": [0.0], "most_rad": [1.0]}
+    with ModuleHarness(SimulatedJointsModule, settings, name="gripper") as gripper:
+        gripper.send(command(gripper=5.0), topic="gripper")
+        gripper.advance(0.4)
+        assert gripper.take(JointState)[-1].position[0] == pytest.approx(0.4, abs=0.03)
+        gripper.advance(2.0)
+        last = gripper.take(JointState)[-1]
+        assert last.position[0] == pytest.approx(0.5, abs=0.03) and last.velocity[0] == 0.0
+
+
+def test_invalid_commands_move_nothing_and_are_logged(caplog: pytest.LogCaptureFixture) -> None:
+    with ModuleHarness(SimulatedJointsModule, {"names": ["a", "b"]}, name="arm") as arm:
+        for wrong in (command(c=1.0), command(a=math.nan), command(0.0, a=1.0)):
+            arm.send(wrong, topic="arm")
+        arm.send(JointCommand(name=["a"], valid_for=Duration.from_seconds(1.0)), topic="arm")
+        arm.advance(0.5)
+        assert not arm.take(JointState)[-1].position.any()
+    assert caplog.text.count("ignored") == 4
+
+
+def test_pan_tilt_on_servos_follows_both_commands(tmp_path: Path) -> None:
+    emulated = EmulatedServos([1, 2])
+    with EmulatedLine(emulated, PseudoTerminal(tmp_path / "servos")) as line:
+        settings = {"port": line.url, "names": ["pan", "tilt"], "silence_s": 10.0}
+        with ModuleHarness(DynamixelModule, settings, name="pan_tilt") as unit:
+            unit.advance(0.02)
+            assert unit.take(DeviceState)[-1].state == "CONNECTED"
+            unit.send(PanTiltCommand(pan_rad=0.3, tilt_rad=-0.1))
+            until(lambda: emulated.servos[1].table[TORQUE] == 1)
+            unit.send(command(pan=0.1), topic="pan_tilt")
+            until(lambda: emulated.servos[1].get(GOAL) == 2048 + round(0.1 * 4096 / math.tau))
+        until(lambda: emulated.servos[1].table[TORQUE] == 0)
