@@ -36,6 +36,7 @@ class Base:
         sonars_mm: ranges of the sonars.
         stalls: of the left and the right wheel.
         bumpers: bits of the front and of the rear bumpers.
+        watchdog_s: its parameter WatchDog: it stops when the host is silent for this time.
     """
 
     subclass: str = "p3at"
@@ -45,10 +46,11 @@ class Base:
     sonars_mm: list[int] = field(default_factory=lambda: [NOTHING_SEEN_MM] * 16)
     stalls: tuple[bool, bool] = (False, False)
     bumpers: tuple[int, int] = (0, 0)
+    watchdog_s: float = WATCHDOG_S
 
 
 class EmulatedPioneer(EmulatedDevice):
-    """A robot that drives as it is told, and stops when it has heard nothing for 2 s.
+    """A robot that drives as it is told, and stops when it has heard nothing for some time.
 
     Args:
         clock: its clock.
@@ -108,7 +110,7 @@ class EmulatedPioneer(EmulatedDevice):
         self._move(now_s)
         if not self.is_open:
             return None
-        if now_s - self._heard_s > WATCHDOG_S and any(self.velocity):
+        if now_s - self._heard_s > self.base.watchdog_s and any(self.velocity):
             self.velocity = (0.0, 0.0)
             self.watchdog_stops += 1
         if now_s >= self._next_s:

@@ -1,0 +1,258 @@
+"""Drivers on emulated devices: plugs pulled under load, processor time, and stamps.
+
+    python -m tools.device_trial replug [--rounds 50] [--load 2] [DEVICE ...]
+    python -m tools.device_trial cost [--seconds 6] [DEVICE ...]
+    python -m tools.device_trial stamps [--seconds 30]
+
+`replug` pulls each plug, waits, plugs in again and takes the time until the next measurement, while other
+processes compute. It also takes the time until a moving device stands after its plug was pulled. `cost`
+takes the processor time of the driver alone: its thread's. `stamps` compares a laser's stamps with the
+times when the emulated laser measured; its line has 2 ms of jitter, and 3 % of its frames are late.
+"""
+
+import argparse
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.connection.device import PluggableDevice
+from hw.dynamixel.servos import DynamixelJoints, ServoJoint
+from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.create import EmulatedCreate
+from hw.emulation.device import EmulatedDevice
+from hw.emulation.dynamixel import EmulatedServos
+from hw.emulation.faults import Faults
+from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
+from hw.emulation.line import EmulatedLine
+from hw.emulation.p2os import Base, EmulatedPioneer
+from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
+from hw.emulation.xsens import EmulatedMti
+from hw.gnss.receiver import NmeaReceiver, UbxReceiver
+from hw.hokuyo.laser import HokuyoLaser
+from hw.irobot.create import CreateBase
+from hw.pioneer.base import PioneerBase
+from hw.xsens.imu import XsensImu
+
+LIMIT_S = 20.0
+BACK_S, STANDS_S = 2.0, 0.4
+SETTLED_S = 5.0
+STAMP_S = 0.001
+LATE = Faults(jitter_s=0.002, late_share=0.03, late_s=0.03)
+WALL_M = np.linspace(0.5, 9.5, len(UTM_30LX.angles_rad()))
+# Sweeps are told apart by their first range.
+FIRST_MM, DIFFERENT = 1000, 4000
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A device and its driver.
+
+    Attributes:
+        emulated: makes the device.
+        driver: makes the driver for a port.
+        move: has the device move; None: it cannot.
+        stands: whether the device stands; None: it never moves, or nothing in it stops it.
+    """
+
+    emulated: Callable[[], EmulatedDevice]
+    driver: Callable[[str], PluggableDevice[Any]]
+    move: Callable[[Any], None] | None = None
+    stands: Callable[[Any], bool] | None = None
+
+
+TRIALS = {
+    "create": Trial(EmulatedCreate, CreateBase, lambda base: base.command(0.2, 0.0, 5.0)),
+    "pioneer": Trial(
+        lambda: EmulatedPioneer(base=Base(watchdog_s=0.3)),
+        PioneerBase,
+        lambda base: base.command(0.2, 0.0, 5.0),
+        lambda device: device.velocity == (0.0, 0.0),
+    ),
+    "hokuyo": Trial(lambda: EmulatedHokuyo(UTM_30LX, lambda: WALL_M), HokuyoLaser),
+    "xsens": Trial(EmulatedMti, lambda url: XsensImu(url, 400)),
+    "nmea": Trial(lambda: EmulatedNmea(period_s=0.1), NmeaReceiver),
+    "ubx": Trial(EmulatedUblox, lambda url: UbxReceiver(url, period_s=0.1)),
+    "dynamixel": Trial(
+        lambda: EmulatedServos(range(1, 7)),
+        lambda url: DynamixelJoints(
+            url, [ServoJoint(f"joint{number}", servo=number) for number in range(1, 7)], rate_hz=100.0
+        ),
+        lambda joints: joints.command({"joint1": 3.0 if random.random() < 0.5 else -3.0}, 5.0),
+        lambda device: device.servos[1].is_halted or not device.servos[1].table[64],
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Replugs:
+    """The result of one device's replugs.
+
+    Attributes:
+        back_s: time from each plugging in to the next measurement.
+        stands_s: time from each pulling until the device stood; empty if it does not move, or nothing in it
+            stops it.
+    """
+
+    back_s: list[float]
+    stands_s: list[float]
+
+
+@contextmanager
+def load(processes: int) -> Iterator[None]:
+    """Keep processors busy."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def connected(trial: Trial, folder: Path) -> Iterator[tuple[EmulatedLine, PluggableDevice[Any]]]:
+    """Plug a device in, and wait for its first measurement."""
+    with (
+        EmulatedLine(trial.emulated(), PseudoTerminal(folder / "device")) as line,
+        closing(trial.driver(line.url)) as driver,
+    ):
+        _until(driver, bool)
+        yield line, driver
+
+
+def replug(trial: Trial, rounds: int, folder: Path, seed: int = 0) -> Replugs:
+    """Pull the plug again and again, at random moments."""
+    chance = random.Random(seed)
+    back_s, stands_s = [], []
+    with connected(trial, folder) as (line, driver):
+        for _ in range(rounds):
+            leave_s = time.monotonic() + chance.uniform(0.1, 0.3)
+            while time.monotonic() < leave_s:
+                if trial.move is not None:
+                    trial.move(driver)
+                driver.poll(0.02)
+            line.unplug()
+            pulled_s = time.monotonic()
+            _until(driver, lambda _: not driver.is_connected)
+            if trial.stands is not None:
+                while not trial.stands(line.device):
+                    _check(pulled_s + LIMIT_S)
+                    driver.poll(0.002)
+                stands_s.append(time.monotonic() - pulled_s)
+            leave_s = time.monotonic() + chance.uniform(0.0, 1.0)
+            while time.monotonic() < leave_s:
+                driver.poll(0.02)
+            line.plug_in()
+            plugged_s = time.monotonic()
+            _until(driver, bool)
+            back_s.append(time.monotonic() - plugged_s)
+    return Replugs(back_s, stands_s)
+
+
+def cost(trial: Trial, seconds: float, folder: Path) -> tuple[float, float]:
+    """Return the share of a core that the driver takes, and its measurements each second."""
+    with connected(trial, folder) as (_, driver):
+        count, began_s, began_cpu_s = 0, time.monotonic(), time.thread_time()
+        while time.monotonic() < began_s + seconds:
+            count += len(driver.poll(0.1))
+        passed_s = time.monotonic() - began_s
+        return (time.thread_time() - began_cpu_s) / passed_s, count / passed_s
+
+
+def stamp_errors(seconds: float, folder: Path, faults: Faults = LATE) -> NDArray[np.float64]:
+    """Return the errors of a laser's stamps, s, without those of the first seconds: (N,)."""
+    measured_s: dict[int, float] = {}
+
+    def measure() -> NDArray[np.float64]:
+        number = len(measured_s)
+        measured_s[number] = time.monotonic()
+        ranges_m = WALL_M.copy()
+        ranges_m[0] = (FIRST_MM + number % DIFFERENT) / 1000
+        return ranges_m
+
+    errors = []
+    device = EmulatedHokuyo(UTM_30LX, measure)
+    with (
+        EmulatedLine(device, PseudoTerminal(folder / "device"), faults) as line,
+        closing(HokuyoLaser(line.url, time.monotonic)) as laser,
+    ):
+        began_s = time.monotonic()
+        while (now_s := time.monotonic()) < began_s + seconds:
+            for sweep in laser.poll(0.1):
+                number = round(float(sweep.ranges_m[0]) * 1000) - FIRST_MM
+                if now_s > began_s + SETTLED_S:
+                    errors.append(sweep.stamp_s - measured_s[number])
+    return np.array(errors)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line. The exit code is 1 if a device was not back, or did not stand, in time."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.device_trial",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("trial", choices=("replug", "cost", "stamps"))
+    parser.add_argument("devices", nargs="*", metavar="DEVICE", help=f"of {', '.join(TRIALS)}; default: all")
+    parser.add_argument("--rounds", type=int, default=50, help="replugs of each device")
+    parser.add_argument("--load", type=int, default=2, help="processes that compute meanwhile")
+    parser.add_argument("--seconds", type=float, default=6.0, help="time for each measurement")
+    options = parser.parse_args(arguments)
+    if unknown := set(options.devices) - set(TRIALS):
+        parser.error(f"unknown device {', '.join(sorted(unknown))}; there are {', '.join(TRIALS)}")
+    with tempfile.TemporaryDirectory(prefix="robbie-devices-") as name:
+        folder = Path(name)
+        if options.trial == "stamps":
+            errors = np.abs(stamp_errors(options.seconds, folder)) * 1000
+            share = float((errors <= STAMP_S * 1000).mean())
+            median, p99, worst = np.percentile(errors, (50, 99, 100))
+            print(
+                f"{len(errors)} stamps: median {median:.2f} ms, 99 % {p99:.2f} ms, worst {worst:.2f} ms, "
+                f"{share:.1%} within 1 ms"
+            )
+            return 0
+        failed = False
+        for device in options.devices or TRIALS:
+            trial = TRIALS[device]
+            if options.trial == "cost":
+                share, rate_hz = cost(trial, options.seconds, folder)
+                print(f"{device:10} {share:6.2%} of a core at {rate_hz:.1f} measurements/s", flush=True)
+                continue
+            with load(options.load):
+                result = replug(trial, options.rounds, folder)
+            failed |= max(result.back_s) > BACK_S or max(result.stands_s, default=0.0) > STANDS_S
+            print(f"{device:10} {_told(result)}", flush=True)
+        return int(failed)
+
+
+def _told(result: Replugs) -> str:
+    median_s, worst_s = np.percentile(result.back_s, (50, 100))
+    text = f"{len(result.back_s)} replugs, back after {median_s:.2f} s, at most {worst_s:.2f} s"
+    if result.stands_s:
+        text += f"; stood after {np.median(result.stands_s):.2f} s, at most {max(result.stands_s):.2f} s"
+    return text
+
+
+def _until(driver: PluggableDevice[Any], is_reached: Callable[[list[Any]], bool]) -> None:
+    limit_s = time.monotonic() + LIMIT_S
+    while not is_reached(driver.poll(0.02)):
+        _check(limit_s)
+
+
+def _check(limit_s: float) -> None:
+    if time.monotonic() > limit_s:
+        raise TimeoutError(f"the device did not do what it should within {LIMIT_S:g} s")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
