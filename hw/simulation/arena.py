@@ -51,6 +51,18 @@ class Arena:
             circles=np.concatenate([self.circles, *(obstacle.circles for obstacle in there)]),
         )
 
+    def with_robots(self, places: Array, radius_m: float) -> "Arena":
+        """Return this arena with other robots in it, as round obstacles.
+
+        Args:
+            places: (N, 2), m, where they are.
+            radius_m: their radius.
+        """
+        if not len(places):
+            return self
+        robots = np.column_stack([places, np.full(len(places), radius_m)])
+        return replace(self, circles=np.concatenate([self.circles, robots]))
+
     def clearance_m(self, points: Array) -> Array:
         """Return the distance from points to the nearest surface of a wall or obstacle.
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.drive import Drive, DriveState, check_command
 from hw.pose import ORIGIN, Pose
@@ -53,6 +54,7 @@ class SimulatedDrive(Drive):
         body: geometry and limits.
         errors: the wheels' systematic and random errors.
         resumed: the state left by an earlier drive; by default the robot is at the arena's start.
+        others: returns x and y (m) of the other robots in the arena, `(N, 2)`; they stop this robot.
     """
 
     def __init__(
@@ -63,8 +65,11 @@ class SimulatedDrive(Drive):
         body: DifferentialDrive | None = None,
         errors: WheelErrors | None = None,
         resumed: WorldState | None = None,
+        others: Callable[[], NDArray[np.float64]] | None = None,
     ) -> None:
         self._clock = clock
+        self._find_others = others
+        self._others = np.empty((0, 2))
         self._body = body or DifferentialDrive()
         errors = errors or WheelErrors()
         world = resumed or WorldState(arena.start)
@@ -146,6 +151,8 @@ class SimulatedDrive(Drive):
 
     def _advance(self) -> None:
         now_s = self._clock()
+        if self._find_others is not None:
+            self._others = self._find_others()
         while self._time_s + STEP_S <= now_s:
             self._expire()
             if self._wanted == (0.0, 0.0) == self._speeds:
@@ -179,7 +186,8 @@ class SimulatedDrive(Drive):
     def _passes(self, there: Pose) -> bool:
         """Return whether the robot can go there; count the start of a contact."""
         positions = np.array([self._true_pose[:2], there[:2]])
-        before_m, after_m = self._surroundings.arena.clearance_m(positions)
+        around = self._surroundings.arena.with_robots(self._others, self._body.body_radius_m)
+        before_m, after_m = around.clearance_m(positions)
         if after_m >= self._body.body_radius_m or after_m > before_m:
             self._touching = self._touching and after_m < self._body.body_radius_m + RELEASE_M
             return True

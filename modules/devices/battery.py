@@ -31,7 +31,7 @@ class SimulatedBatteryModule(SimulatedDevice):
         first = self.first_charge if self.virtual_charge is None else self.virtual_charge
         charge_ah = first * self.capacity_ah if self.restored is None else self.restored["charge_ah"]
         self.battery = SimulatedBattery(BatteryModel(self.capacity_ah), charge_ah)
-        self.world = SharedWorld(self, self.arena, self.on_truth)
+        self.world = SharedWorld(self, self.on_truth)
 
     def setting_changed(self, _name: str) -> None:
         """Set the charge that the operator asked for."""

@@ -17,7 +17,7 @@ class SimulatedBumperModule(SimulatedDevice):
 
     def setup(self) -> None:
         """Create the bumper; it reports nothing until the simulated base has published its pose."""
-        self.world = SharedWorld(self, self.arena)
+        self.world = SharedWorld(self)
         self.bumper = SimulatedBumper(self.world.arena)
 
     def tick(self) -> None:

@@ -33,7 +33,7 @@ class SimulatedCameraModule(SimulatedDevice):
     def setup(self) -> None:
         """Create the camera; it takes no image until the simulated base has published its pose."""
         geometry = CameraGeometry(self.width, self.height, self.field_of_view_rad)
-        self.world = SharedWorld(self, self.arena)
+        self.world = SharedWorld(self)
         self.camera = self.camera_class(self.world.arena, geometry, self.noise, self.seed)
         self.intrinsics = intrinsic_matrix(geometry)
         self.images = 0

@@ -185,7 +185,7 @@ class EmulatedHokuyoLaser(SimulatedDevice, EmulatedDeviceModule):
             range_min_m=UTM_30LX.least_mm / 1000,
             range_max_m=self.range_max_m,
         )
-        self.world = SharedWorld(self, self.arena, self.on_truth)
+        self.world = SharedWorld(self, self.on_truth)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
         self.hokuyo = EmulatedHokuyo(UTM_30LX, self.measure)
         self.plug_in(self.hokuyo)

@@ -22,7 +22,7 @@ class SimulatedImuModule(SimulatedDevice):
         """Create the IMU."""
         self.imu = SimulatedImu(self.seed)
         self.samples = 0
-        self.world = SharedWorld(self, self.arena, self.on_truth)
+        self.world = SharedWorld(self, self.on_truth)
         self.status = "waiting for the simulated base"
 
     def on_truth(self, truth: DriveState) -> None:

@@ -1,10 +1,13 @@
 """The robot's laser range finder."""
 
 from hw.laser import LaserGeometry
+from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, setting
 from robbie_mp.messages import LaserScan
+
+ROBOT_RADIUS_M = DifferentialDrive().body_radius_m
 
 
 class SimulatedLaserRangeFinder(SimulatedDevice):
@@ -23,9 +26,10 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
     def setup(self) -> None:
         """Create the laser; it measures nothing until the simulated base has published its pose."""
         geometry = LaserGeometry(range_max_m=self.range_max_m)
-        self.world = SharedWorld(self, self.arena)
+        self.world = SharedWorld(self)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
         self.laser.failure = self.virtual_failure
+        self.places = self.robot_places()
         self.scans = 0
 
     def setting_changed(self, _name: str) -> None:
@@ -39,6 +43,8 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
             self.status = "waiting for the simulated base"
             return
         self.laser.arena = self.world.arena
+        if self.places is not None:
+            self.laser.arena = self.laser.arena.with_robots(self.places.others(), ROBOT_RADIUS_M)
         self.laser.place(truth.pose, truth.stamp_s)
         try:
             sweep = self.laser.scan()

@@ -1,11 +1,15 @@
 """The world that the modules of simulated devices share."""
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from hw.drive import DriveState
 from hw.pose import Pose
+from hw.simulation.arena import Arena
 from hw.simulation.arena_file import ArenaError, read_arena
+from hw.simulation.robot_places import RobotPlaces
 from robbie_mp import REQUIRED, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import Odometry, SimulatedWorld
 
@@ -14,6 +18,13 @@ class SimulatedDevice(Module):
     """A module whose device lives in an arena."""
 
     arena: Path = setting(REQUIRED, "the arena file of the simulated world (YAML)", must_exist=True)
+
+    start: list[float] = setting(
+        [], "this robot's x, y (m) and heading (rad) at the start, arena frame; []: the arena's start"
+    )
+    shared: Path | None = setting(
+        None, "folder by which robots on this machine share the arena: they see and stop one another"
+    )
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -24,6 +35,19 @@ class SimulatedDevice(Module):
             read_arena(file)
         except (ArenaError, OSError) as error:
             raise SettingError(str(error), "arena") from error
+        start = settings["start"]
+        assert isinstance(start, list)
+        if start and (len(start) != 3 or not all(map(math.isfinite, start))):
+            raise SettingError(f"expected x, y (m) and heading (rad), not {start}", "start")
+
+    def read_arena(self) -> Arena:
+        """Return the arena, with this robot's start."""
+        arena = read_arena(self.arena)
+        return replace(arena, start=Pose(*self.start)) if self.start else arena
+
+    def robot_places(self) -> RobotPlaces | None:
+        """Return the places of the robots that share the arena; None if this robot is alone."""
+        return None if self.shared is None else RobotPlaces(self.shared, self.run_id or "robot")
 
 
 class SharedWorld:
@@ -31,15 +55,12 @@ class SharedWorld:
 
     Args:
         module: the module of the device; it subscribes.
-        file: the arena file.
         on_truth: called with every true state of the robot, pose in the arena frame; without it, only the
             newest state is delivered.
     """
 
-    def __init__(
-        self, module: Module, file: Path, on_truth: Callable[[DriveState], None] | None = None
-    ) -> None:
-        self._whole = read_arena(file)
+    def __init__(self, module: SimulatedDevice, on_truth: Callable[[DriveState], None] | None = None) -> None:
+        self._whole = module.read_arena()
         self._on_truth = on_truth
         self.arena = self._whole
         self.truth: DriveState | None = None

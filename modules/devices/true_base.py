@@ -9,7 +9,6 @@ import numpy as np
 
 from hw.drive import DriveState
 from hw.pose import Pose as Pose2D
-from hw.simulation.arena_file import read_arena
 from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.drive import SimulatedDrive, WorldState
 from modules.devices.commanded_base import odometry
@@ -32,15 +31,23 @@ class TrueBase(SimulatedDevice):
 
     def enter_arena(self, body: DifferentialDrive | None = None) -> None:
         """Put the robot at the arena's start, or where it was before a restart."""
-        self.world = read_arena(self.arena)
+        self.world = self.read_arena()
+        self.places = self.robot_places()
         resumed = None if self.restored is None else world_of(self.restored)
         clock = self.clock
         self.drive = SimulatedDrive(
-            self.world, lambda: clock.monotonic_ns() / 1e9, seed=self.seed, body=body, resumed=resumed
+            self.world,
+            lambda: clock.monotonic_ns() / 1e9,
+            seed=self.seed,
+            body=body,
+            resumed=resumed,
+            others=None if self.places is None else self.places.others,
         )
 
     def publish_truth(self, truth: DriveState, stamp: Time) -> None:
         """Publish the true state and, if the arena has temporary obstacles, which of them are present."""
+        if self.places is not None:
+            self.places.tell(truth.pose)
         truth = replace(truth, pose=Pose2D(*relative(self.world.start, truth.pose)))
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
         if self.world.appearing:
@@ -49,12 +56,14 @@ class TrueBase(SimulatedDevice):
             self.publish(SimulatedWorld(header=header, obstacles=obstacles), topic="ground_truth")
 
     def write_results(self) -> None:
-        """Write collisions, expired commands and distance from the start to `base.json`."""
+        """Write collisions, expired commands and distance from the start to `base.json`; leave the arena."""
         counted = {
             "collisions": self.drive.collisions,
             "expired_commands": self.drive.expired_commands,
             "from_start_m": math.dist(self.drive.ground_truth().pose[:2], self.world.start[:2]),
         }
+        if self.places is not None:
+            self.places.leave()
         (self.output_directory / "base.json").write_text(json.dumps(counted) + "\n")
 
 
