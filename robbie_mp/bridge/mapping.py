@@ -17,11 +17,12 @@ and the topic on which the robot publishes it. Words for the quality of service 
 A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic, or
 stands for the type if the message has no topic. `Twist as DriveCommand` makes velocities drive the robot, for
 a limited time. `as NavigateTo` makes poses goals of the module that navigates. `as PoseStamped` leaves a
-covariance out. See `robbie_mp.bridge.arrivals`.
+covariance out. See `robbie_mp.bridge.arrivals`. A bridge may also know forms for what it sends, such as
+`PointsOfInterest: /places as MarkerArray`.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
@@ -113,11 +114,13 @@ class Outgoing(NamedTuple):
         pair: patterns for their type and topic.
         name: their name on the other side, which may contain `{topic}`.
         quality: how they are passed on.
+        becomes: name of the type that they become; "": they stay what they are.
     """
 
     pair: Pair
     name: str
     quality: Quality
+    becomes: str = ""
 
 
 class Incoming(NamedTuple):
@@ -144,10 +147,11 @@ class Incoming(NamedTuple):
 
 
 class SentAs(NamedTuple):
-    """Under which name, and how, messages of one type and topic leave the robot."""
+    """Under which name, and how, messages of one type and topic leave the robot, and what they become."""
 
     name: str
     quality: Quality
+    becomes: str = ""
 
 
 class BridgeMap:
@@ -158,6 +162,7 @@ class BridgeMap:
         accept: the setting of that name.
         namespace: comes before the names on the other side that do not begin with a slash.
         types: types that may come in; by default the stock types.
+        outgoing_forms: names of the types that messages may become when they leave the robot.
 
     Raises:
         MappingError: a line is wrong.
@@ -174,7 +179,9 @@ class BridgeMap:
         accept: Mapping[str, str],
         namespace: str = "",
         types: KnownTypes | None = None,
+        outgoing_forms: Collection[str] = (),
     ):
+        self._outgoing_forms = outgoing_forms
         self._namespace = namespace.strip("/")
         self._types = types or KnownTypes()
         self._names: dict[tuple[str, str], SentAs | None] = {}
@@ -222,7 +229,7 @@ class BridgeMap:
         for one in self.outgoing:
             if one.pair.matches(type_name, topic):
                 name = one.name.replace(TOPIC, other_name(topic) or snake_case(type_name))
-                return SentAs(name, one.quality)
+                return SentAs(name, one.quality, one.becomes)
         return None
 
     def absolute(self, name: str) -> str:
@@ -241,13 +248,20 @@ class BridgeMap:
         if not NAME.fullmatch(name.replace(TOPIC, "topic")):
             problems.append(f"{key!r}: {name!r} is not a name such as '/scan' or 'camera/{TOPIC}'")
             return None
+        words, becomes = words[1:], ""
+        if words[:1] == ["as"]:
+            becomes, words = " ".join(words[1:2]), words[2:]
+            if becomes not in self._outgoing_forms:
+                known = f"only {', '.join(self._outgoing_forms)}" if self._outgoing_forms else "nothing else"
+                problems.append(f"{key!r}: what this bridge sends can become {known}")
+                return None
         try:
-            quality = Quality.of(words[1:])
+            quality = Quality.of(words)
         except MappingError as error:
             problems.append(f"{key!r}: {error}")
             return None
         pair = Pair(type_pattern(patterns[0]), patterns[1] if len(patterns) == 2 else "*")
-        return Outgoing(pair, self.absolute(name), quality)
+        return Outgoing(pair, self.absolute(name), quality, becomes)
 
     def _incoming(self, key: str, text: str, problems: list[str]) -> Incoming | None:
         words = text.split()

@@ -1,6 +1,8 @@
 """The bridge to ROS 1: robot and ROS nodes hear each other, and neither needs the other."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from robbie_mp.bridge.arrivals import hand_over
 from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
@@ -10,6 +12,7 @@ from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.ros1.conversion import ConversionError, Ros1Type, ros1_type
+from robbie_mp.ros1.markers import MARKER_ARRAY, MARKERS, MarkerBook, can_be_markers
 from robbie_mp.ros1.process import RosAddress, RosProcess, Wish
 from robbie_mp.scene_graph.warn_once import WarnOnce
 from robbie_mp.transport.blocks import MessageTooLarge
@@ -28,6 +31,7 @@ class _Channel:
         self.quality = quality
         self.sequence = 0
         self.transforms: dict[str, TransformStamped] = {}
+        self.places: MarkerBook | None = None
 
 
 class Ros1Bridge(Module):
@@ -68,7 +72,8 @@ class Ros1Bridge(Module):
     def check(cls, settings: dict[str, object]) -> None:
         """Check what is sent and accepted."""
         try:
-            BridgeMap(settings["send"], settings["accept"], str(settings["namespace"]))  # type: ignore[arg-type]
+            given: Any = settings
+            BridgeMap(given["send"], given["accept"], given["namespace"], outgoing_forms=(MARKERS,))
         except MappingError as error:
             raise SettingError(str(error), "send") from error
         if not str(settings["node"]).isidentifier():
@@ -77,7 +82,7 @@ class Ros1Bridge(Module):
     def setup(self) -> None:
         """Start the ROS node, and subscribe."""
         self.surroundings = Surroundings.of(self.run_id, self.name, CLASS_PATH)
-        self.map = BridgeMap(self.send, self.accept, self.namespace, self.surroundings.types)
+        self.map = BridgeMap(self.send, self.accept, self.namespace, self.surroundings.types, (MARKERS,))
         self.warnings = WarnOnce(self.log)
         self.sent = self.unheard = self.accepted = self.refused = 0
         self._channels: dict[tuple[str, int, str], _Channel | None] = {}
@@ -146,8 +151,16 @@ class Ros1Bridge(Module):
         if message_type.version != version:
             self.warnings.say(f"{what} is not sent", f"version {version} is not {message_type.version}")
             return None
-        channel = _Channel(self._next_number(), ros1_type(message_type), found.quality)
-        wish = Wish(found.name, channel.kind, found.quality.is_latched, found.quality.depth)
+        if found.becomes == MARKERS and not can_be_markers(message_type):
+            self.warnings.say(f"{what} is not sent", "it has no places that could be markers")
+            return None
+        if found.becomes == MARKERS:  # each message has all markers, so that who comes later sees all
+            quality = replace(found.quality, is_latched=True)
+            channel = _Channel(self._next_number(), ros1_type(MARKER_ARRAY), quality)
+            channel.places = MarkerBook(message_type)
+        else:
+            channel = _Channel(self._next_number(), ros1_type(message_type), found.quality)
+        wish = Wish(found.name, channel.kind, channel.quality.is_latched, channel.quality.depth)
         self.ros.publish_on(channel.number, wish)
         return channel
 
@@ -185,11 +198,13 @@ class Ros1Bridge(Module):
 
 
 def _as_ros1_keeps_it(channel: _Channel, data: memoryview) -> bytes | memoryview | None:
-    """Return the message with transforms that fit ROS 1; other messages as they are; None: nothing is left.
+    """Return transforms that fit ROS 1, or places as markers; other messages as they are; None: nothing.
 
     ROS keeps only the last message of a latched topic, so that must have all fixed transforms so far. And it
     warns of every moving transform whose time it knows already, and ignores it.
     """
+    if channel.places is not None:
+        return channel.places.markers(bytes(data))
     if channel.kind.message_type is not TFMessage:
         return data
     known = channel.transforms

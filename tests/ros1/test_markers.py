@@ -1,0 +1,115 @@
+"""Victims and points of interest become markers, which rosbags reads as RViz of ROS 1 would."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from modules.rescue.messages import VictimFound
+from robbie_mp.messages import (
+    Header,
+    LaserScan,
+    Message,
+    Point,
+    PointOfInterest,
+    PointsOfInterest,
+    Pose,
+    message_type_from_schema,
+    schema_text,
+)
+from robbie_mp.module.harness import ModuleHarness
+from robbie_mp.module.settings import SettingError
+from robbie_mp.ros1.conversion import ros1_type
+from robbie_mp.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, can_be_markers
+from robbie_mp.ros1.ros_node import MESSAGE, pack
+from robbie_mp.services.ros1 import Ros1Bridge
+
+NOETIC = get_typestore(Stores.ROS1_NOETIC)
+NAME = "visualization_msgs/msg/MarkerArray"
+SPHERE, TEXT, DELETE_ALL = 2, 9, 3
+
+
+def places(*names: str, x: float = 1.0) -> PointsOfInterest:
+    points = [PointOfInterest(name=name, pose=Pose(position=Point(x=x, y=2.0))) for name in names]
+    return PointsOfInterest(header=Header(frame_id="map"), points=points)
+
+
+def victim(number: int, state: int) -> VictimFound:
+    pose = Pose(position=Point(x=float(number)))
+    return VictimFound(
+        header=Header(frame_id="map"), id=number, name=f"victim {number}", pose=pose, state=state
+    )
+
+
+def read(encoded: bytes) -> list[Any]:
+    """Read markers as ROS 1 does."""
+    array: Any = NOETIC.deserialize_ros1(ros1_type(MARKER_ARRAY).to_ros1(encoded), NAME)
+    return list(array.markers)
+
+
+@pytest.fixture
+def bridge() -> Iterator[ModuleHarness[Ros1Bridge]]:
+    send = {"PointsOfInterest": "/places as MarkerArray", "LaserScan": "/scan as MarkerArray"}
+    with ModuleHarness(Ros1Bridge, {"master": "http://127.0.0.1:1", "send": send}) as harness:
+        yield harness
+
+
+def test_type_is_that_of_ros1() -> None:
+    kind = ros1_type(MARKER_ARRAY)
+    assert (kind.name, kind.md5) == ("visualization_msgs/MarkerArray", NOETIC.generate_msgdef(NAME, 1)[1])
+
+
+def test_each_message_has_all_places_of_its_topic() -> None:
+    book = MarkerBook(PointsOfInterest)
+    clear, home, name, *rest = read(book.markers(places("home").encode()))
+    assert (clear.action, rest) == (DELETE_ALL, [])
+    assert (home.type, home.action, home.header.frame_id) == (SPHERE, 0, "map")
+    assert (home.pose.position.x, home.pose.position.y, home.color.a) == (1.0, 2.0, 1.0)
+    assert (name.type, name.text) == (TEXT, "home")
+    assert len({home.id, name.id}) == 2
+    assert [one.text for one in read(book.markers(places("door", "exit").encode()))[2::2]] == ["door", "exit"]
+
+
+@pytest.mark.parametrize("as_robot_knows_it", [False, True])
+def test_victims_are_kept_by_their_number_and_show_their_state(as_robot_knows_it: bool) -> None:
+    kind: type[Message] = VictimFound
+    if as_robot_knows_it:  # the bridge has no class of the robot's own types, only their definitions
+        kind = message_type_from_schema(VictimFound.type_name, schema_text(VictimFound))
+    book = MarkerBook(kind)
+    book.markers(victim(1, VictimFound.SUSPECTED).encode())
+    book.markers(victim(7, VictimFound.ASKED).encode())
+    _, first, first_name, second, second_name = read(book.markers(victim(1, VictimFound.CONFIRMED).encode()))
+    assert [first_name.text, second_name.text] == ["victim 1: confirmed", "victim 7: asked"]
+    assert first.color.g > first.color.r and second.color.r > second.color.g
+    assert second.pose.position.x == 7.0
+
+
+def test_places_beyond_the_limit_or_nowhere_are_left_out_and_counted() -> None:
+    book = MarkerBook(VictimFound)
+    for number in range(MAX_PLACES):
+        book._places[number] = []
+    book.markers(victim(MAX_PLACES, 0).encode())
+    assert book.left_out == 1
+    found = read(MarkerBook(PointsOfInterest).markers(places("lost", x=math.nan).encode()))
+    assert len(found) == 1
+
+
+def test_bridge_keeps_markers_for_those_who_come_later(bridge: ModuleHarness[Ros1Bridge]) -> None:
+    bridge.send(places("home"), sender="mission")
+    (channel,) = [one for one in bridge.module._channels.values() if one]
+    frame = bridge.module.ros._kept[channel.number][len(pack(MESSAGE, 0, b"")) :]
+    array: Any = NOETIC.deserialize_ros1(frame, NAME)
+    assert [one.text for one in array.markers] == ["", "", "home"]
+
+
+def test_what_has_no_place_is_not_sent(bridge: ModuleHarness[Ros1Bridge]) -> None:
+    bridge.send(LaserScan(), sender="laser")
+    assert bridge.module.refused == 1
+    assert can_be_markers(VictimFound) and not can_be_markers(LaserScan)
+
+
+def test_only_markers_can_be_made() -> None:
+    with pytest.raises(SettingError, match="can become only MarkerArray"):
+        ModuleHarness(Ros1Bridge, {"send": {"LaserScan": "/scan as PointCloud"}})

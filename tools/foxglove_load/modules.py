@@ -1,0 +1,27 @@
+"""The camera of the robot whose images the clients read."""
+
+import numpy as np
+
+from robbie_mp import Module
+from robbie_mp.messages import Image
+
+HEIGHT, WIDTH = 1000, 2000
+IMAGE_HZ = 10.0
+NAME = "image"
+"""The name of the images for clients: they have no topic, so it is that of their type."""
+
+
+class Camera(Module):
+    """Publishes images of 2 MB, 20 MB in a second."""
+
+    period_s = 1 / IMAGE_HZ
+
+    def setup(self) -> None:
+        """Make the image."""
+        self.picture = np.random.default_rng(1).integers(0, 256, HEIGHT * WIDTH, np.uint8)
+
+    def tick(self) -> None:
+        """Publish the image again."""
+        size = self.picture.size
+        with self.loan(Image, height=HEIGHT, width=WIDTH, encoding="mono8", step=WIDTH, data=size) as image:
+            np.copyto(image.data, self.picture)
