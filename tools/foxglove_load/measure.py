@@ -19,7 +19,7 @@ from tools.logger_load.measure import latency_of
 Result = dict[str, Any]
 
 WITHOUT, THREE, STOPPED = "without", "three", "stopped"
-CLIENTS = {WITHOUT: [], THREE: [[]] * 3, STOPPED: [["--stopped"]]}
+CLIENTS: dict[str, list[list[str]]] = {WITHOUT: [], THREE: [[]] * 3, STOPPED: [["--stopped"]]}
 """The options of the clients of each session."""
 CLIENT = Path(__file__).parent / "client.py"
 SERVER = "foxglove"
