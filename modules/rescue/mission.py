@@ -15,6 +15,7 @@ from modules.rescue.messages import (
     SearchedWalls,
     VictimFound,
 )
+from modules.team_messages import MapAlignment
 from robbie_mp import (
     CallError,
     CallRefused,
@@ -41,6 +42,7 @@ from robbie_mp.messages import (
     PointsOfInterest,
     PoseStamped,
 )
+from workers.planar_pose import compose
 from workers.rescue.look_around import LookAround
 from workers.rescue.mission import Mission
 from workers.rescue.mission_orders import OperatorOrder
@@ -51,6 +53,7 @@ from workers.rescue.rescue_report import MissionFigures, write_report
 from workers.rescue.victim_map import VictimState
 
 HOLDS = (MissionState.PAUSE, MissionState.DONE)
+SETTLED = (VictimState.CONFIRMED, VictimState.REJECTED)
 CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 TELL_S = 1.0
 """Period of the mission's status while it does not change."""
@@ -89,6 +92,7 @@ class RescueMission(Module):
     )
     clearance_m: float = setting(0.27, "distance of paths from obstacles; use navigation's", minimum=0.05)
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
+    team: list[str] = setting([], "other robots, whose searched walls and victims count, too")
     report_name: str = setting("rescue", "prefix of the names of the report's files")
     ends_after_s: float = setting(
         1.0, "time between the end of the mission and that of the module", minimum=0.0
@@ -121,12 +125,17 @@ class RescueMission(Module):
         self.mission.see_stopped(None)
         self.pan_rad = math.nan
         self.map: OccupancyGrid | None = None
+        self.team_maps: dict[str, NDArray[np.float64]] = {}
+        self.team_searched: dict[str, SearchedGrid] = {}
         self.frontiers = self.mission.frontiers
         self.told: tuple[str, list[OperatorOrder]] | None = None
         self.told_s = -math.inf
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
-        self.subscribe(SearchedWalls, self.on_searched, newest)
+        every = MessageHandling.ALWAYS_DELIVER
+        self.subscribe(SearchedWalls, self.on_searched, every if self.team else newest)
+        for robot in self.team:
+            self.subscribe(MapAlignment, self.on_alignment, topic=robot, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.serve(OrderMission, self.on_order)
         self.subscribe(VictimFound, self.on_victim)
@@ -139,8 +148,22 @@ class RescueMission(Module):
         self.mission.see_map(*map_cells(grid))
 
     def on_searched(self, grid: SearchedWalls) -> None:
-        """Pass the searched walls to the mission."""
-        self.mission.see_searched(SearchedGrid(*map_cells(grid)))
+        """Pass the searched walls to the mission; keep those of other robots, and add them."""
+        searched, robot = SearchedGrid(*map_cells(grid)), self.envelope.topic
+        if robot in self.team:
+            self.team_searched[robot] = searched.widened()
+            return
+        searched.of_others = tuple(
+            (walls, self.team_maps[one]) for one, walls in self.team_searched.items() if one in self.team_maps
+        )
+        self.mission.see_searched(searched)
+
+    def on_alignment(self, alignment: MapAlignment) -> None:
+        """Remember where another robot's map lies, as long as that is sure or known."""
+        if alignment.is_sure or alignment.is_known:
+            self.team_maps[alignment.robot] = np.array(planar(alignment.pose))
+        else:
+            self.team_maps.pop(alignment.robot, None)
 
     def on_pose(self, message: PoseStamped) -> None:
         """Pass the robot's pose to the mission."""
@@ -156,20 +179,28 @@ class RescueMission(Module):
         self.mission.limits.see_battery(battery.percentage)
 
     def on_victim(self, victim: VictimFound) -> None:
-        """Pass a report of a victim to the mission."""
-        position = victim.pose.position
+        """Pass a report of a victim to the mission; another robot's only if it needs no more views."""
+        robot, place, state = self.envelope.topic, np.array(planar(victim.pose)), VictimState(victim.state)
+        if robot in self.team:
+            if robot not in self.team_maps or state not in SETTLED:
+                return
+            place = compose(self.team_maps[robot], place)
+        x_m, y_m, facing_rad = place.tolist()
         report = VictimReport(
             id=victim.id,
             name=victim.name,
-            x_m=position.x,
-            y_m=position.y,
-            z_m=position.z,
-            facing_rad=victim.pose.orientation.yaw,
+            x_m=x_m,
+            y_m=y_m,
+            z_m=victim.pose.position.z,
+            facing_rad=facing_rad,
             found_s=victim.header.stamp.nanoseconds / 1e9,
             confidence=victim.confidence,
-            state=VictimState(victim.state),
+            state=state,
         )
-        self.mission.victims.see(report)
+        if robot in self.team:
+            self.mission.victims.settle(report)
+        else:
+            self.mission.victims.see(report)
 
     def on_order(self, order: OrderMission) -> OrderAccepted:
         """Carry out the operator's order at once, or say why it is refused."""

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 from workers.exploration.frontiers import Frontier, find_frontiers
 from workers.maps.navigation_grid import Cell, NavigationGrid
 from workers.navigation.path_planner import PathField
-from workers.planar_pose import wrap_angle
+from workers.planar_pose import rotate, wrap_angle
 from workers.rescue.mission_states import MissionSettings, MissionState
 from workers.rescue.search_views import search_views
 from workers.rescue.searched_walls import SEARCHED, WallFronts
@@ -34,6 +35,7 @@ VICTIM_FIRST_M = 2.0
 VICTIM_FROM_M = (0.6, 1.3)
 VICTIM_SLANT_RAD = 0.7
 REMEMBERED = 64
+MAPS_DIFFER_M = 0.1
 
 
 @dataclass(frozen=True)
@@ -227,9 +229,22 @@ class SearchedGrid:
         self.cells = cells
         self.resolution_m = resolution_m
         self.corner_xy_m = np.asarray(corner_xy_m, float)
+        self.of_others: tuple[tuple[SearchedGrid, Points], ...] = ()
+        """What other robots have searched, each with the pose of its map's frame in the map frame."""
+
+    def widened(self) -> "SearchedGrid":
+        """Return a grid in which cells around searched ones count, too: maps of robots differ a little."""
+        side = 2 * math.ceil(MAPS_DIFFER_M / self.resolution_m) + 1
+        return SearchedGrid(ndimage.maximum_filter(self.cells, side), self.resolution_m, self.corner_xy_m)
 
     def holds(self, points_m: Points) -> NDArray[np.bool_]:
-        """Return which of the points `(N, 2)`, m, map frame, were searched."""
+        """Return which of the points `(N, 2)`, m, map frame, were searched by this robot or another one."""
+        searched = self._holds(points_m)
+        for grid, pose in self.of_others:
+            searched |= grid.holds(rotate(-pose[2], points_m - pose[:2]))
+        return searched
+
+    def _holds(self, points_m: Points) -> NDArray[np.bool_]:
         column, row = np.floor((points_m - self.corner_xy_m) / self.resolution_m).astype(int).T
         inside = (row >= 0) & (row < self.cells.shape[0]) & (column >= 0) & (column < self.cells.shape[1])
         searched: NDArray[np.bool_] = inside & (

@@ -46,9 +46,22 @@ class MissionVictims:
     def __init__(self) -> None:
         self.reports: dict[int, VictimReport] = {}
         self._waited_for: set[int] = set()
+        self._settled: set[int] = set()
 
     def see(self, report: VictimReport) -> None:
         """Store a report of a victim, but keep the time when the victim was first found."""
+        if report.id in self._settled:
+            return
+        self._keep(report)
+
+    def settle(self, report: VictimReport) -> None:
+        """Store another robot's report of a victim that needs no more views: this robot need not see it."""
+        self._settled.add(report.id)
+        before = self.reports.get(report.id)
+        if before is None or before.state is not VictimState.CONFIRMED:
+            self._keep(report)
+
+    def _keep(self, report: VictimReport) -> None:
         before = self.reports.get(report.id)
         found_s = report.found_s if before is None else before.found_s
         self.reports[report.id] = VictimReport(**{**vars(report), "found_s": found_s})

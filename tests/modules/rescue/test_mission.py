@@ -13,6 +13,7 @@ from PIL import Image as Picture
 from modules.navigation import Navigation
 from modules.rescue.messages import MissionStatus, OrderMission, SearchedWalls, VictimFound
 from modules.rescue.mission import RescueMission
+from modules.team_messages import MapAlignment
 from robbie_mp import (
     Array,
     CallError,
@@ -43,6 +44,7 @@ from robbie_mp.messages import (
     PoseStamped,
     Quaternion,
     decode_version,
+    replace,
     schema_text,
 )
 from tests._support.present import present
@@ -51,6 +53,7 @@ from workers.exploration.frontiers import find_frontiers
 from workers.maps.navigation_grid import NavigationGrid
 from workers.rescue.mission_states import MissionState
 from workers.rescue.searched_walls import WallFronts, WallMemory
+from workers.rescue.victim_map import VictimState
 
 HALL = """
 ################
@@ -355,3 +358,57 @@ def test_restarted_module_continues_its_mission(robot: Robot) -> None:
         restarted.go_on(300.0)
         assert again.module.stop_requested
         assert restarted.pose[:2] == pytest.approx(START[:2])
+
+
+TEAM = {"team": ["blue"]}
+BLUE_MAP = MapAlignment(
+    robot="blue", pose=Pose(position=Point(x=1.0), orientation=Quaternion.from_yaw(math.pi))
+)
+
+
+def found(state: VictimState, x_m: float, victim: int = 7) -> VictimFound:
+    pose = Pose(position=Point(x=x_m, y=0.5, z=0.3), orientation=Quaternion.from_yaw(0.0))
+    return VictimFound(id=victim, name=f"tag {victim}", pose=pose, state=int(state))
+
+
+def test_victim_that_another_robot_has_confirmed_needs_no_visit() -> None:
+    with ModuleHarness(RescueMission, TEAM) as harness:
+        victims = harness.module.mission.victims
+        harness.send(found(VictimState.CONFIRMED, 3.0), topic="blue")
+        assert not victims.reports, "nobody knows where the map of blue lies"
+        harness.send(replace(BLUE_MAP, is_sure=True), topic="blue")
+        harness.send(found(VictimState.SUSPECTED, 3.0, victim=8), topic="blue")
+        harness.send(found(VictimState.CONFIRMED, 3.0), topic="blue")
+        harness.send(found(VictimState.SUSPECTED, -1.9))
+        (report,) = victims.reports.values()
+        assert (report.x_m, report.y_m) == pytest.approx((-2.0, -0.5))
+        assert report.state is VictimState.CONFIRMED
+        assert not victims.suspected
+
+
+def test_own_confirmed_victim_keeps_its_own_place() -> None:
+    with ModuleHarness(RescueMission, TEAM) as harness:
+        harness.send(replace(BLUE_MAP, is_known=True), topic="blue")
+        harness.send(found(VictimState.CONFIRMED, -1.9))
+        harness.send(found(VictimState.CONFIRMED, 3.0), topic="blue")
+        assert harness.module.mission.victims.reports[7].x_m == pytest.approx(-1.9)
+
+
+def test_walls_that_another_robot_has_searched_count_while_its_map_is_aligned() -> None:
+    nothing, everything = np.zeros(INFO.width * INFO.height, np.int8), np.full(CELLS.size, 100, np.int8)
+    moved = replace(
+        BLUE_MAP, pose=Pose(position=Point(x=0.5), orientation=Quaternion.from_yaw(0.0)), is_sure=True
+    )
+    with ModuleHarness(RescueMission, TEAM) as harness:
+        harness.send(SearchedWalls(info=INFO, data=everything), topic="blue")
+
+        def counts(x_m: float) -> bool:
+            harness.send(SearchedWalls(info=INFO, data=nothing))
+            return bool(present(harness.module.mission.searched).holds(np.array([[x_m, 1.0]]))[0])
+
+        assert not counts(1.0)
+        harness.send(moved, topic="blue")
+        assert counts(1.0)
+        assert not counts(0.3), "the map of blue begins at 0.5 m"
+        harness.send(replace(moved, is_sure=False), topic="blue")
+        assert not counts(1.0)
