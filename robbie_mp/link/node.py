@@ -24,6 +24,8 @@ class Offered(NamedTuple):
     stamp_ns: int
     is_latched: bool = False
     type_hash: int = 0
+    convert: Callable[[bytes], bytes] | None = None
+    """Makes of `data` what is sent, only if its turn comes."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,8 @@ class LinkNode:
         traffic = message.traffic
         number = self._numbers.setdefault((message.name, traffic), len(self._numbers))
         channel = peer.channel(number, message.name, traffic, message.type_hash)
-        peer.offer(traffic, Item(channel, message.data, message.stamp_ns, message.is_latched), now_ns)
+        item = Item(channel, message.data, message.stamp_ns, message.is_latched, message.convert)
+        peer.offer(traffic, item, now_ns)
 
     def _offer_latched(self, peer: Peer, message: Offered, now_ns: int) -> None:
         number = self._numbers.setdefault((message.name, message.traffic), len(self._numbers))

@@ -57,6 +57,8 @@ class Item:
     data: bytes
     stamp_ns: int
     is_latched: bool = False
+    convert: Callable[[bytes], bytes] | None = None
+    """Makes of `data` what is sent, when its turn has come."""
 
 
 @dataclass
@@ -201,6 +203,8 @@ class SendStream:
         self.waiting_bytes -= len(item.data)
         if self.traffic is TrafficClass.STATE:
             item.channel.not_before_ns = now_ns + self.limits.state_period_ns
+        if item.convert is not None:
+            item.data, item.convert = item.convert(item.data), None
         data, flags = item.data, LATCHED if item.is_latched else 0
         if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES:
             compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)

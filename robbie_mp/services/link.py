@@ -5,7 +5,10 @@ import math
 import secrets
 from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
+from importlib.util import find_spec
 from pathlib import Path
+
+import numpy as np
 
 from robbie_mp.capture.selection import Pair
 from robbie_mp.link.access import Access, AccessError, read_rules
@@ -22,7 +25,9 @@ from robbie_mp.link.sending import Limits
 from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, Wire, only_own_names
 from robbie_mp.messages import (
+    CompressedImage,
     DriveCommand,
+    Image,
     LinkChannel,
     LinkPeer,
     LinkState,
@@ -43,6 +48,7 @@ from robbie_mp.run.run_directory import list_runs
 from robbie_mp.transport import names
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.views.image_pixels import JPEG_ENCODINGS, NoPicture, jpeg, pixels_of
 
 CLASS_PATH = "robbie_mp.services.link:Link"
 STATE_NS = 1_000_000_000
@@ -90,6 +96,9 @@ class Link(Module):
         ["DriveCommand", "JointCommand", "PanTiltCommand", "PoseStamped goal"],
         "what is obeyed only from the operator who holds the command: a type, or a type and a topic",
     )
+    jpeg_quality: int = setting(
+        0, "of images in the class bulk, which are sent as JPEG; 0: as they are", minimum=0, maximum=95
+    )
     prefix_topics: bool = setting(False, "publish what comes from robot `red` on topics `red/…`")
     prefix_frames: bool = setting(
         False, "put `red/` before the names of frames in what comes from robot `red`; needs `prefix_topics`"
@@ -125,6 +134,8 @@ class Link(Module):
             read_commanding(commanding)
         except AccessError as error:
             raise SettingError(str(error), "commanding") from error
+        if settings["jpeg_quality"] and find_spec("PIL") is None:
+            raise SettingError("JPEG needs Pillow: run `pip install 'robbie-mp[robot]'`", "jpeg_quality")
         sent = _rules(settings["send"])
         unknown = [one for one, _ in sent if one.upper() not in TrafficClass.__members__ or not one.islower()]
         if unknown:
@@ -229,9 +240,29 @@ class Link(Module):
             offered = Offered(
                 name, traffic, bytes(message.data), envelope.published_ns, is_latched, type_hash
             )
+            if self.jpeg_quality and traffic is TrafficClass.BULK and name.type_name == Image.type_name:
+                offered = self._as_jpeg(offered)
             self.node.offer(offered, self.clock.monotonic_ns())
         if self.wire.something_waits:
             self._take_all()
+
+    def _as_jpeg(self, offered: Offered) -> Offered:
+        """Return an image as it is sent: as JPEG, if nothing but sharpness is lost."""
+        try:
+            image = Image.decode(offered.data)
+            is_picture = image.encoding in JPEG_ENCODINGS and pixels_of(image).size > 0
+        except (MessageError, NoPicture):
+            return offered
+        if not is_picture:
+            return offered
+        name = ChannelId(CompressedImage.type_name, CompressedImage.version, offered.name.topic)
+        type_hash = self._hash(name.type_name, name.version)
+        return offered._replace(name=name, type_hash=type_hash, convert=self._jpeg)
+
+    def _jpeg(self, data: bytes) -> bytes:
+        image = Image.decode(data)
+        picture = np.frombuffer(jpeg(image, self.jpeg_quality), np.uint8)
+        return CompressedImage(header=image.header, format="jpeg", data=picture).encode()
 
     def _classify(self, name: ChannelId) -> TrafficClass:
         self._find_latched()

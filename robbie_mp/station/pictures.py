@@ -4,38 +4,23 @@ The station notifies the page of a newer picture, and the page fetches it when i
 page with a slow link misses some pictures, and none queue up here.
 """
 
-import io
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic
 
-import numpy as np
 from nicegui import app
-from numpy.typing import NDArray
-from PIL import Image as PillowImage
 from starlette.responses import Response
 
-from robbie_mp.errors import RobbieError
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.module.envelope import MessageType
 from robbie_mp.station.latest import Latest
+from robbie_mp.views.image_pixels import NoPicture, jpeg
 
 JPEG_QUALITY = 80
 MAX_PIXELS = 1280
 """Maximum length of a picture's longer side. Larger pictures are scaled down."""
-BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
-"""Bytes per pixel of each supported encoding."""
 MEDIA_TYPES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
-
-
-class NoPicture(RobbieError, ValueError):
-    """A message cannot be shown.
-
-    Example scenarios:
-      - an image has an encoding that browsers cannot show, such as 16UC1
-      - an image has too few bytes for its rows and columns
-    """
 
 
 @dataclass(frozen=True)
@@ -103,37 +88,4 @@ def encode_image(message: Image | CompressedImage) -> Picture:
         if media_type is None:
             raise NoPicture(f"the format {message.format!r} is neither jpeg nor png")
         return Picture(data, media_type)
-    picture = PillowImage.fromarray(pixels_of(message))
-    picture.thumbnail((MAX_PIXELS, MAX_PIXELS), reducing_gap=1.0)
-    encoded = io.BytesIO()
-    picture.save(encoded, "JPEG", quality=JPEG_QUALITY)
-    return Picture(encoded.getvalue(), "image/jpeg")
-
-
-def pixels_of(message: Image) -> NDArray[np.uint8]:
-    """Return an image as `(rows, columns)` of grey or `(rows, columns, 3)` of red, green, blue; uint8.
-
-    In images of 16 bits, the darkest pixel becomes black and the brightest one white.
-
-    Raises:
-        NoPicture: it has another encoding, or is damaged.
-    """
-    size = BYTES.get(message.encoding)
-    if size is None:
-        known = ", ".join(BYTES)
-        raise NoPicture(f"images encoded as {message.encoding!r} are not shown; expected one of {known}")
-    rows, columns, step = message.height, message.width, message.step
-    if not rows or not columns or step < columns * size or len(message.data) != rows * step:
-        raise NoPicture(f"{columns} x {rows} pixels in rows of {step} do not fit {len(message.data)} bytes")
-    pixels = message.data.reshape(rows, step)[:, : columns * size]
-    if message.encoding == "mono16":
-        return _stretched(np.ascontiguousarray(pixels).view(">u2" if message.is_bigendian else "<u2"))
-    if size == 1:
-        return np.ascontiguousarray(pixels)
-    pixels = pixels.reshape(rows, columns, size)[:, :, :3]
-    return np.ascontiguousarray(pixels[:, :, ::-1] if message.encoding.startswith("bgr") else pixels)
-
-
-def _stretched(values: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    low, high = int(values.min()), int(values.max())
-    return ((values - low) * (255.0 / max(1, high - low))).astype(np.uint8)
+    return Picture(jpeg(message, JPEG_QUALITY, MAX_PIXELS), "image/jpeg")

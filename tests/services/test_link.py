@@ -1,5 +1,6 @@
 """The settings of a link, and a link alone."""
 
+import io
 import json
 import socket
 import subprocess
@@ -7,7 +8,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image as PillowImage
 
 from robbie_mp import Header, ModuleHarness, SettingError
 from robbie_mp.link.frames import prefixed
@@ -15,9 +18,10 @@ from robbie_mp.link.handshake import NotConnected, shake_hands
 from robbie_mp.link.header import ChannelId
 from robbie_mp.link.keys import Keys
 from robbie_mp.link.receiving import Arrived, Fate
+from robbie_mp.link.sending import Item
 from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, open_session
-from robbie_mp.messages import LinkState, Message, Odometry, String
+from robbie_mp.messages import CompressedImage, Image, LinkState, Message, Odometry, String, replace
 from robbie_mp.services.link import Link
 
 LINK_ALONE = """
@@ -63,6 +67,43 @@ def test_a_link_alone_shows_its_state() -> None:
         state = harness.take(LinkState)[-1]
         assert state.robot == "red"
         assert state.peers == []
+
+
+def bulk_of(harness: ModuleHarness[Link], image: Image) -> Item:
+    """The item as which a link sends an image to robot `blue`."""
+    harness.send_encoded(image.type_name, image.version, image.encode(), topic="front")
+    (item,) = harness.module.node.peers["blue"].streams[TrafficClass.BULK].waiting.values()
+    return item
+
+
+JPEG = {"robot": "red", "listen": [], "robots": ["blue"], "send": {"bulk": ["Image"]}, "jpeg_quality": 90}
+
+
+def test_images_are_sent_as_jpeg_made_only_when_their_turn_has_come() -> None:
+    ramp = np.tile(np.repeat(np.arange(120, dtype=np.uint8), 3), 120)
+    camera = Header(frame_id="camera")
+    image = Image(header=camera, height=120, width=120, encoding="rgb8", step=360, data=ramp)
+    with ModuleHarness(Link, JPEG) as harness:
+        item = bulk_of(harness, image)
+        assert item.channel.name == (CompressedImage.type_name, CompressedImage.version, "front")
+        assert item.data == image.encode()
+        assert harness.module.node.peers["blue"].streams[TrafficClass.BULK].send_next(0)
+        sent = CompressedImage.decode(item.data)
+    assert (sent.header.frame_id, sent.format) == ("camera", "jpeg")
+    assert len(item.data) < len(image.encode()) / 2
+    shown = np.asarray(PillowImage.open(io.BytesIO(sent.data.tobytes())))
+    assert np.abs(shown.astype(int) - ramp.reshape(120, 120, 3)).max() < 12
+
+
+@pytest.mark.parametrize("changed", [{"encoding": "16UC1", "width": 60}, {"height": 9}, {"encoding": "odd"}])
+def test_images_that_jpeg_would_spoil_are_sent_as_they_are(changed: dict[str, Any]) -> None:
+    image = Image(height=8, width=120, encoding="mono8", step=120, data=np.zeros(960, np.uint8))
+    image = replace(image, **changed)
+    with ModuleHarness(Link, JPEG) as harness:
+        item = bulk_of(harness, image)
+        assert item.channel.name.type_name == Image.type_name
+        assert harness.module.node.peers["blue"].streams[TrafficClass.BULK].send_next(0)
+        assert item.data == image.encode()
 
 
 def test_link_with_keys_lets_only_trusted_robots_connect(tmp_path: Path) -> None:

@@ -57,6 +57,7 @@ TRIALS = [
     Trial("2 % loss", Conditions(20e6, loss=0.02, delay_s=0.005)),
     Trial("20 % loss", Conditions(20e6, loss=0.2, delay_s=0.005)),
     Trial("5 Mbit/s", Conditions(5e6, delay_s=0.005)),
+    Trial("5 Mbit/s, 50 ms each way", Conditions(5e6, delay_s=0.05)),
     Trial("100 ± 50 ms each way", Conditions(20e6, delay_s=0.1, jitter_s=0.05)),
     Trial("10 s without network", GOOD, cut_s=10.0),
     Trial("flapping: 2 s up, 1 s down", GOOD, flapping_s=(2.0, 1.0)),
