@@ -33,6 +33,9 @@ MOST_PICTURE_CELLS = 25_000_000
 class Mapping(Module):
     """Feeds the mapper every odometry message and every scan, and publishes map and pose.
 
+    The pose goes to `map_pose`. While scans do not fit the map, as after a slip of odometry, it goes to
+    `map_pose_guess`: do not drive by it.
+
     On an ordered stop the module writes `map.png` (a picture), `map.yaml` with `map.pgm` (the map in the
     format of ROS's map_server), `trajectory.txt` (lines of `t x y theta`: s, m, m, rad; map frame) and
     `mapping.json` (counters).
@@ -88,11 +91,12 @@ class Mapping(Module):
             self.mapper.laser_pose = mount
 
     def on_odometry(self, odometry: Odometry) -> None:
-        """Add wheel odometry and publish the robot's pose on the map."""
+        """Add wheel odometry and publish the robot's pose on the map, or its guess if scans do not fit."""
         self.odometry_messages += 1
         self.mapper.add_odometry(odometry.header.stamp.nanoseconds / 1e9, planar(odometry.pose.pose))
         header = Header(stamp=odometry.header.stamp, frame_id="map")
-        self.publish(pose_stamped(self.mapper.pose, header), topic="map_pose")
+        topic = "map_pose" if self.mapper.is_certain else "map_pose_guess"
+        self.publish(pose_stamped(self.mapper.pose, header), topic=topic)
 
     def on_scan(self, scan: LaserScan) -> None:
         """Add a scan."""
@@ -134,6 +138,10 @@ class Mapping(Module):
             f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "
             f"map {cells.shape[1]}x{cells.shape[0]}"
         )
+        if self.mapper.slips_noticed:
+            self.status += f", {self.mapper.slips_noticed} slips"
+        if not self.mapper.is_certain:
+            self.status += ", LOST"
         height, width = self.mapper.known_cells
         if cells.shape != (height, width):
             self.status += f" of {width}x{height}"
@@ -196,6 +204,8 @@ class Mapping(Module):
             "loops_closed": self.mapper.loops_closed,
             "refused": dict(self.mapper.refused),
             "thinned": self.mapper.thinned,
+            "slips_noticed": self.mapper.slips_noticed,
+            "slips_not_undone": self.mapper.slips_not_undone,
             "map": {
                 "width_cells": known.shape[1],
                 "height_cells": known.shape[0],

@@ -21,7 +21,9 @@ from workers.mapping.loop_closing import LoopCloser
 from workers.mapping.map_renderer import MapRenderer
 from workers.mapping.occupancy_grid import OccupancyGrid
 from workers.mapping.redundancy import redundant
-from workers.mapping.scan_tracker import ScanTracker
+from workers.mapping.scan_matcher import Match
+from workers.mapping.scan_tracker import ScanTracker, odometry_deviation
+from workers.mapping.slip_watch import SlipWatch
 from workers.odometry_track import OdometryTrack, Place
 from workers.planar_pose import compose, relative, rotated_information
 from workers.row_log import RowLog
@@ -89,6 +91,7 @@ class GridMapper:
         self.thinned = 0
         self._keys = KeySweeps()
         self._tracker = ScanTracker(self._keys)
+        self._slips = SlipWatch(self._keys)
         self._closer = LoopCloser(self._keys)
         self._renderer = MapRenderer(self._keys, OccupancyGrid(resolution_m, self.limits.cells))
         self._odometry = OdometryTrack(self.limits.odometry)
@@ -194,6 +197,21 @@ class GridMapper:
         return self._closer.closed
 
     @property
+    def slips_noticed(self) -> int:
+        """Number of times that odometry was far from what the laser saw."""
+        return self._slips.noticed
+
+    @property
+    def slips_not_undone(self) -> int:
+        """Number of slips after which the robot was not found in its map: the map may be bent there."""
+        return self._slips.not_undone
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the newest sweep fitted the map. If not, `pose` is only odometry's guess."""
+        return not self._slips.lost
+
+    @property
     def key_sweeps(self) -> int:
         """Number of key sweeps in the map."""
         return len(self._keys)
@@ -213,6 +231,8 @@ class GridMapper:
             "anchors": self._anchors.state(),
             "keys": self._keys.state(),
             "loops": self._closer.state(),
+            "slips": self._slips.state(),
+            "tracked_from_m": self._tracker.begin_m,
             "map": self._renderer.state(),
             "waiting": [
                 {"stamp_s": one.stamp_s, "arrival": one.arrival, "sweep": one.sweep.state()}
@@ -230,6 +250,8 @@ class GridMapper:
         mapper._anchors.restore(state["anchors"])
         mapper._keys.restore(state["keys"])
         mapper._closer.restore(state["loops"])
+        mapper._slips.restore(state["slips"])
+        mapper._tracker.begin(float(state["tracked_from_m"]))
         mapper._renderer.restore(state["map"])
         for one in state["waiting"]:
             sweep = LaserSweep.from_state(one["sweep"])
@@ -265,7 +287,9 @@ class GridMapper:
         if len(self._keys) >= self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
-        match = self._tracker.match(sweep, self._corrected(last), step)
+        match = self._checked_match(sweep, self._corrected(last), step)
+        if match is None:
+            return
         base = len(self._keys) - 1
         offset = relative(self._keys.poses[base], match.pose)
         if np.hypot(offset[0], offset[1]) < KEY_M and abs(offset[2]) < KEY_RAD:
@@ -277,6 +301,23 @@ class GridMapper:
         self._anchor(place, odometry, key, NOWHERE)
         self._closer.look()
         self._tracker.forget()
+
+    def _checked_match(
+        self, sweep: LaserSweep, before: NDArray[np.float64], step: NDArray[np.float64]
+    ) -> Match | None:
+        """Match a sweep. Return None if it does not fit the map, as after a slip of odometry."""
+        guess, given_up = compose(before, step), self._slips.not_undone
+        match = self._slips.checked(
+            sweep,
+            guess,
+            odometry_deviation(step),
+            self._tracker.match(sweep, before, step),
+            self._tracker.reference(),
+        )
+        if self._slips.not_undone > given_up:
+            apart = np.hypot(*(guess - self._keys.poses[-1])[:2])
+            self._tracker.begin(self._keys.travelled_m[-1] + apart - 1e-6)
+        return match
 
     def _thin(self) -> None:
         """Make room by removing redundant key sweeps."""

@@ -12,6 +12,7 @@ from workers.planar_pose import transform_points, wrap_angle
 
 MOVED_CELLS = 0.5
 MOVED_RAD = 0.005
+MOVES_SHARE = 0.04  # of an update: each closed loop moves most of a large map a little
 
 
 class MapRenderer:
@@ -32,7 +33,12 @@ class MapRenderer:
         self._refused = np.zeros(0, dtype=bool)  # the grid was full
 
     def update(self, most: int | None = None) -> None:
-        """Draw the new sweeps, and redraw those that have moved: at most `most`, the newest first."""
+        """Draw the new sweeps, and redraw those that have moved.
+
+        Args:
+            most: Maximum number of new sweeps to draw. The maximum number of moved ones is much smaller.
+                Those nearest to the newest sweep come first.
+        """
         poses = self._keys.poses
         missing = len(poses) - len(self._drawn)
         self._drawn = np.concatenate([self._drawn, np.full((missing, 3), np.nan)])
@@ -44,9 +50,16 @@ class MapRenderer:
             np.abs(off[:, 2]) < MOVED_RAD
         )
         every = np.flatnonzero(~(still & self._on_grid))
-        # Sweeps that the full grid has refused come last, so that they do not keep the others waiting.
-        every = every[np.argsort(~self._refused[every], kind="stable")]
-        waiting, changed = (every[:0], every) if most is None else (every[:-most], np.sort(every[-most:]))
+        waiting, changed = every[:0], every
+        if most is not None and len(every):
+            apart = np.hypot(*(poses[every] - poses[-1])[:, :2].T)
+            # Sweeps that the full grid has refused come last, so that they do not keep the others waiting.
+            every = every[np.lexsort((apart, self._refused[every]))]
+            moved = self._on_grid[every]
+            chosen = np.where(
+                moved, np.cumsum(moved) <= max(1, round(MOVES_SHARE * most)), np.cumsum(~moved) <= most
+            )
+            waiting, changed = every[~chosen], np.sort(every[chosen])
         for number in changed[self._on_grid[changed]].tolist():
             self._erase(number)
         for number in changed.tolist():

@@ -32,6 +32,23 @@ class ScanTracker:
     def __init__(self, keys: KeySweeps) -> None:
         self._keys = keys
         self._reference: tuple[ScoreField, ScanMatcher] | None = None
+        self._begin_m = -np.inf
+
+    @property
+    def begin_m(self) -> float:
+        """Travel at which the reference begins: sweeps before it are not matched."""
+        return self._begin_m
+
+    def begin(self, travelled_m: float) -> None:
+        """Match only the sweeps taken from this travel on, because the robot is lost on the map before it."""
+        self._begin_m = travelled_m
+        self.forget()
+
+    def reference(self) -> list[int]:
+        """Return the numbers of the key sweeps that the next sweep is matched against, newest first."""
+        travelled = self._keys.travelled_m
+        near = np.flatnonzero(travelled >= max(travelled[-1] - BACK_M, self._begin_m))[::-1]
+        return self._keys.spaced(near, MOST_SWEEPS)
 
     def forget(self) -> None:
         """Choose new reference sweeps for the next match, because the map has changed."""
@@ -66,9 +83,7 @@ class ScanTracker:
 
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:
-            travelled = self._keys.travelled_m
-            near = np.flatnonzero(travelled >= travelled[-1] - BACK_M)[::-1]
-            surfaces = self._keys.surfaces(self._keys.spaced(near, MOST_SWEEPS))
+            surfaces = self._keys.surfaces(self.reference())
             field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, MOST_REACH_M)
             self._reference = field, ScanMatcher(surfaces)
         return self._reference

@@ -1,0 +1,83 @@
+"""A slip of odometry is noticed and undone, and a robot that is lost on its map says so."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
+from tools.slip_trials import SLIP_M, SLIP_RAD, trial
+from workers.mapping.grid_mapper import GridMapper
+from workers.mapping.slip_watch import MOST_LOST
+from workers.planar_pose import compose, relative
+
+BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
+SWEEP_STEPS = 10
+
+
+def run(
+    mapper: GridMapper, drive: Drive, begin: int, end: int, slip: tuple[float, float, float]
+) -> GridMapper:
+    """Drive. From `begin` on, odometry includes a motion that has not happened."""
+    slipped = compose(drive.odometry[begin, 1:], slip)
+    for number in range(begin, end):
+        stamp = drive.odometry[number, 0]
+        odometry = compose(slipped, relative(drive.odometry[begin, 1:], drive.odometry[number, 1:]))
+        mapper.add_odometry(stamp, odometry)
+        if number % SWEEP_STEPS == 0:
+            mapper.add_scan(stamp, measure(drive.true_at(stamp), np.random.default_rng(number)), *BEAMS)
+    return mapper
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return Drive.around_the_pillar(11.0)
+
+
+@pytest.fixture(scope="module")
+def mapped(drive: Drive) -> GridMapper:
+    return run(GridMapper(), drive, 0, 400, (0, 0, 0))
+
+
+@pytest.mark.parametrize("slip", [(SLIP_M, 0, SLIP_RAD), (-0.7, 0.7, -SLIP_RAD)])
+def test_slip_of_odometry_is_noticed_and_undone(
+    drive: Drive, mapped: GridMapper, slip: tuple[float, float, float]
+) -> None:
+    assert not mapped.slips_noticed
+    mapper = run(GridMapper.from_state(deepcopy(mapped.state())), drive, 400, 501, slip)
+    assert (mapper.slips_noticed, mapper.slips_not_undone) == (1, 0)
+    assert mapper.is_certain
+    error = relative(drive.true[:501, 1:], mapper.trajectory()[:, 1:])
+    off_m = np.hypot(error[:, 0], error[:, 1])
+    assert off_m[-80:].max() < 0.06
+    assert off_m.max() < 0.15  # between the slip and the next sweep, too
+
+
+def test_lost_robot_says_so_and_continues_with_a_new_part_of_the_map(
+    drive: Drive, mapped: GridMapper
+) -> None:
+    mapper = GridMapper.from_state(deepcopy(mapped.state()))
+    place, stamp_s = compose(drive.odometry[400, 1:], [0.1, 0, 0]), 200.0
+    elsewhere = np.where(np.arange(180) % 90 < 45, 0.6, 0.9) + 0.002 * np.arange(180)
+    mapper.add_odometry(stamp_s, place)
+    for number in range(MOST_LOST):
+        assert mapper.is_certain == (number == 0)
+        mapper.add_scan(stamp_s, elsewhere, *BEAMS)
+        stamp_s += 0.2
+        mapper.add_odometry(stamp_s, place)
+    keys = mapper.key_sweeps
+    restored = GridMapper.from_state(deepcopy(mapper.state()))
+    assert not restored.is_certain
+    for one in (mapper, restored):
+        one.add_scan(stamp_s, elsewhere, *BEAMS)
+        assert (one.is_certain, one.slips_not_undone, one.key_sweeps) == (True, 1, keys + 1)
+        one.add_odometry(stamp_s + 0.2, compose(place, [0.06, 0, 0]))
+        one.add_scan(stamp_s + 0.2, elsewhere, *BEAMS)
+        assert one.is_certain
+
+
+@pytest.mark.slow
+def test_trial_notices_a_slip_in_a_random_building() -> None:
+    building = trial(0, slips=1, before_m=6.0, after_m=1.0)
+    assert building.false_alarms == 0
+    assert building.slips[0].is_good
