@@ -150,7 +150,8 @@ class Ros2Bridge(Module):
         self._channels: dict[tuple[str, int, str], Channel | None] = {}
         self._named: set[str] = set()
         self._shown_at_ns = 0
-        self.log.addFilter(LogLimit())
+        self._log_limit = LogLimit()
+        self.log.addFilter(self._log_limit)
         self._run_clock = RunClock.attach(self.run_id) if around.has_own_clock else None
         self._is_described = self.urdf is None
         settings = {"send": self.send, "accept": self.accept}
@@ -225,6 +226,7 @@ class Ros2Bridge(Module):
 
     def teardown(self) -> None:
         """Leave ROS 2."""
+        self.log.removeFilter(self._log_limit)
         self.side.close()
         if self._run_clock is not None:
             self._run_clock.close()

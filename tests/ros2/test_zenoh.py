@@ -266,6 +266,13 @@ def test_what_another_bridge_has_published_is_not_sent_back() -> None:
         assert (bridge.module.sent, bridge.module.withheld) == (0, 1)
 
 
+def test_bridge_that_has_ended_limits_no_log() -> None:
+    with ModuleHarness(Ros2Bridge, {**SETTINGS, "connect": []}) as bridge:
+        log = bridge.module.log
+        assert log.filters
+    assert not log.filters
+
+
 @pytest.mark.parametrize(
     ("settings", "problem"),
     [
