@@ -2,10 +2,8 @@
 
 from typing import Final, NamedTuple
 
-from robbie_mp.bridge.mapping import Quality
 from robbie_mp.messages import Message
 from robbie_mp.messages.schema_parser import message_type_from_schema
-from robbie_mp.ros2.side import Channel
 from robbie_mp.ros2.type_hash import FILLER, service_hash
 
 HEADER: Final = "uint64 guid\nint64 seq\n"
@@ -29,10 +27,6 @@ class ServiceType(NamedTuple):
     response: type[Message]
     over_dds: tuple[type[Message], type[Message]]
     type_hash: str
-
-    def channel(self, name: str) -> Channel:
-        """Return the channel of a service: a service of rmw_zenoh has a key and a token as a topic has."""
-        return Channel(name, self.name, self.type_hash, Quality())
 
 
 def service_type(name: str, definition: str, **nested: str) -> ServiceType:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from robbie_mp.bridge.mapping import Quality
 from robbie_mp.link.wire import Endpoints, LinkUnavailable, open_session
 from robbie_mp.ros2.side import Channel, Inbox, NodeName, ReusedMemory, Ros2Unavailable
 from robbie_mp.ros2.tokens import (
@@ -139,7 +140,8 @@ class ZenohSide:
 
     def serve(self, name: str, service: "ServiceType") -> None:
         """Offer a service. Its queryable is complete, because nodes ask no other ones."""
-        channel = service.channel(name)
+        # A service of rmw_zenoh has a key and a token as a topic has.
+        channel = Channel(name, service.name, service.type_hash, Quality())
         key = data_key(self.node.domain, channel)
 
         def on_query(query: "zenoh.Query") -> None:
