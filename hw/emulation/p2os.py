@@ -110,13 +110,13 @@ class EmulatedPioneer(EmulatedDevice):
         self._move(now_s)
         if not self.is_open:
             return None
-        if now_s - self._heard_s > self.base.watchdog_s and any(self.velocity):
+        if now_s - self._heard_s >= self.base.watchdog_s and any(self.velocity):
             self.velocity = (0.0, 0.0)
             self.watchdog_stops += 1
         if now_s >= self._next_s:
             self._send(self._report())
             self._next_s = max(self._next_s + SIP_PERIOD_S, now_s)
-        return self._next_s
+        return min(self._next_s, self._heard_s + self.base.watchdog_s) if any(self.velocity) else self._next_s
 
     def _obey(self, command: int, body: bytes) -> None:
         if not self.is_open:

@@ -1,0 +1,54 @@
+"""The robot's pan-tilt unit, if it is a PTU of FLIR or Directed Perception."""
+
+import numpy as np
+
+from hw.flir.ptu import BIT_RATE, FlirPanTilt
+from hw.pan_tilt import PanTiltError, PanTiltState
+from modules.devices.pluggable import PluggableDeviceModule
+from robbie_mp import Header, Time, setting
+from robbie_mp.messages import JointState, PanTiltCommand
+
+
+class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):
+    """A PTU on a serial line: follows `PanTiltCommand`, publishes `JointState` on topic `pan_tilt`.
+
+    The joints are `pan` and `tilt`. Also publishes `DeviceState`, on a topic named after the module.
+    """
+
+    # Commands wait for the end of a look at the device.
+    wait_s = 0.0
+
+    bit_rate: int = setting(BIT_RATE, "bit/s of the unit's line", minimum=600)
+    rate_rad_per_s: float = setting(1.0, "speed of each joint", minimum=0.01)
+
+    def setup(self) -> None:
+        """Create the driver."""
+        super().setup()
+        assert isinstance(self.device, FlirPanTilt)
+        self.unit = self.device
+        self.subscribe(PanTiltCommand, self.on_command, optional=True)
+
+    def open_device(self) -> FlirPanTilt:
+        """Return the driver."""
+        return FlirPanTilt(
+            self.url, self.rate_rad_per_s, self.bit_rate, clock=self.time_s, silence_s=self.silence_s
+        )
+
+    def on_command(self, command: PanTiltCommand) -> None:
+        """Start moving to a direction."""
+        try:
+            self.unit.look(command.pan_rad, command.tilt_rad)
+        except PanTiltError as error:
+            self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
+
+    def on_value(self, value: PanTiltState) -> None:
+        """Publish the direction."""
+        self.publish(
+            JointState(
+                header=Header(stamp=Time.from_nanoseconds(round(value.stamp_s * 1e9))),
+                name=["pan", "tilt"],
+                position=np.array([value.pan_rad, value.tilt_rad]),
+                velocity=np.array([value.pan_rad_per_s, value.tilt_rad_per_s]),
+            ),
+            topic="pan_tilt",
+        )

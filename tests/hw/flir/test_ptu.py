@@ -1,0 +1,94 @@
+"""The driver of a pan-tilt unit turns an emulated one, which answers as in the manual's dialogues."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.faults import Faults
+from hw.emulation.line import EmulatedLine
+from hw.emulation.ptu import EmulatedPtu
+from hw.flir.ptu import FlirPanTilt
+from hw.pan_tilt import PanTiltError, PanTiltState
+from modules.devices.flir import FlirPanTiltModule
+from robbie_mp import ModuleHarness
+from robbie_mp.messages import JointState, PanTiltCommand
+
+LIMIT_S = 20.0
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[EmulatedLine]:
+    with EmulatedLine(EmulatedPtu(), PseudoTerminal(tmp_path / "unit")) as made:
+        yield made
+
+
+def until(unit: FlirPanTilt, is_reached: Callable[[PanTiltState], bool]) -> PanTiltState:
+    """Wait until the unit tells a direction as it should be, and return it."""
+    give_up_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < give_up_s:
+        for state in unit.poll(0.05):
+            if is_reached(state):
+                return state
+    raise AssertionError(f"not reached: {unit.reason}")
+
+
+@pytest.mark.parametrize(
+    ("asked", "answer"),
+    [
+        ("PP ", "* Current Pan position is 0"),
+        ("FT PP ", "*\r\n* 0"),
+        ("PN ", "* Minimum Pan position is -3090"),
+        ("FT TX ", "*\r\n* 604"),
+        ("PP3200 ", "! Maximum allowable Pan position is 3090"),
+        ("PR ", "* 185.1428 seconds arc per Pan position"),
+    ],
+)
+def test_emulated_unit_answers_as_in_the_manual(asked: str, answer: str) -> None:
+    unit = EmulatedPtu()
+    unit.receive(b"ED ")
+    unit.taken()
+    unit.receive(asked.encode())
+    assert b"".join(unit.taken()).decode() == answer + "\r\n"
+
+
+def test_unit_turns_to_a_direction_within_its_limits(line: EmulatedLine) -> None:
+    with closing(FlirPanTilt(line.url, 2.0)) as unit:
+        until(unit, lambda _: True)
+        step = math.radians(185.1428 / 3600)
+        assert unit.limits.pan_rad == pytest.approx(3090 * step)
+        assert (unit.limits.tilt_up_rad, unit.limits.tilt_down_rad) == pytest.approx((604 * step, 907 * step))
+        unit.look(0.5, 9.0)
+        until(unit, lambda state: abs(state.pan_rad - 0.5) < step and abs(state.tilt_rad - 907 * step) < step)
+        assert unit.refused == 0 and unit.read().pan_rad == pytest.approx(0.5, abs=step)
+        with pytest.raises(PanTiltError):
+            unit.look(math.nan, 0.0)
+
+
+def test_replugged_unit_goes_on_in_spite_of_damage(line: EmulatedLine) -> None:
+    with closing(FlirPanTilt(line.url, silence_s=10.0)) as unit:
+        until(unit, lambda _: True)
+        line.unplug()
+        while unit.is_connected:
+            unit.poll(0.05)
+        line.plug_in()
+        until(unit, lambda _: True)
+        line.faults = Faults(cut_share=0.1)
+        for _ in range(5):
+            assert abs(until(unit, lambda _: True).pan_rad) < 0.01
+
+
+def test_module_follows_commands_and_tells_the_direction(line: EmulatedLine) -> None:
+    settings = {"port": line.url, "silence_s": 10.0}
+    with ModuleHarness(FlirPanTiltModule, settings, name="pan_tilt") as unit:
+        unit.advance(0.01)
+        unit.send(PanTiltCommand(pan_rad=0.1, tilt_rad=0.1))
+        unit.send(PanTiltCommand(pan_rad=math.nan))
+        give_up_s = time.monotonic() + LIMIT_S
+        while not any(abs(state.position[0] - 0.1) < 0.001 for state in unit.take(JointState)):
+            assert time.monotonic() < give_up_s
+            unit.advance(0.01)
