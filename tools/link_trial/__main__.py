@@ -14,8 +14,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from tools.bench.machine import describe_machine
-from tools.link_trial.conditions import TRIALS, Figures, Trial, cut_while_driving, run_trial
-from tools.link_trial.pair import linked_pair
+from tools.link_trial.conditions import TRIALS, Figures, Trial, cut_while_driving, operate, run_trial
+from tools.link_trial.pair import linked_pair, operated_pair
 from tools.test_network.network import Network, NoTestNetwork
 
 MAX_STOP_S = 0.4
@@ -42,6 +42,7 @@ def main() -> int:
     parser.add_argument("--only", metavar="WORD", help="only conditions whose title has this word")
     parser.add_argument("--cuts", type=int, default=50, help="number of cuts while driving (50)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments of the cuts (0)")
+    parser.add_argument("--operator", action="store_true", help="measure only what an operator has")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args()
     trials = [one for one in TRIALS if options.only is None or options.only in one.title]
@@ -50,6 +51,10 @@ def main() -> int:
             Network("robot", "laptop") as network,
             tempfile.TemporaryDirectory(prefix="robbie-link-") as folder,
         ):
+            if options.operator:
+                with operated_pair(Path(folder), network) as pair:
+                    print(operate(pair, options.seconds))
+                return 0
             return _run(network, Path(folder), trials, options)
     except NoTestNetwork as error:
         print(f"not measured: {error}", file=sys.stderr)

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tools.link_trial.pair import PERIODS_S, Pair, Received
+from tools.link_trial.pair import PERIODS_S, SEEN_S, Pair, Received
 from tools.test_network.network import PERFECT, Conditions
 
 SETTLE_S = 3.0
@@ -211,3 +211,32 @@ def cut_while_driving(pair: Pair, count: int, seed: int = 0) -> Stops:
         stops.times_s.append(max(0.0, last - cut_s))
         stops.by_itself += sum(mended_s <= one.at_s < held_s for one in commands)
     return stops
+
+
+OPERATED = Conditions(5e6, delay_s=0.05)
+
+
+def operate(pair: Pair, duration_s: float) -> str:
+    """Drive a robot with a camera and a map over a slow network; return what its operator has.
+
+    Args:
+        pair: from `operated_pair`.
+        duration_s: length of the measurement.
+    """
+    pair.network.set(OPERATED)
+    time.sleep(SETTLE_S)
+    began_s = time.monotonic()
+    time.sleep(duration_s)
+    ended_s = time.monotonic()
+    pair.network.set(PERFECT)
+    lines = []
+    for topic in ("manual", *SEEN_S):
+        found = [one for one in pair.received(topic) if began_s <= one.at_s < ended_s]
+        late = [one.latency_s * 1e3 for one in found] or [math.nan]
+        p50, p99 = np.percentile(late, [50, 99])
+        age = _greatest_age_s(pair.received(topic), began_s, ended_s)
+        lines.append(
+            f"{topic}: {len(found) / duration_s:.1f}/s, p50 {p50:.0f}, p99 {p99:.0f} ms, "
+            f"at most {age:.2f} s old"
+        )
+    return "\n".join(lines)

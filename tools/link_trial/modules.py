@@ -8,7 +8,15 @@ import time
 import numpy as np
 
 from robbie_mp import Duration, Header, Message, Module, Time, setting
-from robbie_mp.messages import DriveCommand, LinkState
+from robbie_mp.messages import (
+    CompressedImage,
+    DriveCommand,
+    Image,
+    LinkState,
+    MapMetaData,
+    OccupancyGrid,
+    Odometry,
+)
 from robbie_mp.messages.primitives import Array, int64, uint8, uint64
 from tools.kill_campaign.journal import Journal
 
@@ -56,6 +64,61 @@ class Speaker(Module):
             probe = Probe(number=number, sent_ns=time.monotonic_ns(), payload=self.payloads[topic])
             self.journal.note(SENT, topic, number)
             self.publish(probe, topic=topic)
+
+
+class Scout(Module):
+    """What an operator looks at: a camera that moves, a map that grows, and where the robot is."""
+
+    period_s = 0.01
+    periods_s: dict[str, float] = setting({}, "time between two messages, by topic")
+
+    def setup(self) -> None:
+        """Draw a picture and a map."""
+        self.due_s = dict.fromkeys(self.periods_s, 0.0)
+        random = np.random.default_rng(1)
+        ramp = np.add.outer(np.arange(480) / 4, np.arange(1280) / 6)[:, :, None]
+        self.picture = np.clip(ramp + random.normal(0, 4, (480, 1280, 3)), 0, 255).astype(np.uint8)
+        self.cells = np.full(400 * 400, -1, np.int8)
+        self.number = 0
+
+    def tick(self) -> None:
+        """Publish what is due."""
+        now_s = time.monotonic()
+        for topic, period_s in self.periods_s.items():
+            if now_s >= self.due_s[topic]:
+                self.due_s[topic] = max(now_s, self.due_s[topic] + period_s)
+                self.publish(self.make(topic), topic=topic)
+
+    def make(self, topic: str) -> Message:
+        """Return the next message of a topic."""
+        self.number += 1
+        header = Header(stamp=Time.from_nanoseconds(time.monotonic_ns()))
+        if topic == "camera":
+            left = self.number % 640
+            view = np.ascontiguousarray(self.picture[:, left : left + 640]).ravel()
+            return Image(header=header, height=480, width=640, encoding="rgb8", step=1920, data=view)
+        if topic == "map":
+            seen = np.random.default_rng(self.number).integers(0, len(self.cells), 4000)
+            self.cells[seen] = 100 * (seen % 7 == 0)
+            info = MapMetaData(resolution=0.05, width=400, height=400)
+            return OccupancyGrid(header=header, info=info, data=self.cells)
+        return Odometry(header=header)
+
+
+class Viewer(Module):
+    """What the operator sees. Lines of its journal: G TOPIC NUMBER SENT_NS TIME."""
+
+    def setup(self) -> None:
+        """Subscribe."""
+        self.journal = Journal(self.output_directory / f"{self.name}.journal")
+        self.subscribe(CompressedImage, self.on_message, topic="camera")
+        self.subscribe(OccupancyGrid, self.on_message, topic="map")
+        self.subscribe(Odometry, self.on_message, topic="state")
+
+    def on_message(self, message: CompressedImage | OccupancyGrid | Odometry) -> None:
+        """Write it down."""
+        sent_ns = message.header.stamp.nanoseconds
+        self.journal.note(RECEIVED, self.envelope.topic, sent_ns, sent_ns)
 
 
 class Listener(Module):

@@ -17,6 +17,8 @@ from tools.test_network.network import Network
 PORT = 7447
 PERIODS_S = {"urgent": 0.5, "state": 0.1, "reliable": 0.02, "bulk": 0.06}
 """With the size of the bulk messages, about 27 Mbit/s: more than any condition carries."""
+SEEN_S = {"camera": 1 / 15, "map": 1.0, "state": 0.05}
+"""What the operator of a pair sees: times between messages."""
 MODULES = "tools.link_trial.modules:"
 RESTART = {"policy": "always", "max_restarts": 1_000_000, "backoff_s": 0.05, "backoff_cap_s": 0.1}
 
@@ -100,20 +102,37 @@ def linked_pair(folder: Path, network: Network) -> Iterator[Pair]:
     Raises:
         RobotTrouble: they do not start, or do not find each other.
     """
+    sent = {topic: [f"Probe {topic}"] for topic in PERIODS_S}
+    speaker = {"class": f"{MODULES}Speaker", "settings": {"periods_s": PERIODS_S}}
+    with _pair(folder, network, {"send": sent, "state_hz": 100.0}, speaker, "Listener") as pair:
+        yield pair
+
+
+@contextmanager
+def operated_pair(folder: Path, network: Network) -> Iterator[Pair]:
+    """Start a robot with a camera and a map, and the laptop of its operator, as `linked_pair` does."""
+    send = {"bulk": ["Image camera", "OccupancyGrid map"], "state": ["Odometry state"]}
+    scout = {"class": f"{MODULES}Scout", "settings": {"periods_s": SEEN_S}}
+    with _pair(folder, network, {"send": send, "jpeg_quality": 60}, scout, "Viewer") as pair:
+        yield pair
+
+
+@contextmanager
+def _pair(
+    folder: Path, network: Network, settings: dict[str, Any], speaker: dict[str, Any], listener: str
+) -> Iterator[Pair]:
     robot, laptop = network.host("robot"), network.host("laptop")
     address = f"tcp/{robot.address}:{PORT}"
-    sent = {topic: [f"Probe {topic}"] for topic in PERIODS_S}
-    link: dict[str, Any] = {"robot": "robot", "listen": [address], "send": sent, "state_hz": 100.0,
+    link: dict[str, Any] = {"robot": "robot", "listen": [address], **settings,
                             "accept": {"laptop": ["DriveCommand manual"]}}  # fmt: skip
-    speaker = {"class": f"{MODULES}Speaker", "settings": {"periods_s": PERIODS_S}}
     _write(folder, "robot", link, {"base": {"class": f"{MODULES}Base"}, "speaker": speaker})
     link = {"robot": "laptop", "listen": [], "connect": [address],
-            "send": {"command": ["DriveCommand manual"]}, "accept": {"robot": ["Probe"]}}  # fmt: skip
+            "send": {"command": ["DriveCommand manual"]}, "accept": {"robot": ["*"]}}  # fmt: skip
     _write(
         folder,
         "laptop",
         link,
-        {"listener": {"class": f"{MODULES}Listener"}, "pilot": {"class": f"{MODULES}Pilot"}},
+        {"listener": {"class": f"{MODULES}{listener}"}, "pilot": {"class": f"{MODULES}Pilot"}},
     )
     with ExitStack() as started:
         runs = []
