@@ -130,6 +130,8 @@ class RunObserver:
                 memory = self._memory(slot, row.incarnation)
                 memory.read_declarations()
                 yield row.name, memory, row.started_ns
+            elif self._board.is_left_by_tool(slot) and (left := self._memories.pop(slot, None)):
+                left.close()  # or it would stay mapped until another tool takes the slot
 
     def channels(self) -> list[ChannelFigures]:
         """Return the figures of all channels."""

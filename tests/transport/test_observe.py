@@ -2,6 +2,8 @@
 
 import os
 from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -67,3 +69,21 @@ def test_module_whose_segment_is_none_any_more_is_still_listed(camera: Segment) 
     observer.close()
     assert figures.name == "camera"
     assert figures.published == 0
+
+
+@pytest.mark.usefixtures("camera")
+def test_observer_keeps_no_memory_of_a_tool_that_has_left() -> None:
+    with closing(Segment.attach(names.board(RUN), SegmentKind.BOARD, write=True)) as segment:
+        board = Board(segment.words)
+        board.create(["supervisor", "~tool1", "core"])
+        board.go()
+        of_others = times_mapped(names.outbound(RUN, 1, 1))
+        with closing(RunObserver(RUN)) as observer:
+            for pid, mappings in ((os.getpid(), 1), (0, 0)):
+                board.write(1, SlotState("~tool1", 2, pid, 1, 0, 0, "attached", Totals()))
+                observer.unconnected()
+                assert times_mapped(names.outbound(RUN, 1, 1)) == of_others + mappings
+
+
+def times_mapped(name: str) -> int:
+    return Path("/proc/self/maps").read_text().count(name)
