@@ -12,7 +12,7 @@ from tools.kill_campaign import frozen_log, neighbours
 from tools.kill_campaign.__main__ import main
 from tools.kill_campaign.calls import judge_calls
 from tools.kill_campaign.campaign import _other_ends
-from tools.kill_campaign.latched import BEAT, COMERS, LATCHED, judge_latched
+from tools.kill_campaign.latched import BEAT, COMERS, LATCHED, VISITOR, judge_latched
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.neighbours import Rates, ratio_of
 from tools.kill_campaign.verdict import judge, read_records
@@ -177,6 +177,7 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["calls"]["reply"] > 50
     assert report["calls"]["goal reached"] > 2
     assert report["latched"]["had the newest or a newer one"] > 0
+    assert report["latched"]["visits of a tool"] > 1
     assert report["neighbours"]["stopped_viewer_dropped"] > 0
     assert report["neighbours"]["hoarder_copied"] > 0
 
@@ -284,25 +285,26 @@ def latched_violations(
     """Judge a robot in which one subscriber starts late."""
     for publisher, journal in (PAINTERS | painters).items():
         (folder / f"{publisher}.journal").write_text(journal)
-    for comer in COMERS:
+    for comer in (*COMERS, VISITOR):
         (folder / f"{comer}.journal").write_text(FIRST_LIFE + late * (comer == name))
     return judge_latched(folder)[1]
 
 
-@pytest.mark.parametrize("name", COMERS)
+@pytest.mark.parametrize("name", [*COMERS, VISITOR])
 def test_late_subscriber_that_has_the_newest_latched_messages_is_not_a_violation(
     tmp_path: Path, name: str
 ) -> None:
     assert latched_violations(tmp_path, name=name) == []
     assert judge_latched(tmp_path)[0] == {
-        "given again": 2, "late joins": 2, "had the newest or a newer one": 2, "latched messages": 4
+        "given again": 2, "late joins": 2, "had the newest or a newer one": 2, "latched messages": 4,
+        "visits of a tool": 1 + (name == VISITOR),
     }  # fmt: skip
 
 
 def test_newer_message_may_take_the_place_of_the_newest(tmp_path: Path) -> None:
     newer = PAINTERS["painter"] + "I 3 41 .\nA 3 41 .\n"
     late = LATE_LIFE.replace("E 4 painter 1 2 45 .", "E 5 painter 1 3 45 .")
-    others = {comer: f"{comer}: at rest" for comer in COMERS if comer != "comer"}
+    others = {comer: f"{comer}: at rest" for comer in (*COMERS, VISITOR) if comer != "comer"}
     found = latched_violations(tmp_path, late, painter=newer)
     assert len(found) == len(others), "only those that have not got it are accused"
     assert not any(text.startswith("comer 2") for text in found)
@@ -325,7 +327,7 @@ def test_newer_message_may_take_the_place_of_the_newest(tmp_path: Path) -> None:
         ("E 6 painter_beat 1 2 52 .", "E 5 painter_beat 1 1 52 ."),  # given though it is not latched
     ],
 )
-@pytest.mark.parametrize("name", ["comer", "comer_newest"])
+@pytest.mark.parametrize("name", ["comer", "comer_newest", VISITOR])
 def test_late_subscriber_without_the_newest_latched_message_is_a_violation(
     tmp_path: Path, name: str, line: str, tampered: str
 ) -> None:
@@ -335,4 +337,4 @@ def test_late_subscriber_without_the_newest_latched_message_is_a_violation(
 
 def test_subscriber_that_lacks_the_last_latched_message_at_rest_is_a_violation(tmp_path: Path) -> None:
     last = {name: PAINTERS[name] + "I 7 60 .\nA 7 61 .\n" for name in LATCHED}
-    assert len(latched_violations(tmp_path, **last)) == len(COMERS) * len(LATCHED)
+    assert len(latched_violations(tmp_path, **last)) == len([*COMERS, VISITOR]) * len(LATCHED)

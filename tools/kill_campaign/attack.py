@@ -4,7 +4,7 @@ import random
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from tools.kill_campaign.robot import Robot
@@ -59,7 +59,7 @@ class Attack:
     longest_stop_s: float = 10.0
     spared: frozenset[str] = frozenset()
     each_second: Callable[[Robot], None] | None = None
-    each_look: Callable[[], None] = lambda: None
+    each_look: Sequence[Callable[[], None]] = ()
     kills: list[Signalled] = field(default_factory=list)
     stops: list[Signalled] = field(default_factory=list)
 
@@ -139,7 +139,8 @@ class Attack:
         until_s = time.monotonic() + length_s
         while (left_s := until_s - time.monotonic()) > 0:
             time.sleep(min(left_s, 0.05))
-            self.each_look()
+            for look in self.each_look:
+                look()
             for pid, end_s in list(self._stopped.items()):
                 if time.monotonic() >= end_s:
                     self._continue(pid)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.observe import ModuleFigures
+from robbie_mp.supervisor.connection_watch import CHECK_PERIOD_S
 from robbie_mp.transport.shared_folder import SHARED_MEMORY
 from tools.kill_campaign import calls, latched, neighbours, traces
 from tools.kill_campaign.attack import Attack, Signalled
@@ -22,6 +23,7 @@ from tools.kill_campaign.recovery import recovery_times
 from tools.kill_campaign.robot import Robot
 from tools.kill_campaign.traces import Traces
 from tools.kill_campaign.verdict import causes, judge, read_records
+from tools.kill_campaign.visitor import Visitors
 
 CALM_S = 1.0
 """Time without kills before the pause, so that all modules handle their last messages."""
@@ -74,7 +76,10 @@ def run_campaign(
         robot = Robot(folder, folder / "workspace", "campaign")
         stack.callback(robot.close)
         frozen_log = FrozenLog(disk, robot, plan.seed) if disk else None
-        return _run(plan, robot, [*settings, *OTHER_PARTS], publishers(settings), each_second, frozen_log)
+        visitors = Visitors(robot, plan.seed)
+        stack.callback(visitors.finish)
+        names = [*settings, *OTHER_PARTS]
+        return _run(plan, robot, names, publishers(settings), each_second, frozen_log, visitors)
 
 
 def _run(
@@ -84,6 +89,7 @@ def _run(
     sending: list[str],
     each_second: Callable[[Robot], None] | None,
     frozen_log: FrozenLog | None,
+    visitors: Visitors,
 ) -> dict[str, Any]:
     robot.wait_until_running()
     robot.wait_for(lambda: _all_work(robot, sending), "not every module publishes")
@@ -91,16 +97,19 @@ def _run(
     beside = measure_neighbours(robot, plan.rounds_with_camera) if plan.rounds_with_camera else None
     attack = Attack(robot, plan.seed, plan.mean_pause_s, plan.longest_stop_s, plan.spared, each_second)
     began_s = time.monotonic()
-    if frozen_log:
-        attack.each_look = frozen_log.look
+    attack.each_look = [visitors.look, *([frozen_log.look] if frozen_log else [])]
     attack.run(plan.kills, began_s + 60 * plan.minutes)
     attack.finish()
+    visitors.finish()
     if frozen_log:
         frozen_log.finish()
     duration_s = time.monotonic() - began_s
     robot.wait_for(robot.all_running, "not every process is RUNNING again")
     time.sleep(CALM_S)
     rest_s = _come_to_rest(robot, names)
+    visitors.last_visit()
+    time.sleep(CHECK_PERIOD_S + CALM_S)  # until the supervisor has unmapped the memory of the tools
+    _come_to_rest(robot, names)
     figures = robot.figures()
     after = Traces.of(robot.run_id, _pids(robot))
     assert robot.observer is not None
@@ -128,7 +137,7 @@ def _run(
         "bytes": sum(channel.bytes for channel in channels),
         "deliveries": causes(figures),
         "calls": of_calls,
-        "latched": of_latched,
+        "latched": of_latched | {"kills of the tool": visitors.kills},
         "neighbours": beside or {},
         "recovery": recovery_times(attack.kills, records),
         "log_disk": _of_log_disk(frozen_log, attack.kills, records) if frozen_log else {},

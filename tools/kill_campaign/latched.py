@@ -30,6 +30,8 @@ BEAT = "painter_beat"
 LATCHED = ("painter", "painter_rare")
 """The publishers of latched topics; each topic has the name of its publisher."""
 COMERS = ("comer", "comer_all", "comer_newest", "comer_pattern", "comer_after_setup")
+VISITOR = "visitor"
+"""The tool that attaches again and again; each time counts as a process of its own."""
 _PUBLISHER = "tools.kill_campaign.latched:Painter"
 _SUBSCRIBER = "tools.kill_campaign.latched:Comer"
 PARTS: dict[str, dict[str, Any]] = {
@@ -143,9 +145,13 @@ class Comer(Module):
 
     def on_painting(self, painting: Painting) -> None:
         """Journal a message; one that is damaged, as one that was never published."""
-        is_whole = bool(np.all(painting.payload == painting.number % 256))
-        number = painting.number if is_whole else -1
-        self.journal.note("E", self.envelope.sequence, self.envelope.topic, painting.incarnation, number)
+        note_painting(self.journal, self.envelope.sequence, self.envelope.topic, painting)
+
+
+def note_painting(journal: Journal, sequence: int, topic: str, painting: Painting) -> None:
+    """Journal a message that arrived; one that is damaged, as one that was never published."""
+    is_whole = bool(np.all(painting.payload == painting.number % 256))
+    journal.note("E", sequence, topic, painting.incarnation, painting.number if is_whole else -1)
 
 
 @dataclass
@@ -193,7 +199,7 @@ def judge_latched(folder: Path) -> tuple[dict[str, int], list[str]]:
         message again that an earlier one had only if it is the first of its topic.
     """
     painted = {name: _read_painted(folder / f"{name}.journal") for name in (*LATCHED, BEAT)}
-    lives = {name: _read_lives(name, folder / f"{name}.journal") for name in COMERS}
+    lives = {name: _read_lives(name, folder / f"{name}.journal") for name in (*COMERS, VISITOR)}
     known = _known(lives)
     counts: Counter[str] = Counter()
     violations: list[str] = []
@@ -204,9 +210,11 @@ def judge_latched(folder: Path) -> tuple[dict[str, int], list[str]]:
                 violations += _judge_late(life, topic, known[topic], painted[topic], counts)
         for topic in LATCHED:
             last = painted[topic].last_accepted
-            has = max((entry.key for entry in of_module[-1].entries if entry.topic == topic), default=(0, -1))
+            entries = of_module[-1].entries if of_module else []
+            has = max((entry.key for entry in entries if entry.topic == topic), default=(0, -1))
             if has < last:
                 violations.append(f"{name} {len(of_module)}: at rest it has {topic} {has}, not {last}")
+    counts["visits of a tool"] = len(lives[VISITOR])
     counts["latched messages"] = sum(len(painted[topic].intended_ns) for topic in LATCHED)
     return dict(counts), violations
 

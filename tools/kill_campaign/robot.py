@@ -16,6 +16,7 @@ import psutil
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.views.run_figures import state_name
 
 REPOSITORY = Path(__file__).parents[2]
@@ -81,10 +82,11 @@ class Robot:
         return self.observer is not None
 
     def figures(self) -> dict[str, ModuleFigures]:
-        """Figures of modules and core by name."""
+        """Figures of modules and core by name, without attached tools."""
         if self.observer is None:
             raise RobotTrouble("the run does not exist yet")
-        return {module.name: module for module in self.observer.modules()[1:]}
+        processes = self.observer.modules()[1:]
+        return {one.name: one for one in processes if not one.name.startswith(TOOL_PREFIX)}
 
     @property
     def is_up(self) -> bool:
