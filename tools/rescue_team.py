@@ -1,0 +1,170 @@
+"""Two linked rescue robots explore a random arena together, judged by the ground truth.
+
+    python -m tools.rescue_team --seeds 1 [--first 0] [--json FILE] [--keep DIR]
+
+Each robot is a run of the profile `rescue-team`, at real-time speed: red starts at the arena's start, blue
+beside it. They share the simulated arena by a folder, and talk over a link on this machine alone. Each knows
+where the other has started. A victim counts as found if one of them has confirmed it and placed it within
+0.2 m.
+"""
+
+import argparse
+import json
+import shutil
+import signal
+import socket
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from hw.pose import Pose
+from hw.simulation.arena import Arena
+from hw.simulation.arena_file import read_arena
+from hw.simulation.generate_arena import generate_arena
+from hw.simulation.reachable_area import reachable_area
+from robbie_mp.profile.load import load_profile
+from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.rescue_trials import NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
+from workers.planar_pose import relative
+
+PROFILE = "rescue-team"
+APART_M = 1.0
+FREE_M = 0.35
+
+
+@dataclass
+class TeamOutcome:
+    """The result of both robots, by the ground truth.
+
+    Attributes:
+        victims: number of victims in the arena.
+        found: number of victims that a robot confirmed and placed.
+        collisions: collisions of both robots, with walls or one another.
+        simulated_s: duration of the longer mission.
+        robots: the result of each robot alone, by its name.
+        trouble: why a run itself failed; '' if none did.
+    """
+
+    seed: int
+    victims: int = 0
+    found: int = 0
+    collisions: int = 0
+    simulated_s: float = 0.0
+    robots: dict[str, Outcome] = field(default_factory=dict)
+    trouble: str = ""
+
+
+def second_start(arena: Arena) -> Pose:
+    """Return a start for another robot, beside the arena's start and with the same heading."""
+    area = reachable_area(arena, FREE_M)
+    rows, columns = np.nonzero(area.drivable)
+    places = (np.stack([columns, rows], axis=1) + 0.5) * area.resolution_m
+    away_m = np.hypot(*(places - arena.start[:2]).T)
+    x_m, y_m = places[np.argmin(np.abs(away_m - APART_M))].tolist()
+    return Pose(x_m, y_m, arena.start.heading_rad)
+
+
+def arguments_of(robot: str, starts: dict[str, Pose], seed: int, folder: Path, port: int) -> list[str]:
+    """Return the arguments of `robbie run` for one robot."""
+    other = next(name for name in starts if name != robot)
+    known = relative(starts[robot], starts[other]).tolist()
+    address = f"tcp/127.0.0.1:{port}"
+    is_first = robot == next(iter(starts))
+    settings: dict[str, object] = {
+        "link.robot": robot,
+        "link.listen": [address] if is_first else [],
+        "link.connect": [] if is_first else [address],
+        "map_merger.robots": [other],
+        "map_merger.starts": {other: known},
+        "mission.team": [other],
+        "base.shared": str(folder / "arena"),
+        "laser.shared": str(folder / "arena"),
+    }
+    for spec in load_profile(PROFILE, REPOSITORY).modules:
+        if spec.name in NOISY:
+            settings[f"{spec.name}.seed"] = seed + 1000 * (not is_first)
+        if "arena" in spec.settings:
+            settings[f"{spec.name}.arena"] = str(folder / "arena.yaml")
+            settings[f"{spec.name}.start"] = list(starts[robot])
+    if not is_first:
+        settings["scene_graph.file"] = "hw/robots/rescue_team_blue.yaml"
+    words = [word for name, value in settings.items() for word in ("--set", f"{name}={json.dumps(value)}")]
+    return [PROFILE, *words]
+
+
+def run_team(seed: int, folder: Path) -> TeamOutcome:
+    """Run both missions and judge them."""
+    folder.mkdir(parents=True)
+    (folder / "arena.yaml").write_text(generate_arena(seed, WISHES))
+    arena = read_arena(folder / "arena.yaml")
+    starts = {"red": arena.start, "blue": second_start(arena)}
+    outcome = TeamOutcome(seed, victims=len(arena.victims))
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = int(free.getsockname()[1])
+    robots: dict[str, Robot] = {}
+    try:
+        for name in starts:
+            words = arguments_of(name, starts, seed, folder, port)
+            robots[name] = Robot(folder / name, REPOSITORY, *words)
+        for robot in robots.values():
+            robot.wait_until_running()
+        limit_s = time.monotonic() + RUN_LIMIT_S
+        while any(robot.is_up for robot in robots.values()):
+            if time.monotonic() > limit_s:
+                raise RobotTrouble(f"the missions did not end in {RUN_LIMIT_S} s")
+            time.sleep(0.1)
+        for robot in robots.values():
+            robot.wait_for_end()
+    except RobotTrouble as trouble:
+        outcome.trouble = str(trouble)
+    finally:
+        for robot in robots.values():
+            robot.close()
+    if not outcome.trouble:
+        for name, robot in robots.items():
+            one = Outcome(seed, victims=len(arena.victims))
+            judge(one, replace(arena, start=starts[name]), robot.output)
+            outcome.robots[name] = one
+        sum_up(outcome)
+    return outcome
+
+
+def sum_up(outcome: TeamOutcome) -> None:
+    """Put the results of both robots together."""
+    alone = outcome.robots.values()
+    outcome.collisions = sum(one.collisions for one in alone)
+    outcome.simulated_s = max(one.simulated_s for one in alone)
+    placed = {tag for one in alone for tag, away_m in one.placed_m.items() if away_m <= PLACED_M}
+    outcome.found = len(placed)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line. The exit code is 0 if every run ended in order, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m tools.rescue_team", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=1, help="number of arenas")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the robots")
+    options = parser.parse_args(arguments)
+    folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-team-"))
+    outcomes = []
+    try:
+        for seed in range(options.first, options.first + options.seeds):
+            outcomes.append(run_team(seed, folder / str(seed)))
+            print(json.dumps(asdict(outcomes[-1])), flush=True)
+            if options.json:
+                options.json.write_text(json.dumps([asdict(each) for each in outcomes], indent=2) + "\n")
+    finally:
+        if options.keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    return int(any(outcome.trouble for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robots must not outlive this program
+    sys.exit(main())
