@@ -6,6 +6,8 @@ import socket
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -26,6 +28,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
+from robbie_mp.ros1 import ros_node
 from robbie_mp.ros1.conversion import ros1_type
 from robbie_mp.ros1.process import MISSING_PAUSE_S, Inbox, Outbox, RosAddress, RosProcess
 from robbie_mp.ros1.ros_node import MESSAGE, Frame, frames, pack
@@ -111,6 +114,27 @@ def test_what_came_from_ros_does_not_go_back(bridge: Bridge) -> None:
     assert bridge.module.sent == 0
     bridge.send(LaserScan(), sender="camera")
     assert bridge.module.sent == 1
+
+
+def test_node_ignores_what_it_has_published_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    subscribed: dict[str, Any] = {}
+    rospy = SimpleNamespace(
+        AnyMsg=object,
+        get_name=lambda: "/robbie",
+        get_node_uri=lambda: NOWHERE,
+        Subscriber=lambda topic, _kind, take, **_options: subscribed.update({topic: take}),
+    )
+    pushed: list[bytes] = []
+    outbox = SimpleNamespace(push=lambda _kind, _channel, data: pushed.append(data))
+    monkeypatch.setenv("ROS_MASTER_URI", NOWHERE)
+    near, far = socket.socketpair()
+    with near, far:
+        node = ros_node._Node(rospy, near, outbox)  # type: ignore[arg-type]
+        node._open_subscriber(1, {"topic": "/scan", "md5": "", "type": "", "definition": "", "depth": 1})
+        for caller in ("/robbie", "/other"):
+            header = {"callerid": caller}
+            subscribed["/scan"](SimpleNamespace(_connection_header=header, _buff=caller.encode()))
+    assert pushed == [b"/other"]
 
 
 def test_a_moving_transform_is_sent_once_for_each_time(bridge: Bridge) -> None:
