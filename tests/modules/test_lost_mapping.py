@@ -1,0 +1,37 @@
+"""Mapping gives its pose as a guess while scans do not fit the map."""
+
+from pathlib import Path
+
+import numpy as np
+
+from modules.mapping import Mapping
+from robbie_mp import ModuleHarness
+from robbie_mp.messages import LaserScan, Odometry, PoseStamped, PoseWithCovariance
+from tests.modules.test_restored import DRIVE, drive, header, pose
+from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M
+
+
+def test_pose_is_a_guess_while_scans_do_not_fit_the_map(tmp_path: Path) -> None:
+    elsewhere = np.where(np.arange(180) % 90 < 45, 0.6, 0.9) + 0.002 * np.arange(180)
+    with ModuleHarness(Mapping, output_directory=tmp_path) as harness:
+        drive(harness, 0, 100)
+        assert harness.take(PoseStamped, "map_pose")
+        assert not harness.take(PoseStamped, "map_pose_guess")
+        stamp_s, x_m, y_m, heading_rad = DRIVE.odometry[100].tolist()
+        for number in range(2):
+            stamp = header(stamp_s + 0.2 * number, "odom")
+            there = PoseWithCovariance(pose=pose(x_m + 0.1, y_m + 0.1, heading_rad))
+            harness.send(Odometry(header=stamp, pose=there), topic="odom")
+            if number == 0:
+                assert harness.take(PoseStamped, "map_pose")
+                scan = LaserScan(
+                    header=stamp,
+                    angle_min=ANGLE_MIN_RAD,
+                    angle_increment=INCREMENT_RAD,
+                    range_min=0.05,
+                    range_max=RANGE_MAX_M,
+                    ranges=elsewhere,
+                )
+                harness.send(scan)
+        assert harness.take(PoseStamped, "map_pose_guess")
+        assert not harness.take(PoseStamped, "map_pose")
