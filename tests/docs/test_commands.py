@@ -11,7 +11,7 @@ from robbie_mp.cli.parser import Parser
 from robbie_mp.cli.program import COMMANDS, _parser
 from tests.docs._support.pages import PAGES, ROOT
 
-COMMAND = re.compile(r"\b(?<![\w/.-])robbie((?: [a-z][\w./-]*| --?[a-z]+)*)")
+COMMAND = re.compile(r"\b(?<![\w/.-])robbie((?: [a-z][\w./-]*| --?[a-z][a-z0-9-]*)*)")
 REFERENCE = (ROOT / "docs" / "reference.md").read_text()
 
 
