@@ -121,6 +121,8 @@ class Website:
             message_history_length=MESSAGE_HISTORY,
             show_welcome_message=False,
         )
+        # The page fetches images all the time; a bar that shows each of them loading tells nothing.
+        core.app.config.quasar_config["loadingBar"]["skipHijack"] = True
         PageEvents(station)
         # Without long polling, each connection is a socket, which is counted, and closed with its session.
         core.sio.eio.transports = ["websocket"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
@@ -21,11 +22,12 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 BUTTONS = (
-    ("Start", OrderMission.START, "play_arrow", "green-9"),
-    ("Pause", OrderMission.PAUSE, "pause", "deep-orange-10"),
-    ("Return", OrderMission.RETURN, "home", "primary"),
-    ("Abort …", OrderMission.ABORT, "stop", "red-10"),
+    ("Start", OrderMission.START, "play_arrow", "green-9", "g"),
+    ("Pause", OrderMission.PAUSE, "pause", "deep-orange-10", "p"),
+    ("Return", OrderMission.RETURN, "home", "primary", "h"),
+    ("Abort …", OrderMission.ABORT, "stop", "red-10", "x"),
 )
+"""Each with its icon, colour and key."""
 
 
 class MissionPanel(Panel):
@@ -125,10 +127,19 @@ class MissionControl:
             with ui.row():
                 ui.button("Abort", on_click=abort, color="red-10").props("id=confirm-abort")
                 ui.button("No", on_click=dialog.close)
-        made = {}
-        for text, order, icon, colour in BUTTONS:
+        made: dict[int, ui.button] = {}
+
+        def press_key(order: int, text: str) -> None:
+            if made[order].enabled:
+                press(order)
+            else:
+                ui.notify(f"{text} does not fit the state of the mission", type="warning")
+
+        for text, order, icon, colour, key in BUTTONS:
             button = ui.button(text, icon=icon, color=colour, on_click=lambda order=order: press(order))
             made[order] = button.props(f"id=mission-{text.split()[0].lower()}")
+            button.props["title"] = f"{text} (key {key.upper()})"
+            page.add_key(key, f"Mission: {text}", partial(press_key, order, text.removesuffix(" …")))
         return made
 
 

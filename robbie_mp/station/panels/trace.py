@@ -81,7 +81,7 @@ class TracePanel(Panel):
             words = ui.input("text").props("for=trace-text clearable")
             ui.space()
             recorded = RecordedKinds(self.station.known_run.folder, page)
-        log = ui.log(max_lines=SHOWN).classes("w-full").style("height: 50vh").props("id=trace-log")
+        log = ui.log(max_lines=SHOWN).classes("w-full").style("height: 50vh").props("id=trace-log tabindex=0")
         reports = ui.column().classes("w-full").props("id=trace-crashes")
         shown = Shown()
 

@@ -102,10 +102,12 @@ def mission_is_steered(page: Page, robot: Robot) -> None:
     page.wait_for_selector("#mission-state:has-text('PAUSE')")
     can_press(page, "#mission-start", "#mission-return", "#mission-abort")
     assert page.inner_text("#mission-refusal") == ""
-    page.click("#mission-return")
+    page.keyboard.press("p")
+    page.wait_for_selector(".q-notification:has-text('Pause does not fit the state of the mission')")
+    page.keyboard.press("h")
     heard(robot, "order 3")
     page.wait_for_selector("#mission-refusal:has-text('the order was refused: no 3 today')")
-    page.click("#mission-abort")
+    page.keyboard.press("x")
     page.click("#confirm-abort")
     heard(robot, "order 2")
 
