@@ -117,8 +117,8 @@ def echoes(person: Person) -> None:
     assert abs(int(row.split(",")[0]) - time.time_ns()) < 60e9, "not the clock of logs"
     assert int(row.split(",")[4]) > int(number)
     person.types("echo", "DriveComand", code=1)
-    assert person.errors == (
-        "no message type and no topic is called 'DriveComand'; did you mean 'DriveCommand'?\n"
+    assert person.errors.startswith(
+        "no message type and no topic is called 'DriveComand'; did you mean 'DriveCommand'"
     )
     assert person.gets("echo", "wheels", "--once")["topic"] == "wheels"
     person.types("echo", "DriveCommand", "--field", "speed", code=1)

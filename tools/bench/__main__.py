@@ -101,6 +101,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--with-top", action="store_true", help="also measure Robbie watched by robbie top")
     add(
+        "--with-idle-features",
+        action="store_true",
+        help="also measure Robbie whose modules have latched topics and serve requests that nobody sends",
+    )
+    add(
         "--variant",
         action="append",
         default=[],
@@ -120,6 +125,7 @@ def _options(parsed: argparse.Namespace) -> Options:
         seconds=parsed.seconds,
         only=tuple(filter(None, parsed.only.split(","))),
         with_top=parsed.with_top,
+        with_idle_features=parsed.with_idle_features,
         variants=dict(parsed.variant),
     )
 

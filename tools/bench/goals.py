@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tools.bench.options import IN_PLACE, WATCHED
+from tools.bench.options import EQUIPPED, IN_PLACE, WATCHED
 from tools.bench.table import middle, ratio, render
 
 Row = dict[str, Any]
@@ -141,8 +141,8 @@ def _throughput_of_peer(results: Results) -> tuple[float | None, str]:
     return ratio(row, compared, "received_per_s"), "iceoryx2"
 
 
-def _throughput_share(results: Results) -> tuple[float | None, str]:
-    row, compared = results.row("throughput", WATCHED), results.row("throughput", "robbie")
+def _throughput_share(results: Results, variant: str) -> tuple[float | None, str]:
+    row, compared = results.row("throughput", variant), results.row("throughput", "robbie")
     return ratio(row, compared, "received_per_s"), compared.get("title", "robbie")
 
 
@@ -215,7 +215,23 @@ GOALS = (
     Goal("watched by `top`: p50 of 64 B ÷ unwatched", 1.1, _against("latency", WATCHED, "robbie")),
     Goal("watched by `top`: p50 of 6.2 MB ÷ unwatched", 1.1, _against("large", WATCHED, "robbie", "6.2")),
     Goal("watched by `top`: p50 of 1 MB to 8 ÷ unwatched", 1.1, _against("fanout", WATCHED, "robbie")),
-    Goal("watched by `top`: flat out ÷ unwatched", 0.9, _throughput_share, at_least=True),
+    Goal(
+        "watched by `top`: flat out ÷ unwatched",
+        0.9,
+        lambda results: _throughput_share(results, WATCHED),
+        at_least=True,
+    ),
+    Goal(
+        "idle latched topics and servers: p50 of 64 B ÷ without",
+        1.05,
+        _against("latency", EQUIPPED, "robbie"),
+    ),
+    Goal(
+        "idle latched topics and servers: flat out ÷ without",
+        0.95,
+        lambda results: _throughput_share(results, EQUIPPED),
+        at_least=True,
+    ),
     Goal("SIGKILL to next message: median ms", 60.0, _restart_ms),
 )
 

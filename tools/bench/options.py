@@ -15,6 +15,7 @@ PEERS = ("iceoryx2", "ecal", "lcm", "zeromq", "zenoh", "cyclonedds", "dora", "ro
 QUICK_BUDGET_S = 22.0
 IN_PLACE = "in place"
 WATCHED = "robbie-top"
+EQUIPPED = "robbie-idle-features"
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Options:
         seconds: time for which processor time is measured.
         only: names of the contenders to measure; () for all.
         with_top: also measure Robbie while `robbie top` observes it.
+        with_idle_features: also measure Robbie whose modules have idle latched topics and serve requests.
         variants: further variants of Robbie by name: the keys `core` and `module` of their profiles.
     """
 
@@ -39,6 +41,7 @@ class Options:
     seconds: float = 0.0
     only: tuple[str, ...] = ()
     with_top: bool = False
+    with_idle_features: bool = False
     variants: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
@@ -67,6 +70,9 @@ class Options:
         found = [RobbieContender()]
         if self.with_top:
             found.append(RobbieContender(WATCHED, "Robbie-MP watched by robbie top", with_top=True))
+        if self.with_idle_features:
+            title = "Robbie-MP with idle latched topics and servers"
+            found.append(RobbieContender(EQUIPPED, title, with_idle_features=True))
         for name, profile in self.variants.items():
             core, module = profile.get("core"), profile.get("module")
             found.append(RobbieContender(name, f"Robbie-MP {name}", core, module))

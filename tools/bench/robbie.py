@@ -37,6 +37,7 @@ class RobbieContender:
         core: the profile's `core`.
         module: further keys of each module in the profile.
         with_top: whether `robbie top` observes the robot all the time.
+        with_idle_features: whether each module has a latched topic and serves requests, both idle.
     """
 
     def __init__(
@@ -46,12 +47,14 @@ class RobbieContender:
         core: Mapping[str, Any] | None = None,
         module: Mapping[str, Any] | None = None,
         with_top: bool = False,
+        with_idle_features: bool = False,
     ):
         self.name = name
         self.title = title
         self._core = dict(core or {})
         self._module = dict(module or {})
         self._with_top = with_top
+        self._idle_features = with_idle_features
 
     @property
     def settle_s(self) -> float:
@@ -64,8 +67,9 @@ class RobbieContender:
         special = {"core": self._core, "module": self._module}
         changed = ", ".join(f"{key}: {value}" for key, value in special.items() if value)
         watched = "observed by `robbie top`" if self._with_top else ""
+        idle = "each module has a latched topic and serves requests, both idle" if self._idle_features else ""
         setup = "a profile run by `robbie run`: supervisor, core, modules"
-        return "; ".join(filter(None, (setup, changed, watched)))
+        return "; ".join(filter(None, (setup, changed, watched, idle)))
 
     @property
     def version(self) -> str:
@@ -101,13 +105,13 @@ class RobbieContender:
         described: dict[str, dict[str, Any]] = {
             f"subscriber-{index}{suffix}": {
                 "class": f"{MODULES}:Subscriber",
-                "settings": {"work_file": str(file), "index": index},
+                "settings": {"work_file": str(file), "index": index, "idle_features": self._idle_features},
             }
             for index in range(work.subscribers)
         }
         described[f"publisher{suffix}"] = {
             "class": f"{MODULES}:Publisher",
-            "settings": {"work_file": str(file)},
+            "settings": {"work_file": str(file), "idle_features": self._idle_features},
             "ends_run": True,
         }
         return described

@@ -54,13 +54,60 @@ class Picture(Message, name="bench_msgs/msg/Picture", version=1):
     data: Array[uint8]  # (N,)
 
 
-class Publisher(Module):
+class Answer(Reply, name="bench_msgs/srv/Ask_Response"):
+    """The reply: 64 bytes."""
+
+    number: int64
+    stamp_ns: int64  # that of the request
+    x: float64 = DEFAULT
+    y: float64 = DEFAULT
+    z: float64 = DEFAULT
+    roll: float64 = DEFAULT
+    pitch: float64 = DEFAULT
+
+
+class Ask(Request[Answer], name="bench_msgs/srv/Ask_Request"):
+    """The request: 64 bytes."""
+
+    number: int64
+    stamp_ns: int64  # monotonic clock
+    x: float64 = DEFAULT
+    y: float64 = DEFAULT
+    z: float64 = DEFAULT
+    roll: float64 = DEFAULT
+    pitch: float64 = DEFAULT
+
+
+class Equipped(Module):
+    """A module that may have idle features."""
+
+    idle_features: bool = setting(
+        False, "publish a latched message once, subscribe one, and serve requests that nobody sends"
+    )
+
+    def setup(self) -> None:
+        """Prepare the idle features."""
+        if self.idle_features:
+            self.publish(Probe(number=0, stamp_ns=0), topic=f"idle/{self.name}", latched=True)
+            self.subscribe(Probe, self.ignore, topic="idle/publisher", optional=True)
+            self.serve(Ask, self.on_ask, topic=f"idle/{self.name}")
+
+    def ignore(self, _probe: Probe) -> None:
+        """Take the latched message."""
+
+    def on_ask(self, ask: Ask) -> Answer:
+        """Reply."""
+        return Answer(number=ask.number, stamp_ns=ask.stamp_ns, x=ask.x, y=ask.y, z=ask.z)
+
+
+class Publisher(Equipped):
     """Publishes the messages, waits until all have been handled, and ends."""
 
     work_file: Path = setting(REQUIRED, "the work, as JSON")
 
     def setup(self) -> None:
         """Prepare the messages."""
+        super().setup()
         self.work = work = Work.load(self.work_file)
         self.period_s = 1 / work.rate_hz if work.rate_hz else LOOK_EVERY_S
         self.record = map_publisher(work)
@@ -88,7 +135,7 @@ class Publisher(Module):
         if time.monotonic_ns() < self.begins_ns:
             return
         if self.ended:
-            if not self.outstanding:
+            if self.outstanding <= self.idle_features:  # the core keeps the latched message
                 self.stop()
             return
         if self.work.rate_hz:
@@ -138,7 +185,7 @@ class FarPublisher(Publisher):
             super().tick()
 
 
-class Subscriber(Module):
+class Subscriber(Equipped):
     """Records when it receives each message."""
 
     work_file: Path = setting(REQUIRED, "the work, as JSON")
@@ -146,6 +193,7 @@ class Subscriber(Module):
 
     def setup(self) -> None:
         """Subscribe to the work's messages."""
+        super().setup()
         work = Work.load(self.work_file)
         self.handle = Receipts(work, self.index).handle
         if work.has_array:
@@ -164,40 +212,12 @@ class Subscriber(Module):
         self.handle(picture.number, stamp_ns, now_ns)
 
 
-class Answer(Reply, name="bench_msgs/srv/Ask_Response"):
-    """The reply: 64 bytes."""
-
-    number: int64
-    stamp_ns: int64  # that of the request
-    x: float64 = DEFAULT
-    y: float64 = DEFAULT
-    z: float64 = DEFAULT
-    roll: float64 = DEFAULT
-    pitch: float64 = DEFAULT
-
-
-class Ask(Request[Answer], name="bench_msgs/srv/Ask_Request"):
-    """The request: 64 bytes."""
-
-    number: int64
-    stamp_ns: int64  # monotonic clock
-    x: float64 = DEFAULT
-    y: float64 = DEFAULT
-    z: float64 = DEFAULT
-    roll: float64 = DEFAULT
-    pitch: float64 = DEFAULT
-
-
-class Server(Module):
+class Server(Equipped):
     """Replies with what it is asked."""
 
     def setup(self) -> None:
         """Serve."""
         self.serve(Ask, self.on_ask)
-
-    def on_ask(self, ask: Ask) -> Answer:
-        """Reply."""
-        return Answer(number=ask.number, stamp_ns=ask.stamp_ns, x=ask.x, y=ask.y, z=ask.z)
 
 
 class Client(Publisher):
