@@ -259,8 +259,9 @@ class FoxgloveServer(Module):
             return
         if self.server.is_breached:
             self._start_again()
-        self._readers = self.server.readers()
-        for number in self.server.take_new_readers():
+        new_readers = self.server.take_new_readers()
+        self._readers = self.server.readers()  # after the new ones, of whom it must know
+        for number in new_readers:
             if number in self._by_id:
                 self._begin(self._by_id[number])
         while (arrived := self.server.take()) is not None:
@@ -278,6 +279,8 @@ class FoxgloveServer(Module):
                 shown = self._show(name)
                 if shown is not None:
                     shown.is_latched = name in latched
+                    if not shown.is_latched:
+                        shown.newest = None
         self._look_at_settings()
         self._count_dropped()
         self.status = self._summary()
@@ -342,8 +345,8 @@ class FoxgloveServer(Module):
         if shown.channel.id() in self._readers or shown.is_latched:
             at_ns = self._log_time_ns()
             data = bytes(message.data)
-            if shown.is_latched:
-                shown.newest = data, at_ns
+            # The next look drops it unless the topic is latched, which it may be since the last one.
+            shown.newest = data, at_ns
             self._log(shown, data, at_ns)
 
     def _on_unannounced(self, message: EncodedMessage) -> None:

@@ -20,7 +20,9 @@ from robbie_mp.messages import (
     Twist,
     Vector3,
 )
+from robbie_mp.observe import ChannelFigures
 from robbie_mp.services.foxglove import FoxgloveServer
+from robbie_mp.transport.tables import ChannelName
 from tests._support.robot import wait_until
 from tests.services._support.foxglove_client import Client, connected
 
@@ -77,6 +79,48 @@ def test_client_decodes_what_a_module_published(
     assert client.data[0].data == scan.encode()
     seen = client.data[0].decode()
     assert (seen.range_max, list(seen.ranges)) == (9.0, [1.0, 2.5])
+
+
+class Lookout:
+    """Says which topics a run has, and which are latched."""
+
+    def __init__(self) -> None:
+        self.names: list[ChannelName] = []
+
+    def latched(self) -> list[ChannelName]:
+        return self.names
+
+    def channels(self) -> list[ChannelFigures]:
+        return [ChannelFigures(name.type_name, name.version, name.topic, 1, 0) for name in self.names]
+
+
+def test_late_client_gets_what_came_before_its_topic_was_known_to_be_latched(
+    harness: ModuleHarness[FoxgloveServer], client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lookout, sign = Lookout(), String(data="this way")
+    monkeypatch.setattr(harness.module, "_observer", lookout)
+    harness.send(sign, topic="sign")
+    client.subscribe("/sign")
+    tick_until(harness, harness.module.server.readers)
+    harness.send(sign, topic="sign")
+    lookout.names.append(ChannelName(String.type_name, String.version, "sign"))
+    harness.advance(2.0)
+    client.until(lambda: client.data)
+    server = harness.module.server
+    readers = server.readers
+
+    def subscribe_meanwhile() -> dict[int, set[int]]:
+        known = readers()
+        monkeypatch.setattr(server, "readers", readers)
+        late.subscribe("/sign")
+        wait_until(lambda: readers() != known)
+        return known
+
+    with connected(harness.module.link) as late:
+        monkeypatch.setattr(server, "readers", subscribe_meanwhile)
+        harness.advance(0.5)
+        late.until(lambda: late.data)
+        assert late.data[0].decode().data == "this way"
 
 
 def test_two_types_on_one_topic_have_two_names(
