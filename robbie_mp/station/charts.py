@@ -53,7 +53,7 @@ def chart_options(names: Iterable[str], unit: str = "", largest: float | None = 
         "xAxis": {"type": "time"},
         "yAxis": {
             "type": "value",
-            "splitLine": {"lineStyle": {"color": "#444"}},
+            "splitLine": {"lineStyle": {"color": "#8886"}},
             "name": unit,
             "scale": largest is None,
         }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -12,6 +12,7 @@ from nicegui.element import Element
 from robbie_mp.station.access import Role
 from robbie_mp.station.grid import TileFrame, TileGrid
 from robbie_mp.station.layouts import (
+    PLAYBACK,
     PORTRAIT,
     Layout,
     LayoutCollection,
@@ -30,6 +31,8 @@ TAB = "tab"
 LAYOUT = "layout"
 TILE_PATH = "/tile/"
 """Beginning of the path of a page that shows one panel, such as `/tile/map`."""
+LOOK_S = 0.5
+"""Time between two looks whether a log plays."""
 POP_OUT = "() => window.open('{path}', '_blank', 'popup,width=900,height=700')"
 
 
@@ -41,15 +44,23 @@ class Cockpit:
         layouts: the layouts that it can show.
         panels: each with its title.
         single: the only panel of the page, which fills it; '': the page has layouts.
+        plays_log: returns whether a log plays.
     """
 
     def __init__(
-        self, page: Page, layouts: LayoutCollection, panels: Sequence[tuple[Panel, str]], single: str = ""
+        self,
+        page: Page,
+        layouts: LayoutCollection,
+        panels: Sequence[tuple[Panel, str]],
+        single: str = "",
+        plays_log: Callable[[], bool] = lambda: False,
     ):
         self._page = page
         self._layouts = layouts
         self._panels = {panel.name: (panel, title) for panel, title in panels}
         self._single = single
+        self._plays_log = plays_log
+        self._is_chosen = True
         self._name = ""
         self._layout: Layout = ()
         self._alone = single
@@ -83,7 +94,9 @@ class Cockpit:
             return
         if self._layouts.get(layout) is None:
             layout = self.names[0]
+            self._is_chosen = False
             self._grid.on("arrived", self._on_arrived)
+            self._page.always(LOOK_S, self._turn_to_playback)
         self._alone = alone if alone in self._panels else ""
         self._name, self._layout = layout, self._layouts.get(layout) or ()
         self._show()
@@ -140,12 +153,14 @@ class Cockpit:
         """Show a layout."""
         layout = self._layouts.get(name)
         if layout is not None and not self._single:
+            self._is_chosen = True
             self._name, self._layout, self._alone = name, layout, ""
             self._show()
 
     def show_alone(self, panel: str) -> None:
         """Let one panel fill the grid, also one that the layout does not have."""
         if panel in self._panels and not self._single:
+            self._is_chosen = True
             self._alone = panel
             self._show()
 
@@ -167,6 +182,7 @@ class Cockpit:
         left = tuple(tile for tile in self._layout if tile.panel != panel)
         self._layout = left if len(left) < len(self._layout) else with_panel(self._layout, panel)
         self._alone = ""
+        self._is_chosen = True
         self._keep()
         self._show()
 
@@ -213,9 +229,19 @@ class Cockpit:
             self._grid.show(self._layout, self._alone)
 
     def _on_arrived(self, event: GenericEventArguments) -> None:
-        is_portrait = isinstance(event.args, dict) and event.args.get("portrait") is True
-        if is_portrait and self._layouts.get(PORTRAIT) is not None:
-            self._name, self._layout = PORTRAIT, self._layouts.get(PORTRAIT) or ()
+        if isinstance(event.args, dict) and event.args.get("portrait") is True:
+            self._begin_with(PORTRAIT)
+
+    def _turn_to_playback(self) -> None:
+        if not self._is_chosen and self._plays_log():
+            self._begin_with(PLAYBACK)
+
+    def _begin_with(self, name: str) -> None:
+        """Show a layout on a page where nobody has chosen one yet."""
+        layout = self._layouts.get(name)
+        if layout is not None and not self._is_chosen:
+            self._is_chosen = True
+            self._name, self._layout = name, layout
             self._show()
 
     def _show(self) -> None:

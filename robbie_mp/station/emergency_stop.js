@@ -6,8 +6,10 @@
 export default {
   template: `<div style="position: absolute">
     <Teleport to="body">
-      <div v-if="is_lost || is_page_lost" id="link-lost" role="alert">
-        <div>No connection to the robot for {{ Math.max(lost_s, page_lost_s) }} s. What this page shows is old.</div>
+      <div v-if="has_ended || is_lost || is_page_lost" id="link-lost" role="alert">
+        <div v-if="has_ended" id="station-ended" class="is-end">The operator station has ended in order, as at the end of a run.
+          What you see is its last state. You cannot stop the robot from here.</div>
+        <div v-else>No connection to the robot for {{ Math.max(lost_s, page_lost_s) }} s. What this page shows is old.</div>
       </div>
       <div class="emergency-stop">
         <div :class="shown.look">
@@ -22,7 +24,7 @@ export default {
     // now_ms and heard_ms are times of performance.now(): now, and of the last answered question.
     // page_ms: when the connection of the rest of the page was last open.
     const now_ms = performance.now();
-    return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, kept: kept_press() };
+    return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, has_ended: false, kept: kept_press() };
   },
   mounted() {
     this.on_key = (event) => {
@@ -143,6 +145,7 @@ export default {
       this.now_ms = performance.now();
       this.heard_ms = Math.max(this.heard_ms, answer.asked_ms);
       this.answer = answer;
+      this.has_ended = answer.ends;
       if (this.kept && answer.press === this.kept.name && SETTLED.includes(answer.fate)) {
         this.kept = null;
         sessionStorage.removeItem(KEPT);

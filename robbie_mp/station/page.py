@@ -18,6 +18,7 @@ from robbie_mp.station.gate import SESSION
 from robbie_mp.station.grid import STYLES
 from robbie_mp.station.keyboard import Keyboard, keys_button
 from robbie_mp.station.layouts import LayoutCollection
+from robbie_mp.station.look import COOKIE, LookSwitch
 from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 PRIMARY = "#00796b"
 """Colour of what can be pressed. White text on it has a contrast of 5.3."""
+POSITIVE, NEGATIVE = "#2e7d32", "#c62828"
+"""Colours of notes. White text on them has contrasts of 5.1 and 5.6."""
 STYLE = Path(__file__).parent / "cockpit.css"
 LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
@@ -77,6 +80,8 @@ class PageParts:
     """Builds the bar below the tiles."""
     panels: Sequence[tuple[Panel, str]]
     """Each with its title."""
+    plays_log: Callable[[], bool]
+    """Returns whether a log plays."""
 
 
 def build_page(
@@ -97,10 +102,10 @@ def build_page(
     ui.run_javascript(RECONNECT)
     for style in (*STYLES, STYLE):
         ui.add_css(style)
-    ui.colors(primary=PRIMARY)
+    ui.colors(primary=PRIMARY, positive=POSITIVE, negative=NEGATIVE)
     if page.role is Role.OPERATOR:
         page.driver = Driver(station, page)
-    cockpit = Cockpit(page, layouts, parts.panels, single)
+    cockpit = Cockpit(page, layouts, parts.panels, single, parts.plays_log)
     with ui.element("div").classes("cockpit"):
         with ui.element("header").classes("cockpit-bar beside-emergency-stop"):
             parts.strip(page)
@@ -121,6 +126,8 @@ def build_page(
 def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:
     cockpit.build_menu()
     keys_button()
+    cookies = ui.context.client.request.cookies if ui.context.client.request else {}
+    LookSwitch(cookies.get(COOKIE, "")).build(page)
     for build in parts.tools:
         build(page)
     ui.badge((page.role or Role.OBSERVER).name.lower()).props("outline id=role color=white")

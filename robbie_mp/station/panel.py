@@ -6,10 +6,11 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from robbie_mp.station.context import Page, StationContext
     from robbie_mp.station.log_events import EventKind
+    from robbie_mp.station.state_item import StateItem
 
 
 def columns(*names: str) -> list[dict[str, Any]]:
@@ -45,6 +46,10 @@ class Panel(ABC):
     def is_looked_at(self) -> bool:
         """Whether any page shows the panel. Otherwise it need not prepare anything."""
         return any(self.name in page.shown for page in tuple(self.station.pages.values()))
+
+    def state_items(self) -> Iterable[StateItem]:
+        """Return what the strip at the top shows in every layout. Runs in the module's thread."""
+        return ()
 
     def tick(self) -> None:  # noqa: B027 - most panels have nothing to do
         """Do the work that is common to all pages. Runs in the module's thread at each tick."""

@@ -34,6 +34,11 @@ class PlaybackBar:
         self._state = station.newest(PlaybackState)
         self.events = LogEvents(kinds)
 
+    @property
+    def has_log(self) -> bool:
+        """Whether a log plays, or is paused."""
+        return self._state.message is not None
+
     def order(self, page: Page, command: str, value: float = 0.0) -> None:
         """Control the playback."""
         control = PlaybackControl(request=secrets.randbits(63), command=command, value=value)
@@ -50,7 +55,7 @@ class PlaybackBar:
 
     def build(self, page: Page) -> None:
         """Build the bar for a page. Observers only see the position."""
-        with ui.card().classes("w-full bg-purple-10 no-shadow").props("id=playback") as bar:
+        with ui.card().classes("w-full playback-bar no-shadow").props("id=playback") as bar:
             text = ui.label("").props("id=playback-text role=status")
             with ui.row().classes("w-full items-center no-wrap"):
                 if page.role is Role.OPERATOR:

@@ -60,6 +60,12 @@ class StopService:
     def __init__(self, requests: StopRequests, state: Latest[EmergencyStop]):
         self._requests = requests
         self._state = state
+        self._ends = False
+
+    def end(self) -> None:
+        """Tell all pages that the station ends in order, as it does at the end of a run."""
+        self._ends = True
+        self._requests.tell()
 
     def beside(self, app: App) -> App:
         """Return an application that serves these connections, and passes other requests to another one."""
@@ -89,6 +95,7 @@ class StopService:
                 "engaged": None if state is None else state.engaged,
                 "reason": "" if state is None else state.reason,
                 "age_s": self._state.age_s,
+                "ends": self._ends,
             }
         )
 

@@ -73,7 +73,7 @@ class StopRequests:
             self._pending[name] = None
             _shorten(self._pending)
             self._send_stop()
-        self._tell()
+        self.tell()
 
     def release(self) -> bool:
         """Release the stop, and withdraw all waiting presses. Return False if the release was not sent."""
@@ -82,7 +82,7 @@ class StopRequests:
             if is_sent:
                 self._released_s = self._now_s()
                 self._settle(list(self._pending), Fate.WITHDRAWN)
-        self._tell()
+        self.tell()
         return is_sent
 
     def see(self, *, engaged: bool, published_s: float) -> None:
@@ -95,7 +95,7 @@ class StopRequests:
             ]
             self._settle(heard, Fate.CONFIRMED)
         if heard:
-            self._tell()
+            self.tell()
 
     def repeat(self) -> None:
         """Send unconfirmed stops again. Call this often."""
@@ -132,7 +132,8 @@ class StopRequests:
             self._settled[name] = fate
         _shorten(self._settled)
 
-    def _tell(self) -> None:
+    def tell(self) -> None:
+        """Call all listeners."""
         for listener in self._listeners:
             listener()
 

@@ -92,16 +92,18 @@ class Website:
         )
         self._motion = station.motion = Motion(station)
         station.cameras = Cameras(station)
-        self._strip = StateStrip(station)
         panels, titles = make_panels(station)
         self._panels = [*panels.values()]
+        self._strip = StateStrip(station, self._panels)
         titled = [(panels[name], title or panels[name].title) for name, title in titles.items()]
         self._emergency_stop = EmergencyStopControl(station)
         tools = [MomentMarker(station).build, self._emergency_stop.build]
         event_kinds = [kind for panel in self._panels for kind in panel.log_events]
         playback_bar = PlaybackBar(station, event_kinds)
         bars = [panel.build_on_every_tab for panel in self._panels]
-        parts = PageParts(self._strip.build, tools, bars, playback_bar.build, titled)
+        parts = PageParts(
+            self._strip.build, tools, bars, playback_bar.build, titled, lambda: playback_bar.has_log
+        )
         layouts = layouts_of(station, [name for name in titles if name in panels])
 
         def build(panel: str = "") -> None:
@@ -160,7 +162,8 @@ class Website:
             panel.tick()
 
     def close(self) -> None:
-        """Stop the page server, and close the panels."""
+        """Tell the pages that the station ends, stop the page server, and close the panels."""
+        self._emergency_stop.service.end()
         self._server.close()
         for panel in self._panels:
             panel.close()

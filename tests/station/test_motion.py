@@ -11,7 +11,8 @@ from robbie_mp.messages import DriveCommand, EmergencyStop, LaserScan, Message, 
 from robbie_mp.scene_graph import UnknownNode
 from robbie_mp.station.driving.motion import Motion, Movement, free_way_m, tilt
 from robbie_mp.station.latest import Latest
-from robbie_mp.station.state_strip import clock_text, time_left_s
+from robbie_mp.station.state_item import clock_text
+from robbie_mp.station.state_strip import time_left_s
 
 
 class Stage:

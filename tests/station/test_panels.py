@@ -86,6 +86,9 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page:
         log_in(page, "opens-everything")
+        page.wait_for_selector("#layouts:has-text('Playback')")  # because a log plays
+        page.keyboard.press("1")
+        page.wait_for_selector("#layouts:has-text('Drive')")
         everything_is_reached_by_keys(page)
         with page_of(started, address) as other:
             nothing_is_shown_without_a_token(other, address)

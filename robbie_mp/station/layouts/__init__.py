@@ -2,6 +2,7 @@
 
 from robbie_mp.station.layouts.collection import LayoutCollection
 from robbie_mp.station.layouts.layout import (
+    PLAYBACK,
     PORTRAIT,
     Layout,
     LayoutError,
@@ -13,6 +14,7 @@ from robbie_mp.station.layouts.layout import (
 )
 
 __all__ = [
+    "PLAYBACK",
     "PORTRAIT",
     "Layout",
     "LayoutCollection",

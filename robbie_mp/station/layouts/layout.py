@@ -84,6 +84,8 @@ MAX_OF_ALL = 4
 """Number of panels that a layout shows if none of the layouts fits the page."""
 PORTRAIT = "Tablet"
 """The layout for a page that is higher than wide and has never had another one."""
+PLAYBACK = "Playback"
+"""The layout for a page that has never had another one, when a log plays."""
 
 
 def check_layout(name: str, places: Mapping[str, Any], known: Iterable[str]) -> Layout:

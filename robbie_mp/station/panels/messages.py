@@ -57,6 +57,7 @@ class MessagesPanel(Panel):
         table.props("dense flat id=messages-topics").classes("w-full").style("max-height: 45vh")
         title = ui.label("Press on a line to look into its newest message").props("id=messages-chosen")
         tree = ui.tree([], label_key="label").props("dense id=messages-tree")
+        tree.set_visibility(False)
         if page.role is Role.OPERATOR:
             with (
                 ui.expansion("Compose a message", icon="send").classes("w-full").props("id=messages-compose")
@@ -152,5 +153,6 @@ class MessageView:
         self._show(nodes or [])
 
     def _show(self, nodes: list[dict[str, Any]]) -> None:
+        self._tree.set_visibility(bool(nodes))
         self._tree.props["nodes"] = nodes
         self._tree.update()

@@ -27,6 +27,8 @@ SPARKS = 12
 LEAST_SCALE_PERCENT = 20.0
 """Minimum value of the highest bar of a sparkline. Otherwise it is the largest value."""
 TREND = "cpu% lately"
+CHOICE = """<q-checkbox dense v-model="props.selected" :aria-label="'Choose ' + props.row.module" />"""
+"""In each row; Quasar's own checkbox has no name for programs that read the page aloud."""
 GIGABYTE = 1e9
 Row = dict[str, Any]
 
@@ -84,6 +86,7 @@ class SystemPanel(Panel):
         table.props("dense flat").classes("w-full")
         if orders:
             table.on_select(lambda event: orders.choose(event.selection))
+            table.add_slot("body-selection", CHOICE)
         area = ui.row().classes("w-full no-wrap")
         charts: list[tuple[ui.echart, dict[str, History]]] = []
         shown = 0
