@@ -1,5 +1,6 @@
 """Messages that only the rescue robot knows: its mission, and the victims it finds."""
 
+import math
 from typing import Any, ClassVar
 
 from robbie_mp import (
@@ -12,6 +13,7 @@ from robbie_mp import (
     float32,
     float64,
     int8,
+    int32,
     uint8,
     uint32,
 )
@@ -40,11 +42,16 @@ def _without_refusal(fields: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in fields.items() if name != "refusal"}
 
 
+def _with_time(fields: dict[str, Any]) -> dict[str, Any]:
+    """Add the times, which are not known."""
+    return {**fields, "used_s": math.nan, "limit_s": math.nan}
+
+
 class MissionStatus(
     Message,
     name="rescue_msgs/msg/MissionStatus",
-    version=2,
-    upgrades={1: Upgrade(_without_refusal)},
+    version=3,
+    upgrades={1: Upgrade(_without_refusal), 2: Upgrade(_with_time)},
 ):
     """The mission's state, and the orders that it accepts now. Published on each change and at intervals."""
 
@@ -52,6 +59,25 @@ class MissionStatus(
     state: str = DEFAULT  # of its state machine, such as EXPLORE, PAUSE, RETURN, DONE
     text: str = DEFAULT  # description of the state and its reason
     orders: Array[uint8] = DEFAULT  # constants of OrderMission that the mission accepts now
+    used_s: float32 = math.nan  # time of the mission, which stands in a pause; NaN: not known
+    limit_s: float32 = math.nan  # time by which the robot is to be home; NaN: not known
+
+
+class MissionResult(Message, name="rescue_msgs/msg/MissionResult", version=1):
+    """What a mission that has ended has achieved. Published once, latched."""
+
+    header: Header = DEFAULT
+    reason: str = DEFAULT  # why the mission has ended
+    used_s: float32 = DEFAULT  # time of the mission, without its pauses
+    limit_s: float32 = DEFAULT  # time by which the robot was to be home
+    confirmed: uint32 = DEFAULT  # number of victims that are confirmed
+    unconfirmed: uint32 = DEFAULT  # number of others that were seen, without the rejected ones
+    mapped_m2: float32 = DEFAULT  # area on the map that is not unknown
+    searched: float32 = math.nan  # 0 … 1: ratio of the walls that the camera has searched; NaN: not known
+    travelled_m: float32 = DEFAULT
+    collisions: int32 = -1  # number of times that the bumper was pressed; -1: there is no bumper
+    battery: float32 = math.nan  # 0 … 1: charge that is left; NaN: not known
+    notes: list[str] = DEFAULT  # what went wrong
 
 
 class VictimFound(Message, name="rescue_msgs/msg/VictimFound", version=1):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
 from modules.rescue.messages import (
+    MissionResult,
     MissionStatus,
     OrderAccepted,
     OrderMission,
@@ -30,6 +31,7 @@ from robbie_mp import (
 )
 from robbie_mp.messages import (
     BatteryState,
+    Bumper,
     CameraInfo,
     CancelNavigation,
     NavigateTo,
@@ -49,7 +51,7 @@ from workers.rescue.mission_orders import OperatorOrder
 from workers.rescue.mission_states import MissionSettings, MissionState
 from workers.rescue.mission_targets import SearchedGrid
 from workers.rescue.mission_victims import VictimReport
-from workers.rescue.rescue_report import MissionFigures, write_report
+from workers.rescue.rescue_report import MissionFigures, known_m2, travelled_m, write_report
 from workers.rescue.victim_map import VictimState
 
 HOLDS = (MissionState.PAUSE, MissionState.DONE)
@@ -77,8 +79,8 @@ class RescueMission(Module):
     aborts the mission, or calls the robot home. `MissionStatus` says which orders the mission accepts now.
     The module also publishes the `Frontiers` that it can choose from.
 
-    At the end, it writes the report: a map with victims and path in the style of RoboCup Rescue
-    (`NAME_map.png`), the victims (`NAME_victims.csv`), and figures (`mission.json`).
+    At the end, it publishes `MissionResult`, and writes the report: a map with victims and path in the style
+    of RoboCup Rescue (`NAME_map.png`), the victims (`NAME_victims.csv`), and figures (`mission.json`).
 
     After a restart, it continues: it still knows its home, the victims, the time used, the operator's order,
     and whether it was on its way home.
@@ -130,6 +132,7 @@ class RescueMission(Module):
         self.frontiers = self.mission.frontiers
         self.told: tuple[str, list[OperatorOrder]] | None = None
         self.told_s = -math.inf
+        self.has_told_result = False
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
         every = MessageHandling.ALWAYS_DELIVER
@@ -141,6 +144,7 @@ class RescueMission(Module):
         self.subscribe(VictimFound, self.on_victim)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
         self.subscribe(BatteryState, self.on_battery, newest, topic="battery")
+        self.subscribe(Bumper, self.on_bumper, topic="bumper", optional=True)
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Pass a new map to the mission."""
@@ -177,6 +181,10 @@ class RescueMission(Module):
     def on_battery(self, battery: BatteryState) -> None:
         """Pass the battery's charge to the mission."""
         self.mission.limits.see_battery(battery.percentage)
+
+    def on_bumper(self, bumper: Bumper) -> None:
+        """Count collisions."""
+        self.mission.see_bumper(is_pressed=bool(bumper.pressed))
 
     def on_victim(self, victim: VictimFound) -> None:
         """Pass a report of a victim to the mission; another robot's only if it needs no more views."""
@@ -250,6 +258,9 @@ class RescueMission(Module):
             self.log.warning("%s", note)
         self.notes_told = len(self.mission.notes)
         self._tell()
+        if self.mission.machine.is_final and not self.has_told_result:
+            self.has_told_result = True
+            self.publish(self._result(), latched=True)
         self.status = self.mission.status
         if self.mission.machine.is_final and self.mission.machine.time_in_state_s >= self.ends_after_s:
             self.log.info("the mission has ended: %s", self.status)
@@ -264,6 +275,7 @@ class RescueMission(Module):
             duration_s=mission.limits.used_s,
             battery=mission.limits.battery,
             notes=mission.notes,
+            collisions=mission.collisions,
         )
         write_report(
             self.output_directory,
@@ -285,13 +297,42 @@ class RescueMission(Module):
             state, orders = told
             header, text = self._header("map"), mission.status
             codes = np.array(orders, np.uint8)
-            self.publish(MissionStatus(header=header, state=state, text=text, orders=codes))
+            self.publish(
+                MissionStatus(
+                    header=header,
+                    state=state,
+                    text=text,
+                    orders=codes,
+                    used_s=mission.limits.used_s,
+                    limit_s=self.time_limit_s,
+                )
+            )
             if mission.home is not None:
                 home = PointOfInterest(name="home", pose=pose_stamped(mission.home, header).pose)
                 self.publish(PointsOfInterest(header=header, points=[home]), topic="mission")
         if mission.frontiers is not self.frontiers:
             self.frontiers = mission.frontiers
             self.publish(frontiers_message(self.frontiers, self._header("map")))
+
+    def _result(self) -> MissionResult:
+        mission = self.mission
+        states = [report.state for report in mission.victims.reports.values()]
+        mapped_m2 = 0.0 if self.map is None else known_m2(*map_cells(self.map)[:2])
+        battery, searched = mission.limits.battery, mission.searched
+        return MissionResult(
+            header=self._header("map"),
+            reason=mission.machine.reason,
+            used_s=mission.limits.used_s,
+            limit_s=self.time_limit_s,
+            confirmed=states.count(VictimState.CONFIRMED),
+            unconfirmed=sum(state not in SETTLED for state in states),
+            mapped_m2=mapped_m2,
+            searched=math.nan if searched is None else searched.ratio,
+            travelled_m=travelled_m(mission.path_m),
+            collisions=-1 if mission.collisions is None else mission.collisions,
+            battery=math.nan if battery is None else battery,
+            notes=mission.notes,
+        )
 
     def _state_changed(self, state: MissionState) -> None:
         self.show_state(state)

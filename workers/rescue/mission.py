@@ -62,6 +62,7 @@ class Mission:
         home: `(3,)`, the pose where the mission began. None before the first pose.
         operator: What the operator has ordered.
         path_m: where the robot has been, m, map frame.
+        collisions: how often the bumper has been pressed. None: no bumper has reported.
     """
 
     def __init__(
@@ -78,6 +79,8 @@ class Mission:
         self.home: Points | None = None
         self.operator = OperatorOrders(self.settings.starts_by_itself)
         self.path_m: list[tuple[float, float]] = []
+        self.collisions: int | None = None
+        self._touches = False
         self._clock = clock
         self._targets = MissionTargets(self.settings)
         self._target: Target | None = None
@@ -136,6 +139,11 @@ class Mission:
         """Record that the camera works."""
         self._camera_s = self._clock()
 
+    def see_bumper(self, *, is_pressed: bool) -> None:
+        """Count the times at which the bumper begins to touch something."""
+        self.collisions = (self.collisions or 0) + (is_pressed and not self._touches)
+        self._touches = is_pressed
+
     def see_stopped(self, reason: str | None) -> None:
         """Record why the robot cannot drive. None: it can."""
         if reason is not None and self._stopped is None:
@@ -180,6 +188,7 @@ class Mission:
         if self._around is None or self._pose is None:
             return self._wait()
         self._judge()
+        self.limits.hold(is_held=self.state is MissionState.PAUSE)
         if self._clock() - self._planned_s >= self.settings.plan_period_s and self.state in WORKS:
             self._planned_s = self._clock()
             self._plan()
@@ -329,6 +338,7 @@ class Mission:
             "given_up": self._targets.memory(),
             "victims": self.victims.memory(),
             "limits": self.limits.memory(),
+            "collisions": self.collisions,
         }
 
     def remember(self, memory: Mapping[str, Any]) -> None:
@@ -341,6 +351,7 @@ class Mission:
         self.victims.remember(memory["victims"])
         self._known_at_end = set(self.victims.reports)
         self.limits.remember(memory["limits"])
+        self.collisions = memory["collisions"]
         self.operator.is_held, self.operator.has_begun = memory["is_held"], memory["has_begun"]
         if memory["over"] is not None:
             self._end(memory["over"])

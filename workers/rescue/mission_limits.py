@@ -22,12 +22,14 @@ class MissionLimits:
         self._clock = clock
         self._settings = settings
         self._began_s = clock()
+        self._held_since_s: float | None = None
         self._battery: list[tuple[float, float]] = []
 
     @property
     def used_s(self) -> float:
-        """Return how long the mission has taken so far."""
-        return self._clock() - self._began_s
+        """Return how long the mission has taken so far, without its pauses."""
+        now_s = self._clock() if self._held_since_s is None else self._held_since_s
+        return now_s - self._began_s
 
     @property
     def battery(self) -> float | None:
@@ -49,10 +51,18 @@ class MissionLimits:
         """Start counting the time now."""
         self._began_s = self._clock()
 
+    def hold(self, *, is_held: bool) -> None:
+        """Let the time stand while the operator has paused the robot."""
+        if is_held and self._held_since_s is None:
+            self._held_since_s = self._clock()
+        elif not is_held and self._held_since_s is not None:
+            self._began_s += self._clock() - self._held_since_s
+            self._held_since_s = None
+
     def see_battery(self, ratio: float) -> None:
         """Record the battery's charge, as a ratio."""
         if math.isfinite(ratio):
-            self._battery[1:] = [(self.used_s, ratio)]
+            self._battery[1:] = [(self._clock(), ratio)]
 
     def battery_lasts_s(self) -> float:
         """Return how long the battery lasts down to its reserve if it keeps draining at the same rate."""
@@ -81,9 +91,10 @@ class MissionLimits:
 
     def memory(self) -> dict[str, Any]:
         """Return what a restarted mission needs to go on, as plain data."""
-        return {"used_s": self.used_s, "battery": [list(entry) for entry in self._battery]}
+        now_s = self._clock()
+        return {"used_s": self.used_s, "battery": [[now_s - at_s, ratio] for at_s, ratio in self._battery]}
 
     def remember(self, memory: Mapping[str, Any]) -> None:
         """Continue from the data that `memory` returned."""
         self._began_s = self._clock() - memory["used_s"]
-        self._battery = [(at_s, ratio) for at_s, ratio in memory["battery"]]
+        self._battery = [(self._clock() - age_s, ratio) for age_s, ratio in memory["battery"]]

@@ -232,6 +232,12 @@ class SearchedGrid:
         self.of_others: tuple[tuple[SearchedGrid, Points], ...] = ()
         """What other robots have searched, each with the pose of its map's frame in the map frame."""
 
+    @property
+    def ratio(self) -> float:
+        """Return the ratio of the walls that this robot has searched; NaN if there are none."""
+        walls = int((self.cells >= 0).sum())
+        return float((self.cells == SEARCHED).sum()) / walls if walls else math.nan
+
     def widened(self) -> "SearchedGrid":
         """Return a grid in which cells around searched ones count, too: maps of robots differ a little."""
         side = 2 * math.ceil(MAPS_DIFFER_M / self.resolution_m) + 1

@@ -43,6 +43,7 @@ class MissionFigures:
         duration_s: how long the mission took.
         battery: the charge that was left, as a ratio. None if it is not known.
         notes: what went wrong.
+        collisions: how often the bumper was pressed. None if there is no bumper.
     """
 
     state: str
@@ -50,6 +51,7 @@ class MissionFigures:
     duration_s: float
     battery: float | None
     notes: Sequence[str]
+    collisions: int | None = None
 
 
 Map = tuple[NDArray[np.int8], float, ArrayLike]
@@ -89,18 +91,23 @@ def write_report(
             picture.draw_victim(victim)
         picture.save(directory / f"{name}_map.png", f"{name}_map.png")
     _write_victims(directory / f"{name}_victims.csv", victims)
-    travelled_m = sum(math.dist(*pair) for pair in pairwise(path_m))
     described = {
         **asdict(figures),
         "notes": list(figures.notes),
-        "travelled_m": round(travelled_m, 2),
-        "mapped_m2": None if made_map is None else round(_known_m2(*made_map[:2]), 2),
+        "travelled_m": round(travelled_m(path_m), 2),
+        "mapped_m2": None if made_map is None else round(known_m2(*made_map[:2]), 2),
         "victims": [{**asdict(victim), "state": victim.state.name} for victim in victims],
     }
     (directory / "mission.json").write_text(json.dumps(described, indent=2) + "\n")
 
 
-def _known_m2(cells: NDArray[np.int8], resolution_m: float) -> float:
+def travelled_m(path_m: Sequence[tuple[float, float]]) -> float:
+    """Return the length of a way, m."""
+    return sum(math.dist(*pair) for pair in pairwise(path_m))
+
+
+def known_m2(cells: NDArray[np.int8], resolution_m: float) -> float:
+    """Return the area of the cells that are not unknown, m²."""
     return float((cells >= 0).sum()) * resolution_m**2
 
 

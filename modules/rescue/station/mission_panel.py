@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
 from modules.rescue.messages import MissionStatus, OrderMission, VictimFound
+from modules.rescue.station.mission_results import MissionResults
 from modules.rescue.station.victim_question import VictimQuestion
 from modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page, ending
+from robbie_mp.station.latest import silence
 from robbie_mp.station.log_events import EventKind
 from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.requests import Asked
 from robbie_mp.station.run_watch import REFRESH_S
+from robbie_mp.station.state_item import ALERT, GOOD, WARNING, StateItem, clock_text
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
@@ -28,6 +33,10 @@ BUTTONS = (
     ("Abort …", OrderMission.ABORT, "stop", "red-10", "x"),
 )
 """Each with its icon, colour and key."""
+SILENT_AFTER_S = 5.0
+"""Maximum time between two messages of a mission that works."""
+DONE, PAUSE = "DONE", "PAUSE"
+MAX_ITEM_CHARACTERS = 28
 
 
 class MissionPanel(Panel):
@@ -40,14 +49,22 @@ class MissionPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
+        self._results = MissionResults(station)
         self._control = MissionControl(station)
         self._watch = VictimWatch(station)
         self._question = VictimQuestion(self._watch)
         station.map_marks.add("victims", self._watch.marks)
 
     def build_on_every_tab(self, page: Page) -> None:
-        """Build the question about a victim."""
+        """Build the question about a victim, and the results of the mission."""
         self._question.build(page)
+        self._results.build(page)
+
+    def state_items(self) -> Iterator[StateItem]:
+        """Return the mission's state and time for the strip."""
+        status = self._control.status
+        if status.message is not None:
+            yield mission_item(status.message, silence(status.age_s, SILENT_AFTER_S))
 
     def build(self, page: Page) -> None:
         """Build the mission's buttons and both tables."""
@@ -81,7 +98,7 @@ class MissionControl:
     """Shows the mission's state. Operators have buttons for the orders that it accepts now."""
 
     def __init__(self, station: StationContext):
-        self._status = station.newest(MissionStatus)
+        self.status = station.newest(MissionStatus)
 
     def build(self, page: Page, panel: str, period_s: float) -> None:
         """Add buttons and texts to a panel of a page."""
@@ -93,7 +110,7 @@ class MissionControl:
         refusal = ui.label("").props("id=mission-refusal role=alert").classes("text-negative")
 
         def update() -> None:
-            status = self._status.message
+            status = self.status.message
             state.set_text("no mission has reported" if status is None else status.state)
             text.set_text("" if status is None else status.text)
             refusal.set_text(ending(given[-1]) if given and given[-1].error else "")
@@ -141,6 +158,25 @@ class MissionControl:
             button.props["title"] = f"{text} (key {key.upper()})"
             page.add_key(key, f"Mission: {text}", partial(press_key, order, text.removesuffix(" …")))
         return made
+
+
+def mission_item(status: MissionStatus, silent: str) -> StateItem:
+    """Return the mission's state and time as the strip shows them.
+
+    Args:
+        status: the mission's newest status.
+        silent: how long the mission has been silent; '' if it is not.
+    """
+    limit = f" / {clock_text(status.limit_s)}" if math.isfinite(status.limit_s) else ""
+    used = f" {clock_text(status.used_s)}{limit}" if math.isfinite(status.used_s) else ""
+    text, detail = f"{status.state}{used}"[:MAX_ITEM_CHARACTERS], status.text
+    if status.state == DONE:
+        return StateItem("mission", "flag", text, GOOD, detail)
+    if silent:
+        return StateItem("mission", "flag", text, ALERT, f"the mission has been silent for {silent}")
+    if status.state == PAUSE:
+        return StateItem("mission", "pause", text, WARNING, f"the time of the mission stands; {detail}")
+    return StateItem("mission", "flag", text, GOOD, detail)
 
 
 def victim_row(victim: KnownVictim) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image as Picture
 
 from modules.navigation import Navigation
-from modules.rescue.messages import MissionStatus, OrderMission, SearchedWalls, VictimFound
+from modules.rescue.messages import MissionResult, MissionStatus, OrderMission, SearchedWalls, VictimFound
 from modules.rescue.mission import RescueMission
 from modules.team_messages import MapAlignment
 from robbie_mp import (
@@ -28,6 +28,7 @@ from robbie_mp import (
 )
 from robbie_mp.messages import (
     BatteryState,
+    Bumper,
     CameraInfo,
     CancelNavigation,
     Frontiers,
@@ -130,8 +131,18 @@ def test_whole_mission_ends_at_home_and_writes_its_report(robot: Robot, tmp_path
     robot.harness.send(BatteryState(percentage=0.8), topic="battery")
     (home,) = robot.harness.take(PointsOfInterest, "mission")[-1].points
     assert (home.name, home.pose.position) == ("home", Point(x=START[0], y=START[1]))
+    robot.harness.send(Bumper(pressed=["front_left"]), topic="bumper")
+    robot.harness.send(Bumper(pressed=["front_left", "front_right"]), topic="bumper")
+    robot.harness.send(Bumper(), topic="bumper")
+    robot.harness.send(Bumper(pressed=["rear_left"]), topic="bumper")
     robot.go_on(300.0)
     assert robot.harness.module.stop_requested
+    (result,) = robot.harness.take(MissionResult)
+    assert (result.reason, result.confirmed, result.unconfirmed, result.collisions) == ("is home", 1, 0, 2)
+    assert result.battery == pytest.approx(0.8)
+    assert 0.0 < result.used_s < result.limit_s
+    assert result.mapped_m2 > 1.0
+    assert 0.0 < result.searched <= 1.0
     assert robot.pose[:2] == pytest.approx(START[:2])
     robot.harness.module.teardown()
     figures = json.loads((tmp_path / "mission.json").read_text())

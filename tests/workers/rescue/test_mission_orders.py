@@ -53,12 +53,34 @@ def test_paused_robot_waits_and_continues_its_task_when_resumed() -> None:
     assert rescue.step().goal == pytest.approx(goal)
 
 
-def test_time_continues_during_a_pause() -> None:
+def test_time_stands_during_a_pause_also_if_the_mission_is_restarted() -> None:
     rescue = Rescue(HALL, time_limit_s=100.0)
     rescue.begin()
     rescue.mission.order(OperatorOrder.PAUSE)
-    rescue.step(99.0)
-    assert (rescue.state(), rescue.mission.machine.reason) == (S.DONE, "the time is over")
+    rescue.step()
+    used_s = rescue.mission.limits.used_s
+    rescue.step(500.0)
+    assert (rescue.state(), rescue.mission.limits.used_s) == (S.PAUSE, used_s)
+    again = restarted(rescue)
+    again.begin()
+    again.step(500.0)
+    assert again.mission.limits.used_s == pytest.approx(used_s, abs=5.0)
+    again.mission.order(OperatorOrder.START)
+    again.step()
+    assert again.state() is S.SEARCH
+    again.step(again.mission.settings.time_limit_s)
+    assert (again.state(), again.mission.machine.reason) == (S.DONE, "the time is over")
+
+
+def test_battery_is_judged_by_all_the_time_with_pauses() -> None:
+    rescue = under_way()
+    limits = rescue.mission.limits
+    limits.see_battery(0.9)
+    rescue.mission.order(OperatorOrder.PAUSE)
+    rescue.step(1000.0)
+    limits.see_battery(0.8)
+    assert limits.battery_lasts_s() == pytest.approx(6500.0, rel=0.02)
+    assert restarted(rescue).mission.limits.battery_lasts_s() == pytest.approx(6500.0, rel=0.02)
 
 
 def test_resumed_robot_that_cannot_drive_reports_it() -> None:

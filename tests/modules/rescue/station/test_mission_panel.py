@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import Page
 
 from tests._support.robot import Robot, wait_until
-from tests.station._support.browser import TABLET, browser, needs_chromium, page_of
+from tests.station._support.browser import RECONNECTING, TABLET, browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 from tests.station.test_panels import FITS, log_in
 
@@ -22,7 +22,7 @@ modules:
       operator_token: file:operator.token
       observer_token: file:observer.token
       panels: ["modules.rescue.station.mission_panel:MissionPanel"]
-  rescuer: {class: "zoo.rescuer:Rescuer"}
+  rescuer: {class: "zoo.rescuer:Rescuer", ends_run: true}
 """
 
 
@@ -32,9 +32,9 @@ def test_operator_answers_and_steers_the_mission_and_observers_cannot(robot: Rob
     robot.write_secret("operator.token", "opens-everything")
     robot.write_secret("observer.token", "opens-all-our-eyes")
     robot.write_profile(PROFILE)
-    robot.start()
+    run = robot.start()
     address = address_of(robot)
-    with browser() as started, page_of(started, address) as page:
+    with browser() as started, page_of(started, address, may_say=RECONNECTING) as page:
         log_in(page, "opens-everything")
         answer_is_reached_by_keys(page)
         with page_of(started, address) as other:
@@ -49,6 +49,8 @@ def test_operator_answers_and_steers_the_mission_and_observers_cannot(robot: Rob
         with page_of(started, address, TABLET) as tablet:
             log_in(tablet, "opens-everything")
             panel_fits(tablet)
+        results_stay_when_the_run_ends(page, robot)
+    assert run.wait(10) == 0
 
 
 def heard(robot: Robot, line: str) -> None:
@@ -96,10 +98,12 @@ def map_and_view_show_the_victim(page: Page) -> None:
 def mission_is_steered(page: Page, robot: Robot) -> None:
     page.click("#tab-mission")
     page.wait_for_selector("#mission-state:has-text('EXPLORE')")
+    page.wait_for_selector("#state-mission:has-text('EXPLORE 1:01 / 10:00')")
     can_press(page, "#mission-pause")
     page.click("#mission-pause")
     heard(robot, "order 1")
     page.wait_for_selector("#mission-state:has-text('PAUSE')")
+    page.wait_for_selector("#state-mission.is-warning:has-text('PAUSE 1:01 / 10:00')")
     can_press(page, "#mission-start", "#mission-return", "#mission-abort")
     assert page.inner_text("#mission-refusal") == ""
     page.keyboard.press("p")
@@ -107,9 +111,21 @@ def mission_is_steered(page: Page, robot: Robot) -> None:
     page.keyboard.press("h")
     heard(robot, "order 3")
     page.wait_for_selector("#mission-refusal:has-text('the order was refused: no 3 today')")
+
+
+def results_stay_when_the_run_ends(page: Page, robot: Robot) -> None:
     page.keyboard.press("x")
     page.click("#confirm-abort")
     heard(robot, "order 2")
+    results = page.locator("#mission-results")
+    results.wait_for()
+    shown = results.inner_text()
+    page.wait_for_selector("#station-ended")
+    assert results.inner_text() == shown
+    for text in ("aborted", "1 confirmed", "1:02 of 10:00", "12.5 m²", "not known, no bumper"):
+        assert text in shown
+    page.click("#close-results")
+    results.wait_for(state="hidden")
 
 
 def can_press(page: Page, *wanted: str) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 
 from modules.rescue.messages import (
     AnswerVictim,
+    MissionResult,
     MissionStatus,
     OrderAccepted,
     OrderMission,
@@ -22,8 +23,13 @@ class Rescuer(Module):
     def setup(self) -> None:
         self.file = (self.output_directory / "rescue.txt").open("a")
         self.asked = True
+        self.ticks_left = 20
         self.mission = MissionStatus(
-            state="EXPLORE", text="drives about", orders=np.array([OrderMission.PAUSE], np.uint8)
+            state="EXPLORE",
+            text="drives about",
+            orders=np.array([OrderMission.PAUSE], np.uint8),
+            used_s=61.0,
+            limit_s=600.0,
         )
         self.serve(AnswerVictim, self.on_answer)
         self.serve(OrderMission, self.on_order)
@@ -48,6 +54,10 @@ class Rescuer(Module):
         )
         self.publish(PoseStamped(header=header, pose=Pose(position=Point(x=1.5, y=3.25))), topic="map_pose")
         self.publish(self.mission)
+        if self.mission.state == "DONE":
+            self.ticks_left -= 1
+            if not self.ticks_left:
+                self.stop()
 
     def on_answer(self, answer: AnswerVictim) -> VictimAnswered:
         self.asked = False
@@ -55,12 +65,17 @@ class Rescuer(Module):
         return VictimAnswered(state=VictimFound.CONFIRMED)
 
     def on_order(self, order: OrderMission) -> OrderAccepted:
-        """Pause; refuse all other orders."""
+        """Pause, or end the mission; refuse all other orders."""
         print("order", order.order, file=self.file, flush=True)
+        if order.order == OrderMission.ABORT:
+            self.mission = MissionStatus(state="DONE", text="stands", used_s=62.0, limit_s=600.0)
+            result = MissionResult(reason="aborted", confirmed=1, used_s=62.0, limit_s=600.0, mapped_m2=12.5)
+            self.publish(result, latched=True)
+            return OrderAccepted(state="DONE")
         if order.order != OrderMission.PAUSE:
             raise CallRefused(f"no {order.order} today")
         orders = np.array([OrderMission.START, OrderMission.RETURN, OrderMission.ABORT], np.uint8)
-        self.mission = MissionStatus(state="PAUSE", text="stands", orders=orders)
+        self.mission = MissionStatus(state="PAUSE", text="stands", orders=orders, used_s=61.0, limit_s=600.0)
         return OrderAccepted(state="PAUSE")
 
     def teardown(self) -> None:
