@@ -163,11 +163,14 @@ def test_line_cut_short_by_a_kill_counts_as_never_written(tmp_path: Path) -> Non
 
 
 @pytest.mark.alone
-@pytest.mark.timeout(120)
-def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.timeout(180)
+def test_short_campaign_finds_no_violation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     # This seed kills the core, and seven times a subscriber of latched topics.
-    arguments = ["--kills", "12", "--seed", "129", "--longest-stop", "1", "--mean-pause", "0.5", "--json"]
-    arguments += ["--camera-rounds", "1"]
+    monkeypatch.setattr(frozen_log, "MEAN_PAUSE_S", 0.5)
+    arguments = ["--kills", "12", "--seed", "129", "--longest-stop", "1", "--mean-pause", "0.8", "--json"]
+    arguments += ["--camera-rounds", "1", "--freeze-log"]
     code = main([*arguments, "--keep", str(tmp_path)])
     report = json.loads(capsys.readouterr().out)
     assert code == 0, report["violations"]
@@ -180,20 +183,8 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["latched"]["visits of a tool"] > 1
     assert report["neighbours"]["stopped_viewer_dropped"] > 0
     assert report["neighbours"]["hoarder_copied"] > 0
-
-
-@pytest.mark.alone
-@pytest.mark.timeout(180)
-@pytest.mark.usefixtures("disk")  # which skips where there can be none
-def test_short_campaign_with_a_frozen_log_disk_finds_no_violation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(frozen_log, "MEAN_PAUSE_S", 0.5)
-    arguments = ["--kills", "12", "--seed", "5", "--longest-stop", "1", "--mean-pause", "0.8", "--json"]
-    arguments += ["--camera-rounds", "0"]  # the campaign above has the camera
-    code = main([*arguments, "--freeze-log", "--keep", str(tmp_path)])
-    report = json.loads(capsys.readouterr().out)
-    assert code == 0, report["violations"]
+    if not report["log_disk"]:
+        pytest.skip("A FROZEN LOG DISK IS NOT TESTED: this machine does not allow one")
     assert report["log_disk"]["standstills"] >= 1
     assert report["log_disk"]["kills_while_frozen"] >= 1
     assert report["log_disk"]["restarts_while_frozen"] >= 1

@@ -15,10 +15,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests._support.robot import wait_until
 from tools.test_network.delay import Delay
 from tools.test_network.network import PERFECT, Conditions, Host, Network, NoTestNetwork
 
 LIMIT_S = 10.0
+SO_RCVBUFFORCE = 33
+"""Sets a receive buffer beyond the limit for all programs (socket(7)). Python does not name it."""
 SILENCE_S = 0.3
 """After this time without a packet, no further one comes."""
 FIRST_S = 1.0
@@ -39,7 +42,8 @@ def datagram_sockets(*hosts: Host) -> Iterator[list[socket.socket]]:
 def arrivals(network: Network, count: int, pause_s: float = 0.0) -> list[tuple[int, float]]:
     """Send numbered packets from the robot to the laptop; return number and delay of all that arrive."""
     with datagram_sockets(network.host("robot"), network.host("laptop")) as (sender, receiver):
-        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        # Every packet fits, even if the receiver gets no processor meanwhile.
+        receiver.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 1 << 22)
         receiver.settimeout(FIRST_S)
         sent_s: list[float] = []
         seen: list[tuple[int, float]] = []
@@ -150,9 +154,16 @@ def test_multicast_reaches_the_other_host(network: Network) -> None:
         receiver.bind(group)
         wanted = socket.inet_aton(group[0]) + socket.inet_aton(laptop.address)
         receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, wanted)
-        receiver.settimeout(LIMIT_S)
-        sender.sendto(b"who is there?", group)
-        assert receiver.recv(100) == b"who is there?"
+        receiver.settimeout(SILENCE_S)
+
+        def arrives() -> bool:
+            """The first datagrams may be lost, as anywhere."""
+            sender.sendto(b"who is there?", group)
+            with suppress(TimeoutError):
+                return receiver.recv(100) == b"who is there?"
+            return False
+
+        wait_until(arrives, LIMIT_S)
 
 
 def test_programs_run_on_their_host(network: Network) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page
+from playwright.sync_api import Error as PlaywrightError
 
 from tests._support.robot import LIMIT_S
 from tools.operator_trials.chromium import CHROMIUM, chromium
@@ -23,6 +24,8 @@ GIVEN_UP = "/emergency-stop' failed: WebSocket is closed before the connection i
 TABLET = {"viewport": {"width": 768, "height": 1024}, "has_touch": True}
 LAPTOP = {"viewport": {"width": 1280, "height": 800}}
 COMPLAINTS = ("error", "warning")
+MAX_SHOWN = 2000
+"""Maximum number of characters that a failed test says of a page."""
 RECONNECTING = ("WebSocket connection to", "Failed to load resource: net::ERR_")
 """Begins what a browser says of a server that is gone for a moment."""
 
@@ -44,7 +47,11 @@ def page_of(
     page.on("console", note)
     page.on("pageerror", lambda error: said.append(str(error)))
     page.goto(address)
-    yield page
+    try:
+        yield page
+    except BaseException as error:
+        error.add_note(f"The console said {said}. The page at {page.url} shows:\n{_shown(page)}")
+        raise
     context.close()
     unexpected = [
         text
@@ -52,3 +59,11 @@ def page_of(
         if DRIVER not in text and GIVEN_UP not in text and not text.startswith(tuple(may_say))
     ]
     assert not unexpected, unexpected
+
+
+def _shown(page: Page) -> str:
+    """Return the beginning of a page's text, or why there is none."""
+    try:
+        return page.inner_text("body", timeout=1000)[:MAX_SHOWN]
+    except PlaywrightError as error:
+        return f"nothing ({error})"
