@@ -22,6 +22,19 @@ class ImuSample:
     acceleration_m_per_s2: NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class OrientedSample:
+    """A sample, with the orientation that the unit has computed from it.
+
+    Attributes:
+        sample: turn rates and acceleration.
+        quaternion: w, x, y, z, from the unit's frame to the world's (z up); None: not told.
+    """
+
+    sample: ImuSample
+    quaternion: NDArray[np.float64] | None
+
+
 class Imu(ABC):
     """A three-axis gyroscope and accelerometer."""
 

@@ -35,6 +35,7 @@ from hw.emulation.dynamixel import EmulatedServos
 from hw.emulation.faults import Faults
 from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
 from hw.emulation.line import EmulatedLine
+from hw.emulation.mip import EmulatedMip
 from hw.emulation.p2os import Base, EmulatedPioneer
 from hw.emulation.ptu import EmulatedPtu
 from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
@@ -43,6 +44,7 @@ from hw.flir.ptu import FlirPanTilt
 from hw.gnss.receiver import NMEA_BIT_RATE, NmeaReceiver, UbxReceiver
 from hw.hokuyo.laser import HokuyoLaser
 from hw.irobot.create import CreateBase
+from hw.microstrain.imu import MicroStrainImu
 from hw.pioneer.base import PioneerBase
 from hw.xsens.imu import XsensImu
 
@@ -83,6 +85,7 @@ TRIALS = {
     ),
     "hokuyo": Trial(lambda: EmulatedHokuyo(UTM_30LX, lambda: WALL_M), HokuyoLaser),
     "xsens": Trial(EmulatedMti, lambda url: XsensImu(url, 400)),
+    "mip": Trial(EmulatedMip, lambda url: MicroStrainImu(url, 500)),
     "nmea": Trial(lambda: EmulatedNmea(bit_rate=NMEA_BIT_RATE, period_s=0.1), NmeaReceiver),
     "ubx": Trial(EmulatedUblox, lambda url: UbxReceiver(url, period_s=0.1)),
     "ptu": Trial(EmulatedPtu, FlirPanTilt),

@@ -13,29 +13,46 @@ SYNC = b"\x75\x65"
 BASE_COMMANDS, SETTINGS, SENSOR_DATA = 0x01, 0x0C, 0x80
 PING, TO_IDLE, RESUME, RESET = 0x01, 0x02, 0x06, 0x7E
 ACK = 0xF1
-OK, UNKNOWN = 0x00, 0x01
-FORMAT, STREAM = 0x08, 0x11
-ACCELERATION, TURN, MAGNETIC, EULER, GPS_TIME = 0x04, 0x05, 0x06, 0x0C, 0x12
+OK, UNKNOWN, WRONG_PARAMETER = 0x00, 0x01, 0x03
+BASE_RATE, BASE_RATE_ANSWER, FORMAT, STREAM = 0x06, 0x83, 0x08, 0x11
+ACCELERATION, TURN, MAGNETIC, QUATERNION, EULER, GPS_TIME = 0x04, 0x05, 0x06, 0x0A, 0x0C, 0x12
 INTERNAL_TIME = 0xD5
-BASE_HZ = 1000
+EVERYTHING = frozenset({ACCELERATION, TURN, MAGNETIC, QUATERNION, EULER, GPS_TIME, INTERNAL_TIME})
 
 
 @dataclass
 class Motion:
-    """What the unit measures; set it to your liking: g, rad/s, gauss, rad."""
+    """What the unit measures; set it to your liking: g, rad/s, gauss, rad.
+
+    The unit's x points ahead, y to the right and z down; the quaternion turns its frame to north, east, down.
+    """
 
     acceleration: tuple[float, ...] = (0.0, 0.0, -1.0)
     turn: tuple[float, ...] = (0.0, 0.0, 0.0)
     magnetic: tuple[float, ...] = (0.2, 0.0, 0.4)
+    quaternion: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
     euler: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 class EmulatedMip(EmulatedDevice):
-    """A unit that streams acceleration and turn rate 100 times a second once it has power."""
+    """A unit that streams acceleration and turn rate 100 times a second once it has power.
 
-    def __init__(self, clock: EmulatedClock | None = None, bit_rate: int = 115_200) -> None:
+    Args:
+        clock: its clock.
+        bit_rate: of its line.
+        fields: the fields that this model has; it refuses a format with another one.
+        base_hz: how often it measures in each second.
+    """
+
+    def __init__(
+        self,
+        clock: EmulatedClock | None = None,
+        bit_rate: int = 115_200,
+        fields: frozenset[int] = EVERYTHING,
+        base_hz: int = 1000,
+    ) -> None:
         super().__init__(clock)
-        self.bit_rate = bit_rate
+        self.bit_rate, self.fields, self.base_hz = bit_rate, fields, base_hz
         self.motion = Motion()
         self.power_on()
 
@@ -77,6 +94,8 @@ class EmulatedMip(EmulatedDevice):
             kind, data, fields = fields[1], fields[2 : fields[0]], fields[fields[0] :]
             code = self._obey(group, kind, data)
             answers.append((ACK, bytes([kind, code])))
+            if (group, kind, code) == (SETTINGS, BASE_RATE, OK):
+                answers.append((BASE_RATE_ANSWER, self.base_hz.to_bytes(2, "big")))
         self.send(packet(group, answers))
 
     def _obey(self, group: int, kind: int, data: bytes) -> int:
@@ -95,13 +114,17 @@ class EmulatedMip(EmulatedDevice):
             if self.is_streaming:
                 self._resume()
             return OK
+        if group == SETTINGS and kind == BASE_RATE:
+            return OK
         if group == SETTINGS and kind == FORMAT and len(data) > 2:
             described = data[2 : 2 + 3 * data[1]]
+            if not self.fields.issuperset(described[::3]):
+                return WRONG_PARAMETER
             self._fields = list(described[::3])
             divisors = [
                 int.from_bytes(described[at + 1 : at + 3], "big") for at in range(0, len(described), 3)
             ]
-            self._period_s = max(min(divisors, default=10), 1) / BASE_HZ
+            self._period_s = max(min(divisors, default=10), 1) / self.base_hz
             return OK
         return UNKNOWN
 
@@ -114,6 +137,8 @@ class EmulatedMip(EmulatedDevice):
                   EULER: motion.euler}  # fmt: skip
         if kind == INTERNAL_TIME:
             return round(self._next_s * 1e9).to_bytes(8, "big")
+        if kind == QUATERNION:
+            return struct.pack(">4f", *motion.quaternion)
         if kind == GPS_TIME:
             return struct.pack(">dHH", self._next_s % 604_800, 2000, 7)
         return struct.pack(">3f", *values.get(kind, (0.0, 0.0, 0.0)))

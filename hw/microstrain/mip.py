@@ -32,6 +32,8 @@ class SensorField(IntEnum):
     MAGNETIC_FIELD = 0x06
     QUATERNION = 0x0A
     EULER = 0x0C
+    GPS_TIME = 0x12
+    REFERENCE_TIME = 0xD5
 
 
 # Numbers in each field: their format as in `struct`, big-endian.
@@ -41,7 +43,12 @@ _FORMATS: dict[int, str] = {
     SensorField.MAGNETIC_FIELD: ">3f",
     SensorField.QUATERNION: ">4f",
     SensorField.EULER: ">3f",
+    # Time of the week in s, week, validity.
+    SensorField.GPS_TIME: ">dHH",
+    # ns since the unit was switched on.
+    SensorField.REFERENCE_TIME: ">Q",
 }
+_BASE_RATE, _BASE_RATE_REPLY = 0x06, 0x83
 
 
 class MipField(NamedTuple):
@@ -98,6 +105,19 @@ def set_idle() -> bytes:
 def resume() -> bytes:
     """Return the command that starts the stream again."""
     return packet(DescriptorSet.BASE, [MipField(0x06, b"")])
+
+
+def base_rate_question() -> bytes:
+    """Return the question for the rate at which the unit measures."""
+    return packet(DescriptorSet.SETTINGS, [MipField(_BASE_RATE, b"")])
+
+
+def base_rate_hz(sent: MipPacket) -> int | None:
+    """Return the rate that a packet tells in answer to `base_rate_question`; None: it tells none."""
+    for field in sent.fields:
+        if field.descriptor == _BASE_RATE_REPLY and len(field.data) == 2:
+            return field.data[0] << 8 | field.data[1]
+    return None
 
 
 def sensor_format(fields: Sequence[tuple[int, int]]) -> bytes:

@@ -2,18 +2,16 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hw.connection.clock import DeviceClock
 from hw.connection.device import PluggableDevice
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.connection.port import Port
 from hw.framing import DamagedFrame, FrameDecoder
-from hw.imu import ImuSample
+from hw.imu import ImuSample, OrientedSample
 from hw.xsens import xbus
 from hw.xsens.xbus import MessageId, OutputMode, OutputSettings, XbusData, XbusMessage
 
@@ -25,19 +23,6 @@ OLD_MODE = OutputMode.CALIBRATED | OutputMode.ORIENTATION
 OLD_SETTINGS = OutputSettings.SAMPLE_COUNTER
 # Counter and clock come with every message; the rate FFFF says so.
 WITH_EVERY_MESSAGE = 0xFFFF
-
-
-@dataclass(frozen=True)
-class OrientedSample:
-    """A sample, with the orientation that the unit has computed from it.
-
-    Attributes:
-        sample: turn rates and acceleration.
-        quaternion: w, x, y, z, from the unit's frame to the world's (z up); None: not told.
-    """
-
-    sample: ImuSample
-    quaternion: NDArray[np.float64] | None
 
 
 class _Refused(NamedTuple):
