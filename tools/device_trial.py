@@ -27,11 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.connection.device import PluggableDevice
+from hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
 from hw.dynamixel.servos import DynamixelJoints, ServoJoint
 from hw.emulation.carrier import PseudoTerminal
 from hw.emulation.create import EmulatedCreate
 from hw.emulation.device import EmulatedDevice
 from hw.emulation.dynamixel import EmulatedServos
+from hw.emulation.dynamixel1 import AX_12, EmulatedOldServos
 from hw.emulation.faults import Faults
 from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
 from hw.emulation.line import EmulatedLine
@@ -96,6 +98,14 @@ TRIALS = {
         ),
         lambda joints: joints.command({"joint1": 3.0 if random.random() < 0.5 else -3.0}, 5.0),
         lambda device: device.servos[1].is_halted or not device.servos[1].table[64],
+    ),
+    # Nothing stops these when their cable is pulled.
+    "dynamixel1": Trial(
+        lambda: EmulatedOldServos(dict.fromkeys(range(1, 7), AX_12)),
+        lambda url: Protocol1Joints(
+            url, [Protocol1Joint(f"joint{number}", servo=number) for number in range(1, 7)], rate_hz=50.0
+        ),
+        lambda joints: joints.command({"joint1": 2.0 if random.random() < 0.5 else -2.0}, 5.0),
     ),
 }
 

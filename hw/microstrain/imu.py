@@ -156,7 +156,7 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
         return arrived_s
 
 
-def with_z_up(quaternion: Sequence[float]) -> NDArray[np.float64]:
+def with_z_up(quaternion: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
     """Convert an orientation between MicroStrain's frames and those of REP 103, either way.
 
     MicroStrain turns (ahead, right, down) to (north, east, down); REP 103 turns (ahead, left, up) to

