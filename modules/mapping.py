@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from robbie_mp.messages import (
     TFMessage,
     TimeJump,
 )
-from workers.mapping.grid_mapper import GridMapper
+from workers.mapping.grid_mapper import GridMapper, Limits
 from workers.maps.map_file import write_large_map
 from workers.maps.map_picture import draw_map
 from workers.row_log import RowLog
@@ -50,6 +51,9 @@ class Mapping(Module):
     window_cells: int = setting(
         16_000_000, "largest map published; of a larger one, the part around the robot", minimum=10_000
     )
+    key_sweeps: int = setting(
+        4000, "scans kept in the map, some 15 kB each; at the limit, redundant ones are removed", minimum=10
+    )
     map_topic: str = setting("", "topic of the map, if the robot has other maps, too")
     checkpoint_share: float = setting(
         0.05, "maximum share of its time spent on checkpoints", minimum=1e-6, maximum=1.0
@@ -70,7 +74,8 @@ class Mapping(Module):
             self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
 
     def _reset(self) -> None:
-        self.mapper = GridMapper(resolution_m=self.resolution_m, max_range_m=self.max_range_m)
+        limits = Limits(key_sweeps=self.key_sweeps)
+        self.mapper = GridMapper(self.resolution_m, self.max_range_m, limits=limits)
         self.odometry_messages = 0
         self.scans = 0
         self.drawn_scans = 0
@@ -173,6 +178,7 @@ class Mapping(Module):
             )
             return
         self.mapper = GridMapper.from_state(state["mapper"])
+        self.mapper.limits = replace(self.mapper.limits, key_sweeps=self.key_sweeps)
         self.odometry_messages = state["odometry_messages"]
         self.scans = state["scans"]
         self.true_path.restore(state["true_path"])

@@ -74,6 +74,17 @@ def results(folder: Path) -> tuple[dict[str, Any], str]:
     return json.loads((folder / "mapping.json").read_text()), (folder / "trajectory.txt").read_text()
 
 
+def test_limit_of_key_sweeps_is_a_setting_that_a_restart_may_change(tmp_path: Path) -> None:
+    killed = ModuleHarness(Mapping, EVERY_SCAN | {"key_sweeps": 10}, output_directory=tmp_path)
+    killed.module.setup()
+    drive(killed, 0, 400)
+    assert killed.module.mapper.key_sweeps == 10
+    wider = {"key_sweeps": 20}
+    with ModuleHarness(Mapping, wider, output_directory=tmp_path, restored=killed.checkpoint) as restarted:
+        drive(restarted, 400, 600)
+        assert 10 < restarted.module.mapper.key_sweeps <= 20
+
+
 def test_killed_mapping_restores_its_map_and_counters(tmp_path: Path) -> None:
     for name in ("straight", "killed"):
         (tmp_path / name).mkdir()

@@ -25,6 +25,7 @@ def test_small_campus_is_mapped_with_every_sweep(result: Result) -> None:
 @pytest.mark.slow
 def test_trial_fails_if_a_sweep_is_missing_or_the_end_is_wrong(result: Result) -> None:
     assert replace(result, refused={"sweeps beyond the grid's memory": 1}).violations()
+    assert replace(result, thinned=1).violations()
     assert replace(result, end_error_m=2 * MOST_END_ERROR_M).violations()
 
 

@@ -1,5 +1,6 @@
 """The sweeps that make up a map, each with its pose in a pose graph."""
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from workers.laser.surface_points import SurfacePoints
 from workers.mapping.graph_thinning import without
 from workers.mapping.pose_graph import PoseGraph
 from workers.planar_pose import wrap_angle
+from workers.row_log import RowLog
 
 SPACING_M = 0.4  # sweeps nearer to each other show the same surfaces
 SPACING_RAD = 0.3
@@ -22,7 +24,7 @@ class KeySweeps:
     def __init__(self) -> None:
         self.sweeps: list[LaserSweep] = []
         self.graph = PoseGraph()
-        self._travelled: list[float] = []
+        self._travelled = RowLog(1, sys.maxsize)
 
     def __len__(self) -> int:
         return len(self.sweeps)
@@ -35,13 +37,13 @@ class KeySweeps:
     @property
     def travelled_m(self) -> NDArray[np.float64]:
         """Distance travelled at each sweep, `(N,)`, m."""
-        return np.array(self._travelled)
+        return self._travelled.rows[:, 0]
 
     def add(self, sweep: LaserSweep, pose: ArrayLike) -> int:
         """Append a sweep and return its number."""
         pose = np.asarray(pose, float)
-        so_far = self._travelled[-1] + np.hypot(*(pose - self.poses[-1])[:2]) if self.sweeps else 0.0
-        self._travelled.append(float(so_far))
+        so_far = self.travelled_m[-1] + np.hypot(*(pose - self.poses[-1])[:2]) if self.sweeps else 0.0
+        self._travelled.add([so_far])
         self.sweeps.append(sweep)
         return self.graph.add_pose(pose)
 
@@ -54,7 +56,7 @@ class KeySweeps:
         self.graph, heirs = without(self.graph, numbers)
         gone = set(numbers)
         self.sweeps = [sweep for number, sweep in enumerate(self.sweeps) if number not in gone]
-        self._travelled = [metres for number, metres in enumerate(self._travelled) if number not in gone]
+        self._travelled.restore({"rows": np.delete(self.travelled_m, numbers), "forgotten": 0})
         return heirs
 
     def state(self) -> dict[str, Any]:
@@ -77,7 +79,7 @@ class KeySweeps:
             LaserSweep.from_ranges(ranges, float(first), float(increment), 0.0, np.inf)
             for ranges, (first, increment) in zip(each, state["bearings_rad"], strict=True)
         ]
-        self._travelled = [float(metres) for metres in state["travelled_m"]]
+        self._travelled.restore({"rows": state["travelled_m"], "forgotten": 0})
         self.graph = PoseGraph.from_state(state["graph"])
 
     def spaced(self, numbers: Iterable[int], most: int) -> list[int]:

@@ -91,8 +91,12 @@ class LoopCloser:
         poses, travelled = self._keys.poses, self._keys.travelled_m
         apart = np.hypot(*(poses - poses[newest])[:, :2].T)
         turned = np.abs(wrap_angle(poses[:, 2] - poses[newest, 2]))
-        drift = np.minimum(DRIFT_PER_M * self._keys.graph.distances_m(newest), MOST_DRIFT_M)
-        possible = (travelled[newest] - travelled > LEAST_LOOP_M) & (apart < NEAR_M + drift)
+        possible = (travelled[newest] - travelled > LEAST_LOOP_M) & (apart < NEAR_M + MOST_DRIFT_M)
+        if not possible.any():
+            return []
+        along = self._keys.graph.distances_m(newest, limit_m=MOST_DRIFT_M / DRIFT_PER_M)
+        drift = np.minimum(DRIFT_PER_M * along, MOST_DRIFT_M)
+        possible &= apart < NEAR_M + drift
         cost = np.where(possible, apart + turned, np.inf)
         found = []
         for _ in range(MOST_CANDIDATES):

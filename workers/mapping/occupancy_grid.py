@@ -16,11 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LOG_ODDS_HIT = 0.85  # a beam ended here: occupied with p = 0.70
-LOG_ODDS_PASS = -0.4  # a sweep looked through: occupied with p = 0.40
+LOG_ODDS_STEP = 0.05
+HIT_STEPS = 17  # log-odds 0.85: a beam ended here, so occupied with p = 0.70
+PASS_STEPS = -8  # log-odds -0.4: a sweep looked through, so occupied with p = 0.40
+MOST_STEPS = 140  # from here on, the percentage is 0 or 100
+STEPS = np.arange(-MOST_STEPS, MOST_STEPS + 1)
+PERCENT = np.round(100 / (1 + np.exp(-LOG_ODDS_STEP * STEPS))).astype(np.int8)  # of each number of steps
 TILE = 32  # cells along a tile's edge
 TILE_CELLS = TILE * TILE
 BLOCK = 512  # tiles allocated together
+BATCH = 64  # tiles whose occupancy is computed at a time, so that the arrays stay in the cache
 HIT, PASSED = 0, 1
 FAR = 1 << 30  # tile coordinates are packed into one integer; no robot drives that far
 
@@ -74,7 +79,7 @@ class OccupancyGrid:
         self._slots: dict[int, int] = {}  # packed tile coordinates: the tile's number
         self._free: list[int] = []
         self._changed: set[int] = set()  # packed coordinates of tiles whose occupancy is out of date
-        self._counts: list[NDArray[Any]] = []  # by block: (2, BLOCK * TILE_CELLS), unsigned
+        self._counts: list[NDArray[Any]] = []  # by block: (2, BLOCK, TILE, TILE), unsigned
         self._percent: list[NDArray[np.int8]] = []  # by block: (BLOCK, TILE, TILE)
 
     def add(self, origin_xy_m: ArrayLike, points: ArrayLike) -> None:
@@ -83,16 +88,13 @@ class OccupancyGrid:
         Raises:
             GridFull: The sweep would make the grid exceed its limit of cells. The grid does not change.
         """
-        hits, passed = self._drawn(origin_xy_m, points)
-        self._cover(np.unique(np.concatenate([_tiles(hits.cells), _tiles(passed.cells)])))
-        self._count(HIT, hits, 1)
-        self._count(PASSED, passed, 1)
+        drawing = _Drawing.of(origin_xy_m, points, self.resolution_m)
+        self._cover(drawing.tiles)
+        self._count(drawing, 1)
 
     def remove(self, origin_xy_m: ArrayLike, points: ArrayLike) -> None:
         """Remove a sweep that was added with exactly these values."""
-        hits, passed = self._drawn(origin_xy_m, points)
-        self._count(HIT, hits, -1)
-        self._count(PASSED, passed, -1)
+        self._count(_Drawing.of(origin_xy_m, points, self.resolution_m), -1)
 
     @property
     def bytes(self) -> int:
@@ -161,37 +163,14 @@ class OccupancyGrid:
             slot = self._slots[key]
             yield left, bottom, self._percent[slot // BLOCK][slot % BLOCK]
 
-    def _drawn(self, origin_xy_m: ArrayLike, points: ArrayLike) -> "tuple[_Counts, _Counts]":
-        """Draw one sweep: the cells it hit, and those it looked through but did not hit."""
-        origin, ends = np.asarray(origin_xy_m, float), np.asarray(points, float).reshape(-1, 2)
-        beams = ends - origin
-        length = np.hypot(beams[:, 0], beams[:, 1])
-        steps = np.floor(length / self.resolution_m).astype(np.int64)
-        beam = np.repeat(np.arange(len(ends)), steps)
-        step = np.arange(len(beam)) - np.repeat(np.cumsum(steps) - steps, steps)
-        along = origin + beams[beam] * (step * self.resolution_m / length[beam])[:, None]
-        hit, passed = (np.floor(places / self.resolution_m).astype(np.int64) for places in (ends, along))
-        every = np.concatenate([hit, passed, np.floor(origin / self.resolution_m).astype(np.int64)[None]])
-        corner = every.min(axis=0)
-        shape = tuple((every.max(axis=0) - corner + 1)[::-1])
-        hits, passes = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
-        passes[passed[:, 1] - corner[1], passed[:, 0] - corner[0]] = True
-        np.add.at(hits, (hit[:, 1] - corner[1], hit[:, 0] - corner[0]), 1)
-        passes &= hits == 0
-        hit_at, passed_at = np.nonzero(hits), np.nonzero(passes)
-        return (
-            _Counts(np.column_stack(hit_at[::-1]) + corner, hits[hit_at]),
-            _Counts(np.column_stack(passed_at[::-1]) + corner, np.ones(len(passed_at[0]), np.int32)),
-        )
-
-    def _cover(self, tiles: NDArray[np.int64]) -> None:
+    def _cover(self, tiles: list[int]) -> None:
         """Take memory for tiles that have none."""
-        new = [tile for tile in tiles.tolist() if tile not in self._slots]
+        new = [tile for tile in tiles if tile not in self._slots]
         if not new:
             return
         if (len(self._slots) + len(new)) * TILE_CELLS > self.max_cells:
             self._refresh()  # frees the tiles that sweeps have left
-            new = [tile for tile in tiles.tolist() if tile not in self._slots]
+            new = [tile for tile in tiles if tile not in self._slots]
         if (len(self._slots) + len(new)) * TILE_CELLS > self.max_cells:
             raise GridFull(
                 f"the area seen at {self.resolution_m} m is more than {self.max_cells} cells; "
@@ -200,57 +179,96 @@ class OccupancyGrid:
         for tile in new:
             if not self._free:
                 first = len(self._counts) * BLOCK
-                self._counts.append(np.zeros((2, BLOCK * TILE_CELLS), np.uint16))
+                self._counts.append(np.zeros((2, BLOCK, TILE, TILE), np.uint16))
                 self._percent.append(np.full((BLOCK, TILE, TILE), -1, np.int8))
                 self._free.extend(range(first + BLOCK - 1, first - 1, -1))
             self._slots[tile] = self._free.pop()
 
-    def _count(self, which: int, counts: "_Counts", by: int) -> None:
-        tiles = _tiles(counts.cells)
-        each, member = np.unique(tiles, return_inverse=True)
-        keys = each.tolist()
-        self._changed.update(keys)
-        slots = np.array([self._slots[key] for key in keys], np.int64)[member]
-        inside = counts.cells % TILE
-        place = slots % BLOCK * TILE_CELLS + inside[:, 1] * TILE + inside[:, 0]
-        blocks = slots // BLOCK
-        for block in np.unique(blocks).tolist():
-            here = blocks == block
-            at = place[here]
-            new = self._counts[block][which, at].astype(np.int64) + by * counts.number[here]
-            if new.max() > np.iinfo(self._counts[block].dtype).max:
-                self._counts[block] = self._counts[block].astype(np.uint32)
-            self._counts[block][which, at] = new
+    def _count(self, drawing: "_Drawing", by: int) -> None:
+        self._changed.update(drawing.tiles)
+        slots = np.array([self._slots[tile] for tile in drawing.tiles], np.int64)
+        for block, numbers, here in _by_block(slots):
+            counts = self._counts[block]
+            old = counts[:, numbers]
+            new = drawing.counts[:, here]
+            if by > 0 and int(old.max()) + int(new.max()) > np.iinfo(counts.dtype).max:
+                counts = self._counts[block] = counts.astype(np.uint32)
+                old = old.astype(np.uint32)
+            counts[:, numbers] = old + new if by > 0 else old - new
 
     def _refresh(self) -> None:
         """Compute the occupancy of changed tiles, and free those in which nothing is seen any more."""
-        for key in sorted(self._changed):
-            slot = self._slots[key]
-            block, number = divmod(slot, BLOCK)
-            part = slice(number * TILE_CELLS, (number + 1) * TILE_CELLS)
-            hits, passes = self._counts[block][:, part].astype(np.float64)
-            percent = np.round(100 / (1 + np.exp(-(LOG_ODDS_HIT * hits + LOG_ODDS_PASS * passes))))
-            percent[(hits == 0) & (passes == 0)] = -1
-            self._percent[block][number] = percent.reshape(TILE, TILE)
-            if (percent < 0).all():
-                del self._slots[key]
-                self._free.append(slot)
+        keys = sorted(self._changed)
+        slots = np.array([self._slots[key] for key in keys], np.int64)
+        for block, numbers, here in _by_block(slots):
+            for begin in range(0, len(numbers), BATCH):
+                batch = numbers[begin : begin + BATCH]
+                hits, passes = self._counts[block][:, batch].astype(np.int32)
+                steps = np.clip(HIT_STEPS * hits + PASS_STEPS * passes, -MOST_STEPS, MOST_STEPS)
+                percent = PERCENT[steps + MOST_STEPS]
+                percent[(hits == 0) & (passes == 0)] = -1
+                self._percent[block][batch] = percent
+                for number in np.flatnonzero((percent < 0).all(axis=(1, 2))).tolist():
+                    self._free.append(self._slots.pop(keys[here[begin + number]]))
         self._changed.clear()
 
 
 @dataclass(frozen=True)
-class _Counts:
-    """What to count: cells `(N, 2)` (x, y), each once, and the number for each."""
+class _Drawing:
+    """One sweep as the cells that it hit, and those that it looked through but did not hit.
 
-    cells: NDArray[np.int64]
-    number: NDArray[np.int32]
+    Attributes:
+        tiles: Packed coordinates of the tiles in which there are any.
+        counts: `(2, len(tiles), TILE, TILE)`: the number of hits of each cell, and of looks through it.
+    """
+
+    tiles: list[int]
+    counts: NDArray[np.uint16]
+
+    @staticmethod
+    def of(origin_xy_m: ArrayLike, points: ArrayLike, resolution_m: float) -> "_Drawing":
+        """Draw the beams from an origin to points, over the box of whole tiles around them."""
+        # Coordinates lie in rows, `(2, N)`: numpy is several times faster along them.
+        origin, ends = np.asarray(origin_xy_m, float)[:, None], np.asarray(points, float).reshape(-1, 2).T
+        beams = ends - origin
+        length = np.hypot(*beams)
+        steps = np.floor(length / resolution_m).astype(np.int64)
+        beam = np.repeat(np.arange(len(steps)), steps)
+        step = np.arange(len(beam)) - np.repeat(np.cumsum(steps) - steps, steps)
+        along = origin + beams.take(beam, axis=1) * (step * resolution_m / length[beam])
+        hit, passed, start = (
+            np.floor(places / resolution_m).astype(np.int64) for places in (ends, along, origin)
+        )
+        cells = np.concatenate([hit, passed, start], axis=1)
+        low = cells.min(axis=1) // TILE
+        width, height = (cells.max(axis=1) // TILE - low + 1).tolist()
+        hit_at, passed_at = (_index(places - low[:, None] * TILE, width) for places in (hit, passed))
+        counts = np.zeros((2, height * width * TILE_CELLS), np.uint16)
+        counts[PASSED, passed_at] = 1
+        counts[PASSED, hit_at] = 0
+        np.add.at(counts[HIT], hit_at, 1)
+        has_any = np.zeros(height * width, dtype=bool)
+        has_any[hit_at // TILE_CELLS] = has_any[passed_at // TILE_CELLS] = True
+        seen = np.flatnonzero(has_any)
+        rows, columns = np.divmod(seen, width)
+        packed = ((rows + low[1] + FAR) << 32) | (columns + low[0] + FAR)
+        return _Drawing(packed.tolist(), counts.reshape(2, -1, TILE, TILE)[:, seen])
 
 
-def _tiles(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the packed coordinates of the tile of each cell."""
-    tiles = cells // TILE + FAR
-    packed: NDArray[np.int64] = (tiles[:, 1] << 32) | tiles[:, 0]
-    return packed
+def _index(cells: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+    """Return where cells `(2, N)` (x, y) lie in an array of tiles, `width` tiles in a row."""
+    tiles = cells // TILE
+    inside = cells - TILE * tiles
+    index: NDArray[np.int64] = (tiles[1] * width + tiles[0]) * TILE_CELLS + inside[1] * TILE + inside[0]
+    return index
+
+
+def _by_block(slots: NDArray[np.int64]) -> "Iterator[tuple[int, NDArray[np.int64], NDArray[np.int64]]]":
+    """Group tiles by block: its number, the tiles' numbers in it, and their places in `slots`."""
+    blocks = slots // BLOCK
+    for block in np.unique(blocks).tolist():
+        here = np.flatnonzero(blocks == block)
+        yield block, slots[here] % BLOCK, here
 
 
 def _unpacked(tiles: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ map. That doubt grows while solving (Yang et al., "Graduated non-convexity for r
 RA-L 2020).
 """
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
 
 from workers.planar_pose import relative, wrap_angle
+from workers.row_log import RowLog
 
 DOUBT = 10.0  # an edge's squared error (in its own standard deviations) beyond which it counts less
 DOUBT_GROWTH = 4.0  # from round to round, until DOUBT is reached
@@ -31,10 +33,8 @@ class PoseGraph:
 
     def __init__(self) -> None:
         self.poses = np.zeros((0, 3))
-        self._ends: list[tuple[int, int]] = []
-        self._measured: list[NDArray[np.float64]] = []
-        self._information: list[NDArray[np.float64]] = []
-        self._robust: list[bool] = []
+        # Each row: base, seen, measured (3), information (9), whether it closes a loop.
+        self._log = RowLog(15, sys.maxsize)
         self._settled_edges = 0  # number of edges at the last optimisation
 
     def add_pose(self, pose: ArrayLike) -> int:
@@ -46,23 +46,21 @@ class PoseGraph:
         self, base: int, seen: int, measured: ArrayLike, information: ArrayLike, closes_loop: bool = False
     ) -> None:
         """Join two poses: `seen` was measured from `base`, with inverse covariance `information` `(3, 3)`."""
-        self._ends.append((base, seen))
-        self._measured.append(np.asarray(measured, float))
-        self._information.append(np.asarray(information, float))
-        self._robust.append(closes_loop)
+        self._log.add([base, seen, *np.ravel(measured), *np.ravel(information), closes_loop])
 
     def settled(self) -> None:
         """Mark the poses as those that fit the edges best, as after `optimise`."""
-        self._settled_edges = len(self._ends)
+        self._settled_edges = len(self._log)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the whole state as arrays. `optimise` may change them."""
+        edges = self._edges()
         return {
             "poses": self.poses,
-            "ends": np.array(self._ends, dtype=np.int64).reshape(-1, 2),
-            "measured": np.array(self._measured).reshape(-1, 3),
-            "information": np.array(self._information).reshape(-1, 3, 3),
-            "closes_loop": np.array(self._robust, dtype=bool),
+            "ends": edges.ends,
+            "measured": edges.measured,
+            "information": edges.information,
+            "closes_loop": edges.doubtful,
             "settled_edges": np.array(self._settled_edges),
         }
 
@@ -79,8 +77,8 @@ class PoseGraph:
 
     def distances_m(self, start: int, limit_m: float = np.inf) -> NDArray[np.float64]:
         """Return each pose's distance from `start` along edges, m: uncertainty grows with it."""
-        ends = np.array(self._ends)
-        lengths = np.hypot(*np.array(self._measured)[:, :2].T) + 1e-6
+        edges = self._edges()
+        ends, lengths = edges.ends, np.hypot(*edges.measured[:, :2].T) + 1e-6
         shape = (len(self.poses), len(self.poses))
         graph = csr_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=shape)
         distances: NDArray[np.float64] = dijkstra(graph, directed=False, indices=[start], limit=limit_m)[0]
@@ -92,14 +90,12 @@ class PoseGraph:
         Returns:
             The largest distance that any pose moved, m.
         """
-        if not self._ends:
+        if not len(self._log):
             return 0.0
         before = self.poses.copy()
-        edges = _Edges(
-            *(np.array(each) for each in (self._ends, self._measured, self._information, self._robust))
-        )
+        edges = self._edges()
         # A new edge starts with little doubt: after a long loop it is far from fitting at first.
-        new = edges.doubtful & (np.arange(len(self._ends)) >= self._settled_edges)
+        new = edges.doubtful & (np.arange(len(self._log)) >= self._settled_edges)
         doubt = max(DOUBT, float(edges.squared_errors(self.poses)[new].max(initial=0.0)))
         for _ in range(MOST_ROUNDS):
             step = self._step(edges, doubt)
@@ -110,6 +106,15 @@ class PoseGraph:
             doubt = max(DOUBT, doubt / DOUBT_GROWTH)
         self.settled()
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
+
+    def _edges(self) -> "_Edges":
+        rows = self._log.rows
+        return _Edges(
+            rows[:, :2].astype(np.int64),
+            rows[:, 2:5].copy(),
+            rows[:, 5:14].reshape(-1, 3, 3).copy(),
+            rows[:, 14] > 0,
+        )
 
     def _step(self, edges: "_Edges", doubt: float) -> NDArray[np.float64]:
         """Return one Gauss-Newton step for all poses except the first, `(N - 1, 3)`."""
