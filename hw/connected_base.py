@@ -1,4 +1,4 @@
-"""What the drivers of bases on a port share: expiring commands, the emergency stop, and odometry."""
+"""Base of the drivers of bases on a port: expiring commands, the emergency stop, and odometry."""
 
 import math
 import time
@@ -27,7 +27,7 @@ class BaseLimits:
 
 @dataclass(frozen=True)
 class BaseReading:
-    """What a base tells at one time.
+    """The report of a base at one time.
 
     Attributes:
         state: its motion by wheel odometry.

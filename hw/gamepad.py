@@ -18,7 +18,7 @@ READ_EVENTS = 64
 
 @dataclass
 class GamepadState:
-    """What the operator holds and pushes.
+    """The buttons and axes as the operator holds them.
 
     Attributes:
         pressed: codes of the buttons that are held.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class ImuSample:
-    """What the unit measured since the previous sample, in its own frame (REP 103: x ahead, y left, z up).
+    """The unit's measurements since the previous sample, in its own frame (REP 103: x ahead, y left, z up).
 
     Attributes:
         stamp_s: end of that interval, on the device's clock.

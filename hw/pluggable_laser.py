@@ -1,4 +1,4 @@
-"""What the drivers of laser range finders share."""
+"""Base of the drivers of laser range finders."""
 
 import math
 import time

@@ -38,7 +38,7 @@ LEAST_SPEED_UP = 15.0
 
 @dataclass(frozen=True)
 class Result:
-    """What one drive through a campus gave."""
+    """The result of one drive through a campus."""
 
     driven_m: float
     sweeps: int

@@ -38,7 +38,7 @@ CONTINUES = re.compile(r"continuing after (\d+) odometry messages and (\d+) scan
 
 @dataclass(frozen=True)
 class Outcome:
-    """What mapping computed from a log."""
+    """The map and poses that mapping computed from a log."""
 
     duration_s: float
     trajectory: bytes

@@ -36,7 +36,7 @@ STEPS_PER_SWEEP = 2
 
 @dataclass(frozen=True)
 class Slip:
-    """What became of one slip.
+    """The result of one slip.
 
     Attributes:
         seed: Random seed of the building.
@@ -152,7 +152,7 @@ def _within(way_m: float | None) -> float | None:
 
 @dataclass(frozen=True)
 class Building:
-    """What one building gave: its slips, and the error of the whole trajectory in the end."""
+    """The result in one building: its slips, and the error of the whole trajectory in the end."""
 
     slips: list[Slip]
     noticed: int

@@ -1,1 +1,1 @@
-"""What drivers of devices on a serial line or a TCP port share."""
+"""Base of drivers of devices on a serial line or a TCP port."""

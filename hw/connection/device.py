@@ -30,7 +30,7 @@ class ConnectionState(StrEnum):
 
 @dataclass
 class Counters:
-    """What has happened since the driver started.
+    """Counts of events since the driver started.
 
     Attributes:
         connections: how often the device was found and started.

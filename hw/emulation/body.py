@@ -1,4 +1,4 @@
-"""What an emulated base moves: its body, with motors, wheels and encoders."""
+"""The body that an emulated base moves:, with motors, wheels and encoders."""
 
 from abc import ABC, abstractmethod
 from threading import Lock

@@ -1,4 +1,4 @@
-"""What carries an emulated device's bytes: a pseudo-terminal, or a TCP port."""
+"""The carrier of an emulated device's bytes: a pseudo-terminal, or a TCP port."""
 
 import fcntl
 import os

@@ -1,4 +1,4 @@
-"""What all emulated devices have in common: power, a clock, and bytes in and out."""
+"""Base of all emulated devices: power, a clock, and bytes in and out."""
 
 import time
 from abc import ABC, abstractmethod

@@ -8,7 +8,7 @@ BITS_OF_A_BYTE = 8
 
 @dataclass
 class Faults:
-    """What goes wrong on the way from the device to the host. By default nothing does.
+    """Faults on the way from the device to the host. By default there are none.
 
     You can change each attribute at any time. Shares lie between 0 and 1.
 

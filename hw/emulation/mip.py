@@ -22,7 +22,7 @@ EVERYTHING = frozenset({ACCELERATION, TURN, MAGNETIC, QUATERNION, EULER, GPS_TIM
 
 @dataclass
 class Motion:
-    """What the unit measures; set it to your liking: g, rad/s, gauss, rad.
+    """The measurements of the unit; set them to your liking: g, rad/s, gauss, rad.
 
     The unit's x points ahead, y to the right and z down; the quaternion turns its frame to north, east, down.
     """

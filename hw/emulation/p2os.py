@@ -26,7 +26,7 @@ VEL, CONFIG, RVEL, SONAR, STOP, VEL2, HOST_BAUD, ESTOP = 11, 18, 21, 28, 29, 32,
 
 @dataclass
 class Base:
-    """What the robot's body has and feels; set it to your liking.
+    """The state of the robot's body; set it to your liking.
 
     Attributes:
         subclass: "p3at", or "p3at-sh" with counts of 1 mm.

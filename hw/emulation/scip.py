@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LaserModel:
-    """What a laser tells of itself in answer to PP.
+    """A laser's description of itself, the answer to PP.
 
     Attributes:
         name: the model.

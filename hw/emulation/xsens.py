@@ -24,7 +24,7 @@ DOUBLE = 3
 
 @dataclass
 class Motion:
-    """What the unit measures; set it to your liking.
+    """The measurements of the unit; set them to your liking.
 
     Attributes:
         quaternion: w, x, y, z.

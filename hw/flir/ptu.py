@@ -59,7 +59,7 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
     ) -> None:
         super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
         self.limits = PanTiltLimits(rate_rad_per_s=rate_rad_per_s)
-        """What the unit allows, as it has told."""
+        """The limits of the unit, as it has told them."""
         self.refused = 0
         """How many commands the unit has refused."""
         self._clock, self._rate_rad_per_s = clock, rate_rad_per_s

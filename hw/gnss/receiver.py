@@ -46,7 +46,7 @@ class SatellitePosition:
 
 
 class Receiver(PluggableDevice[SatellitePosition], Generic[Frame]):
-    """What receivers share. A position that is not one of now is published as such, never repeated.
+    """Base of receivers. An old position is published as old, never repeated as new.
 
     Args:
         url: the port: see `hw.connection.port.Port`.

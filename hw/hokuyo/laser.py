@@ -30,7 +30,7 @@ ON = ("00", "02")
 
 
 class Data(StrEnum):
-    """What the laser measures and sends."""
+    """The choice of measurements that the laser sends."""
 
     RANGES = "MD"
     """Ranges, three characters each."""
@@ -78,7 +78,7 @@ class HokuyoLaser(PluggableLaser):
         if not (1 <= merge <= 99 and 0 <= skip <= 9):
             raise ValueError(f"merge must be 1 to 99 and skip 0 to 9, not {merge} and {skip}")
         self.identity: dict[str, str] = {}
-        """What the laser told of itself: MODL, SERI, FIRM and others."""
+        """The laser's description of itself: MODL, SERI, FIRM and others."""
         self._mount, self._data, self._field_rad = mount, data, field_rad
         self._merge, self._skip = merge, skip
         self._stamps = DeviceClock(2**STAMP_BITS / 1000, 0.001, latency_s)

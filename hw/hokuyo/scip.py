@@ -42,7 +42,7 @@ class DamagedLine(DeviceFault):
 
 @dataclass(frozen=True)
 class Reply:
-    """What the laser sent up to an empty line.
+    """A reply of the laser, up to an empty line.
 
     Attributes:
         echo: the command that it answers; a sweep tells how many remain.

@@ -46,7 +46,7 @@ class Bumps(IntFlag):
 
 
 class Charging(IntEnum):
-    """What the charger does (packet 21)."""
+    """The state of the charger (packet 21)."""
 
     NOT_CHARGING = 0
     RECONDITIONING = 1

@@ -16,7 +16,7 @@ REPLY = 0xF1
 
 
 class DescriptorSet(IntEnum):
-    """What a packet is about."""
+    """The subject of a packet."""
 
     BASE = 0x01
     SETTINGS = 0x0C

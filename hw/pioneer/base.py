@@ -30,7 +30,7 @@ P3AT_LIMITS = BaseLimits(1.2, math.radians(300))
 
 @dataclass(frozen=True)
 class PioneerModel:
-    """What differs between models, from the makers' parameter files.
+    """The differences between models, from the makers' parameter files.
 
     Attributes:
         mm_per_count: of the position.
@@ -83,7 +83,7 @@ class PioneerBase(ConnectedBase):
         limits = (model or P3AT).limits
         super().__init__(url, bit_rate, limits, noise, clock=clock, monotonic=monotonic, open_port=open_port)
         self.name: p2os.RobotName | None = None
-        """What the robot has called itself in the handshake."""
+        """The robot's name for itself in the handshake."""
         self.model = model or P3AT
         self._wanted_model = model
         self._decoder = FrameDecoder(p2os.P2osFraming())

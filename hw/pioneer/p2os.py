@@ -128,7 +128,7 @@ class P2osFraming(Framing[Packet]):
 
 
 class RobotName(NamedTuple):
-    """What the robot answers to the last step of the handshake."""
+    """The robot's answer to the last step of the handshake."""
 
     name: str
     family: str

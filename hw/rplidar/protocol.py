@@ -47,7 +47,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Descriptor:
-    """What kind of reply follows."""
+    """The kind of reply that follows."""
 
     length: int
     is_stream: bool

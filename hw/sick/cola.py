@@ -161,7 +161,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class ScanData:
-    """What the telegram LMDscandata says, up to the last channel.
+    """The content of the telegram LMDscandata, up to the last channel.
 
     Attributes:
         serial_number: the device's.

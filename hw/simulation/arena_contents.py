@@ -22,7 +22,7 @@ class VictimKind(StrEnum):
 
 
 class SignKind(StrEnum):
-    """What a hazard sign warns of; each kind has its own colour, like transport placards."""
+    """The danger that a hazard sign warns of; each kind has its own colour, like transport placards."""
 
     EXPLOSIVE = "explosive"
     FLAMMABLE_GAS = "flammable_gas"

@@ -17,7 +17,7 @@ EDGE_M = 1.0
 
 @dataclass(frozen=True)
 class CourseWishes:
-    """What a course is like.
+    """The properties of a course.
 
     Attributes:
         radius_m: mean distance of the way from the middle.

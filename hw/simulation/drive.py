@@ -83,7 +83,7 @@ class SimulatedDrive(Drive):
         self._left = SimulatedWheel(tick_m, errors.left_scale, slip, (seed, 0))
         self._right = SimulatedWheel(tick_m, errors.right_scale, slip, (seed, 1))
         self.ticks = (0, 0)
-        """What the encoders of the left and the right wheel have counted since this drive began."""
+        """The counts of the encoders of the left and the right wheel since this drive began."""
         self._time_s = clock()
         self._began_s = self._time_s - world.elapsed_s
         self._speeds = (0.0, 0.0)

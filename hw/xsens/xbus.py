@@ -90,7 +90,7 @@ class XbusFraming(Framing[XbusMessage]):
 
 @dataclass(frozen=True)
 class XbusData:
-    """What a data message tells; None: it does not tell this.
+    """The content of a data message; None: the message does not hold this.
 
     Attributes:
         packet_counter: counts the messages, modulo 65536.
@@ -189,7 +189,7 @@ def _check_length(identifier: int, part: bytes, expected: int) -> None:
 
 
 class OutputMode(IntFlag):
-    """What an older unit sends."""
+    """The choice of data that an older unit sends."""
 
     TEMPERATURE = 0x0001
     CALIBRATED = 0x0002

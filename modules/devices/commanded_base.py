@@ -1,4 +1,4 @@
-"""What the modules of all bases share: who may command the drive, and the emergency stop."""
+"""Base of the modules of all bases: the one commander of the drive, and the emergency stop."""
 
 import math
 

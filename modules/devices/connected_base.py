@@ -17,7 +17,7 @@ BATTERY_PERIOD_S = 1.0
 
 
 class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
-    """What the modules of real bases share.
+    """Base of the modules of real bases.
 
     A drive command expires: if no newer one arrives in time, the base stops, even if this process has died
     or hangs. After the base was unplugged it stands until the next command. An emergency stop latches and

@@ -15,7 +15,7 @@ from robbie_mp.messages import NavSatFix, NavSatStatus
 
 
 class ReceiverModule(PluggableDeviceModule[SatellitePosition]):
-    """What the modules of receivers share: they publish `NavSatFix` on topic `gnss`, and `DeviceState`."""
+    """Base of the modules of receivers: they publish `NavSatFix` on topic `gnss`, and `DeviceState`."""
 
     silence_s: float = setting(
         3.0, "the receiver counts as disconnected when it sends nothing valid for this time", minimum=0.05

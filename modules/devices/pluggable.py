@@ -1,4 +1,4 @@
-"""What the modules of pluggable devices share: they poll the device and tell its state."""
+"""Base of the modules of pluggable devices: they poll the device and tell its state."""
 
 from typing import Generic, TypeVar
 

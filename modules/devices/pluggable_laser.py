@@ -1,4 +1,4 @@
-"""What the modules of laser range finders share."""
+"""Base of the modules of laser range finders."""
 
 import numpy as np
 

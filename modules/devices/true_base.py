@@ -1,4 +1,4 @@
-"""What the modules share that own the true pose of a simulated robot."""
+"""Base of the modules that own the true pose of a simulated robot."""
 
 import json
 import math

@@ -64,7 +64,7 @@ class MissionStatus(
 
 
 class MissionResult(Message, name="rescue_msgs/msg/MissionResult", version=1):
-    """What a mission that has ended has achieved. Published once, latched."""
+    """The results of a mission that has ended. Published once, latched."""
 
     header: Header = DEFAULT
     reason: str = DEFAULT  # why the mission has ended
@@ -81,7 +81,7 @@ class MissionResult(Message, name="rescue_msgs/msg/MissionResult", version=1):
 
 
 class VictimFound(Message, name="rescue_msgs/msg/VictimFound", version=1):
-    """What the robot knows about one victim. Published again whenever it knows more."""
+    """The robot's knowledge about one victim. Published again when it knows more."""
 
     SUSPECTED: ClassVar[uint8] = (
         0  # seen, but not well enough to ask the operator; or the operator answered LATER

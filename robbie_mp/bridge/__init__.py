@@ -1,1 +1,1 @@
-"""What bridges to other systems share: which messages cross, under which names, and what drives the robot."""
+"""The common parts of bridges to other systems: the messages that cross, their names, and driving."""

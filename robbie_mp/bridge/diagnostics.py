@@ -1,4 +1,4 @@
-"""What a robot tells the tools of ROS of itself: its trace as /rosout, and its figures as /diagnostics."""
+"""A robot's reports to the tools of ROS: its trace as /rosout, and its figures as /diagnostics."""
 
 import math
 from collections.abc import Iterator

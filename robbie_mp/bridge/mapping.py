@@ -55,11 +55,11 @@ BECOMES: Final[Mapping[type[Message], tuple[type[Message], ...]]] = {
     NavigateTo: (PoseStamped,),
     PoseStamped: (PoseWithCovarianceStamped,),
 }
-"""What messages that come in can become, and of which types they are then."""
+"""The types that incoming messages can be turned into."""
 
 
 class MappingError(RobbieError, ValueError):
-    """What crosses a bridge cannot be understood; the text has a line for each problem."""
+    """A bridge's setting cannot be understood; the text has a line for each problem."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What other systems may order the robot to do: calls of its own services, and the emergency stop.
+"""Orders that other systems may give the robot: calls of its services, and the emergency stop.
 
 A bridge's setting `services` says what is offered: a name on the other side, the robot's service, and the
 fields of its request. With one request, the other side triggers it. With two, it sends true or false.

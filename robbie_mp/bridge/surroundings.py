@@ -1,4 +1,4 @@
-"""What a bridge must know about the run that it is part of."""
+"""A bridge's view of the run that it is part of."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -20,7 +20,7 @@ from robbie_mp.visible_text import one_line
 
 @dataclass(frozen=True)
 class Rates:
-    """What passed through a channel in a while."""
+    """The traffic of a channel between two readings."""
 
     topic: str
     messages: int

@@ -54,7 +54,7 @@ def checked(row: DeclarationRow) -> DeclarationRow:
 
 @dataclass(frozen=True)
 class LinkMemory:
-    """What connects the core with one incarnation of a module."""
+    """The core's connection with one incarnation of a module."""
 
     incarnation: int
     out_words: Words

@@ -1,4 +1,4 @@
-"""What all checks share: reading the kernel's files, and the finding that a check returns."""
+"""Common parts of all checks: reading the kernel's files, and the finding that a check returns."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -22,9 +22,9 @@ class Finding:
     check: str
     level: Level
     found: str
-    """What the check found."""
+    """The result of the check, in words."""
     advice: str = ""
-    """What you should do; empty if nothing."""
+    """Advice to the user; empty if nothing is to be done."""
 
 
 def ok(check: str, found: str) -> Finding:

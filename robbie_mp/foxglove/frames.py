@@ -1,4 +1,4 @@
-"""What the door must know of WebSocket frames (RFC 6455) and of Foxglove's protocol.
+"""The part of WebSocket frames (RFC 6455) and of Foxglove's protocol that the door reads.
 
 Source of the protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md
 """

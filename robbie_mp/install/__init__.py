@@ -1,1 +1,1 @@
-"""What makes a computer start a robot when it is switched on: a unit for systemd, and names for devices."""
+"""Starting a robot when its computer is switched on: a unit for systemd, and names for devices."""

@@ -11,7 +11,7 @@ from robbie_mp.install.unit import Installed
 RULES = Path("etc/udev/rules.d/60-robbie.rules")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 SAFE = re.compile(r"[A-Za-z0-9 ._:+-]+")
-"""What a rule can compare as it is. Other characters mean something to udev."""
+"""Characters that a rule compares as they are. Other characters mean something to udev."""
 
 
 class DeviceNotNamed(RobbieError, ValueError):

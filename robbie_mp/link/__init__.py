@@ -1,1 +1,1 @@
-"""What robots exchange over a network: headers, classes of traffic, books, streams. See docs/link.md."""
+"""Exchange between robots over a network: headers, classes of traffic, books, streams. See docs/link.md."""

@@ -29,7 +29,7 @@ OTHERS = "others"
 
 
 class Key(NamedTuple):
-    """What a row is about."""
+    """The key of a row."""
 
     kind: str
     """"out": a channel that is sent; "in": one that is received; "stream": a stream that is received."""

@@ -33,7 +33,7 @@ class Exchange(NamedTuple):
 
 
 class Verdict(Enum):
-    """What an exchange has told."""
+    """The result of an exchange."""
 
     AGREES = "agrees"
     """It agrees with those before."""

@@ -7,7 +7,7 @@ BBR (N. Cardwell et al., "BBR: congestion-based congestion control", ACM Queue 1
 from robbie_mp.link.header import PART_BYTES
 
 QUEUE_S = 0.025
-"""What may wait on the way, as time: enough to notice that the link can carry more."""
+"""The queue that may wait on the way, as time: enough to notice that the link can carry more."""
 MIN_PART_BYTES = 1_000
 PART_S = 0.008
 """A packet takes at most this time on the way, so that a command never waits for long behind one."""

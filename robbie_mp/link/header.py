@@ -28,7 +28,7 @@ MAX_COUNTS = 512
 """Channels in one report."""
 MAX_WORD = (1 << 64) - 1
 ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
-"""What a robot may be called: its name is part of keys, topics and file names."""
+"""The names that a robot may have: its name is part of keys, topics and file names."""
 
 _DATA, _REPORT, _BEAT = 1, 2, 3
 LATCHED, COMPRESSED = 1, 2
@@ -82,7 +82,7 @@ class Data(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What a receiver has taken of one class of a session."""
+    """A receiver's account of one class of a session."""
 
     robot: str
     traffic: TrafficClass

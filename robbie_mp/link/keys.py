@@ -41,7 +41,7 @@ class KeysError(RobbieError, ValueError):
 
 
 class Certificate(NamedTuple):
-    """What a certificate says.
+    """The content of a certificate.
 
     Attributes:
         robot: the robot's name.

@@ -30,7 +30,7 @@ class Offered(NamedTuple):
 
 @dataclass(frozen=True)
 class NodeSettings:
-    """What a link may do.
+    """The permissions of a link.
 
     Attributes:
         limits: how much may wait for each robot and class.

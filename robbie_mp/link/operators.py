@@ -1,4 +1,4 @@
-"""Who may drive this robot: one operator at a time, and another one only after an explicit request.
+"""The permission to drive this robot: one operator at a time, and another one only after an explicit request.
 
 The emergency stop is not among what an operator must hold the command for: everybody may stop the robot.
 """
@@ -133,7 +133,7 @@ class Operators:
 
     @property
     def text(self) -> str:
-        """Who drives, for people."""
+        """The driver's name, for people."""
         return driver_text(self.holder)
 
     def news(self, now_ns: int) -> OperatorState | None:

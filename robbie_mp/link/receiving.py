@@ -12,7 +12,7 @@ from robbie_mp.link.traffic import MANNERS, TrafficClass
 
 
 class Fate(Enum):
-    """What has become of a message that has arrived."""
+    """The fate of a message that has arrived."""
 
     PUBLISHED = auto()
     REFUSED = auto()

@@ -1,4 +1,4 @@
-"""What a link does with messages that move a robot: throws away late ones, shortens how long they last.
+"""Messages that move a robot: a link throws away late ones and shortens the validity of others.
 
 These are the only messages that a link decodes.
 """

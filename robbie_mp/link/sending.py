@@ -96,7 +96,7 @@ class Limits(NamedTuple):
 
 
 HEADER_BYTES = 100
-"""What a header is counted as in the window."""
+"""The size that a header counts in the window."""
 
 
 @dataclass

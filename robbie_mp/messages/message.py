@@ -103,7 +103,7 @@ class MessageType(type):
 
     @property
     def __signature__(cls) -> Signature:
-        """What the constructor takes, for `help` and `inspect.signature`, whatever creates the messages."""
+        """The constructor's parameters, for `help` and `inspect.signature`, with either form of the codec."""
         if cls is Message:
             raise AttributeError("any fields")
         return Signature(

@@ -1,1 +1,1 @@
-"""What an author writes a module with, and what runs it."""
+"""Everything to write a module with, and the runner of modules."""

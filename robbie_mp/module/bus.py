@@ -24,7 +24,7 @@ class Bus(Protocol):
 
     @property
     def subscriptions(self) -> Subscriptions:
-        """What the module has subscribed to."""
+        """The subscriptions of the module."""
 
     @property
     def peers(self) -> Peers:

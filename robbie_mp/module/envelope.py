@@ -1,4 +1,4 @@
-"""What a handler gets: a message, or its bytes, and the envelope it came in."""
+"""The arguments of a handler: a message, or its bytes, and the envelope it came in."""
 
 from typing import NamedTuple, TypeVar
 
@@ -8,7 +8,7 @@ MessageType = TypeVar("MessageType", bound=Message)
 
 
 class Envelope(NamedTuple):
-    """What the bus knows about a message besides its content."""
+    """The bus's knowledge about a message besides its content."""
 
     topic: str
     """As the module's code names it, whatever the profile calls it."""

@@ -1,4 +1,4 @@
-"""What a module pins: messages that were handled, and to whose memory something still refers."""
+"""Pinned messages: they have been handled, but something still refers to their memory."""
 
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Delivery
@@ -27,7 +27,7 @@ class Pins:
         self._words = words
         self._by_reference: dict[int, tuple[Delivery, object]] = {}
         self._publishers: dict[int, _Pinned] = {}
-        """What is pinned of each publisher's incarnation, by the common part of its sources."""
+        """The pins of each publisher's incarnation, by the common part of its sources."""
         self._bytes = 0
 
     def __len__(self) -> int:
@@ -73,7 +73,7 @@ class Pins:
 
 
 class _Pinned:
-    """What a module pins of one incarnation of a publisher."""
+    """The messages of one incarnation of a publisher that a module pins."""
 
     __slots__ = ("bytes", "messages")
 

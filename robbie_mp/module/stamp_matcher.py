@@ -28,7 +28,7 @@ back, as by a jump of a log that is played or by a simulation that begins again.
 
 @dataclass
 class MatchCounts:
-    """What became of the messages of one topic; `received` is the sum of all others."""
+    """Counts of the messages of one topic by their fate; `received` is the sum of all others."""
 
     received: int = 0
     matched: int = 0
@@ -85,7 +85,7 @@ class StampMatcher:
 
     @property
     def counts(self) -> list[MatchCounts]:
-        """What became of the messages of each topic so far."""
+        """The counts of each topic so far."""
         for count, queue in zip(self._counts, self._queues, strict=True):
             count.waiting = len(queue)
         return self._counts

@@ -1,4 +1,4 @@
-"""What a module subscribes to, and with which handler: the same on every bus."""
+"""The subscriptions of a module and their handlers: the same on every bus."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol

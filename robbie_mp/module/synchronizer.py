@@ -213,7 +213,7 @@ class Synchronizer:
 
     @property
     def counts(self) -> list[MatchCounts]:
-        """What became of the messages of each input, in their order."""
+        """Counts of the messages of each input by their fate, in the order of the inputs."""
         return self._matcher.counts
 
     def forget(self) -> None:

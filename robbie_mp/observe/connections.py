@@ -21,7 +21,7 @@ class Unconnected:
     topic: str
     """'' for all topics."""
     why: str
-    """What is published instead, in words."""
+    """The nearest thing that is published instead, in words."""
 
     def __str__(self) -> str:
         return f"gets no {_what(self.type_name, self.topic)}: {self.why}"

@@ -123,7 +123,7 @@ class ModuleFigures:
     busy_since_ns: int
     """When it started its present activity, monotonic clock; 0 while it is idle."""
     hot_path: str
-    """What publishes, routes or takes its messages: C, or PYTHON; '' if it has not said."""
+    """The language of its hot path: C, or PYTHON; '' if it has not said."""
     work: WorkHistograms | None
     """None while it has no process, and for the core."""
     subscriptions: tuple[SubscriptionFigures, ...]

@@ -1,4 +1,4 @@
-"""What happened between two readings of a run: rates, processor use, and durations."""
+"""Changes between two readings of a run: rates, processor use, and durations."""
 
 import math
 from dataclasses import dataclass

@@ -20,7 +20,7 @@ Digests = list[bytes]
 
 
 class ComparedChannel(NamedTuple):
-    """What channels of two logs must share to be compared; versions may differ.
+    """The key by which channels of two logs are paired; versions may differ.
 
     `sender` is None if senders are ignored: then all messages of a type and topic are one channel.
     """

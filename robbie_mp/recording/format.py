@@ -1,4 +1,4 @@
-"""What our logs hold beyond MCAP's own rules: names, metadata, and how channels are described.
+"""The rules of our logs beyond those of MCAP: names, metadata, and how channels are described.
 
 A recording is a folder of parts, `NAME/NAME_0000.mcap`, `NAME/NAME_0001.mcap` …, and each part is a complete
 log. Messages are stored unchanged, as CDR with its encapsulation header. Schemas are ros2msg texts, and the
@@ -33,7 +33,7 @@ def part_path(folder: Path, number: int) -> Path:
 
 
 class ChannelKey(NamedTuple):
-    """What identifies one channel of a log."""
+    """The key of one channel of a log."""
 
     type_name: str
     version: int

@@ -71,7 +71,7 @@ class LogChannel:
 
     @property
     def key(self) -> ChannelKey:
-        """What identifies the channel in the counts of a log."""
+        """The key of the channel in the counts of a log."""
         return ChannelKey(self.type_name, self.version, self.topic, self.sender)
 
 

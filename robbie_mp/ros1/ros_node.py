@@ -50,13 +50,13 @@ MASTER_LOOK_S = 0.5
 MASTER_TIMEOUT_S = 2.0
 BUFFER_BYTES = 16 << 20
 NO_MASTER = (ValueError, TypeError, IndexError, SyntaxError, HTTPException)
-"""What calls raise when something answers that is no ROS master."""
+"""The errors of calls to a server that is no ROS master."""
 MAX_WAITING = 1000
 MAX_WAITING_BYTES = 64 << 20
 
 
 class Frame(NamedTuple):
-    """What the bridge and the node say to each other."""
+    """The messages between the bridge and the node."""
 
     kind: int
     channel: int

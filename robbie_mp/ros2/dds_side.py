@@ -41,7 +41,7 @@ Gid[] reader_gid_seq
 Gid[] writer_gid_seq
 """,
 )
-"""What each participant tells of its nodes and their endpoints (rmw_dds_common)."""
+"""The topic on which each participant tells of its nodes and their endpoints (rmw_dds_common)."""
 _LARGE = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize>"
 """Within a machine, datagrams need not fit into packets of a network."""
 _SETTINGS = """<CycloneDDS><Domain>

@@ -85,7 +85,7 @@ Entry = dict[str, Any]
 
 @dataclass
 class _Change:
-    """What a node wants to change, until all modules have answered."""
+    """The changes that a node has requested, until all modules have answered."""
 
     asked: Asked
     results: list[tuple[bool, str] | None]

@@ -7,7 +7,7 @@ from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.ros2.type_hash import FILLER, service_hash
 
 HEADER: Final = "uint64 guid\nint64 seq\n"
-"""What rmw_cyclonedds puts before each request and response: the client, and the number of its request."""
+"""Header of rmw_cyclonedds before each request and response: the client, and the number of its request."""
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 
 

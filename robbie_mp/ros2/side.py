@@ -1,4 +1,4 @@
-"""What the bridge to ROS 2 needs of a middleware, whichever it is."""
+"""The interface between the bridge to ROS 2 and each middleware."""
 
 import time
 from collections import deque
@@ -114,7 +114,7 @@ class Inbox:
         self.oversized = 0
         self.strangers = 0
         self.unnamed: deque[str] = deque(maxlen=32)
-        """What strangers were, for the module to name in its log; the oldest go first."""
+        """Descriptions of strangers, for the module to name in its log; the oldest go first."""
 
     def put(self, channel: Channel, data: bytes) -> None:
         """Keep a message for the module; in any thread."""

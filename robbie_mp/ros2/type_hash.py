@@ -48,7 +48,7 @@ char[16] client_gid
 int64 sequence_number
 """,
 )
-"""What is told of each event of a service, if nodes are to see them."""
+"""The definition of a service's events, which nodes can observe."""
 
 
 def type_hash(message_type: type[Message]) -> str:

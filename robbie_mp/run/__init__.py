@@ -1,1 +1,1 @@
-"""What all processes of a run share: its plan, its folder, its clock, and the commands to its supervisor."""
+"""Common to all processes of a run: its plan, its folder, its clock, and the commands to its supervisor."""

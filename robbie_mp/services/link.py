@@ -158,7 +158,7 @@ class Link(Module):
         """Whether messages of a type and topic are obeyed only from the operator who holds the command."""
         self.operators = Operators(self.robot, self.restored)
         self._drivers: dict[str, str] = {}
-        """Who holds the command of other robots, as far as they have said."""
+        """The operators who hold the command of other robots, as far as those have said."""
         self.late = 0
         self.mismatched = 0
         self.looped = 0

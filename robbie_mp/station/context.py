@@ -160,7 +160,7 @@ class Page:
         self.link = link
         self._station = station
         self._asked: list[tuple[Asked, str]] = []
-        """What has not ended yet, each with what to show when it succeeds."""
+        """The requests that have not ended yet, each with the text to show when it succeeds."""
         self.shown: frozenset[str] = frozenset()
         """Names of the panels that the page shows now."""
         self.driver: Drives | None = None

@@ -68,7 +68,7 @@ class BrowserLink(Link):
 
 @dataclass(frozen=True)
 class PageParts:
-    """What builds the parts of a page."""
+    """The builders of the parts of a page."""
 
     strip: Callable[[Page], None]
     """Builds the strip with the state of the robot."""

@@ -1,4 +1,4 @@
-"""What operators ask modules for: a page asks, the module's thread calls, and the page shows the end."""
+"""Requests of operators to modules: a page asks, the module's thread calls, and the page shows the end."""
 
 from __future__ import annotations
 

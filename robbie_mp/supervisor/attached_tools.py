@@ -39,7 +39,7 @@ class _Attached:
     connection: socket.socket
     purpose: str
     progress: object = None
-    """What the tool was doing at the last check."""
+    """The tool's activity at the last check."""
     since_s: float = 0.0
     """When the tool was first seen doing that."""
 

@@ -1,4 +1,4 @@
-"""What runs in a spare interpreter: `python -m robbie_mp.supervisor.spare RUN_FOLDER`.
+"""The program of a spare interpreter: `python -m robbie_mp.supervisor.spare RUN_FOLDER`.
 
 A spare imports what every child needs and reports `ready` on its standard input, which is a socket. There it
 waits for its assignment: the name and the incarnation of the child that it becomes. See
@@ -18,7 +18,7 @@ from robbie_mp.supervisor.assignment import wait_for_assignment
 from robbie_mp.supervisor.child import leave_interrupts_to_supervisor, run_child
 
 IMPORTED_AHEAD = ("numpy", "robbie_mp.supervisor.core_child", "robbie_mp.supervisor.module_child")
-"""What any child may need: a spare becomes the core or a module."""
+"""Modules that any child may need: a spare becomes the core or a module."""
 
 
 def main(run_folder: Path) -> None:

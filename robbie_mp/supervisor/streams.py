@@ -1,4 +1,4 @@
-"""What one incarnation of a child sends, read as it arrives and cut into lines.
+"""The output of one incarnation of a child, read as it arrives and cut into lines.
 
 A child is never blocked for longer than `PAUSE_S` at a time. A flood costs the supervisor little: while it
 lasts, the supervisor reads once in each pause.

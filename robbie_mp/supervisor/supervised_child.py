@@ -40,7 +40,7 @@ class Then(Enum):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What all children of a run share."""
+    """Objects that all children of a run share."""
 
     incarnations: Incarnations
     loop: EventLoop

@@ -1,1 +1,1 @@
-"""What stands between processes: segments, rings, semaphores, loans and views."""
+"""Memory and signals between processes: segments, rings, semaphores, loans and views."""

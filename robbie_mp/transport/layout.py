@@ -22,7 +22,7 @@ MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
 class SegmentKind(IntEnum):
-    """What a segment holds."""
+    """The kind of a segment's contents."""
 
     BOARD = 1
     CORE = 2
@@ -242,7 +242,7 @@ MAX_OUTSTANDING = FREED_RECORDS // 2  # live messages of a module; a core that t
 
 
 class Activity(IntEnum):
-    """What a module is doing since `OUT_ACTIVITY_SINCE_NS`; a handler adds its subscription from bit 8 on."""
+    """A module's activity since `OUT_ACTIVITY_SINCE_NS`; a handler adds its subscription from bit 8 on."""
 
     IDLE = 0
     SETUP = 1
@@ -252,7 +252,7 @@ class Activity(IntEnum):
 
 
 class HotPath(IntEnum):
-    """What publishes, routes and takes the messages of a process."""
+    """The language of a process's hot path."""
 
     PYTHON = 1
     C = 2

@@ -98,7 +98,7 @@ ANY_VERSION = 0
 
 
 class MessageHandling(IntEnum):
-    """What to do with messages that come faster than a subscription handles them."""
+    """The rule for messages that come faster than a subscription handles them."""
 
     ALWAYS_DELIVER = 1
     """Deliver all of them in order, up to the limits of the module's queue."""

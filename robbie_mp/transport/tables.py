@@ -175,7 +175,7 @@ class SubscriptionRow:
 
     @property
     def handling(self) -> MessageHandling:
-        """What happens when messages come faster than the module handles them."""
+        """The rule for messages that come faster than the module handles them."""
         return MessageHandling(self._words[self._at + layout.SUBSCRIPTION_HANDLING])
 
     @property
@@ -228,7 +228,7 @@ def left_waiting(word: int, dropped: int) -> int:
 
 
 class DeclarationRow(NamedTuple):
-    """What a module declared in one row of its out segment, copied. The module may have written anything."""
+    """A copy of one row of declarations in a module's out segment. The module may have written anything."""
 
     number: int
     """Index of the row: the module's number for the channel or subscription."""

@@ -1,1 +1,1 @@
-"""What both the commands and the operator station show: messages as text, known types, the process table."""
+"""Views that commands and the operator station share: messages as text, known types, the process table."""

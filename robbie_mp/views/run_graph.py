@@ -27,7 +27,7 @@ class Topic:
 
     @property
     def lines(self) -> list[str]:
-        """What a picture says of it."""
+        """Its text in a picture."""
         rate = [] if self.hz is None else [f"{self.hz:.3g} Hz"]
         return [one_line(line) for line in (self.topic, self.type_name, *rate) if line]
 

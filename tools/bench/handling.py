@@ -1,4 +1,4 @@
-"""What a process does with a message, without any other process: construct, encode, decode."""
+"""The cost of a message within one process: construct, encode, decode."""
 
 import timeit
 from collections.abc import Callable

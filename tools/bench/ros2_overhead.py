@@ -1,4 +1,4 @@
-"""What a large image costs on its way to ROS 2: through the bridge, and from the middleware's own publisher.
+"""The cost of a large image on its way to ROS 2: through the bridge, and from the middleware's own publisher.
 
     python -m tools.bench.ros2_overhead [--count 100] [--middleware zenoh dds]
 

@@ -14,7 +14,7 @@ OFFSET_MAX = WORD_MAX >> 1
 
 
 class Verdict(Enum):
-    """What the core must do."""
+    """The verdict that the core must give."""
 
     RIGHT = "take the record, and do not fault its module"
     WRONG = "fault the module, and do nothing else"
@@ -23,7 +23,7 @@ class Verdict(Enum):
 
 @dataclass
 class Standing:
-    """What an incarnation of the hostile module has declared and received, while its records were valid."""
+    """The declarations and messages of an incarnation of the hostile module while its records were valid."""
 
     source: int
     """The source with which it must publish, with segment 0."""

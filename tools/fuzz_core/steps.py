@@ -9,7 +9,7 @@ MAX_STEPS = 100
 
 
 class Do(IntEnum):
-    """What a step does. Larger numbers are taken modulo."""
+    """The kind of a step. Larger numbers are taken modulo."""
 
     RECORD = 0
     """Push a record with up to two words changed, and check how the core judges it."""

@@ -29,7 +29,7 @@ class Subject(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What happened to one decoder.
+    """The result for one decoder.
 
     Attributes:
         damaged_bytes: bytes of damaged frames that the decoder received.

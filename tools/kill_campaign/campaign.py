@@ -35,7 +35,7 @@ RESTART_SAID = re.compile(r"^(\S+): BACKOFF \((.*), again in [0-9.]+ s\)$", re.M
 
 @dataclass(frozen=True)
 class Plan:
-    """What to do to a robot.
+    """The plan of attack on a robot.
 
     Attributes:
         kills: processes to kill.

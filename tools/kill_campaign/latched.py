@@ -182,7 +182,7 @@ class _Entry:
 
 @dataclass
 class _Life:
-    """What one incarnation of a subscriber handled."""
+    """The messages that one incarnation of a subscriber handled."""
 
     name: str
     incarnation: int

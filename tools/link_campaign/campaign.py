@@ -22,7 +22,7 @@ MAX_PAUSE_S = 1.0
 
 @dataclass
 class Report:
-    """What a campaign has found."""
+    """The result of a campaign."""
 
     links_killed: int = 0
     robots_killed: int = 0

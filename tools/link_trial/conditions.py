@@ -66,7 +66,7 @@ TRIALS = [
 
 @dataclass
 class Figures:
-    """What was measured in one condition. Times in ms.
+    """The measurements in one condition. Times in ms.
 
     Attributes:
         failures: promises that were not kept.
@@ -171,7 +171,7 @@ def _judge(figures: Figures, trial: Trial) -> None:
 
 @dataclass
 class Stops:
-    """What cuts while driving have shown.
+    """The result of cuts while driving.
 
     Attributes:
         times_s: from each cut until the base stood.

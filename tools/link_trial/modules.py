@@ -67,7 +67,7 @@ class Speaker(Module):
 
 
 class Scout(Module):
-    """What an operator looks at: a camera that moves, a map that grows, and where the robot is."""
+    """The operator's view: a camera that moves, a map that grows, and the robot's position."""
 
     period_s = 0.01
     periods_s: dict[str, float] = setting({}, "time between two messages, by topic")
@@ -106,7 +106,7 @@ class Scout(Module):
 
 
 class Viewer(Module):
-    """What the operator sees. Lines of its journal: G TOPIC NUMBER SENT_NS TIME."""
+    """The operator's end of the view. Lines of its journal: G TOPIC NUMBER SENT_NS TIME."""
 
     def setup(self) -> None:
         """Subscribe."""

@@ -18,7 +18,7 @@ PORT = 7447
 PERIODS_S = {"urgent": 0.5, "state": 0.1, "reliable": 0.02, "bulk": 0.06}
 """With the size of the bulk messages, about 27 Mbit/s: more than any condition carries."""
 SEEN_S = {"camera": 1 / 15, "map": 1.0, "state": 0.05}
-"""What the operator of a pair sees: times between messages."""
+"""The periods of the messages that the operator of a pair sees."""
 MODULES = "tools.link_trial.modules:"
 RESTART = {"policy": "always", "max_restarts": 1_000_000, "backoff_s": 0.05, "backoff_cap_s": 0.1}
 

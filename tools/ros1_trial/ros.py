@@ -119,7 +119,7 @@ class Ros:
 
 
 class Witness:
-    """What a node has read.
+    """A node's count of messages read.
 
     Args:
         process: the node.

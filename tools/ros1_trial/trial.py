@@ -27,7 +27,7 @@ ALL = {f"/{topic_of(one)}": ros1_name(one.type_name) for one in TYPES_OF_ROS1}
 
 @dataclass
 class Figures:
-    """What a trial has found.
+    """The result of a trial.
 
     Attributes:
         kills: how often each victim was killed.

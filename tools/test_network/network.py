@@ -50,7 +50,7 @@ class NoTestNetwork(RuntimeError):
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the network does to packets; each direction has the same, and its own random numbers.
+    """The network's faults; each direction has the same ones, and its own random numbers.
 
     Attributes:
         bandwidth_bit_per_s: rate at which each host receives, with the headers of Ethernet.

@@ -12,7 +12,7 @@ LINE_HALF_M = 4.0
 
 
 class LapState(NamedTuple):
-    """What a counter remembers; a new process goes on with it."""
+    """The memory of a counter; a new process continues with it."""
 
     start: Pose | None = None
     last: Pose | None = None

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RaceLimits:
-    """What the robot can do, and how near it may come to things.
+    """The limits of the robot, and the distance that it keeps.
 
     Attributes:
         body_radius_m: radius of the round body.

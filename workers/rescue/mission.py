@@ -35,7 +35,7 @@ SAME_TARGET_M = 0.3
 
 @dataclass(frozen=True)
 class Orders:
-    """What the robot is to do now.
+    """The robot's current order.
 
     Attributes:
         goal: `(3,)`, x, y (m) and heading (rad), map frame. None: stand still.

@@ -1,4 +1,4 @@
-"""What time and battery still allow a robot to do."""
+"""The limits that time and battery set to a mission."""
 
 import math
 from collections.abc import Callable, Mapping

@@ -8,7 +8,7 @@ from robbie_mp.state_machine import TimeOut
 
 
 class MissionState(StrEnum):
-    """What the robot does in a rescue mission."""
+    """The states of a rescue mission."""
 
     WAIT = "waits for map, pose and navigation"
     EXPLORE = "drives to where the map ends"

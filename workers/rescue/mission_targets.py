@@ -1,4 +1,4 @@
-"""What the rescue robot may do next: frontiers to explore, walls to search, victims to approach."""
+"""Possible targets of the rescue robot: frontiers to explore, walls to search, victims to approach."""
 
 import math
 from collections import deque
@@ -230,7 +230,7 @@ class SearchedGrid:
         self.resolution_m = resolution_m
         self.corner_xy_m = np.asarray(corner_xy_m, float)
         self.of_others: tuple[tuple[SearchedGrid, Points], ...] = ()
-        """What other robots have searched, each with the pose of its map's frame in the map frame."""
+        """Walls that other robots have searched, each with the pose of its map's frame in the map frame."""
 
     @property
     def ratio(self) -> float:

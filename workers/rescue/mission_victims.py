@@ -1,4 +1,4 @@
-"""What the mission knows about victims."""
+"""The mission's knowledge about victims."""
 
 import math
 from collections.abc import Mapping

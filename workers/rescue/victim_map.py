@@ -1,4 +1,4 @@
-"""What is known about victims: their positions, fused over all views, and the operator's verdicts."""
+"""Knowledge about victims: their positions, fused over all views, and the operator's verdicts."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What the station knows about each victim, for the map, the table, the question and a log's events."""
+"""The station's knowledge about each victim, for the map, the table, the question and a log's events."""
 
 from __future__ import annotations
 

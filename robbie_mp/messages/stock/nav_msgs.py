@@ -9,7 +9,7 @@ from robbie_mp.messages.stock.std_msgs import Header
 
 
 class MapMetaData(Message, name="nav_msgs/msg/MapMetaData", version=1):
-    """What the cells of an occupancy grid mean."""
+    """The values of cells of an occupancy grid."""
 
     map_load_time: Time = DEFAULT
     resolution: float32 = DEFAULT  # m, edge of a cell

@@ -146,7 +146,7 @@ class JointCommand(Message, name="robbie_msgs/msg/JointCommand", version=1):
 
 
 class SimulatedWorld(Message, name="robbie_msgs/msg/SimulatedWorld", version=1):
-    """What has changed in a simulated world, for all simulated devices."""
+    """A change of a simulated world, for all simulated devices."""
 
     header: Header = DEFAULT
     obstacles: Array[uint32] = DEFAULT  # which of the arena's appearing obstacles are there now

@@ -106,7 +106,7 @@ class PointCloud2(Message, name="sensor_msgs/msg/PointCloud2", version=1):
 
 
 class Imu(Message, name="sensor_msgs/msg/Imu", version=1):
-    """What an inertial measurement unit measures. A covariance that begins with -1: there is no such data."""
+    """Data of an inertial measurement unit. A covariance that begins with -1: there is no such data."""
 
     header: Header = DEFAULT
     orientation: Quaternion = DEFAULT

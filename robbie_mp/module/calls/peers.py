@@ -1,4 +1,4 @@
-"""What a module needs to know about the other modules to call them."""
+"""The other modules as a caller must know them."""
 
 import time
 from collections.abc import Iterator

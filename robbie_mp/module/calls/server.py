@@ -66,7 +66,7 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
 
     @property
     def memory(self) -> dict[str, Any]:
-        """What to put into a checkpoint, so that the next process can continue; see `Module.resume_goal`."""
+        """Goals for a checkpoint, so that the next process can continue them; see `Module.resume_goal`."""
         return {"client": self.client, "goal": self.goal.encode()}  # type: ignore[attr-defined]
 
     def feedback(self, feedback: FeedbackType) -> None:

@@ -50,7 +50,7 @@ class RobotCommand:
 
     @property
     def text(self) -> str:
-        """Who drives, if it is an operator elsewhere; '' otherwise."""
+        """The driver's name, if an operator elsewhere drives; '' otherwise."""
         return driver_text(self.other) if self.other else ""
 
     def take(self, *, over: bool = False) -> None:

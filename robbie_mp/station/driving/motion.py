@@ -1,4 +1,4 @@
-"""What the robot is commanded, what it does, and why it does not move although it is commanded."""
+"""The robot's commanded and true motion, and the reason if it stands although it is commanded."""
 
 from __future__ import annotations
 

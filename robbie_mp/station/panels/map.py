@@ -51,7 +51,7 @@ LAYERS = {
     "names": "Names",
     "legend": "Legend",
 }
-"""What a visitor can hide."""
+"""The layers that a visitor can hide."""
 PLACE_COLOUR = "#3949ab"
 
 
