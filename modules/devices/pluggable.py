@@ -1,8 +1,8 @@
 """Base of the modules of pluggable devices: they poll the device and tell its state."""
 
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
-from hw.connection.device import ConnectionState, PluggableDevice
+from hw.connection.device import ConnectionState, Counters, PluggableDevice
 from modules.devices.offered_port import RUN_PORT, offered_port
 from robbie_mp import REQUIRED, Header, Module, Time, setting
 from robbie_mp.messages import DeviceState
@@ -15,7 +15,29 @@ STATE_PERIOD_S = 1.0
 T = TypeVar("T")
 
 
-class PluggableDeviceModule(Module, Generic[T]):
+class ReconnectingDevice(Protocol[T]):
+    """The driver of a device that may be pulled out: `PluggableDevice`, or `BackgroundDevice`."""
+
+    silence_s: float
+    reason: str
+    counters: Counters
+
+    @property
+    def state(self) -> ConnectionState:
+        """Return whether the device can be used."""
+
+    @property
+    def is_connected(self) -> bool:
+        """Return whether the device can be used."""
+
+    def poll(self, wait_s: float = 0.0) -> list[T]:
+        """Return what has come since the last call."""
+
+    def close(self) -> None:
+        """Switch the device off."""
+
+
+class ReconnectingDeviceModule(Module, Generic[T]):
     """A module whose device may be pulled out and plugged in at any time.
 
     While the device is away, the module runs on, publishes nothing of it, and tells so. A subclass opens the
@@ -25,13 +47,6 @@ class PluggableDeviceModule(Module, Generic[T]):
     Publishes `DeviceState`, on a topic named after the module.
     """
 
-    port: str = setting(
-        REQUIRED,
-        "port: a path, socket://HOST:PORT, rfc2217://HOST:PORT, or run:MODULE for an emulated device",
-    )
-    silence_s: float = setting(
-        1.0, "the device counts as disconnected when it sends nothing valid for this time", minimum=0.05
-    )
     period_s: float = setting(0.005, "time between looks at the device; a look waits for data", minimum=0.001)
 
     wait_s = MAX_WAIT_S
@@ -43,13 +58,11 @@ class PluggableDeviceModule(Module, Generic[T]):
         self._told_ns = -(10**18)
 
     @property
-    def url(self) -> str:
-        """Return the port as drivers take it; a module of this run that emulates the device offers it."""
-        if self.port.startswith(RUN_PORT):
-            return str(offered_port(self.output_directory, self.port.removeprefix(RUN_PORT)))
-        return self.port
+    def place(self) -> str:
+        """Return where the device is, as the profile says."""
+        raise NotImplementedError
 
-    def open_device(self) -> PluggableDevice[T]:
+    def open_device(self) -> ReconnectingDevice[T]:
         """Return the driver."""
         raise NotImplementedError
 
@@ -76,12 +89,12 @@ class PluggableDeviceModule(Module, Generic[T]):
             if state is ConnectionState.DISCONNECTED:
                 self.log.warning("the device is disconnected: %s", self.device.reason)
             else:
-                self.log.info("the device at %s is connected", self.port)
+                self.log.info("the device at %s is connected", self.place)
         self._told, self._told_ns = state, now_ns
         self.publish(
             DeviceState(
                 header=Header(stamp=Time.from_nanoseconds(now_ns)),
-                port=self.port,
+                port=self.place,
                 state=state.value,
                 reason=self.device.reason,
                 connections=counters.connections,
@@ -104,3 +117,31 @@ class PluggableDeviceModule(Module, Generic[T]):
     def time_s(self) -> float:
         """Return the run's time, for the driver's stamps."""
         return self.clock.now_ns() / 1e9
+
+
+class PluggableDeviceModule(ReconnectingDeviceModule[T]):
+    """A module whose device is on a port: see `ReconnectingDeviceModule`."""
+
+    port: str = setting(
+        REQUIRED,
+        "port: a path, socket://HOST:PORT, rfc2217://HOST:PORT, or run:MODULE for an emulated device",
+    )
+    silence_s: float = setting(
+        1.0, "the device counts as disconnected when it sends nothing valid for this time", minimum=0.05
+    )
+
+    @property
+    def place(self) -> str:
+        """Return the port."""
+        return self.port
+
+    @property
+    def url(self) -> str:
+        """Return the port as drivers take it; a module of this run that emulates the device offers it."""
+        if self.port.startswith(RUN_PORT):
+            return str(offered_port(self.output_directory, self.port.removeprefix(RUN_PORT)))
+        return self.port
+
+    def open_device(self) -> PluggableDevice[T]:
+        """Return the driver."""
+        raise NotImplementedError
