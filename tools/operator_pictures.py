@@ -1,9 +1,11 @@
-"""Takes the pictures of the operator's page in docs/images: `python -m tools.operator_pictures`.
+"""Takes the pictures of the operator's page in docs/images: `python -m tools.operator_pictures [--layouts]`.
 
 The tool runs the rescue robot, and crashes a module to have a crash report. It opens each panel in Chromium
-and records a log meanwhile. Then it plays the log beside virtual devices. It needs playwright and Chromium.
+and records a log meanwhile. Then it plays the log beside virtual devices. With `--layouts`, it takes only the
+pictures of the layouts, of each at three sizes. It needs playwright and Chromium.
 """
 
+import argparse
 import io
 import os
 import signal
@@ -11,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
@@ -45,9 +47,10 @@ NAMES = ("Drive", "Mission", "Engineer", "Tablet", "Playback")
 """The layouts in the order of their keys."""
 LARGE: ViewportSize = {"width": 1920, "height": 1080}
 UPRIGHT: ViewportSize = {"width": 800, "height": 1280}
-LAYOUTS = (("Mission", SIZE), ("Engineer", SIZE), ("Tablet", UPRIGHT), ("Drive", LARGE), ("Drive", SIZE))
+SIZES = (LARGE, UPRIGHT, SIZE)
 SETTLED_S = 5.0
 """Time for which a panel is open before the tool takes its picture."""
+LAYOUT_SETTLED_S = 2.0
 PLOTS = (
     ("odom: nav_msgs/Odometry", "twist.twist.linear.x"),
     ("odom: nav_msgs/Odometry", "twist.twist.angular.z"),
@@ -55,7 +58,10 @@ PLOTS = (
 
 
 def main() -> None:
-    """Take all pictures."""
+    """Run the command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.operator_pictures")
+    parser.add_argument("--layouts", action="store_true", help="take only the pictures of the layouts")
+    only_layouts = parser.parse_args().layouts
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         (Path(folder) / "runtime").mkdir(mode=0o700)
         os.environ["XDG_RUNTIME_DIR"] = f"{folder}/runtime"
@@ -64,12 +70,16 @@ def main() -> None:
             page = new_page(browser)
             page.goto(wait_for(address))
             with recording(f"{folder}/log"):
-                take_panels(page)
+                if only_layouts:
+                    wait_for_victims(page, 1)
+                    take_layouts(page, NAMES[:-1])
+                else:
+                    take_panels(page)
         play = ("play", f"{folder}/log", "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
         with running(*play, output=f"{folder}/play"):
             page = new_page(browser)
             page.goto(wait_for(address))
-            take_playback(page)
+            take_playback(page, only_layouts=only_layouts)
 
 
 def new_page(browser: Browser) -> Page:
@@ -148,15 +158,13 @@ def take_panels(page: Page) -> None:
         take(page, "cameras", settled_s=0.0)
         is_seen = box.first.is_visible()
     turn_to(page, "map")
-    for _ in range(VICTIMS_BEFORE):
-        page.wait_for_selector(QUESTION)
-        answer(page)
+    wait_for_victims(page, VICTIMS_BEFORE)
     page.wait_for_selector(QUESTION)
     take(page, "map")
     answer(page)
     os.kill(status(CRASHES)[0], signal.SIGSEGV)
     page.click("#mark")
-    take_layouts(page)
+    take_layouts(page, NAMES[:-1])
     turn_to(page, "speech")
     page.click("#speech-commands >> text=look around")
     for name in ("drive", "view", "mission", "speech", "system", "parameters", "devices", "plots"):
@@ -170,13 +178,22 @@ def take_panels(page: Page) -> None:
     take(page, "messages")
 
 
-def take_layouts(page: Page) -> None:
-    """Take a picture of each layout of a running robot, as an operator's screen shows it."""
-    for layout, size in LAYOUTS:
+def wait_for_victims(page: Page, count: int) -> None:
+    """Confirm victims until a number of them is known."""
+    for _ in range(count):
+        page.wait_for_selector(QUESTION)
+        answer(page)
+
+
+def take_layouts(page: Page, layouts: Sequence[str]) -> None:
+    """Take a picture of each layout at each size, as an operator's screen shows it."""
+    for size in SIZES:
         page.set_viewport_size(size)
-        page.keyboard.press(f"{1 + NAMES.index(layout)}")
-        wide = "" if size in (SIZE, UPRIGHT) else f"-{size['width']}"
-        take(page, f"layout-{layout.lower()}{wide}")
+        for layout in layouts:
+            page.keyboard.press(f"{1 + NAMES.index(layout)}")
+            page.wait_for_selector(f"#layouts:has-text('{layout}')")
+            wide = "" if size is SIZE else f"-{size['width']}"
+            take(page, f"layout-{layout.lower()}{wide}", LAYOUT_SETTLED_S)
     page.set_viewport_size(SIZE)
 
 
@@ -194,11 +211,12 @@ def answer(page: Page) -> None:
     page.wait_for_selector(QUESTION, state="hidden")
 
 
-def take_playback(page: Page) -> None:
+def take_playback(page: Page, *, only_layouts: bool) -> None:
     """Take pictures of the playback: the layout for it, and virtual devices."""
-    page.keyboard.press(f"{1 + NAMES.index('Playback')}")
     page.wait_for_selector("#playback-events [data-at]")
-    take(page, "layout-playback")
+    take_layouts(page, NAMES[-1:])
+    if only_layouts:
+        return
     page.click("#tab-devices")
     page.wait_for_selector("#playback-events [data-at]")
     page.wait_for_selector("#device-bumper")

@@ -7,8 +7,8 @@ export default {
   template: `<div style="position: absolute">
     <Teleport to="body">
       <div v-if="has_ended || is_lost || is_page_lost" id="link-lost" role="alert">
-        <div v-if="has_ended" id="station-ended" class="is-end">The operator station has ended in order, as at the end of a run.
-          What you see is its last state. You cannot stop the robot from here.</div>
+        <div v-if="has_ended" id="station-ended" class="is-end">No connection to the robot: its operator station has ended in
+          order, as at the end of a run. What this page shows is its last state.</div>
         <div v-else>No connection to the robot for {{ Math.max(lost_s, page_lost_s) }} s. What this page shows is old.</div>
       </div>
       <div class="emergency-stop">

@@ -1,6 +1,8 @@
 """Measures what the operator's page costs a robot with large maps, cameras and point clouds."""
 
 ROLES = ("operator", "observer")
+TILES, LIVE = "tiles", "Live"
+"""A page with a layout instead of a tab, and the name of that layout."""
 
 
 def token_of(role: str) -> str:

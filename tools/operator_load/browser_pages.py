@@ -1,5 +1,7 @@
 """Pages in a real Chromium: `python -m tools.operator_load.browser_pages ADDRESS ROLE/TAB …`.
 
+The tab `tiles` is the layout `Live` with several panels at once.
+
 The program prints `ready` when all pages show their tabs. It answers a line `count` with the number of times
 that each page has been drawn so far. It answers a line `drag` with the rate at which each page is drawn while
 a mouse drags and zooms in it. The answers are JSON. The program ends when its input ends.
@@ -12,18 +14,28 @@ from typing import Any
 
 from playwright.sync_api import Page
 
-from tools.operator_load import token_of
+from tools.operator_load import LIVE, TILES, token_of
 from tools.operator_trials.chromium import chromium
 
 LOAD_LIMIT_MS = 180_000
 COUNT_IMAGES = """addEventListener("load", (event) => {
   if (event.target.classList?.contains("newest-image")) window.images = (window.images ?? 0) + 1;
-}, true)"""
+}, true);
+const watch = () => {
+  for (const name of ["system", "trace"]) {
+    const panel = document.getElementById(`panel-${name}`);
+    if (!panel || panel.is_watched) continue;
+    panel.is_watched = true;
+    const note = () => (window[name] = (window[name] ?? 0) + 1);
+    new MutationObserver(note).observe(panel, { subtree: true, childList: true, characterData: true });
+  }
+};
+setInterval(watch, 300)"""
 COUNTS = """() => {
   const updates = (name) => Number(document.getElementById(name)?.dataset.updates ?? 0);
   const scene = Object.values(mounted_app.$refs).find((one) => one?.renderer);
   return { view: updates("view-moving"), map: updates("map-view"), cameras: window.images ?? 0,
-    frames: scene?.renderer.info.render.frame ?? 0 };
+    frames: scene?.renderer.info.render.frame ?? 0, system: window.system ?? 0, trace: window.trace ?? 0 };
 }"""
 CANVASES = {"map": "#map-view", "view": "#view-scene canvas"}
 DRAG_S = 10.0
@@ -41,6 +53,11 @@ def open_page(page: Page, address: str, role: str, tab: str) -> None:
     page.goto(address, wait_until="commit")
     page.fill("#token", token_of(role))
     page.press("#token", "Enter")
+    if tab == TILES:
+        page.wait_for_selector("#layouts")
+        page.goto(f"{address}?layout={LIVE}", wait_until="commit")
+        page.wait_for_function(f"() => {{ const now = ({COUNTS})(); return now.view > 0 && now.map > 0; }}")
+        return
     page.wait_for_selector(f"#tab-{tab}")
     page.goto(f"{address}?tab={tab}", wait_until="commit")  # while fonts load, a click may miss the tab
     page.wait_for_function(

@@ -20,7 +20,7 @@ from tools.bench.contender import work_folder
 from tools.bench.processes import family
 from tools.kill_campaign.robot import REPOSITORY, Robot
 from tools.logger_load.measure import latency_of
-from tools.operator_load import ROLES, token_of
+from tools.operator_load import LIVE, ROLES, TILES, token_of
 from tools.operator_load.narrow_link import NarrowLink, narrow_link
 
 Result = dict[str, Any]
@@ -32,6 +32,16 @@ PAIRS = 5
 TALK_HZ = 100.0
 SETTLE_S = 5.0
 SAMPLE_S = 1.0
+LIVE_TILES = {
+    "camera": [0, 0, 12, 12],
+    "view": [12, 0, 12, 12],
+    "map": [0, 12, 8, 12],
+    "system": [8, 12, 8, 12],
+    "trace": [16, 12, 8, 12],
+}
+"""Six things are live: both cameras are in one tile."""
+COUNTED = {"view": ("view", "frames"), TILES: ("view", "frames", "map", "cameras", "system", "trace")}
+"""What is counted on pages with several things."""
 KINDS = {
     # Browsers normally run on other machines, so here they get only the processor time that is left.
     "browser": ["nice", "-n", "19", sys.executable, "-m", "tools.operator_load.browser_pages"],
@@ -80,7 +90,8 @@ def profile(has_station: bool, cells: int, points: int) -> dict[str, Any]:
     if has_station:
         station = "robbie_mp.station:OperatorStation"
         tokens = {f"{role}_token": f"file:{role}.token" for role in ROLES}
-        modules[OPERATOR] = {"class": station, "settings": {"port": 0, **tokens}}
+        own: dict[str, Any] = {"port": 0, "layouts": {LIVE: LIVE_TILES}, **tokens}
+        modules[OPERATOR] = {"class": station, "settings": own}
     return {"modules": modules}
 
 
@@ -249,15 +260,14 @@ def drawn(tabs: Sequence[str], before: Counts, now: Counts, took_s: float) -> li
     """Return how often per second each page was drawn."""
     found = []
     for tab, earlier, later in zip(tabs, before, now, strict=True):
-        names = [tab, "frames"] if tab == "view" else [tab]
-        rates = {name: (later[name] - earlier[name]) / took_s for name in names}
+        rates = {name: (later[name] - earlier[name]) / took_s for name in COUNTED.get(tab, (tab,))}
         found.append({"tab": tab} | rates)
     return found
 
 
 def updates_hz(result: Result, tab: str) -> list[float]:
     """Return how often per second each page with a given tab was drawn."""
-    return [page[tab] for page in result.get("pages", []) if page["tab"] == tab]
+    return [page[tab] for page in result.get("pages", []) if page["tab"] in (tab, TILES)]
 
 
 def own_mb(result: Result) -> tuple[float, float] | None:

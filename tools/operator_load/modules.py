@@ -27,6 +27,7 @@ CELL_M = 0.05
 RADIUS_M, SPEED_RAD_PER_S = 8.0, 0.1
 RAYS, FARTHEST_M = 720, 12.0
 WAY_POINTS = 200
+LOG_TICKS = 10
 PATCH = 120
 """Cells along each edge of the patch that changes between two maps."""
 
@@ -42,6 +43,8 @@ class Rover(Module):
 
     def tick(self) -> None:
         """Drive on."""
+        if self.ticks % LOG_TICKS == 0:
+            self.log.info("drives on, %d", self.ticks)
         self.ticks += 1
         now_ns = self.clock.now_ns()
         turned_rad = SPEED_RAD_PER_S * now_ns / 1e9 % (2 * math.pi)

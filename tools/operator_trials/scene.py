@@ -3,9 +3,10 @@
 import re
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 
 import psutil
 import yaml
@@ -25,16 +26,17 @@ LIMIT_S = 60.0
 SPARE_LIMIT_S = 10.0
 """If modules die often, a spare interpreter may never be ready."""
 POLL_S = 0.002
+NO_OTHERS: Mapping[str, object] = MappingProxyType({})
 
 
-def profile(arena: Path) -> dict[str, object]:
+def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) -> dict[str, object]:
     """Return the profile of a robot with mapping, an operator station, and a witness of its base."""
     settings = {"arena": str(arena)}
     station = {
         "host": "0.0.0.0",
         "port": 0,
         "operator_token": "file:operator.token",
-        "max_linear_m_per_s": 0.4,
+        "max_linear_m_per_s": linear_m_per_s,
     }
     return {
         "modules": {
@@ -50,6 +52,7 @@ def profile(arena: Path) -> dict[str, object]:
                 "settings": station,
                 "restart": OFTEN,
             },
+            **others,
         },
         "spares": {"imports": ["modules.mapping", "robbie_mp.station.website"]},
     }
@@ -60,17 +63,28 @@ class Scene:
 
     Args:
         folder: an empty folder for everything the robot writes.
+        arena: its arena; None: a long hall.
+        others: more modules of the robot.
+        linear_m_per_s: maximum speed.
     """
 
-    def __init__(self, folder: Path):
+    def __init__(
+        self,
+        folder: Path,
+        arena: Path | None = None,
+        others: Mapping[str, object] = NO_OTHERS,
+        linear_m_per_s: float = 0.4,
+    ):
         workspace = folder / "workspace"
         (workspace / "profiles").mkdir(parents=True)
         wall, floor = "#" * (LENGTH_CELLS + 3), "." * LENGTH_CELLS
         (workspace / "operator.token").touch(mode=0o600)
         (workspace / "operator.token").write_text(TOKEN)
-        arena = workspace / "arena.yaml"
-        arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
-        (workspace / "profiles" / "trial.yaml").write_text(yaml.safe_dump(profile(arena), sort_keys=False))
+        if arena is None:
+            arena = workspace / "arena.yaml"
+            arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
+        made = yaml.safe_dump(profile(arena, others, linear_m_per_s), sort_keys=False)
+        (workspace / "profiles" / "trial.yaml").write_text(made)
         self.robot = Robot(folder / "run", workspace, "trial")
         self.journal = Journal(self.robot.output / "witness.txt")
         self._bases = [folder / "run" / "runtime" / "robbie"]

@@ -62,9 +62,9 @@ DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
     },
     "Engineer": {
         "system": (0, 0, 14, 13),
-        "plots": (14, 0, 10, 13),
+        "plots": (14, 0, 10, 9),
         "trace": (0, 13, 14, 11),
-        "messages": (14, 13, 10, 11),
+        "messages": (14, 9, 10, 15),
     },
     "Tablet": {
         "camera": (0, 0, 24, 8),

@@ -3,7 +3,7 @@ export default {
   template: `<div class="hud" aria-hidden="false">
     <div class="hud-name" v-if="now.camera">{{ now.camera }} · <b :class="{ warn: now.age?.startsWith('silent') }">{{ now.age }}</b></div>
     <div class="hud-hint" v-if="now.hint" role="alert">{{ now.hint }}</div>
-    <svg class="hud-level" v-if="now.roll != null" viewBox="-50 -30 100 60" role="img"
+    <svg class="hud-level" v-if="now.roll != null && now.camera" viewBox="-50 -30 100 60" role="img"
       :aria-label="'pitch ' + now.pitch + '°, roll ' + now.roll + '°'">
       <g :transform="'rotate(' + -now.roll + ') translate(0 ' + -now.pitch + ')'"><path d="M-44 0H-14M14 0H44" /></g>
       <path class="own" d="M-8 0L0 4L8 0" />

@@ -76,12 +76,12 @@ class TracePanel(Panel):
         with ui.row().classes("items-center"):
             kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="kinds")
             kinds.set_value([str(kind) for kind in SHOWN_AT_FIRST])
-            kinds.props("id=trace-kinds").classes("w-64")
-            module = ui.select([""], label="module", value="").props("id=trace-module").classes("w-40")
-            words = ui.input("text").props("for=trace-text clearable")
+            kinds.props("id=trace-kinds dense").classes("w-40")
+            module = ui.select([""], label="module", value="").props("id=trace-module dense").classes("w-32")
+            words = ui.input("text").props("for=trace-text clearable dense").classes("w-28")
             ui.space()
             recorded = RecordedKinds(self.station.known_run.folder, page)
-        log = ui.log(max_lines=SHOWN).classes("w-full").style("height: 50vh").props("id=trace-log tabindex=0")
+        log = ui.log(max_lines=SHOWN).classes("w-full fills").props("id=trace-log tabindex=0")
         reports = ui.column().classes("w-full").props("id=trace-crashes")
         shown = Shown()
 
@@ -120,7 +120,7 @@ class RecordedKinds:
         self._order: Order | None = None
         self._shown: list[str] = []
         self._kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="recorded of all")
-        self._kinds.classes("w-80").props("id=trace-recorded")
+        self._kinds.classes("w-40").props("id=trace-recorded dense")
         self._kinds.on_value_change(lambda event: self._record(event.value or []))
         self._kinds.set_enabled(page.role is Role.OPERATOR)
 
