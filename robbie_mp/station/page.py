@@ -32,6 +32,13 @@ STYLE = Path(__file__).parent / "cockpit.css"
 LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
 """Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
+LOAD_AGAIN = """<script>
+addEventListener("error", ({ target }) => {
+  if (!["SCRIPT", "LINK"].includes(target.tagName)) return;
+  setTimeout(() => document.getElementById("app")?.childElementCount || location.reload(), 1000);
+}, true);
+</script>"""
+"""Load a page again that stays empty because a bad network has lost one of its scripts."""
 MAX_WAITING_PACKETS = 4
 """Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
 NAMESPACE = "/"
@@ -99,6 +106,7 @@ def build_page(
     page = Page(client.id, client.request.scope[SESSION], station, BrowserLink(core.sio, client.id))
     station.opened(page)
     client.on_delete(lambda: station.closed(page))
+    ui.add_head_html(LOAD_AGAIN)
     ui.run_javascript(RECONNECT)
     for style in (*STYLES, STYLE):
         ui.add_css(style)

@@ -8,6 +8,12 @@ from tests._support.robot import Ended, Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(180)]
+LOST = (
+    "Failed to load resource: net::ERR_FAILED",
+    "Quasar is not defined",
+    "Cannot read properties of undefined",
+)
+"""Begins what a browser says of a script that it could not load."""
 PROFILE = """
 modules:
   operator:
@@ -28,11 +34,21 @@ def titles_of(page: Page) -> list[str]:
     return [one.get_attribute("title") or "" for one in page.locator("#panels [id^=tab-]").all()]
 
 
+def each_lost_script_is_loaded_again(page: Page) -> None:
+    """The browser itself does not try again: without one of its scripts, the page would stay empty."""
+    for script in ("**/static/quasar.umd*.js", "**/static/vue*.js"):
+        page.route(script, lambda route: route.abort(), times=1)
+        with page.expect_event("requestfailed"):
+            page.reload()
+        page.wait_for_selector("#emergency-stop")
+
+
 def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_latches(robot: Robot) -> None:
     robot.write_profile(PROFILE)
     process = robot.start()
     address = address_of(robot)
-    with browser() as started, page_of(started, address) as page:
+    with browser() as started, page_of(started, address, may_say=LOST) as page:
+        each_lost_script_is_loaded_again(page)
         page.wait_for_selector("#panel-system td:has-text('StandingBase is ready')")  # the first tab
         assert titles_of(page) == ["Processes", "Drive"]
         for name in ("supervisor", "operator", "base", "core"):
