@@ -6,7 +6,7 @@ little endian. Whatever arrives, `unpack` returns a packet that keeps every limi
 
 import re
 import struct
-from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from robbie_mp.link.traffic import CLASSES, TrafficClass
@@ -14,9 +14,9 @@ from robbie_mp.messages import DeclarationError, VersionError
 from robbie_mp.messages.encoded import check_type
 
 MAGIC = b"RL"
-VERSION = 1
-PART_BYTES = 60_000
-"""Most bytes of a message in one packet: with its header, it fits into one of Zenoh's batches."""
+VERSION = 2
+PART_BYTES = 500_000
+"""Most bytes of a message in one packet. Zenoh cuts it into batches, between which more urgent ones go."""
 DATAGRAM_BYTES = 900
 """Most bytes of a message in one datagram: with all headers, it fits into one frame of Ethernet or Wi-Fi."""
 MAX_PARTS = 1 << 16
@@ -34,12 +34,13 @@ _DATA, _REPORT, _BEAT = 1, 2, 3
 LATCHED, COMPRESSED = 1, 2
 _KNOWN_FLAGS = LATCHED | COMPRESSED
 
-_START = struct.Struct("<2sBB")
-_DATA_FIELDS = struct.Struct("<BBHQQQQIIqQ")
-_NAMES = struct.Struct("<II")
-_REPORT_FIELDS = struct.Struct("<BBQQQQH")
+_BEGIN = MAGIC + bytes([VERSION])
+_DATA_FIELDS = struct.Struct("<3sBBBHQQQQIIqQII")
+_REPORT_FIELDS = struct.Struct("<3sBBBQQQQH")
 _COUNT = struct.Struct("<HQQ")
-_BEAT_FIELDS = struct.Struct("<QQqqqQH")
+_BEAT_FIELDS = struct.Struct("<3sBQQqqqQH")
+_KNOWN_NAMES = 1024
+"""Combinations of names that are remembered, because most packets have the same ones."""
 
 
 class ChannelId(NamedTuple):
@@ -128,18 +129,19 @@ def pack(packet: Packet) -> bytes:
         packet: the header; it keeps the limits of this module.
     """
     if isinstance(packet, Data):
-        fixed = _DATA_FIELDS.pack(
-            packet.traffic, packet.flags, packet.channel, packet.session, packet.to, packet.sequence,
-            packet.oldest, packet.part, packet.parts, packet.stamp_ns, packet.type_hash,
-        )  # fmt: skip
-        return _start(_DATA, packet.robot) + fixed + (_pack_names(packet) if packet.name else b"")
+        name = packet.name
+        about = (0, 0) if name is None else (name.version, packet.size)
+        return _DATA_FIELDS.pack(_BEGIN, _DATA, *packet[1:12], *about) + _packed_names(
+            packet.robot, name, packet.sources
+        )
     if isinstance(packet, Report):
         fixed = _REPORT_FIELDS.pack(
-            packet.traffic, packet.misses, packet.session, packet.about, packet.next, packet.handled,
-            len(packet.counts),
+            _BEGIN, _REPORT, packet.traffic, packet.misses, packet.session, packet.about, packet.next,
+            packet.handled, len(packet.counts),
         )  # fmt: skip
-        return _start(_REPORT, packet.robot) + fixed + b"".join(_COUNT.pack(*one) for one in packet.counts)
-    return _start(_BEAT, packet.robot) + _BEAT_FIELDS.pack(*packet[1:])
+        counts = b"".join([_COUNT.pack(*one) for one in packet.counts])
+        return fixed + counts + _packed_names(packet.robot, None, ())
+    return _BEAT_FIELDS.pack(_BEGIN, _BEAT, *packet[1:]) + _packed_names(packet.robot, None, ())
 
 
 def unpack(header: bytes) -> Packet | None:
@@ -148,56 +150,125 @@ def unpack(header: bytes) -> Packet | None:
     Args:
         header: any bytes.
     """
-    if len(header) > MAX_HEADER_BYTES:
+    if not len(_BEGIN) < len(header) <= MAX_HEADER_BYTES or not header.startswith(_BEGIN):
         return None
+    kind = header[len(_BEGIN)]
     try:
-        magic, version, kind = _START.unpack_from(header)
-        if magic != MAGIC or version != VERSION:
-            return None
-        rest = _Reader(header, _START.size)
-        robot = rest.robot()
-        packet: Packet
         if kind == _DATA:
-            packet = _unpack_data(robot, rest)
-        elif kind == _REPORT:
-            packet = _unpack_report(robot, rest)
-        elif kind == _BEAT:
-            packet = Beat(robot, *rest.take(_BEAT_FIELDS))
-            if packet.lost_permille > 1000:
-                return None
-        else:
-            return None
+            return _unpack_data(header)
+        if kind == _REPORT:
+            return _unpack_report(header)
+        if kind == _BEAT:
+            return _unpack_beat(header)
     except (_Malformed, struct.error):
-        return None
-    return packet if rest.is_at_end else None
+        pass
+    return None
 
 
 class _Malformed(Exception):
     """The bytes are no header."""
 
 
-class _Reader:
-    """Reads one field of a header after the other; raises `_Malformed` or struct.error."""
+def _unpack_data(header: bytes) -> Data:
+    (
+        _, _, traffic, flags, channel, session, to, sequence, oldest, part, parts, stamp_ns, type_hash,
+        version, size,
+    ) = _DATA_FIELDS.unpack_from(header)  # fmt: skip
+    is_first = parts > 0 and part == 0
+    if (
+        flags & ~_KNOWN_FLAGS
+        or not 0 < oldest <= sequence
+        or parts > MAX_PARTS
+        or not (part < parts or part == parts == 0)
+        or is_first != (version > 0)
+        or (size and not is_first)
+    ):
+        raise _Malformed
+    robot, name, sources = _names(header[_DATA_FIELDS.size :], version)
+    return Data(
+        robot, _traffic(traffic), flags, channel, session, to, sequence, oldest, part, parts, stamp_ns,
+        type_hash, name, size, sources,
+    )  # fmt: skip
 
-    def __init__(self, header: bytes, at: int):
-        self._header = header
-        self._at = at
+
+def _unpack_report(header: bytes) -> Report:
+    _, _, traffic, misses, session, about, following, handled, count = _REPORT_FIELDS.unpack_from(header)
+    end = _REPORT_FIELDS.size + count * _COUNT.size
+    if count > MAX_COUNTS or misses > 1 or not 0 < handled <= following or end > len(header):
+        raise _Malformed
+    counts = tuple(_COUNT.iter_unpack(header[_REPORT_FIELDS.size : end]))
+    robot, _, _ = _names(header[end:], 0)
+    return Report(robot, _traffic(traffic), session, about, following, handled, counts, bool(misses))
+
+
+def _unpack_beat(header: bytes) -> Beat:
+    _, _, *fields, lost_permille = _BEAT_FIELDS.unpack_from(header)
+    if lost_permille > 1000:
+        raise _Malformed
+    robot, _, _ = _names(header[_BEAT_FIELDS.size :], 0)
+    return Beat(robot, *fields, lost_permille)
+
+
+def _traffic(number: int) -> TrafficClass:
+    if number >= len(CLASSES):
+        raise _Malformed
+    return CLASSES[number]
+
+
+# -- names: the end of each header -------------------------------------------------------------------------
+
+
+@lru_cache(_KNOWN_NAMES)
+def _packed_names(robot: str, name: ChannelId | None, sources: tuple[str, ...]) -> bytes:
+    if name is None:
+        return _text(robot)
+    count = bytes([len(sources)])
+    return _text(robot) + _text(name.type_name) + _text(name.topic) + count + b"".join(map(_text, sources))
+
+
+@lru_cache(_KNOWN_NAMES)
+def _names(data: bytes, version: int) -> tuple[str, ChannelId | None, tuple[str, ...]]:
+    """Return robot, channel and sources; with version 0, there is only the robot."""
+    rest = _Reader(data)
+    robot, name, sources = rest.robot(), None, ()
+    if version:
+        name = ChannelId(rest.text(), version, rest.text())
+        count = rest.byte()
+        if not 0 < count <= MAX_HOPS:
+            raise _Malformed
+        sources = tuple([rest.robot() for _ in range(count)])
+        try:
+            check_type(name.type_name, name.version)
+        except (DeclarationError, VersionError) as error:
+            raise _Malformed from error
+    if not rest.is_at_end:
+        raise _Malformed
+    return robot, name, sources
+
+
+class _Reader:
+    """Reads one name after the other; raises `_Malformed`."""
+
+    def __init__(self, data: bytes):
+        self._data = data
+        self._at = 0
 
     @property
     def is_at_end(self) -> bool:
-        return self._at == len(self._header)
+        return self._at == len(self._data)
 
-    def take(self, fields: struct.Struct) -> Iterator[int]:
-        values = fields.unpack_from(self._header, self._at)
-        self._at += fields.size
-        return iter(values)
+    def byte(self) -> int:
+        if self._at >= len(self._data):
+            raise _Malformed
+        self._at += 1
+        return self._data[self._at - 1]
 
     def text(self) -> str:
-        end = self._at + 1 + _byte(self._header, self._at)
-        text = self._header[self._at + 1 : end]
-        if end > len(self._header) or len(text) > MAX_NAME_BYTES:
+        size = self.byte()
+        text = self._data[self._at : self._at + size]
+        if len(text) < size or size > MAX_NAME_BYTES:
             raise _Malformed
-        self._at = end
+        self._at += size
         try:
             return text.decode()
         except UnicodeDecodeError as error:
@@ -208,75 +279,6 @@ class _Reader:
         if not ROBOT_NAME.fullmatch(name):
             raise _Malformed
         return name
-
-    def byte(self) -> int:
-        value = _byte(self._header, self._at)
-        self._at += 1
-        return value
-
-
-def _byte(header: bytes, at: int) -> int:
-    if at >= len(header):
-        raise _Malformed
-    return header[at]
-
-
-def _unpack_data(robot: str, rest: _Reader) -> Data:
-    fields = tuple(rest.take(_DATA_FIELDS))
-    flags, channel, session, to, sequence, oldest, part, parts, stamp_ns, type_hash = fields[1:]
-    header = Data(
-        robot, _traffic(fields[0]), flags, channel, session, to, sequence, oldest, part, parts,
-        stamp_ns, type_hash,
-    )  # fmt: skip
-    is_first = header.parts > 0 and header.part == 0
-    if (
-        header.flags & ~_KNOWN_FLAGS
-        or not 0 < header.oldest <= header.sequence
-        or header.parts > MAX_PARTS
-        or not (header.part < header.parts or header.part == header.parts == 0)
-    ):
-        raise _Malformed
-    if not is_first:
-        return header
-    version, size = rest.take(_NAMES)
-    name = ChannelId(rest.text(), version, rest.text())
-    count = rest.byte()
-    if not 0 < count <= MAX_HOPS:
-        raise _Malformed
-    sources = tuple(rest.robot() for _ in range(count))
-    try:
-        check_type(name.type_name, name.version)
-    except (DeclarationError, VersionError) as error:
-        raise _Malformed from error
-    return header._replace(name=name, size=size, sources=sources)
-
-
-def _unpack_report(robot: str, rest: _Reader) -> Report:
-    traffic, misses, session, about, following, handled, count = rest.take(_REPORT_FIELDS)
-    if count > MAX_COUNTS or misses > 1 or not 0 < handled <= following:
-        raise _Malformed
-    counts: list[tuple[int, int, int]] = []
-    for _ in range(count):
-        channel, received, refused = rest.take(_COUNT)
-        counts.append((channel, received, refused))
-    return Report(robot, _traffic(traffic), session, about, following, handled, tuple(counts), bool(misses))
-
-
-def _traffic(number: int) -> TrafficClass:
-    if number >= len(CLASSES):
-        raise _Malformed
-    return CLASSES[number]
-
-
-def _start(kind: int, robot: str) -> bytes:
-    return _START.pack(MAGIC, VERSION, kind) + _text(robot)
-
-
-def _pack_names(packet: Data) -> bytes:
-    assert packet.name is not None
-    sources = b"".join(map(_text, packet.sources))
-    names = _text(packet.name.type_name) + _text(packet.name.topic)
-    return _NAMES.pack(packet.name.version, packet.size) + names + bytes([len(packet.sources)]) + sources
 
 
 def _text(text: str) -> bytes:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from robbie_mp.link.books import Books
-from robbie_mp.link.header import ROBOT_NAME, Beat, ChannelId, Data, Report, unpack
+from robbie_mp.link.header import ROBOT_NAME, Beat, ChannelId, Data, Packet, Report, unpack
 from robbie_mp.link.peer import Network, Peer
 from robbie_mp.link.receiving import Arrived, Fate
 from robbie_mp.link.sending import Item, Limits
@@ -119,6 +119,8 @@ class LinkNode:
     ) -> None:
         """Take a packet, whatever it holds.
 
+        Call `tell_all` afterwards.
+
         Args:
             robot: the robot to whose key it was sent.
             header: its header.
@@ -126,14 +128,35 @@ class LinkNode:
             now_ns: when it arrived.
             is_datagram: whether it was sent as a datagram.
         """
+        self._take(robot, header, payload, now_ns, is_datagram)
+
+    def take_and_tell(
+        self, robot: str, header: bytes, payload: bytes, now_ns: int, *, is_datagram: bool = False
+    ) -> bool:
+        """Take a packet, and tell its sender soon. Return whether something may be sent now because of it.
+
+        Args: as for `take`.
+        """
+        packet = self._take(robot, header, payload, now_ns, is_datagram)
+        if packet is None:
+            return False
+        peer = self.peers[robot]
+        if isinstance(packet, Data):
+            peer.tell_soon(packet.traffic, now_ns)
+            return False
+        return peer.has_more
+
+    def _take(
+        self, robot: str, header: bytes, payload: bytes, now_ns: int, is_datagram: bool
+    ) -> Packet | None:
         packet = unpack(header)
         if packet is None or packet.robot != robot:
             self.malformed += 1
-            return
-        peer = self.meet(robot)
+            return None
+        peer = self.peers.get(robot) or self.meet(robot)
         if peer is None:
             self.strangers += 1
-            return
+            return None
         if is_datagram:
             peer.took_datagram()
         if isinstance(packet, Data):
@@ -143,6 +166,7 @@ class LinkNode:
         elif isinstance(packet, Beat) and peer.take_beat(packet, now_ns):
             for message in self._latched.values():
                 self._offer_latched(peer, message, now_ns)
+        return packet
 
     def tell_all(self, now_ns: int) -> None:
         """Report what has just been taken, and send what may be sent now."""

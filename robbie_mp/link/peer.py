@@ -4,12 +4,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from robbie_mp.link.books import DROPPED, RECEIVED, REFUSED, TAKEN, Books, Key
+from robbie_mp.link.books import DROPPED, RECEIVED, REFUSED, TAKEN, Books, Key, Row
 from robbie_mp.link.clock_offset import ClockOffset, Exchange
 from robbie_mp.link.congestion import Window
 from robbie_mp.link.header import MAX_COUNTS, Beat, ChannelId, Data, Report
 from robbie_mp.link.receiving import Arrived, Fate, ReceiveStream
-from robbie_mp.link.sending import Item, Limits, SendChannel, SendStream, start_counting
+from robbie_mp.link.sending import Address, Item, Limits, SendChannel, SendStream, start_counting
 from robbie_mp.link.traffic import CLASSES, MANNERS, TrafficClass
 
 BEAT_NS = 100_000_000
@@ -31,8 +31,13 @@ LEAST_COUNTED = 30
 """Datagrams by which the loss is measured."""
 MIN_STATE_BYTES = 32_000
 """Bytes of states that may be under way however slow the link seems."""
+MAX_ROWS_REMEMBERED = 1024
 MAX_REPORT_COUNTS = 40
 """Channels of a report that fits into a datagram."""
+TELL_NS = 2_000_000
+"""While packets come, the other link is told that often what has arrived,"""
+TELL_BYTES = 64_000
+"""and after that many bytes. The module's thread tells the rest with its next tick."""
 MAX_BURST = 1000
 """Packets sent in one go, before the link looks at what has arrived."""
 
@@ -88,8 +93,7 @@ class Peer:
         handle: Callable[[Arrived], Fate],
     ):
         self.name = name
-        self.session = 0
-        """Of the other link; 0: nothing has come from it."""
+        self._address = Address(own, session)
         self.sessions = 0
         """How many sessions of the other link there have been."""
         self.stale = 0
@@ -105,10 +109,13 @@ class Peer:
         self._network = network
         self._handle_arrived = handle
         self.streams = {
-            traffic: SendStream(traffic, limits, self.window, self._transmit) for traffic in CLASSES
+            traffic: SendStream(traffic, limits, self.window, self._transmit, self._address)
+            for traffic in CLASSES
         }
         self._channels: dict[int, SendChannel] = {}
         self._incoming: dict[int, ReceiveStream] = {}
+        self._rows: dict[tuple[int, int], tuple[ChannelId, Row]] = {}
+        """Of channels that come from the present session, by class and number."""
         self._past: deque[int] = deque(maxlen=MAX_PAST_SESSIONS)
         """Sessions of the other link that are over."""
         self._tells_past_until_ns = 0
@@ -128,6 +135,11 @@ class Peer:
         self._datagrams_taken = 0
         self._counted: tuple[int, int] | None = None
         """Datagrams sent by the other link, and taken here, when the loss was last measured."""
+
+    @property
+    def session(self) -> int:
+        """The session of the other link; 0: nothing has come from it."""
+        return self._address.to
 
     # -- sending ---------------------------------------------------------------------------------------
 
@@ -165,7 +177,7 @@ class Peer:
 
     def _send_one(self, now_ns: int) -> bool:
         for traffic, stream in self.streams.items():
-            if not stream.has_pending:
+            if not (stream.pending or stream.waiting):
                 continue
             if traffic is TrafficClass.STATE:
                 if stream.under_way > max(self.window.limit, MIN_STATE_BYTES):
@@ -176,9 +188,8 @@ class Peer:
                 return True
         return False
 
-    def _transmit(self, header: Data, payload: memoryview | bytes) -> None:
-        sources = (self._own,) if header.name is not None else ()
-        packet = header._replace(robot=self._own, session=self._own_session, to=self.session, sources=sources)
+    def _transmit(self, packet: Data, payload: memoryview | bytes) -> None:
+        header = packet
         if not MANNERS[header.traffic].goes_as_datagrams:
             self._network.send(self.name, packet, payload)
             return
@@ -283,7 +294,8 @@ class Peer:
         if self.session:
             self._past.append(self.session)
         self._tells_past_until_ns = now_ns + PAST_NS
-        self.session = session
+        self._address.to = session
+        self._rows.clear()
         self.sessions += 1
         self._is_greeted = False
         self.last_beat_ns = 0
@@ -321,10 +333,34 @@ class Peer:
 
     def tell(self) -> None:
         """Tell the other link what has been received."""
-        for traffic, stream in self._incoming.items():
+        for stream in self._incoming.values():
             if not stream.is_told:
-                stream.is_told = True
-                self._report(TrafficClass(traffic), self.session, stream.next, stream.handled, stream.misses)
+                self._tell(stream)
+
+    def tell_soon(self, traffic: TrafficClass, now_ns: int) -> None:
+        """Tell the other link what has been received of a class, unless it was told just now."""
+        stream = self._incoming.get(traffic)
+        if (
+            stream is not None
+            and not stream.is_told
+            and (
+                now_ns - stream.told_ns >= TELL_NS
+                or stream.untold_bytes >= TELL_BYTES
+                or stream.misses
+                or traffic is TrafficClass.URGENT
+            )
+        ):
+            stream.told_ns = now_ns
+            self._tell(stream)
+
+    def _tell(self, stream: ReceiveStream) -> None:
+        stream.is_told, stream.untold_bytes = True, 0
+        self._report(stream.traffic, self.session, stream.next, stream.handled, stream.misses)
+
+    @property
+    def has_more(self) -> bool:
+        """Whether there is something to send, now or later."""
+        return any(stream.has_pending for stream in self.streams.values())
 
     def _report(
         self, traffic: TrafficClass, about: int, following: int, handled: int, misses: bool = False
@@ -343,8 +379,7 @@ class Peer:
         return ReceiveStream(traffic, row, self._handle, self._max_bytes)
 
     def _handle(self, message: Arrived) -> Fate:
-        key = Key("in", self.name, message.session, message.traffic, message.number, *message.name)
-        row = self._books.row(key)
+        row = self._row(message)
         fate = self._handle_arrived(message)
         if fate is Fate.NO_ROOM and not MANNERS[message.traffic].is_resent:
             fate = Fate.REFUSED
@@ -353,6 +388,17 @@ class Peer:
         elif fate is Fate.REFUSED:
             row.add(REFUSED)
         return fate
+
+    def _row(self, message: Arrived) -> Row:
+        number = (message.traffic, message.number)
+        name, row = self._rows.get(number, (None, None))
+        if row is None or name != message.name:
+            key = Key("in", self.name, message.session, message.traffic, message.number, *message.name)
+            row = self._books.row(key)
+            if len(self._rows) >= MAX_ROWS_REMEMBERED:
+                self._rows.clear()
+            self._rows[number] = message.name, row
+        return row
 
     @property
     def duplicates(self) -> int:

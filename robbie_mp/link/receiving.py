@@ -61,6 +61,8 @@ class ReceiveStream:
         duplicates: packets that had been taken already, or that came after newer ones.
         damaged: messages that could not be put together.
         is_told: whether the sender knows of everything that has been taken.
+        told_ns: when it was last told.
+        untold_bytes: what has arrived since.
     """
 
     def __init__(
@@ -75,6 +77,8 @@ class ReceiveStream:
         self.duplicates = 0
         self.damaged = 0
         self.is_told = False
+        self.told_ns = 0
+        self.untold_bytes = 0
         self.misses = False
         """Whether the newest packet could not be taken, because one before it is missing."""
         if row[HANDLING]:  # a process was killed while it published this message: not again
@@ -92,6 +96,7 @@ class ReceiveStream:
     def take(self, header: Data, payload: bytes) -> None:
         """Take a packet, if it is the next one or, where packets are not sent again, a newer one."""
         self.is_told = False
+        self.untold_bytes += len(payload)
         self.misses = False
         if header.sequence < self.next:
             self.duplicates += 1

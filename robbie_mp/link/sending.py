@@ -95,6 +95,17 @@ class Limits(NamedTuple):
     state_period_ns: int
 
 
+@dataclass
+class Address:
+    """Between which links packets go."""
+
+    robot: str
+    """The one that sends."""
+    session: int
+    to: int = 0
+    """The session of the other one."""
+
+
 HEADER_BYTES = 100
 """The size that a header counts in the window."""
 
@@ -107,13 +118,15 @@ class SendStream:
         traffic: the class.
         limits: how much may wait.
         window: what may be under way, of all classes together.
-        transmit: sends a header and a payload; the header lacks robot and session.
+        transmit: sends a header and a payload.
+        address: stands in each header.
     """
 
     traffic: TrafficClass
     limits: Limits
     window: Window
     transmit: Callable[[Data, memoryview | bytes], None]
+    address: Address
     waiting: OrderedDict[int, Item] = field(default_factory=OrderedDict)
     """By number of the channel if only the newest is kept, else by a running number."""
     waiting_bytes: int = 0
@@ -211,8 +224,12 @@ class SendStream:
             if len(compressed) < len(data):
                 data, flags = compressed, flags | COMPRESSED
         step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
+        if len(data) <= step:
+            self.sequence += 1
+            self.pending.append(Packet(self.sequence, item, 0, 1, data, flags))
+            return True
         view = memoryview(data)
-        parts = max(1, -(-len(data) // step))
+        parts = -(-len(data) // step)
         for part in range(parts):
             self.sequence += 1
             payload = view[part * step : (part + 1) * step]
@@ -238,17 +255,17 @@ class SendStream:
             packet.payload = b""
 
     def _header(self, packet: Packet, oldest: int) -> Data:
-        item = packet.item
+        item, own = packet.item, self.address
         if item is None:
-            return Data("", self.traffic, 0, 0, 0, 0, packet.sequence, oldest, 0, 0, 0, 0)
+            return Data(
+                own.robot, self.traffic, 0, 0, own.session, own.to, packet.sequence, oldest, 0, 0, 0, 0
+            )
         channel = item.channel
-        header = Data(
-            "", self.traffic, packet.flags, channel.number, 0, 0, packet.sequence, oldest,
-            packet.part, packet.parts, item.stamp_ns, channel.type_hash,
+        about = () if packet.part else (channel.name, len(item.data), (own.robot,))
+        return Data(
+            own.robot, self.traffic, packet.flags, channel.number, own.session, own.to, packet.sequence,
+            oldest, packet.part, packet.parts, item.stamp_ns, channel.type_hash, *about,
         )  # fmt: skip
-        if packet.part:
-            return header
-        return header._replace(name=channel.name, size=len(item.data))
 
     # -- what has become of it -------------------------------------------------------------------------
 

@@ -1,10 +1,11 @@
 """The network under a link: a session of Zenoh, which carries packets between robots by their names.
 
-Zenoh calls back in its own threads. They only put packets into a queue of limited size, and wake the
-module.
+Zenoh calls back in its own threads. If nobody else works with the link, they hand a packet over at once;
+otherwise they put it into a queue of limited size, and wake the module.
 """
 
 import json
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,6 +23,7 @@ from robbie_mp.link.header import (
     pack,
 )
 from robbie_mp.link.traffic import TrafficClass
+from robbie_mp.link.turns import Turns
 
 if TYPE_CHECKING:
     import zenoh
@@ -45,6 +47,8 @@ SEVERAL_WAYS = {
 QUEUED_BATCHES = 16
 """Batches of 64 kB that Zenoh may queue for each priority."""
 FIND_S = 2.0
+MAX_ORIGINS = 256
+"""Keys of packets of which the sender is remembered."""
 
 
 class LinkUnavailable(RobbieError, RuntimeError):
@@ -75,6 +79,13 @@ class Endpoints:
     multicast: bool = False
     datagrams: bool = False
     further: Mapping[str, Any] = field(default_factory=dict)
+
+
+class InboxLimits(NamedTuple):
+    """How much may wait until the module takes it; what is more is thrown away and counted."""
+
+    packets: int
+    bytes: int
 
 
 class Received(NamedTuple):
@@ -169,7 +180,7 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
         "open/return_conditions/connect_scouted": endpoints.multicast,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
-        "transport/link/rx/max_message_size": 4 * PART_BYTES,
+        "transport/link/rx/max_message_size": PART_BYTES + 2 * MAX_HEADER_BYTES,
         **{f"transport/link/tx/queue/size/{queue}": QUEUED_BATCHES for queue in queues},
         **(SEVERAL_WAYS if endpoints.datagrams else {}),
         **endpoints.further,
@@ -195,13 +206,14 @@ class Wire:
         robot: the name of this robot.
         session: number of this process's session.
         endpoints: how to find others.
-        max_packets: packets that may wait for the module; further ones are thrown away and counted.
+        limits: what may wait for the module.
         wake: called in another thread when packets wait.
 
     Attributes:
         overflowed: packets thrown away because too many waited.
         oversized: packets that no link sends, because they are too large, or have no header.
         unsent: packets that Zenoh did not take.
+        turns: whoever works with what `take_at_once` works with must have a turn.
 
     Raises:
         LinkUnavailable: as for `open_session`.
@@ -212,22 +224,33 @@ class Wire:
         robot: str,
         session: int,
         endpoints: Endpoints,
-        max_packets: int,
+        limits: InboxLimits,
         wake: Callable[[], None],
     ):
         self._robot = robot
         self._zenoh = open_session(endpoints)
-        self._max_packets = max_packets
+        import zenoh  # noqa: PLC0415 - an extra
+
+        self._error = zenoh.ZError
+        self._limits = limits
         self._wake = wake
+        self._take: Callable[[Received], None] | None = None
+        self._failure: Exception | None = None
+        """What an exception in a thread of Zenoh was."""
         self._inbox: deque[Received] = deque()
+        self._inbox_bytes = 0
+        self._inbox_lock = threading.Lock()
+        self._origins: dict[str, tuple[str, bool]] = {}
+        self.turns = Turns()
         self._seen: deque[str] = deque(maxlen=256)
         self._publishers: dict[tuple[str, int, bool], zenoh.Publisher] = {}
         self.overflowed = 0
         self.oversized = 0
         self.unsent = 0
+        on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._declared = [
-            self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", self._on_sample),
-            self._zenoh.declare_subscriber(f"{DATAGRAMS}/{robot}/*", self._on_sample),
+            self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", on_sample),
+            self._zenoh.declare_subscriber(f"{DATAGRAMS}/{robot}/*", on_sample),
             self._zenoh.liveliness().declare_token(f"{ROBOTS}/{robot}/{session:x}"),
             self._zenoh.liveliness().declare_subscriber(f"{ROBOTS}/*/*", self._on_robot, history=True),
         ]
@@ -241,23 +264,38 @@ class Wire:
         as_datagram: bool = False,
     ) -> None:
         """Send a packet; it may be lost without a word. A stream carries datagrams if nothing else does."""
-        import zenoh  # noqa: PLC0415
-
         traffic = packet.traffic if isinstance(packet, Data) else -1
         key = (robot, traffic, as_datagram)
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._publishers[key] = self._declare(*key)
         try:
-            publisher.put(bytes(payload), attachment=pack(packet))
-        except zenoh.ZError:
+            publisher.put(payload if type(payload) is bytes else bytes(payload), attachment=pack(packet))
+        except self._error:
             self.unsent += 1
 
+    def take_at_once(self, take: Callable[[Received], None] | None) -> None:
+        """From now on, call a function with packets, in threads of Zenoh; None: keep them for `received`.
+
+        The function has the turn. What arrives while another thread has it, waits for `received`.
+        """
+        with self.turns:
+            self._take = take
+
     def received(self) -> Iterator[Received]:
-        """Take what has arrived."""
+        """Take what waits.
+
+        Raises:
+            Exception: what a function given to `take_at_once` has raised.
+        """
+        if self._failure is not None:
+            raise self._failure
         inbox = self._inbox
         for _ in range(len(inbox)):
-            yield inbox.popleft()
+            one = inbox.popleft()
+            with self._inbox_lock:
+                self._inbox_bytes -= _size(one)
+            yield one
 
     def seen(self) -> Iterator[str]:
         """Take the names of robots that have come since the last call."""
@@ -267,7 +305,7 @@ class Wire:
     @property
     def something_waits(self) -> bool:
         """Whether packets wait."""
-        return bool(self._inbox)
+        return bool(self._inbox) or self._failure is not None
 
     def close(self) -> None:
         """End the session; nothing is called back any more."""
@@ -288,7 +326,7 @@ class Wire:
             f"{DATAGRAMS if as_datagram else PACKETS}/{robot}/{self._robot}",
             priority=priority,
             congestion_control=zenoh.CongestionControl.DROP,
-            express=traffic <= TrafficClass.STATE,
+            express=True,
             reliability=zenoh.Reliability.BEST_EFFORT if as_datagram else zenoh.Reliability.RELIABLE,
         )
 
@@ -298,15 +336,37 @@ class Wire:
         at_ns = time.monotonic_ns()
         header, payload = sample.attachment, sample.payload
         if header is None or len(header) > MAX_HEADER_BYTES or len(payload) > PART_BYTES:
-            self.oversized += 1
+            with self._inbox_lock:
+                self.oversized += 1
             return
-        if len(self._inbox) >= self._max_packets:
-            self.overflowed += 1
+        origin = self._origin(str(sample.key_expr))
+        if self._take is not None and not self._inbox and self.turns.begin_at_once():
+            try:
+                self._take(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
+            except Exception as error:
+                self._failure = error
+                self._wake()
+            finally:
+                self.turns.end()
             return
-        key = str(sample.key_expr)
-        robot, is_datagram = key.rpartition("/")[2], key.startswith(DATAGRAMS)
-        self._inbox.append(Received(robot, header.to_bytes(), payload.to_bytes(), at_ns, is_datagram))
+        with self._inbox_lock:
+            size = len(header) + len(payload)
+            limits = self._limits
+            if len(self._inbox) >= limits.packets or self._inbox_bytes + size > limits.bytes:
+                self.overflowed += 1
+                return
+            self._inbox_bytes += size
+            self._inbox.append(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
         self._wake()
+
+    def _origin(self, key: str) -> tuple[str, bool]:
+        """Return who has sent a packet with this key, and whether as a datagram."""
+        origin = self._origins.get(key)
+        if origin is None:
+            if len(self._origins) >= MAX_ORIGINS:
+                self._origins.clear()
+            origin = self._origins[key] = key.rpartition("/")[2], key.startswith(DATAGRAMS)
+        return origin
 
     def _on_robot(self, sample: "zenoh.Sample") -> None:
         import zenoh  # noqa: PLC0415
@@ -314,6 +374,10 @@ class Wire:
         if sample.kind == zenoh.SampleKind.PUT:
             self._seen.append(str(sample.key_expr).split("/")[-2])
             self._wake()
+
+
+def _size(packet: Received) -> int:
+    return len(packet.header) + len(packet.payload)
 
 
 def find_robots(endpoints: Endpoints) -> list[str]:

@@ -23,7 +23,7 @@ from robbie_mp.link.receiving import Arrived, Fate
 from robbie_mp.link.safety import expires, shortened
 from robbie_mp.link.sending import Limits
 from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.link.wire import Endpoints, Wire, only_own_names
+from robbie_mp.link.wire import Endpoints, InboxLimits, Received, Wire, only_own_names
 from robbie_mp.messages import (
     CompressedImage,
     DriveCommand,
@@ -39,7 +39,7 @@ from robbie_mp.messages import (
     UnknownType,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
-from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.envelope import EncodedMessage, Envelope
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import REQUIRED, SettingError
 from robbie_mp.observe.run_observer import RunObserver
@@ -109,6 +109,7 @@ class Link(Module):
     store_bytes: int = setting(64 << 20, "their total size", minimum=1)
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1)
     inbox_packets: int = setting(4096, "packets that may wait until this module takes them", minimum=16)
+    inbox_bytes: int = setting(64 << 20, "their total size", minimum=1 << 20)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -169,9 +170,10 @@ class Link(Module):
         self._state_at_ns = 0
         self._observer: RunObserver | None = None
         self._links = {self.name}
-        folder, types = None, KnownTypes()
+        folder, types, at_once = None, KnownTypes(), False
         if self.run_id:
             plan = RunPlan.load(next(run.folder for run in list_runs() if run.run_id == self.run_id))
+            at_once = not plan.clock.lockstep
             types = KnownTypes(TypeDescription(*one) for one in plan.types)
             own = {one.class_path for one in plan.modules if one.name == self.name} | {CLASS_PATH}
             self._links |= {one.name for one in plan.modules if one.class_path in own}
@@ -182,7 +184,8 @@ class Link(Module):
         endpoints = Endpoints(
             self.mode, self.listen, self.connect, self.multicast, self.datagrams, self._tls()
         )
-        self.wire = Wire(self.robot, session, endpoints, self.inbox_packets, self.tick_soon)
+        inbox = InboxLimits(self.inbox_packets, self.inbox_bytes)
+        self.wire = Wire(self.robot, session, endpoints, inbox, self.tick_soon)
         limits = Limits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
         settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes)
         self.node = LinkNode(self.robot, session, self.books, settings, self.wire, self.on_arrived)
@@ -199,6 +202,8 @@ class Link(Module):
         self.advertise(OperatorState, topic=STATE_TOPIC)
         for pair, _ in self.rules:
             self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
+        # Not where this module must do nothing between its ticks: in lockstep and in tests.
+        self._begins_at_once = at_once
 
     def _tls(self) -> dict[str, object]:
         """Return the settings of Zenoh with which only trusted robots connect, under their own names."""
@@ -216,6 +221,7 @@ class Link(Module):
 
     def teardown(self) -> None:
         """Close the network and the books."""
+        self.wire.take_at_once(None)
         self.wire.close()
         for account in self.books.accounts():
             self.log.info("%s", describe(account))
@@ -229,22 +235,25 @@ class Link(Module):
         """Send a message of this robot; what another link has published goes nowhere."""
         envelope = self.envelope
         if envelope.sender not in self._links:
-            name = ChannelId(message.type_name, message.version, envelope.topic)
-            traffic = self._classes.get(name)
-            if traffic is None:
-                traffic = self._classify(name)
-            is_latched = name in self._latched
-            if is_latched and traffic in (TrafficClass.COMMAND, TrafficClass.STATE):
-                traffic = TrafficClass.RELIABLE
-            type_hash = self._hash(message.type_name, message.version)
-            offered = Offered(
-                name, traffic, bytes(message.data), envelope.published_ns, is_latched, type_hash
-            )
-            if self.jpeg_quality and traffic is TrafficClass.BULK and name.type_name == Image.type_name:
-                offered = self._as_jpeg(offered)
-            self.node.offer(offered, self.clock.monotonic_ns())
+            with self.wire.turns:
+                self._send(message, envelope)
         if self.wire.something_waits:
-            self._take_all()
+            with self.wire.turns:
+                self._take_all()
+
+    def _send(self, message: EncodedMessage, envelope: Envelope) -> None:
+        name = ChannelId(message.type_name, message.version, envelope.topic)
+        traffic = self._classes.get(name)
+        if traffic is None:
+            traffic = self._classify(name)
+        is_latched = name in self._latched
+        if is_latched and traffic in (TrafficClass.COMMAND, TrafficClass.STATE):
+            traffic = TrafficClass.RELIABLE
+        type_hash = self._hash(message.type_name, message.version)
+        offered = Offered(name, traffic, bytes(message.data), envelope.published_ns, is_latched, type_hash)
+        if self.jpeg_quality and traffic is TrafficClass.BULK and name.type_name == Image.type_name:
+            offered = self._as_jpeg(offered)
+        self.node.offer(offered, self.clock.monotonic_ns())
 
     def _as_jpeg(self, offered: Offered) -> Offered:
         """Return an image as it is sent: as JPEG, if nothing but sharpness is lost."""
@@ -293,6 +302,13 @@ class Link(Module):
 
     def tick(self) -> None:
         """Take what has arrived, and send what is due."""
+        if self._begins_at_once:  # with the first tick, because all modules have subscribed by then
+            self._begins_at_once = False
+            self.wire.take_at_once(self._take_one)
+        with self.wire.turns:
+            self._do_what_is_due()
+
+    def _do_what_is_due(self) -> None:
         for robot in self.wire.seen():
             self.node.meet(robot)
         self._take_all()
@@ -303,6 +319,13 @@ class Link(Module):
             self._state_at_ns = now_ns
             self._find_latched()
             self._show(now_ns)
+
+    def _take_one(self, one: Received) -> None:
+        """Take a packet in a thread of Zenoh, which has the turn."""
+        if self.node.take_and_tell(
+            one.robot, one.header, one.payload, one.at_ns, is_datagram=one.is_datagram
+        ):
+            self.tick_soon()  # this thread must not send what may be large
 
     def _take_all(self) -> None:
         for one in self.wire.received():
@@ -384,11 +407,12 @@ class Link(Module):
         """Follow a wish of this robot's own page; that of an operator's side goes to the robot."""
         if self.envelope.sender in self._links:
             return
-        if self._is_operators:
-            self._offer(request, REQUEST_TOPIC, TrafficClass.URGENT)
-        else:
-            self.operators.request(self.robot, request, *self._now())
-            self._tell_operators()
+        with self.wire.turns:
+            if self._is_operators:
+                self._offer(request, REQUEST_TOPIC, TrafficClass.URGENT)
+            else:
+                self.operators.request(self.robot, request, *self._now())
+                self._tell_operators()
 
     def _is_obeyed(self, message: Arrived, topic: str) -> bool:
         """Whether a message commands nothing, or is from the operator who holds the command."""

@@ -4,11 +4,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.link.header import (
+    MAGIC,
     MAX_COUNTS,
     MAX_HOPS,
     MAX_PARTS,
     MAX_WORD,
     ROBOT_NAME,
+    VERSION,
     Beat,
     ChannelId,
     Data,
@@ -98,7 +100,7 @@ def test_a_header_that_is_cut_or_has_more_at_its_end_is_refused(packet: Packet, 
 def test_no_bytes_make_unpack_raise(rest: bytes) -> None:
     assert unpack(rest) is None
     for kind in range(5):
-        unpack(b"RL\x01" + bytes([kind]) + b"\x03red" + rest)
+        unpack(MAGIC + bytes([VERSION, kind]) + rest + b"\x03red")
 
 
 def test_a_header_that_names_too_much_is_refused() -> None:

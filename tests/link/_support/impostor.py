@@ -12,7 +12,7 @@ from pathlib import Path
 
 from robbie_mp.link.header import Beat
 from robbie_mp.link.keys import Keys
-from robbie_mp.link.wire import Endpoints, Wire, only_own_names
+from robbie_mp.link.wire import Endpoints, InboxLimits, Wire, only_own_names
 
 LIMIT_S = 30.0
 
@@ -33,7 +33,7 @@ def main(folder: Path) -> None:
         ways = Endpoints(
             listen=listen, connect=connect, datagrams=True, further=keys.zenoh_settings() | further
         )
-        return Wire(name, 1, ways, 1000, lambda: None)
+        return Wire(name, 1, ways, InboxLimits(1000, 1 << 20), lambda: None)
 
     receiver = wire("red", red, [address], **bound)
     senders = {"green": wire("green", blue, []), "blue": wire("blue", blue, [])}
