@@ -202,11 +202,12 @@ def _unpack_report(header: bytes) -> Report:
 
 
 def _unpack_beat(header: bytes) -> Beat:
-    _, _, *fields, lost_permille = _BEAT_FIELDS.unpack_from(header)
-    if lost_permille > 1000:
-        raise _Malformed
+    fields = _BEAT_FIELDS.unpack_from(header)
     robot, _, _ = _names(header[_BEAT_FIELDS.size :], 0)
-    return Beat(robot, *fields, lost_permille)
+    beat = Beat(robot, *fields[2:])
+    if beat.lost_permille > 1000:
+        raise _Malformed
+    return beat
 
 
 def _traffic(number: int) -> TrafficClass:
@@ -230,7 +231,9 @@ def _packed_names(robot: str, name: ChannelId | None, sources: tuple[str, ...]) 
 def _names(data: bytes, version: int) -> tuple[str, ChannelId | None, tuple[str, ...]]:
     """Return robot, channel and sources; with version 0, there is only the robot."""
     rest = _Reader(data)
-    robot, name, sources = rest.robot(), None, ()
+    robot = rest.robot()
+    name: ChannelId | None = None
+    sources: tuple[str, ...] = ()
     if version:
         name = ChannelId(rest.text(), version, rest.text())
         count = rest.byte()

@@ -9,7 +9,15 @@ from robbie_mp.link.clock_offset import ClockOffset, Exchange
 from robbie_mp.link.congestion import Window
 from robbie_mp.link.header import MAX_COUNTS, Beat, ChannelId, Data, Report
 from robbie_mp.link.receiving import Arrived, Fate, ReceiveStream
-from robbie_mp.link.sending import Address, Item, Limits, SendChannel, SendStream, start_counting
+from robbie_mp.link.sending import (
+    HEADER_BYTES,
+    Address,
+    Item,
+    Limits,
+    SendChannel,
+    SendStream,
+    start_counting,
+)
 from robbie_mp.link.traffic import CLASSES, MANNERS, TrafficClass
 
 BEAT_NS = 100_000_000
@@ -52,6 +60,7 @@ class Network(Protocol):
         payload: memoryview | bytes,
         *,
         as_datagram: bool = False,
+        at_once: bool = False,
     ) -> None:
         """Send a packet; it may be lost without a word.
 
@@ -60,6 +69,7 @@ class Network(Protocol):
             packet: its header.
             payload: the rest of it.
             as_datagram: send it alone, so that it never waits for others that the network repeats.
+            at_once: do not wait for further packets to send them together.
         """
 
 
@@ -191,7 +201,9 @@ class Peer:
     def _transmit(self, packet: Data, payload: memoryview | bytes) -> None:
         header = packet
         if not MANNERS[header.traffic].goes_as_datagrams:
-            self._network.send(self.name, packet, payload)
+            # While others are under way, they go together: only few of Zenoh's batches may wait.
+            is_alone = self.window.under_way <= HEADER_BYTES + len(payload)
+            self._network.send(self.name, packet, payload, at_once=is_alone)
             return
         is_urgent = header.traffic is TrafficClass.URGENT
         for _ in range(1 if is_urgent or header.parts > MAX_COPIED_PARTS else self._copies):

@@ -14,23 +14,26 @@ class Turns:
                 ...
             finally:
                 turns.end()
+
+    Attributes:
+        module_waits: whether the module's thread waits for its turn.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._module_waits = False
+        self.module_waits = False
 
     def __enter__(self) -> None:
-        self._module_waits = True
+        self.module_waits = True
         self._lock.acquire()
-        self._module_waits = False
+        self.module_waits = False
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()
 
     def begin_at_once(self) -> bool:
         """Begin a turn; False if another thread has it, or the module's thread waits for it."""
-        return not self._module_waits and self._lock.acquire(blocking=False)
+        return not self.module_waits and self._lock.acquire(blocking=False)
 
     def end(self) -> None:
         """End a turn that `begin_at_once` began."""

@@ -243,7 +243,7 @@ class Wire:
         self._origins: dict[str, tuple[str, bool]] = {}
         self.turns = Turns()
         self._seen: deque[str] = deque(maxlen=256)
-        self._publishers: dict[tuple[str, int, bool], zenoh.Publisher] = {}
+        self._publishers: dict[tuple[str, int, bool, bool], zenoh.Publisher] = {}
         self.overflowed = 0
         self.oversized = 0
         self.unsent = 0
@@ -262,10 +262,11 @@ class Wire:
         payload: memoryview | bytes,
         *,
         as_datagram: bool = False,
+        at_once: bool = False,
     ) -> None:
         """Send a packet; it may be lost without a word. A stream carries datagrams if nothing else does."""
         traffic = packet.traffic if isinstance(packet, Data) else -1
-        key = (robot, traffic, as_datagram)
+        key = (robot, traffic, as_datagram, at_once or traffic <= TrafficClass.STATE)
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._publishers[key] = self._declare(*key)
@@ -311,7 +312,7 @@ class Wire:
         """End the session; nothing is called back any more."""
         self._zenoh.close()
 
-    def _declare(self, robot: str, traffic: int, as_datagram: bool) -> "zenoh.Publisher":
+    def _declare(self, robot: str, traffic: int, as_datagram: bool, is_express: bool) -> "zenoh.Publisher":
         import zenoh  # noqa: PLC0415
 
         priorities: dict[int, zenoh.Priority] = {
@@ -326,7 +327,7 @@ class Wire:
             f"{DATAGRAMS if as_datagram else PACKETS}/{robot}/{self._robot}",
             priority=priority,
             congestion_control=zenoh.CongestionControl.DROP,
-            express=True,
+            express=is_express,
             reliability=zenoh.Reliability.BEST_EFFORT if as_datagram else zenoh.Reliability.RELIABLE,
         )
 
@@ -342,13 +343,15 @@ class Wire:
         origin = self._origin(str(sample.key_expr))
         if self._take is not None and not self._inbox and self.turns.begin_at_once():
             try:
-                self._take(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
+                if self._take is not None:  # nobody changes it during this turn
+                    self._take(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
+                    return
             except Exception as error:
-                self._failure = error
+                self._failure, self._take = error, None
                 self._wake()
+                return
             finally:
                 self.turns.end()
-            return
         with self._inbox_lock:
             size = len(header) + len(payload)
             limits = self._limits

@@ -154,6 +154,7 @@ class Robot:
         payload: memoryview | bytes,
         *,
         as_datagram: bool = False,
+        at_once: bool = False,
     ) -> None:
         """Send a packet of the link."""
         self.network.carry(self.name, robot, packet, bytes(payload), as_datagram)
@@ -161,8 +162,9 @@ class Robot:
     def take(self, sender: str, header: bytes, payload: bytes, *, is_datagram: bool = False) -> None:
         """Take a packet from the network."""
         if self.node is not None:
-            self.node.take(sender, header, payload, self.network.now_ns, is_datagram=is_datagram)
-            self.node.tell_all(self.network.now_ns)
+            now_ns = self.network.now_ns
+            if self.node.take_and_tell(sender, header, payload, now_ns, is_datagram=is_datagram):
+                self.node.tell_all(now_ns)
 
     def received(self, name: ChannelId) -> list[bytes]:
         """What its modules have received on a channel, in order."""
@@ -181,6 +183,7 @@ class Robot:
 
     def _tick(self) -> None:
         if self.node is not None:
+            self.node.tell_all(self.network.now_ns)
             self.node.look_after(self.network.now_ns)
         self.network.at(self.network.now_ns + TICK_NS, self._tick)
 
