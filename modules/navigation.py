@@ -10,6 +10,7 @@ from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
     LaserScan,
+    MapAnnotations,
     NavigateTo,
     NavigationCancelled,
     NavigationFeedback,
@@ -21,6 +22,7 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from workers.laser.laser_sweep import LaserSweep
+from workers.maps.map_annotations import forbid
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.navigator import Navigator
 from workers.navigation.navigator_states import RESTING, NavigatorSettings, NavigatorState
@@ -32,7 +34,9 @@ Active = ActiveGoal[NavigateTo, NavigationFeedback, NavigationResult]
 
 
 class Navigation(Module):
-    """Serves `NavigateTo`: drives to a pose, using map, pose and laser.
+    """Serves `NavigateTo`: drives to a pose or a named place, using map, pose and laser.
+
+    It stays out of the no-go areas of `MapAnnotations`, which name the places, too.
 
     Publishes `DriveCommand`, which expires, only while there is a goal; the planned path as `Path` on topic
     `path`; and the goal that it drives to as `PoseStamped` on topic `goal`. A newer goal takes the place of
@@ -65,6 +69,8 @@ class Navigation(Module):
         self.navigator: Navigator | None = None
         self.laser_pose = np.zeros(3)
         self.grid: OccupancyGrid | None = None
+        self.no_go: list[NDArray[np.float64]] = []
+        self.places: dict[str, tuple[float, float, float]] = {}
         self.active: Active | None = None
         self.goal: tuple[float, float, float] | None = None
         self.accepted_s = self._time_s()
@@ -73,12 +79,14 @@ class Navigation(Module):
         self.path = np.empty((0, 2))
         if self.restored is not None:
             self.active = self.resume_goal(NavigateTo, self.restored["goal"])
-            self.goal = planar(self.active.goal.pose.pose)
+            x_m, y_m, heading_rad = self.restored["pose"]
+            self.goal = (x_m, y_m, heading_rad)
             self.accepted_s = self.restored["accepted_s"]
         self.serve_goals(NavigateTo, self.on_goal, self.on_cancel)
         self.serve(CancelNavigation, self.on_cancel_navigation)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
+        self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
         self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(LaserScan, self.on_scan, newest)
@@ -87,17 +95,12 @@ class Navigation(Module):
 
     def on_goal(self, active: Active) -> None:
         """Drive to a new goal from now on, unless it is invalid."""
-        pose = active.goal.pose
-        goal = planar(pose.pose)
-        if pose.header.frame_id not in MAP_FRAMES:
-            raise CallRefused(f"a goal must be given in the frame 'map', not {pose.header.frame_id!r}")
-        if not np.isfinite(goal).all():
-            raise CallRefused(f"a goal must have finite coordinates, not {goal}")
+        goal = self._pose_of(active.goal)
         self.log.info("goal: %.2f m, %.2f m, %.2f rad, from %s", *goal, active.client)
         before, self.active, self.goal = self.active, active, goal
         self.accepted_s = self._time_s()
         # First of all: a goal that its client takes for preempted must not come back after a crash.
-        self.checkpoint({"goal": active.memory, "accepted_s": self.accepted_s})
+        self.checkpoint({"goal": active.memory, "accepted_s": self.accepted_s, "pose": list(goal)})
         if before is not None:
             before.preempt(f"{active.client} has sent another goal")
         if self.navigator is not None:
@@ -106,6 +109,21 @@ class Navigation(Module):
         self.publish(
             pose_stamped(goal, Header(stamp=self._now(), frame_id="map")), topic="goal", latched=True
         )
+
+    def _pose_of(self, goal: NavigateTo) -> tuple[float, float, float]:
+        """Return where a goal is; refuse an invalid one."""
+        if goal.place:
+            if goal.place not in self.places:
+                known = ", ".join(sorted(self.places)) or "none"
+                raise CallRefused(f"no place on the map is called {goal.place!r:.80}; there are: {known}")
+            return self.places[goal.place]
+        frame = goal.pose.header.frame_id
+        if frame not in MAP_FRAMES:
+            raise CallRefused(f"a goal must be given in the frame 'map', not {frame!r}")
+        pose = planar(goal.pose.pose)
+        if not np.isfinite(pose).all():
+            raise CallRefused(f"a goal must have finite coordinates, not {pose}")
+        return pose
 
     def on_cancel(self, active: Active, reason: str) -> None:
         """Stop, and end the goal."""
@@ -145,8 +163,20 @@ class Navigation(Module):
     def on_map(self, grid: OccupancyGrid) -> None:
         """Plan on a new map."""
         self.grid = grid
-        if self.navigator is not None:
-            self.navigator.see_map(*map_cells(grid))
+        self._see_map()
+
+    def on_annotations(self, annotations: MapAnnotations) -> None:
+        """Stay out of the no-go areas from now on, and know the places."""
+        self.no_go = [np.array([(one.x, one.y) for one in area.corners]) for area in annotations.no_go]
+        self.places = {place.name: planar(place.pose) for place in annotations.places}
+        self._see_map()
+
+    def _see_map(self) -> None:
+        """Pass map and no-go areas to the navigator."""
+        if self.navigator is not None and self.grid is not None:
+            cells, resolution_m, corner_xy_m = map_cells(self.grid)
+            forbidden = forbid(cells, resolution_m, corner_xy_m, self.no_go)
+            self.navigator.see_map(forbidden, resolution_m, corner_xy_m)
 
     def on_pose(self, pose: PoseStamped) -> None:
         """Pass the robot's pose to the navigator."""
@@ -165,6 +195,9 @@ class Navigation(Module):
         """Pass a scan to the navigator; the first scan defines the laser's geometry."""
         if self.navigator is None:
             self.navigator = self._make_navigator(scan)
+            self._see_map()
+            if self.goal is not None:
+                self.navigator.go_to(self.goal)
         sweep = LaserSweep.from_ranges(
             scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
         )
@@ -236,7 +269,7 @@ class Navigation(Module):
         )
 
     def _make_navigator(self, scan: LaserScan) -> Navigator:
-        """Make the navigator for the laser's geometry, with the map and the goal known so far."""
+        """Make the navigator for the laser's geometry."""
         settings = NavigatorSettings(
             clearance_m=self.clearance_m,
             tight_clearance_m=self.tight_clearance_m,
@@ -247,12 +280,7 @@ class Navigation(Module):
         )
         guard = CollisionGuard(angles_rad(scan), self.laser_pose)
         follower = PathFollower(self._follower_settings())
-        navigator = Navigator(self._time_s, guard, follower, settings, self.laser_pose)
-        if self.grid is not None:
-            navigator.see_map(*map_cells(self.grid))
-        if self.goal is not None:
-            navigator.go_to(self.goal)
-        return navigator
+        return Navigator(self._time_s, guard, follower, settings, self.laser_pose)
 
     def _publish_path(self, path: NDArray[np.float64]) -> None:
         self.path = path

@@ -70,6 +70,7 @@ from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile
 from robbie_mp.messages.stock.rcl_interfaces import Log
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.messages.stock.robbie_msgs import (
+    AnnotateMap,
     Bumper,
     CallRefusal,
     CallsAnswer,
@@ -83,12 +84,16 @@ from robbie_mp.messages.stock.robbie_msgs import (
     GoalEnd,
     JointCommand,
     LocalizationState,
+    MapAnnotated,
+    MapAnnotations,
+    MapAnnotationUndone,
     Mark,
     ModuleState,
     NavigateTo,
     NavigationCancelled,
     NavigationFeedback,
     NavigationResult,
+    NoGoArea,
     PanTiltCommand,
     PointOfInterest,
     PointsOfInterest,
@@ -96,6 +101,7 @@ from robbie_mp.messages.stock.robbie_msgs import (
     SettingChanged,
     SimulatedWorld,
     Tick,
+    UndoMapAnnotation,
 )
 from robbie_mp.messages.stock.scene_msgs import SceneGraphState, SceneNodeState
 from robbie_mp.messages.stock.sensor_msgs import (
@@ -128,6 +134,7 @@ from robbie_mp.messages.versions import VersionDecoder, decode_version
 
 __all__ = [
     "DEFAULT",
+    "AnnotateMap",
     "Array",
     "BatteryState",
     "BoundingBox2D",
@@ -171,6 +178,9 @@ __all__ = [
     "LinkState",
     "LocalizationState",
     "Log",
+    "MapAnnotated",
+    "MapAnnotationUndone",
+    "MapAnnotations",
     "MapMetaData",
     "Mark",
     "MaxLength",
@@ -184,6 +194,7 @@ __all__ = [
     "NavigationCancelled",
     "NavigationFeedback",
     "NavigationResult",
+    "NoGoArea",
     "NotAMessage",
     "ObjectHypothesis",
     "ObjectHypothesisWithPose",
@@ -229,6 +240,7 @@ __all__ = [
     "TwistStamped",
     "TwistWithCovariance",
     "TypeRegistry",
+    "UndoMapAnnotation",
     "UnknownType",
     "Upgrade",
     "Vector3",

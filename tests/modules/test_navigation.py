@@ -17,16 +17,24 @@ from robbie_mp.messages import (
     EmergencyStop,
     GoalEnd,
     LaserScan,
+    MapAnnotations,
     MapMetaData,
     NavigateTo,
     NavigationFeedback,
     NavigationResult,
+    NoGoArea,
     OccupancyGrid,
     Point,
+    PointOfInterest,
     Pose,
     PoseStamped,
     Quaternion,
     TimeJump,
+    as_dict,
+    decode_version,
+    from_dict,
+    message_type_from_schema,
+    schema_text,
 )
 from robbie_mp.messages import Path as PathMessage
 from tests._support.places import ARENAS
@@ -300,3 +308,69 @@ def test_maximum_speed_can_be_changed_while_driving(robot: Robot) -> None:
     robot.harness.change_setting("max_linear_m_per_s", 0.1)
     robot.go_on(2.0)
     assert 0.05 < robot.drive.read().linear_m_per_s <= 0.1
+
+
+def area(*corners: tuple[float, float]) -> NoGoArea:
+    return NoGoArea(name="wet floor", corners=[Point(x=x, y=y) for x, y in corners])
+
+
+def test_robot_drives_around_a_no_go_area_that_is_drawn_across_its_path(robot: Robot) -> None:
+    robot.harness.send_goal(GOAL)
+    robot.go_on(1.0)
+    start = robot.drive.ground_truth().pose
+    assert start.x_m < 1.9
+    low, high = (2.2, 1.9), (2.7, 2.9)
+    planned = [pose.pose.position for path in robot.harness.take(PathMessage, "path") for pose in path.poses]
+    assert any(low[0] < at.x < high[0] and low[1] < at.y < high[1] for at in planned)
+    wet = area(low, (high[0], low[1]), high, (low[0], high[1]))
+    robot.harness.send(MapAnnotations(no_go=[wet]))
+    for _ in range(300):
+        robot.go_on(STEP_S)
+        at = robot.drive.ground_truth().pose
+        assert not (low[0] < at.x_m < high[0] and low[1] < at.y_m < high[1])
+        if robot.harness.take(NavigationResult):
+            break
+    assert math.hypot(at.x_m - 3.5, at.y_m - 2.4) < 0.2
+
+
+def test_goal_in_a_no_go_area_and_a_robot_in_one_are_told(robot: Robot) -> None:
+    robot.go_on(0.3)
+    robot.harness.send(MapAnnotations(no_go=[area((3.0, 2.0), (4.0, 2.0), (4.0, 3.0), (3.0, 3.0))]))
+    robot.harness.send_goal(GOAL)
+    robot.go_on(0.5)
+    (end,) = robot.harness.take(GoalEnd)
+    assert (end.outcome, end.reason) == (GoalEnd.ABORTED, "the goal lies in a no-go area")
+    at = robot.drive.ground_truth().pose
+    around = [(at.x_m + x, at.y_m + y) for x, y in ((-0.4, -0.4), (0.4, -0.4), (0.0, 0.4))]
+    robot.harness.send(MapAnnotations(no_go=[area(*around)]))
+    robot.harness.send_goal(GOAL)
+    robot.go_on(0.5)
+    (end,) = robot.harness.take(GoalEnd)
+    assert "the robot stands in a no-go area" in end.reason
+    robot.harness.send(MapAnnotations())
+    robot.harness.send_goal(NEAR)
+    robot.until_reached()
+
+
+def test_robot_drives_to_a_place_by_its_name_also_after_a_restart(robot: Robot) -> None:
+    robot.harness.send_goal(NavigateTo(place="kitchen"))
+    (refusal,) = robot.harness.take(CallRefusal)
+    assert refusal.reason == "no place on the map is called 'kitchen'; there are: none"
+    places = [PointOfInterest(name="kitchen", pose=NEAR.pose.pose)]
+    robot.harness.send(MapAnnotations(places=places))
+    sent = robot.harness.send_goal(NavigateTo(place="kitchen"))
+    robot.go_on(0.5)
+    with ModuleHarness(Navigation, restored=robot.harness.checkpoint) as restarted:
+        again = Robot(restarted)
+        assert again.until_reached().call == sent.call
+        at = again.drive.ground_truth().pose
+        assert math.hypot(at.x_m - 2.1, at.y_m - 2.4) < 0.3
+
+
+def test_goal_of_version_1_is_read_as_a_pose() -> None:
+    now = schema_text(NavigateTo)
+    before = now.replace("string place\n", "")
+    assert before != now
+    old = message_type_from_schema(NavigateTo.type_name, before, 1)
+    written = from_dict(old, {name: value for name, value in as_dict(GOAL).items() if name != "place"})
+    assert decode_version(NavigateTo, written.encode(), 1, before) == GOAL

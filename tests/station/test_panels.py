@@ -302,7 +302,36 @@ def pose_is_set_by_dragging(page: Page, told: Told) -> None:
     assert frame == "map"
     assert [float(word) for word in place] == pytest.approx([2.0, 3.75, np.pi / 2], abs=0.05)
 
+    no_go_area_and_place_are_drawn(page, told)
     goals_are_added_and_a_distance_is_measured(page, told)
+
+
+def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
+    page.click("#map-draw")
+    page.click("#map-draw-no_go")
+    page.wait_for_selector("#map-view[data-placing=no_go]")
+    box = page.locator("#map-view").bounding_box()
+    assert box
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    for corner in ((x, y), (x + 60, y), (x + 60, y - 60), (x + 2, y)):  # the first one again closes the area
+        page.mouse.click(*corner)
+    page.fill("#map-draw-name", "stairs")
+    page.click("#map-draw-save")
+    *_, right, top = map(float, told.waits_for("area", "stairs"))
+    assert right > 2.0
+    assert top > 3.75
+    page.wait_for_selector("#map-text:has-text('1 no-go areas')")
+    page.click("#map-draw")
+    page.click("#map-draw-place")
+    page.wait_for_selector("#map-view[data-placing=place]")
+    page.mouse.click(x, y)
+    page.fill("#map-draw-name", "kitchen")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#map-text:has-text('home; kitchen')")
+    page.click("#map-draw")
+    page.click("#map-drawings >> text=Go to kitchen")
+    told.waits_for("place", "kitchen")
+    page.wait_for_selector(".q-notification:has-text('the goal was refused: it is only a test')")
 
 
 def goals_are_added_and_a_distance_is_measured(page: Page, told: Told) -> None:

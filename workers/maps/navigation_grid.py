@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 OCCUPIED_PERCENT = 50
+# Value of cells in no-go areas. They count as occupied, whatever is there.
+FORBIDDEN = 127
 # Margin around the known cells, so that each of them has all its neighbours.
 MARGIN_CELLS = 2
 
@@ -17,7 +19,8 @@ class NavigationGrid:
     """Free, unknown and drivable cells for a round robot, and obstacle distances; cropped to the known cells.
 
     Args:
-        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
+        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown; FORBIDDEN where no
+            robot may be.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
         clearance_m: The robot's centre keeps this far from obstacles.
@@ -25,6 +28,7 @@ class NavigationGrid:
     Attributes:
         free: `(H, W) bool`: seen, and more likely free than not.
         unknown: `(H, W) bool`: never seen.
+        forbidden: `(H, W) bool`: in a no-go area.
         obstacle_distance_m: `(H, W) float64`: from the cell's middle to that of the nearest occupied cell.
         drivable: `(H, W) bool`: free and clear enough for the robot's centre.
     """
@@ -36,6 +40,7 @@ class NavigationGrid:
         cropped, shift = _cropped(cells)
         self._corner = np.asarray(corner_xy_m, float) + shift * resolution_m
         self.unknown = cropped < 0
+        self.forbidden = cropped == FORBIDDEN
         occupied = cropped >= OCCUPIED_PERCENT
         self.free = ~self.unknown & ~occupied
         self.obstacle_distance_m = distance_cells(occupied) * resolution_m
@@ -50,8 +55,9 @@ class NavigationGrid:
         """Return the grid for a robot that must leave a narrow place.
 
         The cells under the robot's body count as free even if the map says otherwise, as with
-        `footprint_clearing_enabled` of ROS 2's costmaps. If the robot's current clearance is less than the
-        given one, paths may use the smaller clearance, so the robot can leave by the way it came.
+        `footprint_clearing_enabled` of ROS 2's costmaps; no-go areas remain. If the robot's current clearance
+        is less than the given one, paths may use the smaller clearance, so the robot can leave by the way it
+        came.
 
         Args:
             xy_m: Position of the robot, m, map frame.
@@ -62,7 +68,8 @@ class NavigationGrid:
         places = self.middles_m(np.stack([rows, columns], axis=-1))
         under_body = np.hypot(*np.moveaxis(places - np.asarray(xy_m, float)[:2], -1, 0)) <= body_radius_m
         around = copy(self)
-        around.unknown, around.free = self.unknown & ~under_body, self.free | under_body
+        around.unknown = self.unknown & ~under_body
+        around.free = (self.free | under_body) & ~self.forbidden
         around.obstacle_distance_m = distance_cells(~around.unknown & ~around.free) * self.resolution_m
         has_m = float(around.obstacle_distance_m[around.cell(xy_m)]) - self.resolution_m / 2
         around.drivable = around.clear(min(clearance_m, max(has_m, 0.0)))
@@ -86,6 +93,10 @@ class NavigationGrid:
         """Return whether a point, m, map frame, lies on the grid."""
         column, row = (np.asarray(xy_m, float)[:2] - self._corner) / self.resolution_m
         return bool(0 <= row < self.free.shape[0] and 0 <= column < self.free.shape[1])
+
+    def forbids(self, xy_m: ArrayLike) -> bool:
+        """Return whether a point, m, map frame, lies in a no-go area."""
+        return self.holds(xy_m) and bool(self.forbidden[self.cell(xy_m)])
 
     def middles_m(self, cells: ArrayLike) -> NDArray[np.float64]:
         """Return the middles `(..., 2)`, m, map frame, of cells `(..., 2)` given as (row, column)."""

@@ -8,7 +8,7 @@ inflation around obstacles is that of `NavigationGrid` (places where the robot w
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.maps.navigation_grid import OCCUPIED_PERCENT, NavigationGrid, distance_cells
+from workers.maps.navigation_grid import FORBIDDEN, OCCUPIED_PERCENT, NavigationGrid, distance_cells
 from workers.navigation.live_obstacles import LiveObstacles
 
 KNOWN_M = 0.2  # a return this near to an obstacle of the map belongs to that obstacle
@@ -18,7 +18,8 @@ class Costmap:
     """A map with live obstacles on it.
 
     Args:
-        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
+        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown; FORBIDDEN where no
+            robot may be.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
         clearance_m: The robot's centre keeps this far from obstacles.
@@ -34,7 +35,9 @@ class Costmap:
         self._resolution_m = resolution_m
         self._corner = np.asarray(corner_xy_m, float)
         self._clearance_m = clearance_m
-        occupied = self._cells >= OCCUPIED_PERCENT
+        self._forbidden = self._cells == FORBIDDEN
+        # A no-go area is no wall: the laser's returns beside it are obstacles.
+        occupied = (self._cells >= OCCUPIED_PERCENT) & ~self._forbidden
         self._known = distance_cells(occupied) * resolution_m <= KNOWN_M
         self.static_grid = self._grid(self._cells)
 
@@ -50,7 +53,7 @@ class Costmap:
         height, width = self._cells.shape
         inside = (rows >= 0) & (columns >= 0) & (rows < height) & (columns < width)
         rows, columns = rows[inside], columns[inside]
-        new = ~self._known[rows, columns]
+        new = ~self._known[rows, columns] & ~self._forbidden[rows, columns]
         if not new.any():
             return self.static_grid
         cells = self._cells.copy()

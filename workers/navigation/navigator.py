@@ -37,6 +37,7 @@ ROTATE_RAD_PER_S = 0.8
 ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S, MOST_ALIGN_RAD_PER_S = 2.0, 0.2, 1.0
 TRACKED = 400  # poses kept to interpolate a sweep's pose
 PROGRESS_M = 0.5
+FORESEEN_S = 0.4  # a command that would bring the robot into a no-go area within this time is not given
 DETOUR_M = 1.0  # a path that is longer than the previous one by this much counts as a detour
 
 
@@ -133,7 +134,7 @@ class Navigator:
         self._end(NavigatorState.IDLE, reason)
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
-        """Take a new map: see `Costmap` for the arguments."""
+        """Take a new map, or new no-go areas on it: see `Costmap` for the arguments."""
         self._costmap = Costmap(cells, resolution_m, corner_xy_m, self.settings.clearance_m)
 
     def see_pose(self, pose: ArrayLike, stamp_s: float, told_s: float) -> None:
@@ -204,7 +205,8 @@ class Navigator:
             case NavigatorState.CLEAR_COSTMAP:
                 return HALT
             case NavigatorState.BACK_UP:
-                return self._local.guard.checked(situation.ranges_m, (-BACK_UP_M_PER_S, 0.0))
+                back = self._local.guard.checked(situation.ranges_m, (-BACK_UP_M_PER_S, 0.0))
+                return self._kept_out(situation, back)
             case NavigatorState.ROTATE:
                 return 0.0, ROTATE_RAD_PER_S
             case NavigatorState.ALIGN:
@@ -296,12 +298,22 @@ class Navigator:
         if self.follower.is_arrived(situation.pose):
             self.machine.go(NavigatorState.ALIGN, "at the goal's position")
             return HALT
-        allowed = self._local.velocity(situation.pose, situation.ranges_m)
+        allowed = self._kept_out(situation, self._local.velocity(situation.pose, situation.ranges_m))
         if allowed != HALT:
             self._moved_s = self._clock()
         elif self._clock() - self._moved_s > self.settings.blocked_s:
             self._recover("an obstacle blocks the path")
         return allowed
+
+    def _kept_out(self, situation: _Situation, velocity: Velocity) -> Velocity:
+        """Return the speeds, or HALT if they would bring the robot into a no-go area."""
+        linear_m_per_s, angular_rad_per_s = velocity
+        turned_rad = angular_rad_per_s * FORESEEN_S / 2
+        ahead_m = linear_m_per_s * FORESEEN_S
+        along = (ahead_m * math.cos(turned_rad), ahead_m * math.sin(turned_rad), 0.0)
+        grid = situation.costmap.static_grid
+        enters = grid.forbids(compose(situation.pose, along)) and not grid.forbids(situation.pose)
+        return HALT if enters else velocity
 
     def _aligned(self, situation: _Situation) -> Velocity:
         """Turn to the goal's heading, faster if the remaining angle is larger."""

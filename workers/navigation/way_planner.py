@@ -15,8 +15,10 @@ class Obstruction(StrEnum):
 
     NONE = ""
     ROBOT = "the robot is not near any drivable place"
+    FORBIDDEN_ROBOT = "the robot stands in a no-go area; drive it out by hand, or remove the area"
     UNKNOWN_GOAL = "the goal lies in unknown space"
     OCCUPIED_GOAL = "the goal lies in or too near to an obstacle"
+    FORBIDDEN_GOAL = "the goal lies in a no-go area"
     NO_WAY = "no path leads to the goal"
 
 
@@ -47,6 +49,10 @@ def plan_way(
         snap_m: Maximum distance of the robot from a drivable cell, as inside the clearance or after a jump.
         tolerance_m: Maximum distance of the path's end from the goal.
     """
+    if grid.forbids(pose):
+        return Way(Obstruction.FORBIDDEN_ROBOT)
+    if grid.forbids(goal_xy_m):
+        return Way(Obstruction.FORBIDDEN_GOAL)
     if grid.nearest(grid.drivable, pose, snap_m) is None:
         return Way(Obstruction.ROBOT)
     if grid.nearest(grid.drivable, goal_xy_m, tolerance_m) is None or not grid.holds(goal_xy_m):

@@ -1,8 +1,9 @@
 """What Robbie-MP says itself, where ROS has no message for it."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from robbie_mp.messages.calls import Feedback, Goal, Reply, Request, Result
+from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
@@ -177,12 +178,23 @@ class NavigationResult(Result, name="robbie_msgs/action/NavigateTo_Result", vers
     duration_s: float64 = DEFAULT  # since the goal was accepted
 
 
+def _without_place(fields: dict[str, Any]) -> dict[str, Any]:
+    """Name no place: version 1 always gave a pose."""
+    return {**fields, "place": ""}
+
+
 class NavigateTo(
-    Goal[NavigationFeedback, NavigationResult], name="robbie_msgs/action/NavigateTo_Goal", version=1
+    Goal[NavigationFeedback, NavigationResult],
+    name="robbie_msgs/action/NavigateTo_Goal",
+    version=2,
+    upgrades={
+        1: Upgrade(_without_place),
+    },
 ):
-    """Drive to a pose, around obstacles. A newer goal takes the place of the older one."""
+    """Drive to a pose or a named place, around obstacles. A newer goal takes the place of the older one."""
 
     pose: PoseStamped = DEFAULT  # frame_id: map, or empty
+    place: str = DEFAULT  # name of a place of MapAnnotations, which then gives the pose; '': the pose above
 
 
 class NavigationCancelled(Reply, name="robbie_msgs/srv/CancelNavigation_Response", version=1):
@@ -222,6 +234,50 @@ class PointsOfInterest(Message, name="robbie_msgs/msg/PointsOfInterest", version
 
     header: Header = DEFAULT  # frame_id: of the map
     points: list[PointOfInterest] = DEFAULT
+
+
+class NoGoArea(Message, name="robbie_msgs/msg/NoGoArea", version=1):
+    """A part of the map that the robot must not enter: a polygon."""
+
+    name: str = DEFAULT
+    corners: list[Point] = DEFAULT  # m, map frame, in order; z is ignored
+
+
+class MapAnnotations(Message, name="robbie_msgs/msg/MapAnnotations", version=1):
+    """All that people have drawn on a map; each message takes the place of the last one."""
+
+    header: Header = DEFAULT  # frame_id: of the map
+    map_name: str = DEFAULT  # file of the map; '': a map that the robot makes now
+    revision: uint32 = DEFAULT  # one more with each change
+    no_go: list[NoGoArea] = DEFAULT
+    places: list[PointOfInterest] = DEFAULT
+    can_undo: bool = DEFAULT  # whether UndoMapAnnotation has a change to take back
+
+
+class MapAnnotated(Reply, name="robbie_msgs/srv/AnnotateMap_Response", version=1):
+    """The map is annotated as asked, and the annotations are saved."""
+
+    revision: uint32 = DEFAULT  # of the annotations
+
+
+class AnnotateMap(Request[MapAnnotated], name="robbie_msgs/srv/AnnotateMap_Request", version=1):
+    """Draw on the map: first remove, then add. All of it is one change, and all or nothing is done."""
+
+    remove: list[str] = DEFAULT  # names of areas and places
+    no_go: list[NoGoArea] = DEFAULT  # an area of the same name is replaced; '' gets a name
+    places: list[PointOfInterest] = DEFAULT  # a place of the same name is replaced
+
+
+class MapAnnotationUndone(Reply, name="robbie_msgs/srv/UndoMapAnnotation_Response", version=1):
+    """The annotations are as they were before the last change."""
+
+    revision: uint32 = DEFAULT  # of the annotations; still one more than before
+
+
+class UndoMapAnnotation(
+    Request[MapAnnotationUndone], name="robbie_msgs/srv/UndoMapAnnotation_Request", version=1
+):
+    """Take back the last change of the map's annotations. There may be several; the last goes first."""
 
 
 class Mark(Message, name="robbie_msgs/msg/Mark", version=1):

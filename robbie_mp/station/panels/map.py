@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
@@ -14,6 +15,7 @@ from robbie_mp.messages import (
     CancelNavigation,
     Frontiers,
     LaserScan,
+    MapAnnotations,
     OccupancyGrid,
     Path,
     PointOfInterest,
@@ -24,6 +26,7 @@ from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
 from robbie_mp.station.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
 from robbie_mp.station.live import SCRIPTS
+from robbie_mp.station.map_drawing import MapDrawing, area_marks
 from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.point_sources import PointSources
@@ -47,6 +50,8 @@ LAYERS = {
     "trail": "Trail",
     "path": "Path",
     "frontiers": "Frontiers",
+    "no_go": "No-go areas",
+    "others": "Other robots",
     "marks": "Places",
     "names": "Names",
     "legend": "Legend",
@@ -79,6 +84,7 @@ class MapPanel(Panel):
         self._goal = station.newest(PoseStamped, "goal")
         self._path = station.newest(Path, "path")
         self._frontiers = station.newest(Frontiers)
+        self._annotations = station.newest(MapAnnotations)
         self._others: list[dict[str, Any]] = []
         self._way: tuple[int, bytes] = (0, b"[]")
         self._trail = Trail(station)
@@ -96,6 +102,7 @@ class MapPanel(Panel):
             undo.set_visibility(page.role is Role.OPERATOR)
             cancel = ui.button("Cancel goal", icon="wrong_location").props("id=map-cancel")
             cancel.set_visibility(page.role is Role.OPERATOR)
+            drawing_tools = ui.row().classes("items-center")
             view_tools = ui.row().classes("items-center")
         view = MapView().props("id=map-view")
         view.style("width: 100%; height: 60vh; touch-action: none; display: block")
@@ -126,6 +133,8 @@ class MapPanel(Panel):
             view.on("placed", placed)
             undo.on_click(goals.undo)
             cancel.on_click(cancel_all)
+            with drawing_tools:
+                self._build_drawing(page, view, mode)
             page.always(GOALS_PERIOD_S, goals.tick)
 
         def update() -> None:
@@ -133,6 +142,23 @@ class MapPanel(Panel):
             view.set(waiting=[[goal.x_m, goal.y_m] for goal in goals.waiting])
 
         page.every(TEXT_PERIOD_S, self.name, update)
+
+    def _build_drawing(self, page: Page, view: MapView, mode: ui.toggle) -> None:
+        """Build what an operator draws on the map."""
+
+        def draw(what: str) -> None:
+            mode.set_value(None)
+            view.set(placing=what)
+
+        drawing = MapDrawing(page, self._annotations, draw)
+
+        def drawn(event: GenericEventArguments, keep: Callable[[Any], None]) -> None:
+            mode.set_value("")
+            keep(event.args)
+
+        view.on("outlined", lambda event: drawn(event, drawing.outlined))
+        view.on("pointed", lambda event: drawn(event, drawing.pointed))
+        page.every(TEXT_PERIOD_S, self.name, drawing.tick)
 
     def _build_view_tools(self, view: MapView) -> None:
         """Build what changes only how this page shows the map."""
@@ -203,9 +229,14 @@ class MapPanel(Panel):
             "goal": planar(self._goal.message),
             "frontiers": frontier_marks(self._frontiers.message),
             "marked": [disc_of(mark) for marks in self.station.map_marks.now().values() for mark in marks],
-            "places": [place_mark(place) for place in self.station.places_watch.places],
+            "places": [place_mark(place) for place in (*self.station.places_watch.places, *self._named())],
+            "no_go": area_marks(self._annotations.message),
             "others": self._others,
         }
+
+    def _named(self) -> list[PointOfInterest]:
+        """Return the places that operators have drawn."""
+        return self._annotations.message.places if self._annotations.message else []
 
     def describe(self) -> str:
         """Return a line that describes the map."""
@@ -222,7 +253,10 @@ class MapPanel(Panel):
             parts.append(f"{len(self._frontiers.message.middles)} frontiers")
         parts += [f"{one['name']} at {one['x']:.2f} m, {one['y']:.2f} m" for one in self._others]
         parts += [f"{len(marks)} {title}" for title, marks in self.station.map_marks.now().items()]
-        return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
+        if self._annotations.message and self._annotations.message.no_go:
+            parts.append(f"{len(self._annotations.message.no_go)} no-go areas")
+        names = [place.name for place in (*self.station.places_watch.places, *self._named())]
+        return "; ".join([*parts, *names])
 
     def _cancel(self, page: Page) -> None:
         """End the goal that the robot drives to, whichever module or operator has set it."""

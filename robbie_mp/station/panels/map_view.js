@@ -4,13 +4,14 @@ const MAX_FIT_SCALE = 150; // pixels per m
 const STEP_M = 0.01; // of packed points
 const LEGEND = [
   ["arrow", "#c62828", "robot"], ["arrow", "#2e7d32", "goal"], ["line", "#1565c0", "path"], ["line", "#ef6c00", "trail"],
-  ["dot", "#d50000", "laser"], ["diamond", "#8e24aa", "frontier"],
+  ["dot", "#d50000", "laser"], ["diamond", "#8e24aa", "frontier"], ["square", "#b71c1c", "no-go"],
 ];
 const COLOURS = Object.fromEntries(LEGEND.map(([, colour, name]) => [name, colour]));
 
 // The map from above: x to the right and y up, or the robot's heading up. Drag moves it, the wheel zooms. While
 // something is to be placed, a press says where, and dragging from there says which way it looks; that is emitted
-// as "placed".
+// as "placed", or for a place to name as "pointed". A no-go area is drawn as a rectangle by dragging, or corner by
+// corner, until the first one is pressed again; that is emitted as "outlined".
 export default {
   template: `<canvas class="map-view" tabindex="0" role="img" aria-label="Map" :data-placing="placing"
     :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
@@ -25,6 +26,10 @@ export default {
       if (this.follows === "stay") this.turn = 0;
       this.redraw();
     },
+    placing() {
+      this.corners = [];
+      this.redraw();
+    },
     hidden() {
       this.redraw();
     },
@@ -33,7 +38,8 @@ export default {
     },
   },
   mounted() {
-    this.marks = { robot: null, goal: null, path: [], trail: [], frontiers: [], marked: [], places: [], others: [] };
+    this.marks = { robot: null, goal: null, path: [], trail: [], frontiers: [], marked: [], places: [], others: [], no_go: [] };
+    this.corners = []; // of the no-go area that is being drawn
     this.scans = new Map();
     this.turn = 0; // rad, of the map on the screen
     this.measures = null;
@@ -138,9 +144,23 @@ export default {
       if (!press || press.measures || !press.placing) return;
       const [x, y] = [press.at.x - press.begin.x, press.at.y - press.begin.y];
       const dragged = Math.hypot(x, y) * this.scale > 10;
-      this.$emit("placed", {
+      if (press.placing === "no_go") return this.outline(press, dragged);
+      this.$emit(press.placing === "place" ? "pointed" : "placed", {
         what: press.placing, x_m: press.begin.x, y_m: press.begin.y, yaw_rad: dragged ? Math.atan2(y, x) : null,
       });
+    },
+    // Takes one more corner of a no-go area, or both corners of a rectangle.
+    outline({ begin, at }, dragged) {
+      const near = (one) => Math.hypot(one.x - at.x, one.y - at.y) * this.scale < 14;
+      if (dragged && !this.corners.length) this.emit_outline(rectangle(begin, at));
+      else if (this.corners.length > 2 && near(this.corners[0])) this.emit_outline(this.corners);
+      else this.corners.push(at);
+      this.$el.dataset.corners = this.corners.length;
+      this.redraw();
+    },
+    emit_outline(corners) {
+      this.$emit("outlined", { corners: corners.map(({ x, y }) => [x, y]) });
+      this.corners = [];
     },
     wheel(event) {
       event.preventDefault();
@@ -192,14 +212,19 @@ export default {
       this.turn = this.follows === "heading" ? Math.PI / 2 - robot[2] : 0;
     },
     draw_marks(pen) {
-      const { robot, goal, frontiers, marked, places, others, path, trail } = this.marks;
+      const { robot, goal, frontiers, marked, places, others, path, trail, no_go } = this.marks;
+      if (this.shows("no_go"))
+        for (const { name, corners } of no_go) {
+          this.draw_area(pen, corners);
+          this.names.push([...middle_of(corners), name]);
+        }
       if (this.shows("trail")) this.draw_line(pen, trail, COLOURS.trail, 2);
       if (this.shows("path")) this.draw_line(pen, path, COLOURS.path, 3);
       if (this.shows("frontiers")) for (const frontier of frontiers) this.draw_frontier(pen, frontier);
       if (this.shows("scan")) for (const scan of this.scans.values()) this.draw_scan(pen, scan);
       if (goal) this.draw_arrow(pen, goal, COLOURS.goal);
       this.waiting.forEach(([x, y], at) => this.draw_disc(pen, { x, y, name: `${at + 1}`, colour: COLOURS.goal }));
-      for (const { x, y, yaw, name } of others) {
+      for (const { x, y, yaw, name } of this.shows("others") ? others : []) {
         this.draw_arrow(pen, [x, y, yaw], "#5d4037");
         this.names.push([x, y, name]);
       }
@@ -208,7 +233,15 @@ export default {
     },
     draw_placing(pen) {
       const press = this.press;
+      if (this.corners.length) {
+        this.draw_area(pen, this.corners.map(({ x, y }) => [x, y]));
+        for (const { x, y } of this.corners) this.draw_disc(pen, { x, y, name: "", colour: COLOURS["no-go"] });
+      }
       if (!press || !press.placing || press.measures) return;
+      if (press.placing === "no_go") {
+        if (!this.corners.length) this.draw_area(pen, rectangle(press.begin, press.at).map(({ x, y }) => [x, y]));
+        return;
+      }
       const yaw = Math.atan2(press.at.y - press.begin.y, press.at.x - press.begin.x);
       this.draw_arrow(pen, [press.begin.x, press.begin.y, yaw], "#1565c0");
     },
@@ -229,6 +262,17 @@ export default {
       for (const [x, y] of points) pen.lineTo(x, y);
       pen.strokeStyle = colour;
       pen.lineWidth = pixels / this.scale;
+      pen.stroke();
+    },
+    draw_area(pen, corners) {
+      pen.beginPath();
+      for (const [x, y] of corners) pen.lineTo(x, y);
+      pen.closePath();
+      pen.globalAlpha = 0.3;
+      pen.fillStyle = pen.strokeStyle = COLOURS["no-go"];
+      pen.fill("evenodd");
+      pen.globalAlpha = 1;
+      pen.lineWidth = 2 / this.scale;
       pen.stroke();
     },
     draw_scan(pen, steps) {
@@ -340,6 +384,7 @@ export default {
         pen.fillStyle = colour;
         pen.beginPath();
         if (shape === "line") pen.rect(u - 7, v - 1.5, 14, 3);
+        else if (shape === "square") pen.rect(u - 5, v - 5, 10, 10);
         else if (shape === "dot") pen.rect(u - 1.5, v - 1.5, 3, 3);
         else if (shape === "diamond") polygon(pen, u, v, [[0, -5], [5, 0], [0, 5], [-5, 0]]);
         else polygon(pen, u, v, [[6, 0], [-5, -5], [-2, 0], [-5, 5]]);
@@ -350,6 +395,15 @@ export default {
     },
   },
 };
+
+function rectangle(one, other) {
+  const { x, y } = other;
+  return [one, { x, y: one.y }, other, { x: one.x, y }];
+}
+
+function middle_of(corners) {
+  return [0, 1].map((axis) => corners.reduce((sum, corner) => sum + corner[axis], 0) / corners.length);
+}
 
 function apart(one, other) {
   return one[2] < other[0] || other[2] < one[0] || one[3] < other[1] || other[3] < one[1];

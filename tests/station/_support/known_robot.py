@@ -4,6 +4,7 @@ import numpy as np
 
 from robbie_mp import ActiveGoal, CallRefused, Header, Message, Module, Time, float64
 from robbie_mp.messages import (
+    AnnotateMap,
     BoundingBox2D,
     CancelNavigation,
     CompressedImage,
@@ -11,6 +12,8 @@ from robbie_mp.messages import (
     Detection2DArray,
     Frontiers,
     Image,
+    MapAnnotated,
+    MapAnnotations,
     MapMetaData,
     Mark,
     NavigateTo,
@@ -99,6 +102,9 @@ class KnownRobot(Module):
         self.active: Active | None = None
         self.serve_goals(NavigateTo, self.on_goal)
         self.serve(CancelNavigation, self.on_cancel)
+        self.serve(AnnotateMap, self.on_annotate)
+        self.drawn = MapAnnotations()
+        self.publish(self.drawn, latched=True)
         self.subscribe(PlaybackControl, self.on_control)
         self.subscribe(Wish, self.on_wish, topic="wishes")
         self.subscribe(PoseStamped, self.on_pose, topic="initial_pose")
@@ -137,7 +143,19 @@ class KnownRobot(Module):
             )
         )
 
+    def on_annotate(self, request: AnnotateMap) -> MapAnnotated:
+        self.drawn = MapAnnotations(
+            no_go=[*self.drawn.no_go, *request.no_go], places=[*self.drawn.places, *request.places]
+        )
+        self.publish(self.drawn, latched=True)
+        for area in request.no_go:
+            self.write("area", area.name, *(f"{one.x:.2f} {one.y:.2f}" for one in area.corners))
+        return MapAnnotated()
+
     def on_goal(self, active: Active) -> None:
+        if active.goal.place:
+            self.write("place", active.goal.place)
+            raise CallRefused("it is only a test")
         self.write_pose("goal", active.goal.pose)
         if self.active is not None and self.active.is_active:
             raise CallRefused("one goal is enough")
