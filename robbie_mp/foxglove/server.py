@@ -155,7 +155,7 @@ class Server:
             server_listener=self,
             supported_encodings=[CDR, JSON],
             services=[self._service(*one) for one in options.services.items()],
-            asset_handler=self.on_asset if options.assets else None,
+            asset_handler=self.on_asset,  # without one, a client would wait for its files in vain
             context=self._context,
             message_backlog_size=options.queue_messages,
         )

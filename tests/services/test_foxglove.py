@@ -228,6 +228,11 @@ def test_client_reads_only_files_of_the_profiles_folders(
         assert client.fetch(uri, number + 2) is None
 
 
+def test_files_are_refused_at_once_where_the_profile_has_none() -> None:
+    with ModuleHarness(FoxgloveServer, SETTINGS) as harness, connected(harness.module.link) as client:
+        assert client.fetch("package://robot/robot.stl", 1) is None
+
+
 @pytest.mark.parametrize("query", ["", "?token=", "?token=wrong", "?TOKEN={token}"])
 def test_without_the_token_nobody_comes_in(
     harness: ModuleHarness[FoxgloveServer], query: str, monkeypatch: pytest.MonkeyPatch
