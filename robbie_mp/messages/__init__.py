@@ -43,6 +43,7 @@ from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.schema import nested_types, schema_text
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
+from robbie_mp.messages.stock.foxglove_msgs import RawAudio
 from robbie_mp.messages.stock.geometry_msgs import (
     Point,
     Pose,
@@ -218,6 +219,7 @@ __all__ = [
     "PoseWithCovariance",
     "PoseWithCovarianceStamped",
     "Quaternion",
+    "RawAudio",
     "RegionOfInterest",
     "Reply",
     "Request",

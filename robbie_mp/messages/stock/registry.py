@@ -2,6 +2,7 @@
 
 from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.stock import (
+    foxglove_msgs,
     geometry_msgs,
     link_msgs,
     nav_msgs,
@@ -21,6 +22,7 @@ def stock_registry() -> TypeRegistry:
     """Return a new registry that knows all stock messages."""
     return TypeRegistry(
         (
+            foxglove_msgs.RawAudio,
             geometry_msgs.PoseStamped,
             geometry_msgs.PoseWithCovarianceStamped,
             geometry_msgs.TwistStamped,
