@@ -9,10 +9,14 @@ PARALLEL := --numprocesses 2 --dist loadfile --max-worker-restart 0
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
 
-.PHONY: demo test test-all test-slow test-alone test-pure test-arm64 lint types docs bench clean
+.PHONY: demo team test test-all test-slow test-alone test-pure test-arm64 lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
+
+# Two rescue robots in one random arena, over a link; prints their figures at the end, after two minutes.
+team: .venv/team
+	.venv/bin/python -m tools.rescue_team
 
 test: .venv/dev
 	.venv/bin/python -m pytest -q -m 'not slow' --durations 5 $(PARALLEL)
@@ -52,6 +56,10 @@ bench: .venv/bench
 .venv/robot: $(INSTALLED)
 	$(PYTHON) -m venv .venv
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot]'
+	touch $@
+
+.venv/team: .venv/robot
+	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,vision,link]'
 	touch $@
 
 .venv/dev: .venv/robot

@@ -1,7 +1,9 @@
 """Messages of robots that work as a team."""
 
-from robbie_mp import DEFAULT, Header, Message, float64
-from robbie_mp.messages import Pose
+import math
+
+from robbie_mp import DEFAULT, Duration, Header, Message, float64
+from robbie_mp.messages import Point, Pose
 
 
 class MapAlignment(Message, name="team_msgs/msg/MapAlignment", version=1):
@@ -16,3 +18,21 @@ class MapAlignment(Message, name="team_msgs/msg/MapAlignment", version=1):
     walls_m: float64 = DEFAULT  # length of wall that lies on walls of the other map
     agreement: float64 = DEFAULT  # 0 to 1: how much of the walls in the common area lies on walls
     ambiguity: float64 = DEFAULT  # 0 to 1: how well the best pose elsewhere fits, compared with this one
+
+
+class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=1):
+    """Where a robot is and what it drives to, so that others do something else and keep out of its way.
+
+    A robot renews its claim several times while it counts. It is not latched: one that joins later hears the
+    next one, and never that of a robot that has died.
+    """
+
+    header: Header = DEFAULT  # frame: the robot's map
+    pose: Pose = DEFAULT  # where the robot is
+    drives: bool = DEFAULT  # whether it has a goal
+    goal: Pose = DEFAULT  # where it drives
+    has_target: bool = DEFAULT  # whether it has found work
+    target: Point = DEFAULT  # a frontier, an unsearched wall or a victim
+    way_m: float64 = math.inf  # cost of the way to the target
+    is_working: bool = DEFAULT  # false: it is on its way home, or has ended
+    valid_for: Duration = DEFAULT  # the claim ends then, unless renewed

@@ -1,11 +1,15 @@
 """Two linked rescue robots explore a random arena together, judged by the ground truth.
 
-    python -m tools.rescue_team --seeds 1 [--first 0] [--json FILE] [--keep DIR]
+    python -m tools.rescue_team --seeds 1 [--first 0] [--rate 0.5] [--alone] [--json FILE] [--keep DIR]
 
-Each robot is a run of the profile `rescue-team`, at real-time speed: red starts at the arena's start, blue
-beside it. They share the simulated arena by a folder, and talk over a link on this machine alone. Each knows
-where the other has started. A victim counts as found if one of them has confirmed it and placed it within
-0.2 m.
+Each robot is a run of the profile `rescue-team`: red starts at the arena's start, blue beside it. They share
+the simulated arena by a folder, and talk over a link on this machine alone. Each knows where the other has
+started. Where their ways meet, blue gives way. A victim counts as found if one of them has confirmed it and
+placed it within 0.2 m.
+
+Both run at real-time speed, which takes two processor cores of their own or more. With `--rate` they run in
+simulated time, at most that much faster than real time. With `--alone`, red also explores each arena alone,
+by the same profile, and the figures say how long two robots took compared with one.
 """
 
 import argparse
@@ -31,7 +35,7 @@ from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from tools.rescue_trials import NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
 from workers.planar_pose import relative
 
-PROFILE = "rescue-team"
+PROFILE, SIMULATED = "rescue-team", "rescue-team-fast"
 APART_M = 1.0
 FREE_M = 0.35
 
@@ -45,7 +49,9 @@ class TeamOutcome:
         found: number of victims that a robot confirmed and placed.
         collisions: collisions of both robots, with walls or one another.
         simulated_s: duration of the longer mission.
-        robots: the result of each robot alone, by its name.
+        robots: the result of each robot, by its name.
+        alone: the result of one robot in the same arena without the other. None: not run.
+        ratio: duration compared with that of one robot alone. None: not run.
         trouble: why a run itself failed; '' if none did.
     """
 
@@ -55,6 +61,8 @@ class TeamOutcome:
     collisions: int = 0
     simulated_s: float = 0.0
     robots: dict[str, Outcome] = field(default_factory=dict)
+    alone: Outcome | None = None
+    ratio: float | None = None
     trouble: str = ""
 
 
@@ -68,23 +76,30 @@ def second_start(arena: Arena) -> Pose:
     return Pose(x_m, y_m, arena.start.heading_rad)
 
 
-def arguments_of(robot: str, starts: dict[str, Pose], seed: int, folder: Path, port: int) -> list[str]:
-    """Return the arguments of `robbie run` for one robot."""
-    other = next(name for name in starts if name != robot)
-    known = relative(starts[robot], starts[other]).tolist()
+def arguments_of(
+    robot: str, starts: dict[str, Pose], seed: int, folder: Path, port: int, rate: float | None = None
+) -> list[str]:
+    """Return the arguments of `robbie run` for one robot of those that start."""
+    others = {
+        name: relative(starts[robot], start).tolist() for name, start in starts.items() if name != robot
+    }
     address = f"tcp/127.0.0.1:{port}"
     is_first = robot == next(iter(starts))
+    profile = PROFILE if rate is None else SIMULATED
     settings: dict[str, object] = {
         "link.robot": robot,
         "link.listen": [address] if is_first else [],
         "link.connect": [] if is_first else [address],
-        "map_merger.robots": [other],
-        "map_merger.starts": {other: known},
-        "mission.team": [other],
+        "map_merger.robots": list(others),
+        "map_merger.starts": others,
+        "mission.team": list(others),
+        "mission.gives_way_to": [] if is_first else list(others),
         "base.shared": str(folder / "arena"),
         "laser.shared": str(folder / "arena"),
     }
-    for spec in load_profile(PROFILE, REPOSITORY).modules:
+    if rate is not None:
+        settings["time.rate"] = rate
+    for spec in load_profile(profile, REPOSITORY).modules:
         if spec.name in NOISY:
             settings[f"{spec.name}.seed"] = seed + 1000 * (not is_first)
         if "arena" in spec.settings:
@@ -93,15 +108,15 @@ def arguments_of(robot: str, starts: dict[str, Pose], seed: int, folder: Path, p
     if not is_first:
         settings["scene_graph.file"] = "hw/robots/rescue_team_blue.yaml"
     words = [word for name, value in settings.items() for word in ("--set", f"{name}={json.dumps(value)}")]
-    return [PROFILE, *words]
+    return [profile, *words]
 
 
-def run_team(seed: int, folder: Path) -> TeamOutcome:
-    """Run both missions and judge them."""
+def run_team(seed: int, folder: Path, rate: float | None = None, *, is_alone: bool = False) -> TeamOutcome:
+    """Run both missions, or that of red alone, and judge them."""
     folder.mkdir(parents=True)
     (folder / "arena.yaml").write_text(generate_arena(seed, WISHES))
     arena = read_arena(folder / "arena.yaml")
-    starts = {"red": arena.start, "blue": second_start(arena)}
+    starts = {"red": arena.start} if is_alone else {"red": arena.start, "blue": second_start(arena)}
     outcome = TeamOutcome(seed, victims=len(arena.victims))
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -109,17 +124,9 @@ def run_team(seed: int, folder: Path) -> TeamOutcome:
     robots: dict[str, Robot] = {}
     try:
         for name in starts:
-            words = arguments_of(name, starts, seed, folder, port)
+            words = arguments_of(name, starts, seed, folder, port, rate)
             robots[name] = Robot(folder / name, REPOSITORY, *words)
-        for robot in robots.values():
-            robot.wait_until_running()
-        limit_s = time.monotonic() + RUN_LIMIT_S
-        while any(robot.is_up for robot in robots.values()):
-            if time.monotonic() > limit_s:
-                raise RobotTrouble(f"the missions did not end in {RUN_LIMIT_S} s")
-            time.sleep(0.1)
-        for robot in robots.values():
-            robot.wait_for_end()
+        wait_for_ends(robots)
     except RobotTrouble as trouble:
         outcome.trouble = str(trouble)
     finally:
@@ -132,6 +139,31 @@ def run_team(seed: int, folder: Path) -> TeamOutcome:
             outcome.robots[name] = one
         sum_up(outcome)
     return outcome
+
+
+def wait_for_ends(robots: dict[str, Robot]) -> None:
+    """Wait until all missions have ended.
+
+    Raises:
+        RobotTrouble: one has not ended in time, or has failed.
+    """
+    for robot in robots.values():
+        robot.wait_until_running()
+    limit_s = time.monotonic() + RUN_LIMIT_S
+    while any(robot.is_up for robot in robots.values()):
+        if time.monotonic() > limit_s:
+            raise RobotTrouble(f"the missions did not end in {RUN_LIMIT_S} s")
+        time.sleep(0.1)
+    for robot in robots.values():
+        robot.wait_for_end()
+
+
+def compare(team: TeamOutcome, alone: TeamOutcome) -> None:
+    """Add the result of one robot alone to that of the team."""
+    team.trouble = team.trouble or alone.trouble
+    if alone.robots:
+        team.alone = alone.robots["red"]
+        team.ratio = round(team.simulated_s / team.alone.simulated_s, 3)
 
 
 def sum_up(outcome: TeamOutcome) -> None:
@@ -148,6 +180,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tools.rescue_team", description=__doc__)
     parser.add_argument("--seeds", type=int, default=1, help="number of arenas")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--rate", type=float, help="simulated time, at most this much faster than real time")
+    parser.add_argument("--alone", action="store_true", help="also run one robot alone, and compare")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the robots")
     options = parser.parse_args(arguments)
@@ -155,7 +189,9 @@ def main(arguments: list[str] | None = None) -> int:
     outcomes = []
     try:
         for seed in range(options.first, options.first + options.seeds):
-            outcomes.append(run_team(seed, folder / str(seed)))
+            outcomes.append(run_team(seed, folder / str(seed), options.rate))
+            if options.alone:
+                compare(outcomes[-1], run_team(seed, folder / f"{seed}-alone", options.rate, is_alone=True))
             print(json.dumps(asdict(outcomes[-1])), flush=True)
             if options.json:
                 options.json.write_text(json.dumps([asdict(each) for each in outcomes], indent=2) + "\n")

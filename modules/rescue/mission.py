@@ -16,16 +16,18 @@ from modules.rescue.messages import (
     SearchedWalls,
     VictimFound,
 )
-from modules.team_messages import MapAlignment
+from modules.team_messages import GoalClaim, MapAlignment
 from robbie_mp import (
     CallError,
     CallRefused,
+    Duration,
     GoalAborted,
     Header,
     MessageHandling,
     Module,
     NoServer,
     SentGoal,
+    SettingError,
     Time,
     setting,
 )
@@ -40,10 +42,12 @@ from robbie_mp.messages import (
     NavigationResult,
     OccupancyGrid,
     PanTiltCommand,
+    Point,
     PointOfInterest,
     PointsOfInterest,
     PoseStamped,
 )
+from workers.exploration.team_claims import Claim
 from workers.planar_pose import compose
 from workers.rescue.look_around import LookAround
 from workers.rescue.mission import Mission
@@ -62,6 +66,7 @@ TELL_S = 1.0
 REPEAT_S = 2.0
 """Time after which a goal that has ended otherwise than intended is sent again."""
 CANCEL_TIMEOUT_S = 2.0
+CLAIM_PERIOD_S = 0.4
 
 
 class Cancel(Enum):
@@ -94,11 +99,25 @@ class RescueMission(Module):
     )
     clearance_m: float = setting(0.27, "distance of paths from obstacles; use navigation's", minimum=0.05)
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
-    team: list[str] = setting([], "other robots, whose searched walls and victims count, too")
+    team: list[str] = setting([], "other robots, with which this one shares the work")
+    gives_way_to: list[str] = setting([], "robots of the team that go first where their way meets this one's")
+    claim_valid_s: float = setting(
+        3.0, "how long the others leave this robot's target alone when it falls silent", minimum=1.0
+    )
     report_name: str = setting("rescue", "prefix of the names of the report's files")
     ends_after_s: float = setting(
         1.0, "time between the end of the mission and that of the module", minimum=0.0
     )
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check that the robots that go first are of the team."""
+        team, first = settings["team"], settings["gives_way_to"]
+        assert isinstance(team, list)
+        assert isinstance(first, list)
+        for robot in first:
+            if robot not in team:
+                raise SettingError(f"{robot!r} is none of the team: {', '.join(team)}", "gives_way_to")
 
     def setup(self) -> None:
         """Create the mission; subscribe to map, pose, navigation, victims, camera and battery."""
@@ -107,6 +126,7 @@ class RescueMission(Module):
             time_limit_s=self.time_limit_s,
             reserve=self.reserve,
             clearance_m=self.clearance_m,
+            gives_way_to=tuple(self.gives_way_to),
         )
         self.mission = Mission(self._time_s, settings, self._state_changed)
         if self.restored is not None:
@@ -129,6 +149,7 @@ class RescueMission(Module):
         self.map: OccupancyGrid | None = None
         self.team_maps: dict[str, NDArray[np.float64]] = {}
         self.team_searched: dict[str, SearchedGrid] = {}
+        self.claim_told_s = -math.inf
         self.frontiers = self.mission.frontiers
         self.told: tuple[str, list[OperatorOrder]] | None = None
         self.told_s = -math.inf
@@ -139,6 +160,7 @@ class RescueMission(Module):
         self.subscribe(SearchedWalls, self.on_searched, every if self.team else newest)
         for robot in self.team:
             self.subscribe(MapAlignment, self.on_alignment, topic=robot, optional=True)
+            self.subscribe(GoalClaim, self.on_claim, newest, topic=robot, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.serve(OrderMission, self.on_order)
         self.subscribe(VictimFound, self.on_victim)
@@ -168,6 +190,22 @@ class RescueMission(Module):
             self.team_maps[alignment.robot] = np.array(planar(alignment.pose))
         else:
             self.team_maps.pop(alignment.robot, None)
+
+    def on_claim(self, message: GoalClaim) -> None:
+        """Pass another robot's claim to the mission, if the place of its map is known."""
+        robot = self.envelope.topic
+        if robot not in self.team_maps:
+            return
+        place = self.team_maps[robot]
+        target = np.array([message.target.x, message.target.y, 0.0])
+        claim = Claim(
+            pose=compose(place, planar(message.pose)),
+            goal=compose(place, planar(message.goal)) if message.drives else None,
+            target_xy_m=compose(place, target)[:2] if message.has_target else None,
+            way_m=message.way_m,
+            is_working=message.is_working,
+        )
+        self.mission.claims.see(robot, claim, message.valid_for.nanoseconds / 1e9)
 
     def on_pose(self, message: PoseStamped) -> None:
         """Pass the robot's pose to the mission."""
@@ -313,6 +351,30 @@ class RescueMission(Module):
         if mission.frontiers is not self.frontiers:
             self.frontiers = mission.frontiers
             self.publish(frontiers_message(self.frontiers, self._header("map")))
+        if self.team and self._time_s() - self.claim_told_s >= CLAIM_PERIOD_S:
+            self._claim()
+
+    def _claim(self) -> None:
+        """Tell the team where this robot is, and what it drives to."""
+        claim = self.mission.claim
+        if claim is None:
+            return
+        self.claim_told_s = self._time_s()
+        header = self._header("map")
+        target = [0.0, 0.0] if claim.target_xy_m is None else claim.target_xy_m.tolist()
+        self.publish(
+            GoalClaim(
+                header=header,
+                pose=pose_stamped(claim.pose, header).pose,
+                drives=claim.goal is not None,
+                goal=pose_stamped(claim.pose if claim.goal is None else claim.goal, header).pose,
+                has_target=claim.target_xy_m is not None,
+                target=Point(x=target[0], y=target[1]),
+                way_m=claim.way_m,
+                is_working=claim.is_working,
+                valid_for=Duration.from_nanoseconds(round(self.claim_valid_s * 1e9)),
+            )
+        )
 
     def _result(self) -> MissionResult:
         mission = self.mission

@@ -10,7 +10,15 @@ from hw.simulation.arena_file import read_arena
 from robbie_mp.profile.load import load_profile
 from tests._support.places import ARENAS
 from tools.kill_campaign.robot import REPOSITORY
-from tools.rescue_team import PROFILE, TeamOutcome, arguments_of, second_start, sum_up
+from tools.rescue_team import (
+    PROFILE,
+    SIMULATED,
+    TeamOutcome,
+    arguments_of,
+    compare,
+    second_start,
+    sum_up,
+)
 from tools.rescue_trials import Outcome
 from workers.planar_pose import compose
 
@@ -33,6 +41,7 @@ def test_each_robot_knows_the_other_and_only_known_modules_get_settings(tmp_path
         assert profile == PROFILE
         assert {name.split(".")[0] for name in settings} <= set(modules)
         assert json.loads(settings["mission.team"]) == [other]
+        assert json.loads(settings["mission.gives_way_to"]) == ([] if robot == "red" else ["red"])
         known = json.loads(settings["map_merger.starts"])[other]
         assert math.dist(compose(starts[robot], known)[:2], starts[other][:2]) < 1e-9
     assert settings["link.listen"] == "[]"
@@ -44,3 +53,17 @@ def test_victim_counts_once_and_only_where_it_was_placed() -> None:
     team.robots["blue"] = Outcome(0, placed_m={1: 0.05, 3: 0.01}, simulated_s=60.0)
     sum_up(team)
     assert (team.found, team.collisions, team.simulated_s) == (2, 1, 60.0)
+
+
+def test_robot_alone_has_the_same_profile_and_no_team(tmp_path: Path) -> None:
+    arena = read_arena(ARENAS / "rescue_maze.yaml")
+    profile, *words = arguments_of("red", {"red": arena.start}, 3, tmp_path, 7447, rate=0.5)
+    settings = dict(word.split("=", 1) for word in words[1::2])
+    assert (profile, settings["time.rate"], settings["mission.team"]) == (SIMULATED, "0.5", "[]")
+
+
+def test_team_is_compared_with_one_robot_in_the_same_arena() -> None:
+    team, alone = TeamOutcome(0, simulated_s=60.0), TeamOutcome(0)
+    alone.robots["red"] = Outcome(0, simulated_s=100.0)
+    compare(team, alone)
+    assert (team.ratio, team.alone) == (0.6, alone.robots["red"])

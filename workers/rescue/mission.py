@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.state_machine import StateMachine
 from workers.exploration.frontiers import Frontier
+from workers.exploration.team_claims import Claim, TeamClaims
 from workers.rescue.mission_limits import MissionLimits
 from workers.rescue.mission_orders import OperatorOrder, OperatorOrders
 from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
 from workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings, Target
 from workers.rescue.mission_victims import MissionVictims
+from workers.rescue.right_of_way import RightOfWay
 
 Points = NDArray[np.float64]
 
@@ -30,6 +32,8 @@ EMPTY_PLANS = 3
 """One map may be incomplete. The mission ends its work only after this many maps in a row show none left."""
 HOME_ATTEMPTS = 5
 NOTHING_LEFT = "nothing is left to do"
+LEFT_TO_OTHERS = "the rest is left to other robots"
+GIVES_WAY = WORKS | {MissionState.RETURN}
 SAME_TARGET_M = 0.3
 
 
@@ -63,6 +67,7 @@ class Mission:
         operator: What the operator has ordered.
         path_m: where the robot has been, m, map frame.
         collisions: how often the bumper has been pressed. None: no bumper has reported.
+        claims: what other robots drive to.
     """
 
     def __init__(
@@ -80,6 +85,9 @@ class Mission:
         self.operator = OperatorOrders(self.settings.starts_by_itself)
         self.path_m: list[tuple[float, float]] = []
         self.collisions: int | None = None
+        self.claims = TeamClaims(clock)
+        self._right_of_way = RightOfWay(clock)
+        self._way_m = 0.0
         self._touches = False
         self._clock = clock
         self._targets = MissionTargets(self.settings)
@@ -92,6 +100,7 @@ class Mission:
         self._planned_s = -math.inf
         self._empty_plans = 0
         self._home_attempts = 0
+        self._last_goal: Points | None = None
         self._ended: str | None = None
         self._known_at_end: set[int] = set()
 
@@ -115,6 +124,25 @@ class Mission:
     def searched(self) -> SearchedGrid | None:
         """Return which walls were searched. None before the first report."""
         return self._searched
+
+    @property
+    def is_working(self) -> bool:
+        """Return whether the robot works, or may find work again."""
+        return self._ended is None and not self.machine.is_final
+
+    @property
+    def claim(self) -> Claim | None:
+        """Return what this robot does, for the others. None before the first pose."""
+        if self._pose is None:
+            return None
+        target = self._target
+        return Claim(
+            pose=self._pose,
+            goal=self._orders().goal,
+            target_xy_m=None if target is None else target.about_xy_m,
+            way_m=self._way_m if self.state in TRAVELS else 0.0,
+            is_working=self.is_working,
+        )
 
     # -- inputs ----------------------------------------------------------------------------------------
 
@@ -189,7 +217,8 @@ class Mission:
             return self._wait()
         self._judge()
         self.limits.hold(is_held=self.state is MissionState.PAUSE)
-        if self._clock() - self._planned_s >= self.settings.plan_period_s and self.state in WORKS:
+        plans = self.state in WORKS or self._waits_for_others
+        if self._clock() - self._planned_s >= self.settings.plan_period_s and plans:
             self._planned_s = self._clock()
             self._plan()
         return self._orders()
@@ -212,11 +241,34 @@ class Mission:
         elif self.state in STANDS:
             self.operator.has_begun = True
             self._go_on("resumed by the operator" if self.state is MissionState.PAUSE else "it can drive")
+        elif self._must_give_way():
+            if self.state is not MissionState.GIVE_WAY:
+                self._target = None
+                self.machine.go(MissionState.GIVE_WAY, "their ways meet")
+        elif self.state is MissionState.GIVE_WAY:
+            self._go_on("the way is free")
         elif self.state is not MissionState.RETURN:
             self._judge_work()
         elif self._ended == NOTHING_LEFT and self.victims.suspected_ids - self._known_at_end:
             self._ended = None
             self._go_on("a victim was seen on the way home")
+
+    def _must_give_way(self) -> bool:
+        """Return whether the robot must let another one pass."""
+        if self.state not in GIVES_WAY and self.state is not MissionState.GIVE_WAY:
+            return False
+        assert self._around is not None
+        assert self._pose is not None
+        current = self.claims.current
+        first = [claim for robot, claim in current.items() if robot in self.settings.gives_way_to]
+        goal = self._last_goal if self.state is MissionState.GIVE_WAY else self._orders().goal
+        self._last_goal = goal
+        return self._right_of_way.check(self._around, self._pose, goal, first)
+
+    @property
+    def _waits_for_others(self) -> bool:
+        """Return whether the robot is on its way home, or there, because only other robots have work."""
+        return self.state is MissionState.RETURN and self._ended == LEFT_TO_OTHERS
 
     def _judge_work(self) -> None:
         """Change the state, where necessary, during the working part of the mission."""
@@ -255,21 +307,32 @@ class Mission:
         assert self._pose is not None
         way_home_m = self._around.way_m(self._pose, self.home[:2]) if self.home is not None else 0.0
         if (hurry := self.limits.must_return(way_home_m)) is not None:
-            self._return(hurry)
-        if self.state not in TRAVELS:
+            if self._waits_for_others:
+                self._ended = hurry
+            else:
+                self._return(hurry)
+        if self.state not in TRAVELS and not self._waits_for_others:
             return
+        searched, suspected = self._searched_walls(), self.victims.suspected
         target, can_drive = self._targets.best(
-            self._around, self._pose, self._searched_walls(), self.victims.suspected, self._target
+            self._around, self._pose, searched, suspected, self._target, self.claims
         )
         self._empty_plans = self._empty_plans + 1 if target is None and can_drive else 0
-        if self._empty_plans >= EMPTY_PLANS:
-            self._return(NOTHING_LEFT)
+        if self._waits_for_others:
+            if target is not None:
+                self._ended = None
+                self._go_on("there is work after all")
+            elif self._empty_plans >= EMPTY_PLANS and not self.claims.is_anyone_working:
+                self._ended = NOTHING_LEFT
+        elif self._empty_plans >= EMPTY_PLANS:
+            waits = self._targets.are_left_to_others or self.claims.is_anyone_working
+            self._return(LEFT_TO_OTHERS if waits else NOTHING_LEFT)
         elif target is not None:
             self._take(target)
 
     def _take(self, target: Target) -> None:
         """Take a target, unless it is almost the current one: each new goal restarts navigation."""
-        old = self._target
+        old, self._way_m = self._target, target.way_m
         is_same = old is not None and old.state is target.state is self.state
         if old is not None and is_same and math.dist(old.about_xy_m, target.about_xy_m) <= SAME_TARGET_M:
             return
@@ -295,6 +358,8 @@ class Mission:
         assert self.home is not None
         assert self._pose is not None
         away_m = float(np.hypot(*(self._pose - self.home)[:2]))
+        if self._waits_for_others and away_m <= self.settings.arrived_m:
+            return
         self._home_attempts += 1
         if away_m <= self.settings.arrived_m or self._home_attempts >= HOME_ATTEMPTS:
             self._end(
@@ -318,6 +383,8 @@ class Mission:
     def _orders(self) -> Orders:
         if self.state is MissionState.RETURN:
             return Orders(self.home)
+        if self.state is MissionState.GIVE_WAY:
+            return Orders(self._right_of_way.aside)
         if self._target is None:
             return Orders()
         about = None if self.state is MissionState.EXPLORE else self._target.about_xy_m

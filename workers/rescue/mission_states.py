@@ -17,6 +17,7 @@ class MissionState(StrEnum):
     APPROACH = "drives to a suspected victim"
     INSPECT = "stands and looks at the victim"
     ASK = "waits for the operator"
+    GIVE_WAY = "lets another robot pass"
     HALT = "stands, until it may and can drive"
     PAUSE = "stands, until the operator resumes"
     RETURN = "drives home"
@@ -25,7 +26,7 @@ class MissionState(StrEnum):
 
 _S = MissionState
 _WORK = {_S.EXPLORE, _S.SEARCH, _S.APPROACH}
-_ALWAYS = {_S.HALT, _S.PAUSE, _S.RETURN, _S.DONE}
+_ALWAYS = {_S.GIVE_WAY, _S.HALT, _S.PAUSE, _S.RETURN, _S.DONE}
 TRANSITIONS = {
     _S.WAIT: _WORK | _ALWAYS,
     _S.EXPLORE: _WORK | {_S.ASK} | _ALWAYS,
@@ -34,9 +35,10 @@ TRANSITIONS = {
     _S.APPROACH: _WORK | {_S.INSPECT, _S.ASK} | _ALWAYS,
     _S.INSPECT: {_S.EXPLORE, _S.ASK} | _ALWAYS,
     _S.ASK: {_S.EXPLORE} | _ALWAYS,
+    _S.GIVE_WAY: {_S.EXPLORE} | (_ALWAYS - {_S.GIVE_WAY}),
     _S.HALT: {_S.EXPLORE, _S.PAUSE, _S.RETURN, _S.DONE},
     _S.PAUSE: {_S.EXPLORE, _S.HALT, _S.RETURN, _S.DONE},
-    _S.RETURN: {_S.EXPLORE, _S.HALT, _S.PAUSE, _S.DONE},
+    _S.RETURN: {_S.EXPLORE, _S.GIVE_WAY, _S.HALT, _S.PAUSE, _S.DONE},
     _S.DONE: set(),
 }
 TIME_OUTS = {
@@ -68,6 +70,7 @@ class MissionSettings:
         silent_s: A camera that has sent nothing for this long counts as failed.
         min_frontier_m: Shorter frontiers are not worth a visit.
         min_wall_m: Shorter pieces of unsearched wall are not worth a visit.
+        gives_way_to: Robots that go first where their way meets this robot's.
     """
 
     starts_by_itself: bool = True
@@ -85,3 +88,4 @@ class MissionSettings:
     silent_s: float = 5.0
     min_frontier_m: float = 0.35
     min_wall_m: float = 0.3
+    gives_way_to: tuple[str, ...] = ()

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from workers.exploration.frontiers import Frontier, find_frontiers
+from workers.exploration.team_claims import TeamClaims
 from workers.maps.navigation_grid import Cell, NavigationGrid
 from workers.navigation.path_planner import PathField
 from workers.planar_pose import rotate, wrap_angle
@@ -47,12 +48,14 @@ class Target:
         goal: `(3,)`, x, y (m) and heading (rad), map frame.
         about_xy_m: `(2,)`, m, map frame: the point to look at from there.
         cost_m: path cost minus the target's bonus.
+        way_m: path cost.
     """
 
     state: MissionState
     goal: Points
     about_xy_m: Points
     cost_m: float
+    way_m: float
 
 
 class Surroundings:
@@ -110,10 +113,12 @@ class MissionTargets:
 
     Attributes:
         frontiers: the frontiers of the latest map examined, longest first.
+        are_left_to_others: whether the only targets are those that other robots drive to.
     """
 
     def __init__(self, settings: MissionSettings) -> None:
         self.frontiers: list[Frontier] = []
+        self.are_left_to_others = False
         self._settings = settings
         self._given_up: deque[tuple[str, float, float]] = deque(maxlen=REMEMBERED)
 
@@ -138,6 +143,7 @@ class MissionTargets:
         searched: "SearchedGrid | None",
         suspected: Iterable[tuple[Points, float]],
         current: Target | None,
+        claims: TeamClaims,
     ) -> tuple[Target | None, bool]:
         """Choose what to do next.
 
@@ -147,6 +153,7 @@ class MissionTargets:
             searched: which walls were searched. None: no camera works.
             suspected: x, y (m) and facing (rad) of the victims to approach.
             current: the target so far.
+            claims: what other robots drive to.
 
         Returns:
             The best target, or None if no work is left; and whether the robot stands on drivable ground.
@@ -160,8 +167,15 @@ class MissionTargets:
             targets += self._walls(around, ways_m, searched)
             targets += self._victims(around, ways_m, suspected)
         targets = [target for target in targets if not self._is_given_up(target)]
-        best = min(targets, key=lambda target: target.cost_m - self._bonus(target, current), default=None)
-        return best, True
+        costs_m = [
+            target.cost_m
+            - self._bonus(target, current)
+            + claims.extra_cost_m(target.about_xy_m, max(target.way_m, 0.0))
+            for target in targets
+        ]
+        best = int(np.argmin(costs_m)) if costs_m else 0
+        self.are_left_to_others = bool(costs_m) and math.isinf(costs_m[best])
+        return targets[best] if costs_m and not self.are_left_to_others else None, True
 
     def _frontiers(self, around: Surroundings, ways_m: Costs, pose: Points) -> Iterator[Target]:
         grid = around.grid
@@ -176,7 +190,7 @@ class MissionTargets:
             dx, dy = goal[:2] - pose[:2]
             turn_rad = abs(math.remainder(math.atan2(dy, dx) - pose[2], math.tau))
             cost_m = way_m + TURN_M_PER_RAD * turn_rad - GAIN * min(frontier.length_m, MAX_GAIN_M)
-            yield Target(MissionState.EXPLORE, goal, frontier.middle_xy_m, cost_m)
+            yield Target(MissionState.EXPLORE, goal, frontier.middle_xy_m, cost_m, way_m)
 
     def _walls(self, around: Surroundings, ways_m: Costs, searched: "SearchedGrid") -> Iterator[Target]:
         todo = ~searched.holds(around.fronts.middles_m)
@@ -184,7 +198,7 @@ class MissionTargets:
         for view in views:
             goal = _facing(around.grid.middles_m(view.cell), view.look_at_xy_m)
             cost_m = view.cost_m + SEARCH_LATER_M - GAIN * min(view.length_m, MAX_GAIN_M)
-            yield Target(MissionState.SEARCH, goal, view.look_at_xy_m, cost_m)
+            yield Target(MissionState.SEARCH, goal, view.look_at_xy_m, cost_m, view.cost_m)
 
     def _victims(
         self, around: Surroundings, ways_m: Costs, suspected: Iterable[tuple[Points, float]]
@@ -201,8 +215,8 @@ class MissionTargets:
                 cells = reached[good]
                 cell: Cell = tuple(cells[np.argmin(ways_m[tuple(cells.T)])].tolist())
                 goal = _facing(around.grid.middles_m(cell), victim)
-                cost_m = float(ways_m[cell]) - VICTIM_FIRST_M
-                yield Target(MissionState.APPROACH, goal, victim, cost_m)
+                way_m = float(ways_m[cell])
+                yield Target(MissionState.APPROACH, goal, victim, way_m - VICTIM_FIRST_M, way_m)
 
     def _is_given_up(self, target: Target) -> bool:
         return any(

@@ -13,17 +13,19 @@ from PIL import Image as Picture
 from modules.navigation import Navigation
 from modules.rescue.messages import MissionResult, MissionStatus, OrderMission, SearchedWalls, VictimFound
 from modules.rescue.mission import RescueMission
-from modules.team_messages import MapAlignment
+from modules.team_messages import GoalClaim, MapAlignment
 from robbie_mp import (
     Array,
     CallError,
     CallRefused,
+    Duration,
     GoalAborted,
     GoalCancelled,
     GoalPreempted,
     Header,
     Message,
     ModuleHarness,
+    SettingError,
     uint8,
 )
 from robbie_mp.messages import (
@@ -423,3 +425,40 @@ def test_walls_that_another_robot_has_searched_count_while_its_map_is_aligned() 
         assert not counts(0.3), "the map of blue begins at 0.5 m"
         harness.send(replace(moved, is_sure=False), topic="blue")
         assert not counts(1.0)
+
+
+def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> None:
+    with ModuleHarness(RescueMission, TEAM) as harness:
+        claims = harness.module.mission.claims
+        other = GoalClaim(
+            pose=Pose(position=Point(x=0.5)),
+            has_target=True,
+            target=Point(x=-1.0, y=0.5),
+            way_m=2.0,
+            is_working=True,
+            valid_for=Duration(sec=2),
+        )
+        harness.send(other, topic="blue")
+        assert not claims.current, "nobody knows where the map of blue lies"
+        harness.send(replace(BLUE_MAP, is_sure=True), topic="blue")
+        harness.send(other, topic="blue")
+        claim = claims.current["blue"]
+        assert claim.pose[:2] == pytest.approx([0.5, 0.0])
+        assert present(claim.target_xy_m) == pytest.approx([2.0, -0.5])
+        assert (claim.goal, claim.way_m, claim.is_working) == (None, 2.0, True)
+
+        robot = Robot(harness)
+        robot.navigates = False
+        goal = robot.go_on(2.0)[-1]
+        own = harness.take(GoalClaim)[-1]
+        assert own.drives
+        assert own.has_target
+        assert own.is_working
+        assert own.goal.position == goal.pose.pose.position
+        assert own.pose.position == Point(x=START[0], y=START[1])
+        assert not claims.current, "blue has been silent for two seconds"
+
+
+def test_only_robots_of_the_team_go_first() -> None:
+    with pytest.raises(SettingError, match="'green' is none of the team: blue"):
+        RescueMission.check({**TEAM, "gives_way_to": ["green"]})

@@ -8,6 +8,8 @@ from tests._support.places import DOCS
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
 from tests.workers._support.mission_world import HALF_KNOWN, HALL, START, Rescue
+from workers.exploration.frontiers import find_frontiers
+from workers.exploration.team_claims import Claim
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.navigator_states import NavigatorSettings
 from workers.navigation.way_planner import Obstruction, plan_way
@@ -260,3 +262,58 @@ def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
 def test_walls_that_were_never_in_view_are_unsearched() -> None:
     grid = WallMemory().grid(WallFronts(drawn_cells(HALL), RESOLUTION_M, (0.0, 0.0)))
     assert set(np.unique(grid).tolist()) == {-1, UNSEARCHED}
+
+
+def blue(
+    target: tuple[float, float] | None, way_m: float = 0.1, *, is_working: bool = True, x_m: float = 3.4
+) -> Claim:
+    """Return what robot `blue` does, far away unless said otherwise."""
+    target_xy_m = None if target is None else np.array(target)
+    return Claim(np.array([x_m, 0.8, np.pi]), None, target_xy_m, way_m, is_working)
+
+
+def test_work_that_another_robot_does_is_left_to_it_until_it_falls_silent() -> None:
+    rescue = Rescue(HALF_KNOWN)
+    rescue.search_everything()
+    grid = NavigationGrid(rescue.cells, RESOLUTION_M, (0.0, 0.0), rescue.mission.settings.clearance_m)
+    (frontier,) = find_frontiers(grid, rescue.mission.settings.min_frontier_m)
+    x_m, y_m = frontier.middle_xy_m.tolist()
+    rescue.mission.claims.see("blue", blue((x_m, y_m)), valid_s=20.0)
+    rescue.begin()
+    for _ in range(4):
+        rescue.step()
+    assert (rescue.state(), rescue.mission.machine.reason) == (S.RETURN, "the rest is left to other robots")
+    rescue.mission.arrived()
+    assert rescue.state() is S.RETURN, "it waits at home: the other one may need help"
+    for _ in range(20):
+        rescue.step()
+    assert rescue.state() is S.EXPLORE
+
+
+def test_mission_ends_when_no_other_robot_works_any_more() -> None:
+    rescue = Rescue()
+    rescue.search_everything()
+    rescue.mission.claims.see("blue", blue(None), valid_s=100.0)
+    rescue.begin()
+    for _ in range(5):
+        rescue.step()
+        rescue.mission.arrived()
+    assert rescue.state() is S.RETURN
+    rescue.mission.claims.see("blue", blue(None, is_working=False), valid_s=100.0)
+    rescue.step()
+    rescue.mission.arrived()
+    assert rescue.state() is S.DONE
+
+
+@pytest.mark.parametrize(("gives_way_to", "state"), [(("blue",), S.GIVE_WAY), ((), S.EXPLORE)])
+def test_robot_gives_way_only_to_those_that_go_first(gives_way_to: tuple[str, ...], state: S) -> None:
+    rescue = Rescue(HALF_KNOWN, gives_way_to=gives_way_to)
+    rescue.search_everything()
+    rescue.begin()
+    assert rescue.state() is S.EXPLORE
+    rescue.mission.claims.see("blue", blue(None, x_m=1.8), valid_s=3.0)
+    orders = rescue.step()
+    assert rescue.state() is state
+    assert orders.goal is None or state is S.EXPLORE
+    rescue.step(3.0)
+    assert rescue.state() is S.EXPLORE, "the other robot is silent"

@@ -1,0 +1,88 @@
+"""What the robots of a team drive to, so that they share the work.
+
+After Burgard, Moors, Stachniss and Schneider, "Coordinated multi-robot exploration" (IEEE Transactions on
+Robotics, 2005): a target is worth less the nearer it lies to the target of another robot. There, one program
+assigns the targets of all robots. Here, each robot decides for itself, knowing what the others have claimed.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+
+SAME_M = 0.8
+"""A target this near to another robot's target is left to that robot."""
+RANGE_M = 3.0
+"""The claim makes targets dearer up to this distance."""
+DISCOUNT_M = 3.0
+"""How much dearer a target gets at the place that another robot has claimed."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What another robot does. All places are in this robot's map frame.
+
+    Attributes:
+        pose: `(3,)`, x, y (m) and heading (rad): where the other robot is.
+        goal: `(3,)`, where it drives. None: it stands.
+        target_xy_m: `(2,)`, m: what it goes there for. None: no work.
+        way_m: cost of the way that it still has to go to its target.
+        is_working: whether it still looks for work. False: it is on its way home for good, or has ended.
+    """
+
+    pose: Points
+    goal: Points | None
+    target_xy_m: Points | None
+    way_m: float
+    is_working: bool
+
+
+class TeamClaims:
+    """The newest claim of each other robot, until it expires.
+
+    Args:
+        clock: returns the time in s.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._claims: dict[str, tuple[Claim, float]] = {}
+
+    def see(self, robot: str, claim: Claim, valid_s: float) -> None:
+        """Take a robot's claim, which replaces its last one and expires unless renewed."""
+        self._claims[robot] = claim, self._clock() + valid_s
+
+    @property
+    def current(self) -> dict[str, Claim]:
+        """Return the claims that have not expired, by robot."""
+        now_s = self._clock()
+        return {robot: claim for robot, (claim, until_s) in self._claims.items() if now_s < until_s}
+
+    @property
+    def is_anyone_working(self) -> bool:
+        """Return whether another robot still works."""
+        return any(claim.is_working for claim in self.current.values())
+
+    def extra_cost_m(self, target_xy_m: Points, way_m: float) -> float:
+        """Return how much dearer a target is because of the others; +inf: it is left to another robot.
+
+        Only claims of robots that are nearer to their own target count. So of two robots, one keeps its
+        target, and they do not both turn away.
+
+        Args:
+            target_xy_m: `(2,)`, m, map frame.
+            way_m: cost of this robot's way to the target.
+        """
+        extra_m = 0.0
+        for claim in self.current.values():
+            if claim.target_xy_m is None or claim.way_m >= way_m:
+                continue
+            away_m = math.dist(claim.target_xy_m, target_xy_m)
+            if away_m <= SAME_M:
+                return math.inf
+            extra_m += DISCOUNT_M * max(0.0, 1.0 - away_m / RANGE_M)
+        return extra_m
