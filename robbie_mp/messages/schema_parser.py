@@ -39,6 +39,9 @@ KNOWN_ANYWAY = {
 }
 """Definitions that some writers leave out, because they are built in there."""
 
+NOT_FINITE = ("nan", "inf", "infinity")
+"""Values of floats that Python does not know as literals."""
+
 
 def message_type_from_schema(type_name: str, text: str, version: int = 1) -> type[Message]:
     """Create a message class from a ros2msg text.
@@ -231,5 +234,7 @@ def _value(kind: FieldType, text: str) -> Any:
         return text
     if kind == PRIMITIVES["bool"] and text.lower() in ("true", "false"):
         return text.lower() == "true"
+    if kind in (PRIMITIVES["float32"], PRIMITIVES["float64"]) and text.lower().lstrip("+-") in NOT_FINITE:
+        return float(text)
     value = ast.literal_eval(re.sub(r"\b(true|false)\b", lambda word: word[0].title(), text))
     return bool(value) if kind == PRIMITIVES["bool"] else value

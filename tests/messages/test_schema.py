@@ -39,6 +39,15 @@ def test_constants_stay() -> None:
     assert made.POWER_SUPPLY_STATUS_FULL == BatteryState.POWER_SUPPLY_STATUS_FULL == 4  # type: ignore[attr-defined]
 
 
+def test_defaults_need_not_be_finite() -> None:
+    text = "float32 used_s nan\nfloat64 way_m inf\nfloat64 least -inf\n"
+    made = message_type_from_schema("my_msgs/msg/Mine", text)
+    message = made()
+    assert np.isnan(message.used_s)  # type: ignore[attr-defined]
+    assert (message.way_m, message.least) == (np.inf, -np.inf)  # type: ignore[attr-defined]
+    assert schema_text(made) == text
+
+
 FREE_FORM = """
 # A comment at the top, with 'quotes" that do not match
 int32 LIMIT = 0x10   # sixteen
