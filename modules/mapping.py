@@ -145,6 +145,8 @@ class Mapping(Module):
         )
         if self.mapper.slips_noticed:
             self.status += f", {self.mapper.slips_noticed} slips"
+        if self.mapper.gaps_noticed:
+            self.status += f", {self.mapper.gaps_noticed} gaps"
         if not self.mapper.is_certain:
             self.status += ", LOST"
         height, width = self.mapper.known_cells
@@ -212,6 +214,8 @@ class Mapping(Module):
             "thinned": self.mapper.thinned,
             "slips_noticed": self.mapper.slips_noticed,
             "slips_not_undone": self.mapper.slips_not_undone,
+            "gaps_noticed": self.mapper.gaps_noticed,
+            "gaps_open": self.mapper.gaps_open,
             "map": {
                 "width_cells": known.shape[1],
                 "height_cells": known.shape[0],

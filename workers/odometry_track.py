@@ -64,3 +64,10 @@ class OdometryTrack:
         share = (stamp_s - before[0]) / (after[0] - before[0])
         pose = compose(before[1:], share * relative(before[1:], after[1:]))
         return Place(self.log.forgotten + begin + around[-1] + share, pose)
+
+    def moved(self, begin: float, end: float) -> NDArray[np.float64]:
+        """Return the length of the way between two positions, m; 0; and the turns on it, added up, rad."""
+        first, last = (int(np.ceil(position)) - self.log.forgotten for position in (begin, end))
+        rows = self.log.rows[max(first - 1, 0) : last + 1]
+        steps = relative(rows[:-1, 1:], rows[1:, 1:])
+        return np.array([np.hypot(steps[:, 0], steps[:, 1]).sum(), 0.0, np.abs(steps[:, 2]).sum()])

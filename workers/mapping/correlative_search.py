@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workers.planar_pose import wrap_angle
+
 BLURS = 3  # radius of a reference point's blur, in standard deviations
 COARSEST = 4  # initial branches along a side of the window
 BATCH = 256  # branches scored together, because numpy's cost is per call
@@ -38,6 +40,22 @@ class Found:
 
     pose: NDArray[np.float64]
     score: float
+
+
+@dataclass(frozen=True)
+class Around:
+    """Poses near a pose: this far on each side of it, in x and y (m) and in heading (rad)."""
+
+    pose: NDArray[np.float64]
+    distance_m: float
+    angle_rad: float
+
+    def holds(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which of the poses `(N, 3)` are near."""
+        off = np.abs(poses - self.pose)
+        turned = np.abs(wrap_angle(off[:, 2]))
+        holds: NDArray[np.bool_] = (off[:, :2].max(axis=1) <= self.distance_m) & (turned <= self.angle_rad)
+        return holds
 
 
 class ScoreField:
@@ -81,7 +99,12 @@ class ScoreField:
 
 
 def search(
-    field: ScoreField, points: ArrayLike, guess: ArrayLike, window: Window, least_score: float = 0.0
+    field: ScoreField,
+    points: ArrayLike,
+    guess: ArrayLike,
+    window: Window,
+    least_score: float = 0.0,
+    apart_from: Around | None = None,
 ) -> Found | None:
     """Search the window for the pose at which the points fit best.
 
@@ -91,6 +114,7 @@ def search(
         guess: Centre of the window (x, y, heading) in the field's frame.
         window: Its size; the field's reach must cover its distance.
         least_score: Poses below this score are ignored.
+        apart_from: Poses to leave out, to find the second-best place.
 
     Returns:
         The best pose, or None if none reaches `least_score`.
@@ -115,6 +139,14 @@ def search(
         if alive == 0:
             continue
         if level == 0:
+            if apart_from is not None:
+                poses = guess + np.column_stack(
+                    [branches[:alive, 1:] * field.resolution_m, turns[branches[:alive, 0]]]
+                )
+                others = np.flatnonzero(~apart_from.holds(poses))
+                if len(others) == 0:
+                    continue
+                branches, bounds = branches[others], bounds[others]
             best, best_score = branches[0], float(bounds[0])
             continue
         if alive > BATCH:

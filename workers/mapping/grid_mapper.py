@@ -8,7 +8,7 @@ Konolige et al., "Efficient sparse pose adjustment for 2D mapping" (IROS 2010), 
 
 from collections import Counter, deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,8 @@ HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one adds n
 KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
 FEWEST_HITS = 20
 THINNED = 0.1  # share of the key sweeps removed at a time
+GAP_S, GAP_M = 2.0, 2.0  # a pause between two sweeps in which the robot moved this far is a gap
+GAP_OVERLAP = 0.4  # share of the returns after it that must lie on known surfaces
 MOST_WAITING = 10  # sweeps that wait for their odometry
 PATIENCE = 5  # odometry messages a sweep waits for one at its own stamp
 NOWHERE = np.zeros(3)
@@ -75,6 +77,9 @@ class GridMapper:
     Attributes:
         refused: Number of inputs left out, by reason.
         thinned: Number of key sweeps removed to make room.
+        gaps_noticed: Number of times that the robot moved without sweeps for a while.
+        gaps_open: Number of those after which it was not found on its map. Odometry alone joins what comes
+            after to what was before, until a loop is closed.
     """
 
     def __init__(
@@ -89,6 +94,8 @@ class GridMapper:
         self.laser_pose = np.asarray(laser_pose, float)
         self.refused: Counter[str] = Counter()
         self.thinned = 0
+        self.gaps_noticed = 0
+        self.gaps_open = 0
         self._keys = KeySweeps()
         self._tracker = ScanTracker(self._keys)
         self._slips = SlipWatch(self._keys)
@@ -98,6 +105,7 @@ class GridMapper:
         # Matched sweeps: position in the odometry, laser's pose by odometry, key sweep, pose relative to it.
         self._anchors = RowLog(8, self.limits.odometry)
         self._waiting: deque[_WaitingSweep] = deque()
+        self._newest = (np.inf, NOWHERE)  # stamp of the newest sweep (s), and its pose by odometry
 
     def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
         """Add an odometry pose (x m, y m, heading rad; odometry frame)."""
@@ -227,6 +235,8 @@ class GridMapper:
             "limits": asdict(self.limits),
             "refused": dict(self.refused),
             "thinned": self.thinned,
+            "gaps": {"noticed": self.gaps_noticed, "open": self.gaps_open},
+            "newest": np.array([self._newest[0], *self._newest[1]]),
             "odometry": self._odometry.log.state(),
             "anchors": self._anchors.state(),
             "keys": self._keys.state(),
@@ -246,6 +256,10 @@ class GridMapper:
         mapper = GridMapper(**state["settings"], limits=Limits(**state["limits"]))
         mapper.refused.update(state["refused"])
         mapper.thinned = state.get("thinned", 0)
+        gaps = state.get("gaps", {"noticed": 0, "open": 0})
+        mapper.gaps_noticed, mapper.gaps_open = gaps["noticed"], gaps["open"]
+        if "newest" in state:
+            mapper._newest = float(state["newest"][0]), np.array(state["newest"][1:])
         mapper._odometry.log.restore(state["odometry"])
         mapper._anchors.restore(state["anchors"])
         mapper._keys.restore(state["keys"])
@@ -269,11 +283,13 @@ class GridMapper:
                 # No odometry has this stamp: the entry that arrived just before the sweep is the nearest.
                 place = self._odometry.numbered(first.arrival - 1)
             self._waiting.popleft()
-            self._use(first.sweep, place)
+            self._use(first.stamp_s, first.sweep, place)
 
-    def _use(self, sweep: LaserSweep, place: Place) -> None:
+    def _use(self, stamp_s: float, sweep: LaserSweep, place: Place) -> None:
         """Match a sweep and anchor the trajectory at it."""
         odometry = self._laser(place.pose)
+        since = stamp_s - self._newest[0], relative(self._newest[1], odometry)
+        self._newest = stamp_s, odometry
         if not len(self._keys):
             self._anchor(place, odometry, self._keys.add(sweep, odometry), NOWHERE)
             return
@@ -287,7 +303,10 @@ class GridMapper:
         if len(self._keys) >= self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
-        match = self._checked_match(sweep, self._corrected(last), step)
+        if _is_gap(*since):
+            match = self._match_after_gap(sweep, self._corrected(last), step, (last[0], place.position))
+        else:
+            match = self._checked_match(sweep, self._corrected(last), step)
         if match is None:
             return
         base = len(self._keys) - 1
@@ -315,9 +334,36 @@ class GridMapper:
             self._tracker.reference(),
         )
         if self._slips.not_undone > given_up:
-            apart = np.hypot(*(guess - self._keys.poses[-1])[:2])
-            self._tracker.begin(self._keys.travelled_m[-1] + apart - 1e-6)
+            self._begin_at(guess)
         return match
+
+    def _match_after_gap(
+        self,
+        sweep: LaserSweep,
+        before: NDArray[np.float64],
+        step: NDArray[np.float64],
+        positions: tuple[float, float],
+    ) -> Match | None:
+        """Find the robot on its map after a gap.
+
+        Where the map knows nothing of what the sweep shows, take odometry's word for it.
+        """
+        guess, deviation = compose(before, step), odometry_deviation(self._odometry.moved(*positions))
+        self.gaps_noticed += 1
+        match = self._slips.bridged(sweep, guess, deviation)
+        if match is not None:
+            return match
+        match = self._checked_match(sweep, before, step)
+        if match is None or not self.is_certain or match.on_surface.mean() >= GAP_OVERLAP:
+            return match
+        self.gaps_open += 1
+        self._begin_at(guess)
+        return replace(match, pose=guess, information=np.diag(deviation**-2.0))
+
+    def _begin_at(self, guess: NDArray[np.float64]) -> None:
+        """Match only the sweeps from here on, because the robot was not found on the map before."""
+        apart = np.hypot(*(guess - self._keys.poses[-1])[:2])
+        self._tracker.begin(self._keys.travelled_m[-1] + apart - 1e-6)
 
     def _thin(self) -> None:
         """Make room by removing redundant key sweeps."""
@@ -352,3 +398,8 @@ class GridMapper:
 
     def _robot(self, laser: NDArray[np.float64]) -> NDArray[np.float64]:
         return compose(laser, relative(self.laser_pose, NOWHERE))
+
+
+def _is_gap(pause_s: float, step: NDArray[np.float64]) -> bool:
+    """Return whether the robot moved far (x m, y m, heading rad) in a long pause between two sweeps."""
+    return bool(pause_s >= GAP_S and np.hypot(step[0], step[1]) >= GAP_M)

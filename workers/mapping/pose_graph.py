@@ -26,6 +26,9 @@ DOUBT = 10.0  # an edge's squared error (in its own standard deviations) beyond 
 DOUBT_GROWTH = 4.0  # from round to round, until DOUBT is reached
 MOST_ROUNDS = 20
 SETTLED_M = 1e-3
+MIN_INFORMATION = 1e-6
+LOOSE_M = 0.3  # an edge whose position has this standard deviation or more is loose
+DISTANCE_PER_DEVIATION = 50.0  # m of way that are as uncertain as 1 m of a loose edge's deviation
 
 
 class PoseGraph:
@@ -76,9 +79,16 @@ class PoseGraph:
         return graph
 
     def distances_m(self, start: int, limit_m: float = np.inf) -> NDArray[np.float64]:
-        """Return each pose's distance from `start` along edges, m: uncertainty grows with it."""
+        """Return each pose's distance from `start` along edges, m: uncertainty grows with it.
+
+        A loose edge, as after a slip or a gap, counts as a long way.
+        """
         edges = self._edges()
         ends, lengths = edges.ends, np.hypot(*edges.measured[:, :2].T) + 1e-6
+        weakest = np.minimum(edges.information[:, 0, 0], edges.information[:, 1, 1])
+        deviation_m = np.maximum(weakest, MIN_INFORMATION) ** -0.5
+        loose_m = np.where(deviation_m < LOOSE_M, 0.0, DISTANCE_PER_DEVIATION * deviation_m)
+        lengths = np.maximum(lengths, loose_m)
         shape = (len(self.poses), len(self.poses))
         graph = csr_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=shape)
         distances: NDArray[np.float64] = dijkstra(graph, directed=False, indices=[start], limit=limit_m)[0]

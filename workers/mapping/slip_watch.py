@@ -2,11 +2,12 @@
 
 Where odometry is right, a sweep agrees with the map around it: nearly all of its returns lie on known
 surfaces, or in space that no earlier sweep has seen. After a slip, many of them lie in space that was seen as
-free. Then the robot is sought in a wider window of poses, without trust in odometry.
+free. Then the robot is sought in a wider window of poses, without trust in odometry. If the sweep fits two
+places there, the robot is lost until it has driven on, and all sweeps since, together, fit only one.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from workers.laser.laser_sweep import LaserSweep
 from workers.laser.surface_points import SurfacePoints
-from workers.mapping.correlative_search import ScoreField, Window, search
+from workers.mapping.correlative_search import Around, ScoreField, Window, search
 from workers.mapping.key_sweeps import KeySweeps
 from workers.mapping.scan_matcher import Match, ScanMatcher
 from workers.planar_pose import relative, transform_points, wrap_angle
@@ -26,6 +27,8 @@ LEAST_AGREEMENT = 0.85
 MOST_MISSING = 0.1  # share of the map's surfaces around the robot that the sweep looked through
 WINDOWS = ((1.5, 0.4, 0.5), (3.0, np.pi, 0.8))  # searched in turn: m, rad, least share of returns on surfaces
 DOUBT_PER_M2 = 0.01
+RIVAL_M, RIVAL_RAD = 0.3, 0.2  # a place this far from the best one is another place
+RIVAL_WORSE = 0.1  # which fits as well if no sweep overlaps, and they do not agree, by more than this less
 LEAST_SCORE = 0.25
 NEAR_M = 6.0  # beyond the window: sweeps from there show its surfaces
 MOST_SWEEPS = 40
@@ -34,7 +37,18 @@ RESOLUTION_M, BLUR_M = 0.1, 0.1
 SLIP_DEVIATION = np.array([1.0, 1.0, 0.3])  # of odometry's motion over a slip: m, m, rad
 STRAIN_M, STRAIN_RAD = 0.3, 0.1  # off by this and a standard deviation, odometry is suspect
 SLIP_DEVIATIONS = 3.0  # off by this too, it has slipped
+GAP_DEVIATIONS = 3.0  # of odometry over a gap in which the robot is sought
+GAP_REACH = np.array([[0.5, 0.2], [4.0, np.pi]])  # least and most: m, rad
+GAP_OVERLAP = 0.5
 MOST_LOST = 25  # sweeps that fit nowhere; the next one is taken where odometry says
+
+
+@dataclass(frozen=True)
+class _Undecided:
+    """A sweep that fits several places, and its pose by odometry, map frame."""
+
+    guess: NDArray[np.float64]
+    sweep: LaserSweep
 
 
 class SlipWatch:
@@ -54,15 +68,25 @@ class SlipWatch:
         self.noticed = 0
         self.not_undone = 0
         self.lost = 0
+        self._undecided: list[_Undecided] = []
 
-    def state(self) -> dict[str, int]:
-        """Return the counters."""
-        return {"noticed": self.noticed, "not_undone": self.not_undone, "lost": self.lost}
+    def state(self) -> dict[str, Any]:
+        """Return the counters, and the sweeps that fit several places."""
+        return {
+            "noticed": self.noticed,
+            "not_undone": self.not_undone,
+            "lost": self.lost,
+            "undecided": [{"guess": one.guess, "sweep": one.sweep.state()} for one in self._undecided],
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore the data that `state` returned."""
         self.noticed, self.not_undone = int(state["noticed"]), int(state["not_undone"])
         self.lost = int(state["lost"])
+        self._undecided = [
+            _Undecided(np.array(one["guess"]), LaserSweep.from_state(one["sweep"]))
+            for one in state.get("undecided", [])
+        ]
 
     def checked(
         self,
@@ -85,56 +109,128 @@ class SlipWatch:
             The match to use, or None if the sweep fits nowhere. After `MOST_LOST` of those, the result is
             odometry's pose with the uncertainty of a slip.
         """
-        hits = sweep.hits.thinned(MOST_POINTS)
-        agreement = self._agreement(match, hits, reference)
-        if _is_strained(guess, deviation, match) or agreement < SUSPECT:
+        agreement = self._agreement(match, sweep.hits.thinned(MOST_POINTS), reference)
+        is_strained = _is_strained(guess, deviation, match)
+        if self._undecided or is_strained or agreement < SUSPECT:
             for reach_m, reach_rad, overlap in WINDOWS:
                 window = Window(reach_m, reach_rad, DOUBT_PER_M2)
-                found = self._found(hits, guess, window, match, agreement)
-                if found is not None and self._is_plausible(found, sweep, overlap):
+                other = None if self._undecided else match
+                found, is_only = self._found(sweep, guess, window, overlap, other, agreement, is_strained)
+                if found is not None and is_only:
                     self.noticed += 1
-                    self.lost = 0
+                    self._forget()
                     return replace(found, information=found.information + np.diag(SLIP_DEVIATION**-2.0))
-                if agreement >= DOUBTFUL:
+                if found is not None and self.lost < MOST_LOST:
+                    self.lost += 1
+                    self._undecided.append(_Undecided(guess, sweep))
+                    return None
+                if agreement >= DOUBTFUL and not self._undecided:
                     break
-        if agreement >= DOUBTFUL:
+        if agreement >= DOUBTFUL and not self._undecided:
             self.noticed += _is_strained(guess, SLIP_DEVIATIONS * deviation, match)
-            self.lost = 0
+            self._forget()
             return match
         self.lost += 1
         if self.lost <= MOST_LOST:
             return None
         self.noticed += 1
         self.not_undone += 1
-        self.lost = 0
+        self._forget()
         return replace(match, pose=guess, information=np.diag(SLIP_DEVIATION**-2.0))
+
+    def bridged(
+        self, sweep: LaserSweep, guess: NDArray[np.float64], deviation: NDArray[np.float64]
+    ) -> Match | None:
+        """Find the robot on its map after a gap, in which it moved without sweeps.
+
+        Args:
+            sweep: The first sweep after the gap.
+            guess: Its pose by odometry, map frame.
+            deviation: Odometry's standard deviation over the gap.
+
+        Returns:
+            The match, or None if the sweep shows nothing that the map contains, or fits several places.
+        """
+        self._forget()
+        reach_m, reach_rad = np.clip(GAP_DEVIATIONS * deviation[[0, 2]], *GAP_REACH)
+        window = Window(float(reach_m), float(reach_rad), DOUBT_PER_M2)
+        found, is_only = self._found(sweep, guess, window, GAP_OVERLAP)
+        if found is None or not is_only:
+            return None
+        return replace(found, information=found.information + np.diag(SLIP_DEVIATION**-2.0))
+
+    def _forget(self) -> None:
+        """The robot has a place on the map again."""
+        self.lost = 0
+        self._undecided.clear()
 
     def _found(
         self,
-        hits: SurfacePoints,
+        sweep: LaserSweep,
         guess: NDArray[np.float64],
         window: Window,
-        other: Match,
-        agreement: float,
-    ) -> Match | None:
-        """Search a window of poses. Return a match that agrees with the map clearly better than another."""
+        least_overlap: float,
+        other: Match | None = None,
+        agreement: float = 0.0,
+        is_strained: bool = False,
+    ) -> tuple[Match | None, bool]:
+        """Search a window of poses for one that agrees with the map, clearly better than another match.
+
+        Returns:
+            The match, if there is one; and whether there is no other place that fits as well.
+        """
         apart = np.hypot(*(self._keys.poses - guess)[:, :2].T)
         near = np.flatnonzero(apart < NEAR_M + window.distance_m)[::-1]
         reference = self._keys.spaced(near, MOST_SWEEPS)
         if not reference:
-            return None
+            return None, False
+        hits, owner = self._together(sweep, guess)
         surfaces = self._keys.surfaces(reference)
         field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, window.distance_m)
         found = search(field, hits.points, guess, window, LEAST_SCORE)
         if found is None:
-            return None
-        match = ScanMatcher(surfaces).refine(hits, found.pose)
+            return None, False
+        matcher = ScanMatcher(surfaces)
+        match = matcher.refine(hits, found.pose)
         agrees = self._agreement(match, hits, reference)
-        overlap, other_overlap = match.on_surface.mean(), other.on_surface.mean()
-        if agrees < max(LEAST_AGREEMENT, agreement):
-            return None
-        is_better = max(agrees - agreement, overlap - other_overlap) >= CLEARLY_BETTER
-        return match if is_better else None
+        if agrees < LEAST_AGREEMENT or not self._is_plausible(match, sweep, least_overlap):
+            return None, False
+        overlap = match.on_surface.mean()
+        around = Around(match.pose, RIVAL_M, RIVAL_RAD)
+        if other is not None:
+            refined = matcher.refine(hits, other.pose)
+            is_same = bool(around.holds(refined.pose[None])[0])
+            if not is_same:  # otherwise it converges to the place found, so its own figures count
+                other, agreement = refined, self._agreement(refined, hits, reference)
+            better = max(agrees - agreement, overlap - other.on_surface.mean())
+            if agrees < agreement or better < CLEARLY_BETTER:
+                return (match, False) if is_strained and not is_same else (None, False)
+        best = Around(found.pose, RIVAL_M, RIVAL_RAD)
+        least = max(LEAST_SCORE, found.score - 2 * RIVAL_WORSE)
+        second = search(field, hits.points, guess, window, least, best)
+        if second is not None:
+            rival = matcher.refine(hits, second.pose)
+            if (
+                not around.holds(rival.pose[None])[0]
+                and (_shares(rival, owner) >= _shares(match, owner) - RIVAL_WORSE).all()
+                and self._agreement(rival, hits, reference) >= agrees - RIVAL_WORSE
+                and self._is_plausible(rival, sweep, least_overlap)
+            ):
+                return match, False
+        if self._undecided:
+            match = matcher.refine(sweep.hits.thinned(MOST_POINTS), match.pose)
+        return match, True
+
+    def _together(
+        self, sweep: LaserSweep, guess: NDArray[np.float64]
+    ) -> tuple[SurfacePoints, NDArray[np.int64]]:
+        """Join a sweep with the undecided ones before it: the points in its frame, and each point's sweep."""
+        every = [one.sweep.hits.moved(relative(guess, one.guess)) for one in self._undecided]
+        every.append(sweep.hits)
+        owner = np.repeat(np.arange(len(every)), [len(one) for one in every])
+        step = -(-len(owner) // (MOST_POINTS * min(len(every), 2)))
+        joined = SurfacePoints.joined(every)
+        return SurfacePoints(joined.points[::step], joined.normals[::step]), owner[::step]
 
     def _is_plausible(self, found: Match, sweep: LaserSweep, least_overlap: float) -> bool:
         """Return whether enough returns lie on surfaces, and the sweep did not look through others."""
@@ -157,6 +253,12 @@ class SlipWatch:
             through |= self._keys.sweeps[number].looked_through(transform_points(seen_from, places))
         both_saw = int((match.on_surface | through).sum())
         return int(match.on_surface.sum()) / both_saw if both_saw else 1.0
+
+
+def _shares(match: Match, owner: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the share of each sweep's points that lie on surfaces."""
+    shares: NDArray[np.float64] = np.bincount(owner, match.on_surface) / np.maximum(np.bincount(owner), 1)
+    return shares
 
 
 def _is_strained(guess: NDArray[np.float64], deviation: NDArray[np.float64], match: Match) -> bool:

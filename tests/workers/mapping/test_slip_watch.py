@@ -4,11 +4,15 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 from tools.slip_trials import SLIP_M, SLIP_RAD, trial
+from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper
-from workers.mapping.slip_watch import MOST_LOST
+from workers.mapping.key_sweeps import KeySweeps
+from workers.mapping.scan_matcher import ScanMatcher
+from workers.mapping.slip_watch import MOST_LOST, SlipWatch
 from workers.planar_pose import compose, relative
 
 BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
@@ -74,6 +78,45 @@ def test_lost_robot_says_so_and_continues_with_a_new_part_of_the_map(
         one.add_odometry(stamp_s + 0.2, compose(place, [0.06, 0, 0]))
         one.add_scan(stamp_s + 0.2, elsewhere, *BEAMS)
         assert one.is_certain
+
+
+def seen_in_a_corridor(x_m: float) -> LaserSweep:
+    """A sweep from the middle of a corridor that is 2 m wide and ends at x = 20 m."""
+    bearings = ANGLE_MIN_RAD + INCREMENT_RAD * np.arange(180)
+    with np.errstate(divide="ignore"):
+        ranges = np.minimum(1 / np.abs(np.sin(bearings)), (20 - x_m) / np.cos(bearings).clip(0))
+    ranges += 0.005 * np.random.default_rng(round(10 * x_m)).standard_normal(180)
+    return LaserSweep.from_ranges(ranges, ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, 8.0)
+
+
+def test_sweep_that_fits_two_places_is_not_placed_until_others_decide() -> None:
+    keys = KeySweeps()
+    for x_m in np.arange(0.0, 16.5, 0.5):
+        keys.add(seen_in_a_corridor(x_m), (x_m, 0, 0))
+    reference = list(range(20, 33))
+    watch, matcher, deviation = SlipWatch(keys), ScanMatcher(keys.surfaces(reference)), np.full(3, 0.05)
+
+    def checked(x_m: float) -> NDArray[np.float64] | None:
+        sweep, guess = seen_in_a_corridor(x_m), np.array([x_m, 0.7, 0.0])
+        match = watch.checked(sweep, guess, deviation, matcher.refine(sweep.hits, guess), reference)
+        return None if match is None else match.pose
+
+    assert checked(10.0) is None
+    assert checked(10.5) is None
+    assert watch.lost == 2
+    restored = SlipWatch(keys)
+    restored.restore(deepcopy(watch.state()))
+    for one in (watch, restored):
+        watch = one
+        assert checked(17.5) == pytest.approx([17.5, 0, 0], abs=0.03)
+        assert (watch.noticed, watch.not_undone, watch.lost) == (1, 0, 0)
+
+
+@pytest.mark.slow
+def test_trial_is_not_misled_by_a_wrong_place_that_fits() -> None:
+    building = trial(13, slips=1, after_m=1.0)
+    assert building.slips[0].is_good
+    assert building.slips[0].unwarned_m < 0.1
 
 
 @pytest.mark.slow

@@ -1,0 +1,69 @@
+"""A pause without sweeps, in which the robot drove on, is bridged or counted as open."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
+from workers.mapping.grid_mapper import GridMapper
+from workers.mapping.pose_graph import PoseGraph
+from workers.planar_pose import relative
+
+BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
+SWEEP_STEPS = 10
+GAP, LATE_GAP = (200, 450), (1000, 1250)  # steps of 0.02 s: some 3 m of way, in the first lap and the next
+
+
+def run(mapper: GridMapper, drive: Drive, gap: tuple[int, int], with_odometry: bool = True) -> GridMapper:
+    """Feed a log from which the sweeps of a gap are cut, and perhaps the odometry too."""
+    for number, (stamp, *odometry) in enumerate(drive.odometry.tolist()):
+        is_cut = gap[0] <= number < gap[1]
+        if with_odometry or not is_cut:
+            mapper.add_odometry(stamp, odometry)
+        if number % SWEEP_STEPS == 0 and not is_cut:
+            mapper.add_scan(stamp, measure(drive.true_at(stamp), np.random.default_rng(number)), *BEAMS)
+    return mapper
+
+
+def errors_m(drive: Drive, mapper: GridMapper) -> NDArray[np.float64]:
+    path = mapper.trajectory()
+    true = np.array([drive.true_at(stamp) for stamp in path[:, 0]])
+    error = relative(true, path[:, 1:])
+    off_m: NDArray[np.float64] = np.hypot(error[:, 0], error[:, 1])
+    return off_m
+
+
+@pytest.mark.parametrize("with_odometry", [pytest.param(True, marks=pytest.mark.slow), False])
+def test_gap_in_a_known_room_is_bridged(with_odometry: bool) -> None:
+    drive = Drive.around_the_pillar(26.5)
+    mapper = run(GridMapper(), drive, LATE_GAP, with_odometry)
+    assert (mapper.gaps_noticed, mapper.gaps_open) == (1, 0)
+    off_m = errors_m(drive, mapper)
+    assert off_m[-70:].max() < 0.06
+    assert off_m.max() < 0.15
+    restored = GridMapper.from_state(deepcopy(mapper.state()))
+    assert (restored.gaps_noticed, restored.gaps_open) == (1, 0)
+
+
+def test_gap_into_unknown_space_stays_open_until_a_loop_is_closed() -> None:
+    drive = Drive.around_the_pillar(27.0)
+    mapper = run(GridMapper(max_range_m=1.6), drive, GAP)
+    assert (mapper.gaps_noticed, mapper.gaps_open) == (1, 1)
+    assert mapper.loops_closed > 0
+    assert errors_m(drive, mapper).max() < 0.25
+
+
+def test_drive_without_a_gap_has_none() -> None:
+    mapper = run(GridMapper(), Drive.around_the_pillar(4.0), (0, 0))
+    assert mapper.gaps_noticed == 0
+
+
+def test_loose_edge_counts_as_a_long_way() -> None:
+    graph = PoseGraph()
+    for number in range(4):
+        graph.add_pose((float(number), 0, 0))
+    for number, deviation_m in enumerate((0.05, 1.0, 0.05)):
+        graph.add_edge(number, number + 1, (1, 0, 0), np.diag([deviation_m**-2, deviation_m**-2, 1e4]))
+    assert graph.distances_m(0) == pytest.approx([0, 1, 51, 52], abs=1e-3)
