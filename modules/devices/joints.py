@@ -11,7 +11,7 @@ from hw.joints import Joint, JointCommandError, JointReading, Joints
 from hw.simulation.joints import SimulatedJoints
 from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
-from robbie_mp.messages import JointCommand, JointState, PanTiltCommand
+from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
 
 PAN_TILT = ["pan", "tilt"]
 
@@ -23,6 +23,7 @@ class CommandedJoints(Module):
     its direction.
 
     Publishes `JointState` on a topic named after the module, and follows `JointCommand` on the same topic.
+    There it also publishes `JointLimits`, which is latched.
     """
 
     moved: Joints
@@ -45,7 +46,17 @@ class CommandedJoints(Module):
                 raise SettingError(f"expected a value for each of the {len(names)} joints, or none", name)
 
     def obey(self) -> None:
-        """Subscribe to what commands the joints."""
+        """Subscribe to the commands, and publish which joints there are."""
+        ends = [self.limits(place) for place in range(len(self.names))]
+        self.publish(
+            JointLimits(
+                name=self.names,
+                lower=np.array([one["least_rad"] for one in ends]),
+                upper=np.array([one["most_rad"] for one in ends]),
+            ),
+            topic=self.name,
+            latched=True,
+        )
         self.subscribe(JointCommand, self.on_joint_command, topic=self.name, optional=True)
         if sorted(self.names) == PAN_TILT:
             self.subscribe(PanTiltCommand, self.on_pan_tilt, optional=True)

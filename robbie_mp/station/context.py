@@ -76,6 +76,7 @@ class StationContext(MessageSource, Protocol):
     map_topic: str
     robot_size_m: list[float]
     robot_model: Path | None
+    poses: dict[str, dict[str, float]]
     speech_commands: list[str]
     persons: list[str]
     objects: list[str]
@@ -119,12 +120,14 @@ class Drives(Protocol):
     Attributes:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
-        refused: number of commands refused here because an operator elsewhere drives.
     """
 
     linear_m_per_s: float
     angular_rad_per_s: float
-    refused: int
+
+    @property
+    def refused(self) -> int:
+        """Number of commands refused here because an operator elsewhere drives."""
 
     @property
     def stale(self) -> int:

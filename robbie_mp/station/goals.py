@@ -100,6 +100,16 @@ class GoalList:
         if self.waiting:
             self.waiting.pop()
 
+    def remove(self, placement: Placement) -> None:
+        """Remove a goal, unless the robot drives there already."""
+        if placement in self.waiting:
+            self.waiting.remove(placement)
+
+    def move_up(self, placement: Placement) -> None:
+        """Let the robot drive to a goal before the one that it follows now."""
+        if placement in self.waiting and (at := self.waiting.index(placement)) > 0:
+            self.waiting[at - 1 : at + 1] = [placement, self.waiting[at - 1]]
+
     def clear(self) -> None:
         """Forget all goals. The robot still drives to the one that it has."""
         self.waiting.clear()

@@ -1,4 +1,4 @@
-"""What operators draw on the map: no-go areas and named places. The server of `AnnotateMap` keeps it."""
+"""Drawings of operators on the map: no-go areas and named places. The server of `AnnotateMap` keeps it."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from robbie_mp.station.latest import Latest
 
 NO_GO, PLACE = "no_go", "place"
 DRAWN = {NO_GO: "Draw a no-go area", PLACE: "Name a place"}
-"""What an operator can draw, with the text of the menu."""
+"""Kinds of drawings, each with the text of the menu."""
 MAX_CORNERS = 256
-"""Maximum number of corners that a page may send; the module refuses fewer than that."""
+"""Maximum number of corners that a page may send; the server of `AnnotateMap` has a lower limit."""
 MAX_NAME = 64
 
 
@@ -36,7 +36,7 @@ class MapDrawing:
     Args:
         page: the operator's page.
         annotations: the newest annotations; without any, no module keeps them, and the menu is hidden.
-        draw: called with what the operator wants to draw, one of `DRAWN`.
+        draw: called with the kind of drawing that the operator begins, one of `DRAWN`.
     """
 
     def __init__(self, page: Page, annotations: Latest[MapAnnotations], draw: Callable[[str], None]):

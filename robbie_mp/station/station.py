@@ -120,6 +120,9 @@ class OperatorStation(Module):
     robot_model: Path | None = setting(
         None, "shape of the robot in base_link, m, as STL or glTF (.stl, .glb); null: a box", must_exist=True
     )
+    poses: dict[str, dict[str, float]] = setting(
+        {}, "poses by name, each with the positions (rad) of joints by name; `joints` offers them"
+    )
     speech_commands: list[str] = setting([], "speech commands of the robot")
     persons: list[str] = setting([], "names of persons that the robot knows")
     objects: list[str] = setting([], "names of objects that the robot knows")

@@ -1,4 +1,4 @@
-"""The module that keeps what people draw on the map."""
+"""The module that keeps the no-go areas and places that people draw on the map."""
 
 from pathlib import Path
 

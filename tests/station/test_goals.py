@@ -64,6 +64,18 @@ def test_last_goal_can_be_taken_back(goals: GoalList) -> None:
     assert goals.waiting == []
 
 
+def test_goals_that_wait_are_removed_and_put_in_order(goals: GoalList) -> None:
+    second, third = goals.waiting
+    goals.move_up(third)
+    assert goals.waiting == [third, second]
+    goals.move_up(third)
+    goals.remove(third)
+    assert goals.waiting == [second]
+    for gone in (goals.remove, goals.move_up):  # the robot has meanwhile begun to drive there
+        gone(third)
+    assert goals.waiting == [second]
+
+
 def test_list_of_goals_is_bounded(goals: GoalList) -> None:
     added = [goals.add(Placement(NEXT_GOAL, 0.0, 0.0, None)) for _ in range(MAX_GOALS)]
     assert added.count(True) == MAX_GOALS - 2

@@ -28,11 +28,13 @@ modules:
       port: 0
       operator_token: file:operator.token
       observer_token: file:observer.token
+      poses: {wave: {wrist: 0.5}}
       speech_commands: [come here]
       persons: [Anna]
       objects: [cup]
   known: {class: "zoo.known_robot:KnownRobot"}
   fragile: {class: "zoo.known_robot:Fragile"}
+  arm: {class: "modules.devices.joints:SimulatedJointsModule", settings: {names: [wrist], period_s: 0.1}}
 """
 
 FITS = """panel => [document.documentElement, document.getElementById(panel)].every(
@@ -98,6 +100,7 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
         playback_is_steered(page, told)
         map_is_shown_and_goal_is_set(page, told)
         walls_are_raised_and_goal_is_set_on_the_floor(page, told)
+        joint_moves_while_its_pose_is_held(page)
         cameras_are_shown(page, address)
         commands_of_the_profile_are_given(page, told)
         trace_is_filtered_and_what_is_recorded_is_chosen(page, robot)
@@ -352,6 +355,16 @@ def goals_are_added_and_a_distance_is_measured(page: Page, told: Told) -> None:
     page.wait_for_selector(f"#map-view[data-measured='{x_m - 2.0:.2f}']")
     page.click("#map-cancel")
     told.waits_for("cancel")
+
+
+def joint_moves_while_its_pose_is_held(page: Page) -> None:
+    page.click("#tab-joints")
+    page.wait_for_selector("[data-at='arm/wrist']:has-text('0.000 rad')")
+    page.hover("[data-pose=wave]")
+    page.mouse.down()
+    page.wait_for_selector("[data-at='arm/wrist']:has-text('0.500 rad')")
+    page.mouse.up()
+    assert float(page.input_value("[data-joint='arm/wrist']")) == pytest.approx(0.5, abs=0.01)
 
 
 def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> None:

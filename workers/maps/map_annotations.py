@@ -1,4 +1,4 @@
-"""What people draw on a map: no-go areas, which the robot must not enter, and named places."""
+"""Drawings of people on a map: no-go areas, which the robot must not enter, and named places."""
 
 import math
 from collections import deque

@@ -50,6 +50,7 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.GoalCancel,
             robbie_msgs.GoalEnd,
             robbie_msgs.JointCommand,
+            robbie_msgs.JointLimits,
             robbie_msgs.LocalizationState,
             robbie_msgs.MapAnnotated,
             robbie_msgs.MapAnnotationUndone,

@@ -146,6 +146,14 @@ class JointCommand(Message, name="robbie_msgs/msg/JointCommand", version=1):
     valid_for: Duration = DEFAULT
 
 
+class JointLimits(Message, name="robbie_msgs/msg/JointLimits", version=1):
+    """The joints that a module moves by `JointCommand` on the same topic, and how far they go."""
+
+    name: list[str] = DEFAULT
+    lower: Array[float64] = DEFAULT  # (joints,) rad or m
+    upper: Array[float64] = DEFAULT  # (joints,) rad or m
+
+
 class SimulatedWorld(Message, name="robbie_msgs/msg/SimulatedWorld", version=1):
     """A change of a simulated world, for all simulated devices."""
 

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import TYPE_CHECKING, Any
 
-from nicegui import ui
 from nicegui.element import Element
 
-from robbie_mp.messages import DriveCommand, Duration
+from robbie_mp.messages import DriveCommand
 from robbie_mp.station.context import header_of_now
-from robbie_mp.station.dead_man import DeadManSwitch
+from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
     from robbie_mp.station.context import Page, StationContext
 
-VALID_FOR = Duration.from_nanoseconds(220_000_000)
-"""The base brakes when no further command arrives within this time, which is two heartbeats."""
 MANUAL_TOPIC = "manual"
 MIN_LINEAR_M_PER_S, MIN_ANGULAR_RAD_PER_S = 0.05, 0.1
 STEP = 1.25
@@ -40,15 +36,12 @@ class Driver:
     Attributes:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
-        stale: number of commands that came too late.
-        refused: number of commands refused here because an operator elsewhere drives.
     """
 
     def __init__(self, station: StationContext, page: Page):
         self._station = station
         self._page = page
-        self._switch = DeadManSwitch()
-        self.refused = 0
+        self._control = HeldControl(station, page, "driving")
         self.linear_m_per_s = station.max_linear_m_per_s / 2
         self.angular_rad_per_s = station.max_angular_rad_per_s / 2
         DriverKeys().props("id=driver").on("drive", self._on_drive)
@@ -56,13 +49,17 @@ class Driver:
     @property
     def stale(self) -> int:
         """Number of commands that came too late."""
-        return self._switch.stale
+        return self._control.stale
+
+    @property
+    def refused(self) -> int:
+        """Number of commands refused here because an operator elsewhere drives."""
+        return self._control.refused
 
     @property
     def is_other_driving(self) -> bool:
         """Whether another page, or an operator elsewhere, drives."""
-        is_other_page = self._station.drivers_seat.holder not in (None, self._page.key)
-        return is_other_page or bool(self._station.robot_command.other)
+        return self._control.is_other_driving
 
     def take_over(self) -> None:
         """Drive instead of the page or the operator elsewhere that drives now."""
@@ -79,19 +76,10 @@ class Driver:
 
     def _on_drive(self, event: GenericEventArguments) -> None:
         command = checked(event.args)
-        if command is None or not self._page.may("driving"):
-            return
-        if not self._station.drivers_seat.take(self._page.key):
+        if command is None:
             return
         held, begins, linear, angular, sent_s = command
-        if begins:
-            self._switch.begin()
-            self._begin()
-        if not self._switch.accept(sent_s, time.monotonic()) and held:
-            return
-        robot = self._station.robot_command
-        if robot.is_here and robot.other:
-            self.refused += 1
+        if not self._control.accepts(held=held, begins=begins, sent_s=sent_s):
             return
         command_message = DriveCommand(
             header=header_of_now(self._station, "base_link"),
@@ -101,14 +89,6 @@ class Driver:
         )
         self._page.publish(command_message, "the command", MANUAL_TOPIC)
         self._station.motion.command(command_message)
-
-    def _begin(self) -> None:
-        """Ask the robot for the command, or tell that an operator elsewhere holds it."""
-        robot = self._station.robot_command
-        robot.take()
-        if robot.other:
-            text = f"{robot.text}: your commands are refused. Take over to drive"
-            ui.notify(text, type="warning")
 
 
 def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:

@@ -24,6 +24,7 @@ from robbie_mp.messages import (
 from robbie_mp.scene_graph import RigidTransform
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
+from robbie_mp.station.goal_menu import GoalMenu
 from robbie_mp.station.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map_drawing import MapDrawing, area_marks
@@ -134,6 +135,7 @@ class MapPanel(Panel):
             undo.on_click(goals.undo)
             cancel.on_click(cancel_all)
             with drawing_tools:
+                page.every(TEXT_PERIOD_S, self.name, GoalMenu(goals).tick)
                 self._build_drawing(page, view, mode)
             page.always(GOALS_PERIOD_S, goals.tick)
 
@@ -144,7 +146,7 @@ class MapPanel(Panel):
         page.every(TEXT_PERIOD_S, self.name, update)
 
     def _build_drawing(self, page: Page, view: MapView, mode: ui.toggle) -> None:
-        """Build what an operator draws on the map."""
+        """Build the tools with which an operator draws on the map."""
 
         def draw(what: str) -> None:
             mode.set_value(None)

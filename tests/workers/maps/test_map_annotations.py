@@ -1,4 +1,4 @@
-"""What people draw on a map: checked, changed, taken back, saved and drawn into the map's cells."""
+"""Drawings of people on a map: checked, changed, taken back, saved and drawn into the map's cells."""
 
 from pathlib import Path
 from typing import Any

@@ -1,0 +1,195 @@
+"""Manual control of the robot's joints: arms, grippers and pan-tilt units."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from nicegui import ui
+from nicegui.element import Element
+
+from robbie_mp.messages import JointCommand, JointLimits, JointState
+from robbie_mp.station.access import Role
+from robbie_mp.station.context import header_of_now
+from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
+from robbie_mp.station.panel import Panel
+
+if TYPE_CHECKING:
+    from nicegui.events import GenericEventArguments
+
+    from robbie_mp.station.context import Page, StationContext
+
+STYLE = Path(__file__).parent / "joints.css"
+MAX_JOINTS = 64
+"""Maximum number of joints that the page shows."""
+SILENT_S = 1.0
+"""A position that is older than this is not known any more."""
+GRIPPERS = ("gripper", "finger", "hand")
+"""A joint with one of these in its name can be opened and closed: its greatest position is open."""
+
+
+class JointId(NamedTuple):
+    """One joint of the robot."""
+
+    topic: str
+    """The topic of its commands and states, which is the name of the module that moves it."""
+    name: str
+
+    @property
+    def key(self) -> str:
+        """A text that names the joint to the page's script."""
+        return f"{self.topic}/{self.name}"
+
+
+class Goals(NamedTuple):
+    """Goals that a page has sent."""
+
+    held: bool
+    begins: bool
+    positions: dict[str, float]
+    """By the keys of the joints, rad."""
+    sent_s: float
+
+
+class JointControls(Element, component="joint_controls.js"):
+    """The sliders and buttons."""
+
+    def set(self, **properties: object) -> None:
+        """Change properties of the page's script, if they differ."""
+        if any(self._props.get(name) != value for name, value in properties.items()):
+            self._props.update(properties)
+            self.update()
+
+
+class JointsPanel(Panel):
+    """Sliders for all joints that modules offer with `JointLimits`, and poses of the profile.
+
+    A joint moves only while the operator holds its slider or button: each `JointCommand` expires, as commands
+    of the drive do.
+    """
+
+    name = "joints"
+    title = "Joints"
+    icon = "precision_manufacturing"
+
+    def __init__(self, station: StationContext):
+        super().__init__(station)
+        self._limits: dict[JointId, tuple[float, float]] = {}
+        self._at: dict[JointId, tuple[float, float]] = {}
+        """Position (rad) of each joint, and when it was told."""
+        station.hear(JointLimits, self._on_limits)
+        station.hear(JointState, self._on_state)
+
+    def _on_limits(self, limits: JointLimits) -> None:
+        topic = self.station.envelope.topic
+        found = {joint: ends for joint, ends in self._limits.items() if joint.topic != topic}
+        ends = zip(limits.name, limits.lower.tolist(), limits.upper.tolist(), strict=False)
+        for name, lower, upper in ends:
+            if len(found) < MAX_JOINTS and math.isfinite(lower) and math.isfinite(upper) and lower < upper:
+                found[JointId(topic, name)] = (lower, upper)
+        self._limits = found  # a new dictionary, because the pages read the old one meanwhile
+
+    def _on_state(self, state: JointState) -> None:
+        topic, now_s = self.station.envelope.topic, time.monotonic()
+        told = {
+            joint: (position, now_s)
+            for name, position in zip(state.name, state.position.tolist(), strict=False)
+            if (joint := JointId(topic, name)) in self._limits and math.isfinite(position)
+        }
+        if told:
+            self._at = {**self._at, **told}
+
+    def shown(self) -> list[dict[str, Any]]:
+        """Return the data of each joint for the page's script; `at` is None while it is not known."""
+        now_s = time.monotonic()
+        told = self._at
+        rows = []
+        for joint, (lower, upper) in self._limits.items():
+            position, told_s = told.get(joint, (0.0, -math.inf))
+            rows.append(
+                {
+                    "key": joint.key,
+                    "name": joint.name,
+                    "lower": lower,
+                    "upper": upper,
+                    "at": round(position, 4) if now_s - told_s <= SILENT_S else None,
+                    "is_gripper": any(word in joint.name.lower() for word in GRIPPERS),
+                }
+            )
+        return rows
+
+    def poses(self) -> list[dict[str, Any]]:
+        """Return the poses of the profile whose joints are all there."""
+        by_name = {joint.name: joint.key for joint in self._limits}
+        return [
+            {"name": name, "goals": [[by_name[joint], position] for joint, position in pose.items()]}
+            for name, pose in self.station.poses.items()
+            if pose and set(pose) <= set(by_name)
+        ]
+
+    def commands(self, positions: dict[str, float]) -> dict[str, JointCommand]:
+        """Return the commands for goals, by topic; goals beyond a joint's limits end at the limit.
+
+        Args:
+            positions: by the keys of the joints, rad. Joints that do not exist are ignored.
+        """
+        wanted: dict[str, dict[str, float]] = {}
+        for joint, (lower, upper) in self._limits.items():
+            if joint.key in positions:
+                goal = max(lower, min(upper, positions[joint.key]))
+                wanted.setdefault(joint.topic, {})[joint.name] = goal
+        return {
+            topic: JointCommand(
+                header=header_of_now(self.station),
+                name=[*goals],
+                position=np.array([*goals.values()]),
+                valid_for=VALID_FOR,
+            )
+            for topic, goals in wanted.items()
+        }
+
+    def build(self, page: Page) -> None:
+        """Build the sliders."""
+        ui.add_css(STYLE)
+        hint = ui.label("no module offers joints to move").classes("text-grey").props("id=joints-hint")
+        seat = ui.label("").classes("text-orange").props("id=joints-seat role=status")
+        controls = JointControls().props("id=joints-controls")
+        control = HeldControl(self.station, page, "moving a joint")
+
+        def move(event: GenericEventArguments) -> None:
+            goals = checked(event.args)
+            if goals is None or not control.accepts(
+                held=goals.held, begins=goals.begins, sent_s=goals.sent_s
+            ):
+                return
+            if goals.held:
+                for topic, command in self.commands(goals.positions).items():
+                    page.publish(command, "the command", topic)
+
+        if page.role is Role.OPERATOR:
+            controls.on("move", move)
+
+        def update() -> None:
+            rows = self.shown()
+            hint.set_visibility(not rows)
+            is_other = control.is_other_driving
+            seat.set_text("somebody else drives; take over in Drive to move joints" if is_other else "")
+            can_move = page.role is Role.OPERATOR and not is_other
+            controls.set(joints=rows, poses=self.poses(), can_move=can_move)
+
+        page.every(0.2, self.name, update)
+
+
+def checked(sent: Any) -> Goals | None:
+    """Return the goals that a page's script has sent, or None if they are malformed."""
+    try:
+        positions = {str(key): float(position) for key, position in sent["goals"][:MAX_JOINTS]}
+        sent_s = float(sent["sent_s"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    if not all(map(math.isfinite, (sent_s, *positions.values()))):
+        return None
+    return Goals(bool(sent.get("held")), bool(sent.get("begins")), positions, sent_s)
