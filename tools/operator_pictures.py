@@ -73,6 +73,7 @@ def main() -> None:
                 if only_layouts:
                     wait_for_victims(page, 1)
                     take_layouts(page, NAMES[:-1])
+                    take_light(page)
                 else:
                     take_panels(page)
         play = ("play", f"{folder}/log", "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
@@ -165,6 +166,7 @@ def take_panels(page: Page) -> None:
     os.kill(status(CRASHES)[0], signal.SIGSEGV)
     page.click("#mark")
     take_layouts(page, NAMES[:-1])
+    take_light(page)
     turn_to(page, "speech")
     page.click("#speech-commands >> text=look around")
     for name in ("drive", "view", "mission", "speech", "system", "parameters", "devices", "plots"):
@@ -195,6 +197,14 @@ def take_layouts(page: Page, layouts: Sequence[str]) -> None:
             wide = "" if size is SIZE else f"-{size['width']}"
             take(page, f"layout-{layout.lower()}{wide}", LAYOUT_SETTLED_S)
     page.set_viewport_size(SIZE)
+
+
+def take_light(page: Page) -> None:
+    """Take a picture of the first layout in the light look."""
+    page.keyboard.press("1")
+    page.click("#look")
+    take(page, "light", LAYOUT_SETTLED_S)
+    page.click("#look")
 
 
 def turn_to(page: Page, name: str) -> None:

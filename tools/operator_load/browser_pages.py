@@ -56,6 +56,7 @@ def open_page(page: Page, address: str, role: str, tab: str) -> None:
     if tab == TILES:
         page.wait_for_selector("#layouts")
         page.goto(f"{address}?layout={LIVE}", wait_until="commit")
+        page.wait_for_selector("#map-view")
         page.wait_for_function(f"() => {{ const now = ({COUNTS})(); return now.view > 0 && now.map > 0; }}")
         return
     page.wait_for_selector(f"#tab-{tab}")

@@ -5,7 +5,7 @@ export default {
       @pointerdown="hold">
     <img v-if="shown.count" :key="shown.id" :src="picture" alt="what the camera has seen">
     <div>
-      <div class="title" role="status">Is this a victim? {{ shown.text }}</div>
+      <div class="title" role="status">Is this a victim? {{ shown.text }}{{ queue }}</div>
       <div id="victim-time-left">{{ shown.left }}</div>
       <div id="victim-silent" v-if="shown.silent" class="silent">{{ shown.silent }}</div>
       <div v-if="waiting" class="silent">{{ waiting }}</div>
@@ -47,6 +47,9 @@ export default {
   computed: {
     picture() {
       return `/pictures/victim/${this.shown.id}?count=${this.shown.count}`;
+    },
+    queue() {
+      return this.questions.length > 1 ? ` (1 of ${this.questions.length})` : "";
     },
   },
   methods: {

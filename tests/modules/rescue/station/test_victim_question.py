@@ -59,6 +59,7 @@ def test_answer_is_about_the_victim_shown_when_the_button_was_pressed(robot: Rob
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page, told_to(robot) as tool:
         page.wait_for_selector(f"{QUESTION}:has-text('tag')")
+        page.wait_for_selector(f"{QUESTION}:has-text('(1 of 2)')")
         assert len(page.evaluate(COUNT_QUESTIONS, 2000)) == 1, "the question changes by itself"
         question_under_the_finger_stays(page, robot, tool)
         press_for_the_question_before_does_not_answer_the_next(page, robot, tool)
