@@ -20,12 +20,12 @@ from hw.joints import JointReading
 LIMIT_S = 20.0
 AX_STEP_RAD = math.radians(300) / 1023
 # The second joint has an MX-28.
-ARM = [Protocol1Joint(f"joint{number}", speed_rad_per_s=2.0, servo=number) for number in (1, 2, 3)]
+ARM = [Protocol1Joint(f"joint{number}", speed_rad_per_s=8.0, servo=number) for number in (1, 2, 3)]
 
 
-@pytest.fixture(params=[False, True], ids=["four wires", "echo"])
-def line(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[EmulatedLine]:
-    emulated = EmulatedOldServos({1: AX_12, 2: MX_28, 3: AX_12, 4: AX_12}, echoes=request.param)
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[EmulatedLine]:
+    emulated = EmulatedOldServos({1: AX_12, 2: MX_28, 3: AX_12, 4: AX_12})
     with EmulatedLine(emulated, PseudoTerminal(tmp_path / "servos")) as made:
         yield made
 
@@ -49,9 +49,12 @@ def until(
     raise AssertionError(f"not reached: {joints.reason}")
 
 
+@pytest.mark.parametrize("echoes", [False, True])
 def test_joints_of_both_series_go_where_they_are_told_and_are_let_go_when_the_command_expires(
-    line: EmulatedLine,
+    line: EmulatedLine, echoes: bool
 ) -> None:
+    assert isinstance(line.device, EmulatedOldServos)
+    line.device.echoes = echoes  # a line of two wires
     with closing(Protocol1Joints(line.url, ARM)) as arm:
         before = until(arm, lambda _: True).positions_rad
         goals = {"joint1": 0.3, "joint2": -0.2}
@@ -99,8 +102,8 @@ def test_lost_release_is_repeated_until_the_servos_obey(line: EmulatedLine) -> N
 def test_joint_may_be_reversed_and_keeps_to_its_limits_and_the_servos(line: EmulatedLine) -> None:
     servo(line, 1).put(CCW_LIMIT, 550)
     joints = [
-        Protocol1Joint("tilt", -0.1, 0.1, 2.0, servo=4, zero_step=300, is_reversed=True),
-        Protocol1Joint("pan", servo=1),
+        Protocol1Joint("tilt", -0.1, 0.1, 8.0, servo=4, zero_step=300, is_reversed=True),
+        Protocol1Joint("pan", servo=1, speed_rad_per_s=8.0),
     ]
     with closing(Protocol1Joints(line.url, joints)) as unit:
         goals = {"tilt": 2.0, "pan": 2.0}
