@@ -25,7 +25,7 @@ def hand_over(
     module: Module,
     incoming: Incoming,
     message_type: type[Message],
-    data: bytes,
+    data: bytes | memoryview,
     valid_for_s: float,
     waited_s: float,
 ) -> bool:

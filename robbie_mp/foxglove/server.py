@@ -284,18 +284,30 @@ class Server:
     def on_parameters_unsubscribe(self, _names: list[str]) -> None:
         """Do nothing."""
 
-    def on_asset(self, uri: str) -> bytes | None:
-        """Return a file of a package; None if there is none that clients may read."""
+    def on_asset(self, uri: str) -> bytes:
+        """Return a file of a package.
+
+        Raises:
+            FileNotFoundError: there is none that clients may read; the text says why.
+        """
         parts = urlsplit(uri)
-        folder = self._options.assets.get(parts.netloc) if parts.scheme == "package" else None
-        if folder is None:
-            return None
+        packages = self._options.assets
+        if parts.scheme != "package" or parts.netloc not in packages:
+            known = ", ".join(f"package://{name}/" for name in packages)
+            raise FileNotFoundError(
+                f"this robot has only files of {known}"
+                if known
+                else "this robot offers no files: its profile sets no `assets`"
+            )
+        folder = packages[parts.netloc]
         try:
             path = (folder / unquote(parts.path).lstrip("/")).resolve()
             is_inside = path.is_relative_to(folder.resolve()) and path.is_file()
-            return path.read_bytes() if is_inside and path.stat().st_size <= MAX_ASSET_BYTES else None
+            if is_inside and path.stat().st_size <= MAX_ASSET_BYTES:
+                return path.read_bytes()
         except (OSError, ValueError):
-            return None
+            pass
+        raise FileNotFoundError(f"package://{parts.netloc}/ has no such file, or it is too large")
 
     def on_service(self, request: Any) -> bytes:
         """Hand a call over, and return the module's answer.

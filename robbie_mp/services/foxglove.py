@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.bridge.driving import drive_command
+from robbie_mp.bridge.frames import FrameMap, Rename, renamed
 from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, other_name, snake_case
 from robbie_mp.bridge.surroundings import Surroundings
 from robbie_mp.capture.selection import Pair, type_pattern
@@ -29,6 +30,7 @@ from robbie_mp.messages import (
     EmergencyStop,
     Header,
     Message,
+    MessageError,
     SettingChange,
     SettingChanged,
     String,
@@ -79,6 +81,7 @@ class Shown:
     Args:
         name: type, version and topic in the run.
         channel: the same at the server.
+        rename: renames the frames in its messages.
         pass_on: gets each message that arrives.
 
     Attributes:
@@ -87,8 +90,15 @@ class Shown:
         newest: that message; None until there is one.
     """
 
-    def __init__(self, name: ChannelName, channel: Any, pass_on: "Callable[[Shown, EncodedMessage], None]"):
+    def __init__(
+        self,
+        name: ChannelName,
+        channel: Any,
+        rename: Rename,
+        pass_on: "Callable[[Shown, EncodedMessage], None]",
+    ):
         self.name = name
+        self.rename = rename
         self.channel = channel
         self.is_subscribed = False
         self.is_latched = False
@@ -125,6 +135,7 @@ class FoxgloveServer(Module):
     accept: dict[str, str] = setting(
         {}, "what clients may publish: their topic, and the type and topic that it becomes"
     )
+    frames: dict[str, str] = setting({}, "names of the robot's frames for clients; `*` stands for all others")
     drive_valid_for_s: float = setting(
         0.5, "how long a velocity of a client drives the robot unless another follows", minimum=0.01
     )
@@ -156,6 +167,10 @@ class FoxgloveServer(Module):
             BridgeMap(settings["send"], {})
         except MappingError as error:
             raise SettingError(str(error), "send") from error
+        try:
+            FrameMap(settings["frames"])
+        except MappingError as error:
+            raise SettingError(str(error), "frames") from error
 
     # -- begin and end ---------------------------------------------------------------------------------
 
@@ -167,6 +182,7 @@ class FoxgloveServer(Module):
         except MappingError as error:
             raise SettingError(str(error), "accept") from error
         self._types: KnownTypes = around.types
+        self._frames = FrameMap(self.frames)
         self._accepted = {one.name: one for one in self._map.incoming}
         self._newest_only = [Pair(type_pattern(one), "*") for one in self.newest]
         self._shown: dict[ChannelName, Shown] = {}
@@ -298,7 +314,14 @@ class FoxgloveServer(Module):
                 if text is not None:
                     self.log.warning("%s on '%s' is not shown in Foxglove", name.type_name, name.topic)
             return None
-        shown = Shown(name, self.server.open_channel(text, name.type_name, schema), self._on_message)
+        try:
+            rename: Rename = self._frames.outward(self._types.get(name.type_name)) if self.frames else bytes
+        except MessageError as error:
+            self._unknown.add(name)
+            self.log.warning("%s on '%s' is not shown in Foxglove: %s", name.type_name, name.topic, error)
+            return None
+        channel = self.server.open_channel(text, name.type_name, schema)
+        shown = Shown(name, channel, rename, self._on_message)
         self._shown[name] = self._by_id[shown.channel.id()] = shown
         return shown
 
@@ -344,7 +367,11 @@ class FoxgloveServer(Module):
             return  # a subscription without a topic gets all topics
         if shown.channel.id() in self._readers or shown.is_latched:
             at_ns = self._log_time_ns()
-            data = bytes(message.data)
+            try:
+                data = bytes(shown.rename(message.data))
+            except MessageError as error:
+                self._refuse(f"{message.type_name} of {self.envelope.sender}: {error}")
+                return
             # The next look drops it unless the topic is latched, which it may be since the last one.
             shown.newest = data, at_ns
             self._log(shown, data, at_ns)
@@ -403,6 +430,8 @@ class FoxgloveServer(Module):
             return
         try:
             message = self._decode(accepted, arrived)
+            if not accepted.drives:
+                message = renamed(message, self._frames.name_here)
         except (RobbieError, ValueError) as error:
             self._refuse(f"{accepted.type_name} on {name}: {error}")
             return

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.bridge.arrivals import hand_over
+from robbie_mp.bridge.frames import ForeignFrame, FrameMap, Rename
 from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.bridge.surroundings import Surroundings
 from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
@@ -25,8 +26,9 @@ MAX_FRAMES = 4096
 class _Channel:
     """Messages of one type and topic that leave the robot."""
 
-    def __init__(self, number: int, kind: Ros1Type, quality: Quality):
+    def __init__(self, number: int, kind: Ros1Type, quality: Quality, rename: Rename):
         self.number = number
+        self.rename = rename
         self.kind = kind
         self.quality = quality
         self.sequence = 0
@@ -62,6 +64,7 @@ class Ros1Bridge(Module):
     namespace: str = setting("", "comes before names in ROS that do not begin with a slash")
     send: dict[str, str] = setting({}, "what ROS gets: a type, or a type and a topic, and the name in ROS")
     accept: dict[str, str] = setting({}, "what ROS may publish: its name, its type, and the robot's topic")
+    frames: dict[str, str] = setting({}, "names of the robot's frames in ROS; `*` stands for all others")
     robot_description: Path | None = setting(
         None, "URDF of the robot, which becomes a parameter of ROS", must_exist=True
     )
@@ -76,6 +79,10 @@ class Ros1Bridge(Module):
             BridgeMap(given["send"], given["accept"], given["namespace"], outgoing_forms=(MARKERS,))
         except MappingError as error:
             raise SettingError(str(error), "send") from error
+        try:
+            FrameMap(given["frames"])
+        except MappingError as error:
+            raise SettingError(str(error), "frames") from error
         if not str(settings["node"]).isidentifier():
             raise SettingError(f"a ROS node cannot be called {settings['node']!r}", "node")
 
@@ -87,6 +94,7 @@ class Ros1Bridge(Module):
         self.sent = self.unheard = self.accepted = self.refused = 0
         self._channels: dict[tuple[str, int, str], _Channel | None] = {}
         self._incoming: dict[int, tuple[Incoming, Ros1Type]] = {}
+        self._frames = FrameMap(self.frames)
         address = RosAddress(self.master, self.ip, self.node, self.python)
         self.ros = RosProcess(address, self.max_waiting_bytes, self.log, self.tick_soon)
         if self.robot_description is not None:
@@ -124,7 +132,7 @@ class Ros1Bridge(Module):
             self.unheard += 1
             return
         try:
-            fitted = _as_ros1_keeps_it(channel, message.data)
+            fitted = _as_ros1_keeps_it(channel, channel.rename(message.data))
             if fitted is None:
                 return
             data = channel.kind.to_ros1(fitted, channel.sequence)
@@ -154,12 +162,13 @@ class Ros1Bridge(Module):
         if found.becomes == MARKERS and not can_be_markers(message_type):
             self.warnings.say(f"{what} is not sent", "it has no places that could be markers")
             return None
+        rename = self._frames.outward(message_type)
         if found.becomes == MARKERS:  # each message has all markers, so that who comes later sees all
             quality = replace(found.quality, is_latched=True)
-            channel = _Channel(self._next_number(), ros1_type(MARKER_ARRAY), quality)
+            channel = _Channel(self._next_number(), ros1_type(MARKER_ARRAY), quality, rename)
             channel.places = MarkerBook(message_type)
         else:
-            channel = _Channel(self._next_number(), ros1_type(message_type), found.quality)
+            channel = _Channel(self._next_number(), ros1_type(message_type), found.quality, rename)
         wish = Wish(found.name, channel.kind, channel.quality.is_latched, channel.quality.depth)
         self.ros.publish_on(channel.number, wish)
         return channel
@@ -184,9 +193,11 @@ class Ros1Bridge(Module):
     def _take(self, incoming: Incoming, kind: Ros1Type, data: bytes, waited_s: float) -> bool:
         message_type: type[Message] = kind.message_type
         try:
-            encoded = kind.from_ros1(data)
+            encoded: bytes | memoryview = kind.from_ros1(data)
+            if not incoming.drives:  # a velocity moves the robot, whatever frame its sender names
+                encoded = self._frames.inward(message_type)(encoded)
             return hand_over(self, incoming, message_type, encoded, self.command_valid_s, waited_s)
-        except (ConversionError, MessageError, MessageTooLarge) as error:
+        except (ConversionError, ForeignFrame, MessageError, MessageTooLarge) as error:
             self.warnings.say(f"a message on {incoming.name} is refused", error)
             return False
 
@@ -197,7 +208,7 @@ class Ros1Bridge(Module):
         )
 
 
-def _as_ros1_keeps_it(channel: _Channel, data: memoryview) -> bytes | memoryview | None:
+def _as_ros1_keeps_it(channel: _Channel, data: bytes | memoryview) -> bytes | memoryview | None:
     """Return transforms that fit ROS 1, or places as markers; other messages as they are; None: nothing.
 
     ROS keeps only the last message of a latched topic, so that must have all fixed transforms so far. And it

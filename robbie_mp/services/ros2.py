@@ -9,6 +9,7 @@ from pathlib import Path
 from robbie_mp.bridge.arrivals import hand_over
 from robbie_mp.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.bridge.driving import drive_command
+from robbie_mp.bridge.frames import ForeignFrame, FrameMap, Rename
 from robbie_mp.bridge.mapping import NAME, BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.bridge.orders import STOP_TOPIC, Order, StopSwitch, carry_out, check_orders, orders_of
 from robbie_mp.bridge.surroundings import Surroundings
@@ -102,6 +103,7 @@ class Ros2Bridge(Module):
     interface: str = setting(LOOPBACK, "network interface of DDS; `lo` reaches nodes of this machine only")
     send: dict[str, str] = setting({}, "what is sent: a type, or a type and a topic, and its name in ROS")
     accept: dict[str, str] = setting({}, "what is accepted: a name in ROS, its type, and the topic here")
+    frames: dict[str, str] = setting({}, "names of the robot's frames in ROS; `*` stands for all others")
     clock_topic: bool = setting(True, "send the time of a simulation or playback on /clock")
     urdf: Path | None = setting(
         None, "the robot's model, which is sent on robot_description", must_exist=True
@@ -130,8 +132,13 @@ class Ros2Bridge(Module):
         for name in ("send", "accept"):
             parts = {"send": {}, "accept": {}, name: settings[name]}
             _mapping(parts, str(settings["namespace"]), KnownTypes(own_types()), name)
-        services = settings["services"]
+        services, frames = settings["services"], settings["frames"]
         assert isinstance(services, Mapping)
+        assert isinstance(frames, Mapping)
+        try:
+            FrameMap(frames)
+        except MappingError as error:
+            raise SettingError(str(error), "frames") from error
         try:
             check_orders(services)
         except MappingError as error:
@@ -147,7 +154,8 @@ class Ros2Bridge(Module):
         self._observer = RunObserver(self.run_id) if self.run_id else None
         self.sent = self.received = self.withheld = self.unknown = 0
         self.malformed = self.late = self.refused = 0
-        self._channels: dict[tuple[str, int, str], Channel | None] = {}
+        self._channels: dict[tuple[str, int, str], tuple[Channel, Rename] | None] = {}
+        self._frames = FrameMap(self.frames)
         self._named: set[str] = set()
         self._shown_at_ns = 0
         self._log_limit = LogLimit()
@@ -162,11 +170,11 @@ class Ros2Bridge(Module):
             raise SettingError(str(error), "services") from error
         self.inbox = Inbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
         self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
-        self._incoming: dict[Channel, tuple[Incoming, type[Message]]] = {}
+        self._incoming: dict[Channel, tuple[Incoming, type[Message], Rename]] = {}
         for one in self.map.incoming:
             message_type = self._types.get(one.type_name)
             channel = Channel(one.name, one.type_name, type_hash(message_type), one.quality)
-            self._incoming[channel] = one, message_type
+            self._incoming[channel] = one, message_type, self._frames.inward(message_type)
             self.side.listen(channel)
         self.desk = Desk(self.side, self.inbox, self.log)
         self._offer_services()
@@ -246,15 +254,22 @@ class Ros2Bridge(Module):
             if len(self._channels) >= MAX_REMEMBERED:
                 self._channels.clear()
             self._channels[key] = self._channel(*key)
-        channel = self._channels[key]
-        if channel is None:
+        found = self._channels[key]
+        if found is None:
             self.unknown += 1
             return
-        self.side.send(channel, message.data)
+        channel, rename = found
+        try:
+            data = rename(message.data)
+        except MessageError as error:
+            self.malformed += 1
+            self.log.warning("%s of %s is not sent: %s", message.type_name, envelope.sender, error)
+            return
+        self.side.send(channel, data)
         self.sent += 1
 
-    def _channel(self, type_name: str, version: int, topic: str) -> Channel | None:
-        """Return how messages are sent; None if they cannot be."""
+    def _channel(self, type_name: str, version: int, topic: str) -> tuple[Channel, Rename] | None:
+        """Return how messages are sent, and what renames their frames; None if they cannot be sent."""
         sent_as = self.map.sent_as(type_name, topic)
         if sent_as is None:
             self._name(f"{type_name} on {topic!r} is not sent: its name in ROS belongs to another type")
@@ -271,7 +286,8 @@ class Ros2Bridge(Module):
         if self._observer is not None and not quality.is_latched:
             latched = {(one.type_name, one.version, one.topic) for one in self._observer.latched()}
             quality = replace(quality, is_latched=(type_name, version, topic) in latched)
-        return Channel(sent_as.name, type_name, type_hash(message_type), quality)
+        channel = Channel(sent_as.name, type_name, type_hash(message_type), quality)
+        return channel, self._frames.outward(message_type)
 
     # -- from ROS 2 to this robot ------------------------------------------------------------------------
 
@@ -298,7 +314,7 @@ class Ros2Bridge(Module):
             self._send_diagnostics()
 
     def _take(self, arrived: Arrived) -> None:
-        incoming, message_type = self._incoming[arrived.channel]
+        incoming, message_type, rename = self._incoming[arrived.channel]
         try:
             message = message_type.decode(arrived.data)
             data = unpadded(message, arrived.data)
@@ -311,8 +327,8 @@ class Ros2Bridge(Module):
                 assert isinstance(message, Twist | TwistStamped)
                 done = self._drive(incoming, message, arrived.at_ns)
             else:
-                done = hand_over(self, incoming, message_type, data, self.drive_for_s, 0.0)
-        except (MessageError, MessageTooLarge) as error:
+                done = hand_over(self, incoming, message_type, rename(data), self.drive_for_s, 0.0)
+        except (ForeignFrame, MessageError, MessageTooLarge) as error:
             self.log.warning("a message on %s cannot be published: %s", incoming.name, error)
             done = False
         self.received += done

@@ -225,6 +225,24 @@ def test_robot_gets_a_nodes_messages_and_drives_for_a_while() -> None:
         assert 0 < command.valid_for.nanoseconds <= 500_000_000
 
 
+def test_frames_have_other_names_in_ros() -> None:
+    with network({"frames": {"*": "red/{frame}"}}) as (bridge, node):
+        scans: list[Any] = []
+        node.session.declare_subscriber(f"7/scan/{SCAN}", scans.append)
+
+        def is_there() -> object:
+            bridge.send(LaserScan(header=Header(frame_id="laser")), topic="laser")
+            for frame in ("red/map", "map"):  # the second means no frame of this robot
+                node.publish(f"7/goal_pose/{POSE}", PoseStamped(header=Header(frame_id=frame)).encode())
+            return scans and bridge.published_encoded and bridge.module.refused
+
+        until(bridge, is_there)
+        read: Any = ROS.deserialize_cdr(scans[0].payload.to_bytes(), "sensor_msgs/msg/LaserScan")
+        assert read.header.frame_id == "red/laser"
+        frames = {PoseStamped.decode(one.data).header.frame_id for one in bridge.published_encoded}
+        assert frames == {"map"}
+
+
 def test_late_node_gets_the_robots_model(tmp_path: Path) -> None:
     model = tmp_path / "robot.urdf"
     model.write_text('<robot name="red"/>')
@@ -281,6 +299,7 @@ def test_bridge_that_has_ended_limits_no_log() -> None:
         ({"accept": {"/cmd_vel": "Twst"}}, "did you mean"),
         ({"namespace": "a b"}, "the namespace 'a b' is not a name"),
         ({"domain": 233}, "domain"),
+        ({"frames": {"*": "red"}}, "expected a name with {frame}"),
     ],
 )
 def test_wrong_settings_are_explained(settings: dict[str, object], problem: str) -> None:

@@ -14,6 +14,7 @@ from robbie_mp.foxglove import door
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
+    Header,
     LaserScan,
     PoseStamped,
     String,
@@ -231,6 +232,24 @@ def test_client_reads_only_files_of_the_profiles_folders(
 def test_files_are_refused_at_once_where_the_profile_has_none() -> None:
     with ModuleHarness(FoxgloveServer, SETTINGS) as harness, connected(harness.module.link) as client:
         assert client.fetch("package://robot/robot.stl", 1) is None
+    assert "sets no `assets`" in client.asset_errors[1]
+
+
+def test_frames_have_other_names_for_clients() -> None:
+    settings = SETTINGS | {"frames": {"*": "red/{frame}"}}
+    with ModuleHarness(FoxgloveServer, settings) as harness, connected(harness.module.link) as client:
+        harness.send(LaserScan(header=Header(frame_id="laser")), topic="front")
+        client.subscribe("/front")
+        tick_until(harness, lambda: harness.module._readers)
+        harness.send(LaserScan(header=Header(frame_id="laser")), topic="front")
+        client.until(lambda: client.data)
+        assert LaserScan.decode(client.data[0].data).header.frame_id == "red/laser"
+        client.advertise(1, "/goal_pose", "geometry_msgs/msg/PoseStamped")
+        for frame in ("red/map", "map"):
+            client.publish(1, PoseStamped(header=Header(frame_id=frame)).encode())
+        tick_until(harness, lambda: harness.module.refused)
+        (goal,) = harness.take(PoseStamped, "goal")
+        assert goal.header.frame_id == "map"
 
 
 @pytest.mark.parametrize("query", ["", "?token=", "?token=wrong", "?TOKEN={token}"])

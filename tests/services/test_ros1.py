@@ -74,6 +74,24 @@ def test_a_velocity_becomes_a_command_that_expires_from_its_arrival(bridge: Brid
     assert command.valid_for.seconds == pytest.approx(0.3)
 
 
+def test_frames_have_other_names_in_ros() -> None:
+    settings = {"master": NOWHERE, "accept": ACCEPT, "send": SEND, "frames": {"*": "red/{frame}"}}
+    with ModuleHarness(Ros1Bridge, settings) as bridge:
+        bridge.send(transforms("odom", "base_link"), topic="tf_static")
+        number = next(iter(bridge.module._channels.values())).number  # type: ignore[union-attr]
+        (one,) = sent(bridge, number).transforms
+        assert (one.header.frame_id, one.child_frame_id) == ("red/odom", "red/base_link")
+        assert arrive(bridge, "/initialpose", PoseWithCovarianceStamped(header=Header(frame_id="red/map")))
+        assert not arrive(bridge, "/initialpose", PoseWithCovarianceStamped(header=Header(frame_id="map")))
+        (taken,) = bridge.take(PoseStamped, topic="initial_pose")
+        assert taken.header.frame_id == "map"
+
+
+def transforms(parent: str, child: str) -> TFMessage:
+    """A message with one transform."""
+    return TFMessage(transforms=[TransformStamped(header=Header(frame_id=parent), child_frame_id=child)])
+
+
 @pytest.mark.parametrize(("speed", "waited_s"), [(0.25, 0.5), (math.nan, 0.0), (math.inf, 0.0)])
 def test_an_old_or_endless_velocity_is_refused(bridge: Bridge, speed: float, waited_s: float) -> None:
     assert not arrive(bridge, "/cmd_vel", Twist(linear=Vector3(x=speed)), waited_s)

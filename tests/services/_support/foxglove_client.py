@@ -46,6 +46,7 @@ class Client:
         self.data: list[Data] = []
         self.responses: dict[int, bytes] = {}
         self.assets: dict[int, bytes | None] = {}
+        self.asset_errors: dict[int, str] = {}
         self._subscriptions: dict[int, dict[str, Any]] = {}
 
     def until(self, condition: Callable[[], object]) -> None:
@@ -66,6 +67,7 @@ class Client:
             self.responses[call] = frame[13 + size :]
         elif frame[0] == 4:
             number, status, size = struct.unpack_from("<IBI", frame, 1)
+            self.asset_errors[number] = frame[10 : 10 + size].decode()
             self.assets[number] = None if status else frame[10 + size :]
 
     def _tell(self, told: dict[str, Any]) -> None:
