@@ -12,7 +12,8 @@ from robbie_mp.link.receiving import Arrived, Fate
 from robbie_mp.link.sending import Item, Limits
 from robbie_mp.link.traffic import TrafficClass
 
-MAX_PEERS = 64
+MAX_PEERS = 128
+"""Robots with which one link exchanges messages; it ignores further ones."""
 
 
 class Offered(NamedTuple):

@@ -85,6 +85,7 @@ class Link(Module):
     )
     connect: list[str] = setting([], "addresses of other robots, or of a router of Zenoh")
     robots: list[str] = setting([], "robots for which messages wait even before they have been met")
+    others: list[str] = setting(["*"], "robots to exchange messages with, as shell patterns of their names")
     multicast: bool = setting(False, "look for other robots by multicast")
     datagrams: bool = setting(True, "also use UDP at the same ports, for what must not wait behind the rest")
     keys: Path | None = setting(
@@ -121,6 +122,11 @@ class Link(Module):
                 raise SettingError(
                     f"a robot cannot be called {robot!r}: up to 32 letters, digits, - and _", setting_name
                 )
+        others = settings["others"]
+        assert isinstance(others, list)
+        left_out = [one for one in robots if not any(fnmatchcase(str(one), other) for other in others)]
+        if left_out:
+            raise SettingError(f"{left_out[0]!r} is in `robots`, but `others` leaves it out", "others")
         if settings["prefix_frames"] and not settings["prefix_topics"]:
             raise SettingError("frames get a prefix only if topics do: set `prefix_topics`", "prefix_frames")
         _check_encryption(settings)
@@ -187,7 +193,7 @@ class Link(Module):
         inbox = InboxLimits(self.inbox_packets, self.inbox_bytes)
         self.wire = Wire(self.robot, session, endpoints, inbox, self.tick_soon)
         limits = Limits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
-        settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes)
+        settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes, self._may_exchange)
         self.node = LinkNode(self.robot, session, self.books, settings, self.wire, self.on_arrived)
         for robot in self.robots:
             self.node.meet(robot)
@@ -204,6 +210,10 @@ class Link(Module):
             self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
         # Not where this module must do nothing between its ticks: in lockstep and in tests.
         self._begins_at_once = at_once
+
+    def _may_exchange(self, robot: str) -> bool:
+        """Whether this link exchanges messages with a robot, as far as `others` says."""
+        return any(fnmatchcase(robot, pattern) for pattern in self.others)
 
     def _tls(self) -> dict[str, object]:
         """Return the settings of Zenoh with which only trusted robots connect, under their own names."""

@@ -48,6 +48,7 @@ def zenoh_has_started() -> None:
         ({"robot": "red", "send": {"steady": ["Image"]}}, "there is no class 'steady'"),
         ({"robot": "red", "send": {"state": ["Image camera front"]}}, "with a space between"),
         ({"robot": "red", "accept": {"blue": [""]}}, "expected a type"),
+        ({"robot": "red", "robots": ["blue"], "others": ["base*"]}, "`others` leaves it out"),
         ({"robot": "red", "listen": ["tls/127.0.0.1:7447"]}, "needs keys: make them with `robbie keys new`"),
         ({"robot": "red", "prefix_frames": True}, "frames get a prefix only if topics do"),
         (
@@ -67,6 +68,15 @@ def test_a_link_alone_shows_its_state() -> None:
         state = harness.take(LinkState)[-1]
         assert state.robot == "red"
         assert state.peers == []
+
+
+def test_a_link_exchanges_messages_only_with_the_robots_that_it_is_told() -> None:
+    settings = {"robot": "red", "listen": [], "others": ["base*", "blue"]}
+    with ModuleHarness(Link, settings) as harness:
+        node = harness.module.node
+        for robot in ("base1", "blue", "green", "red"):
+            node.meet(robot)
+        assert list(node.peers) == ["base1", "blue"]
 
 
 def bulk_of(harness: ModuleHarness[Link], image: Image) -> Item:
