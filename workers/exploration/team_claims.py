@@ -67,7 +67,7 @@ class TeamClaims:
         """Return whether another robot still works."""
         return any(claim.is_working for claim in self.current.values())
 
-    def extra_cost_m(self, target_xy_m: Points, way_m: float) -> float:
+    def extra_cost_m(self, target_xy_m: Points, way_m: float, *, is_current: bool = False) -> float:
         """Return how much dearer a target is because of the others; +inf: it is left to another robot.
 
         Only claims of robots that are nearer to their own target count. So of two robots, one keeps its
@@ -76,6 +76,8 @@ class TeamClaims:
         Args:
             target_xy_m: `(2,)`, m, map frame.
             way_m: cost of this robot's way to the target.
+            is_current: whether this robot drives there already. Then it costs no more, but it may still be
+                left to a robot that is nearer. Otherwise two robots keep changing their minds.
         """
         extra_m = 0.0
         for claim in self.current.values():
@@ -84,5 +86,6 @@ class TeamClaims:
             away_m = math.dist(claim.target_xy_m, target_xy_m)
             if away_m <= SAME_M:
                 return math.inf
-            extra_m += DISCOUNT_M * max(0.0, 1.0 - away_m / RANGE_M)
+            if not is_current:
+                extra_m += DISCOUNT_M * max(0.0, 1.0 - away_m / RANGE_M)
         return extra_m

@@ -167,12 +167,7 @@ class MissionTargets:
             targets += self._walls(around, ways_m, searched)
             targets += self._victims(around, ways_m, suspected)
         targets = [target for target in targets if not self._is_given_up(target)]
-        costs_m = [
-            target.cost_m
-            - self._bonus(target, current)
-            + claims.extra_cost_m(target.about_xy_m, max(target.way_m, 0.0))
-            for target in targets
-        ]
+        costs_m = [self._cost_m(target, current, claims) for target in targets]
         best = int(np.argmin(costs_m)) if costs_m else 0
         self.are_left_to_others = bool(costs_m) and math.isinf(costs_m[best])
         return targets[best] if costs_m and not self.are_left_to_others else None, True
@@ -224,10 +219,13 @@ class MissionTargets:
             for kind, x, y in self._given_up
         )
 
-    def _bonus(self, target: Target, current: Target | None) -> float:
-        if current is None or target.state is not current.state:
-            return 0.0
-        return STAY_M if math.dist(target.about_xy_m, current.about_xy_m) <= SAME_M else 0.0
+    def _cost_m(self, target: Target, current: Target | None, claims: TeamClaims) -> float:
+        """Return a target's cost, less if it is the current one, more if another robot drives near it."""
+        is_current = current is not None and target.state is current.state
+        if current is not None and math.dist(target.about_xy_m, current.about_xy_m) > SAME_M:
+            is_current = False
+        extra_m = claims.extra_cost_m(target.about_xy_m, target.way_m, is_current=is_current)
+        return target.cost_m - STAY_M * is_current + extra_m
 
 
 class SearchedGrid:

@@ -11,13 +11,15 @@ from workers.rescue.mission_targets import SNAP_M, Surroundings
 
 Points = NDArray[np.float64]
 
-NEAR_M = 1.3
+NEAR_M = 1.2
 """Robots that are farther apart need no rule."""
-AHEAD_M = 1.6
+AHEAD_M = 1.0
 """Length of the ways that are compared."""
-CLEAR_M = 0.55
+CLEAR_M = 0.5
 """Ways that keep this distance do not meet: two bodies, and something to spare."""
-ASIDE_M = 0.65
+ASIDE_M = 0.6
+STANDS_M = 0.3
+"""A robot with a shorter way stands: one drives around it, as around other obstacles."""
 CHECK_S = 0.4
 LONGEST_S = 15.0
 """After this time, the robot goes on: the other one is perhaps stuck itself."""
@@ -86,7 +88,8 @@ class RightOfWay:
             return []
         own = way_ahead(around, pose, goal)
         ways = [way_ahead(around, claim.pose, claim.goal) for claim in near]
-        return [way for way in ways if min(_away_m(way, place).min() for place in own) < CLEAR_M]
+        moving = [way for way in ways if _away_m(way, way[0]).max() >= STANDS_M]
+        return [way for way in moving if min(_away_m(way, place).min() for place in own) < CLEAR_M]
 
     def _stand_aside(self, around: Surroundings, pose: Points, way: Points) -> None:
         """Choose the nearest place beside the way, if the robot is in the way and going nowhere better."""

@@ -32,6 +32,8 @@ def test_target_costs_more_the_nearer_it_lies_to_a_claimed_one() -> None:
     near, far = (claims.extra_cost_m(east_by(away_m), 5.0) for away_m in (1.0, 2.0))
     assert 0.0 < far < near < DISCOUNT_M
     assert claims.extra_cost_m(east_by(RANGE_M + 0.1), 5.0) == 0.0
+    assert claims.extra_cost_m(east_by(1.0), 5.0, is_current=True) == 0.0
+    assert claims.extra_cost_m(TARGET, 5.0, is_current=True) == math.inf
 
 
 def test_claim_of_a_silent_robot_expires() -> None:

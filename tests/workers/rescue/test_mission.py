@@ -1,5 +1,7 @@
 """The mission decides what to do next, and returns home in time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -311,9 +313,10 @@ def test_robot_gives_way_only_to_those_that_go_first(gives_way_to: tuple[str, ..
     rescue.search_everything()
     rescue.begin()
     assert rescue.state() is S.EXPLORE
-    rescue.mission.claims.see("blue", blue(None, x_m=1.8), valid_s=3.0)
+    comes = replace(blue(None, x_m=1.8), goal=np.array([0.5, 0.8, np.pi]))
+    rescue.mission.claims.see("blue", comes, valid_s=3.0)
     orders = rescue.step()
     assert rescue.state() is state
-    assert orders.goal is None or state is S.EXPLORE
+    assert (orders.goal is None) is (state is S.GIVE_WAY), "there is no room beside the way of blue"
     rescue.step(3.0)
     assert rescue.state() is S.EXPLORE, "the other robot is silent"

@@ -64,3 +64,8 @@ def test_robot_that_waits_too_long_goes_on() -> None:
         assert meeting.now_s <= LONGEST_S + 2 * CHECK_S
     assert meeting.rule.refused == 1
     assert not meeting.gives_way((2.7, 0.9), toward, EAST)
+
+
+def test_robot_does_not_wait_for_one_that_stands() -> None:
+    meeting = Meeting()
+    assert not meeting.gives_way((2.2, 0.9), other_goal=None, goal=EAST)
