@@ -1,15 +1,20 @@
-"""The marks on the map and in the 3-D view: points of interest, and marks of panels."""
+"""The marks on the map and in the 3-D view: points of interest, marks of panels, and marked cells."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robbie_mp.messages import PointOfInterest, PointsOfInterest, TimeJump
 from robbie_mp.station.latest import MessageSource
 
 MAX_TOPICS = 16
 MAX_PLACES = 200
+MAX_CELLS = 20_000
+"""Maximum number of cells of one layer. Of more, every second, third … is drawn."""
 
 
 class MapMark(NamedTuple):
@@ -24,10 +29,38 @@ class MapMark(NamedTuple):
     z: float
 
 
+class CellMarks(NamedTuple):
+    """Cells of the map that a layer marks."""
+
+    revision: int
+    """A number that changes when the cells do."""
+    middles: NDArray[np.float64]
+    """(N, 2), m, map frame."""
+
+    def thinned(self) -> NDArray[np.float64]:
+        """Return at most `MAX_CELLS` of the middles, with a height of 0: (N, 3), m."""
+        every = -(-len(self.middles) // MAX_CELLS) or 1
+        return np.pad(self.middles[::every], ((0, 0), (0, 1)))
+
+
+class CellLayer(NamedTuple):
+    """A layer of the map with cells in one colour."""
+
+    title: str
+    colour: str
+    """In CSS notation, such as #00897b."""
+    source: Callable[[], CellMarks]
+
+
 class MapMarks:
-    """Collects the marks of all panels."""
+    """Collects the marks of all panels.
+
+    Attributes:
+        layers: the layers with cells.
+    """
 
     def __init__(self) -> None:
+        self.layers: list[CellLayer] = []
         self._sources: dict[str, Callable[[], Iterable[MapMark]]] = {}
 
     def add(self, title: str, source: Callable[[], Iterable[MapMark]]) -> None:
@@ -38,6 +71,16 @@ class MapMarks:
             source: returns the present marks; called in the module's thread and in the page server's.
         """
         self._sources[title] = source
+
+    def add_cells(self, title: str, colour: str, source: Callable[[], CellMarks]) -> None:
+        """Add a layer of cells, which visitors can hide. Constructors of panels call this.
+
+        Args:
+            title: the layer's name.
+            colour: its colour in CSS notation.
+            source: returns the present cells; called in the module's thread.
+        """
+        self.layers.append(CellLayer(title, colour, source))
 
     def now(self) -> dict[str, tuple[MapMark, ...]]:
         """Return the present marks, by the titles of their sources."""

@@ -14,6 +14,7 @@ from modules.rescue.messages import MissionStatus, OrderMission, VictimFound
 from modules.rescue.station.mission_results import MissionResults
 from modules.rescue.station.victim_question import VictimQuestion
 from modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
+from modules.rescue.station.wall_layers import add_wall_layers
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page, ending
 from robbie_mp.station.latest import silence
@@ -54,6 +55,7 @@ class MissionPanel(Panel):
         self._watch = VictimWatch(station)
         self._question = VictimQuestion(self._watch)
         station.map_marks.add("victims", self._watch.marks)
+        add_wall_layers(station)
 
     def build_on_every_tab(self, page: Page) -> None:
         """Build the question about a victim, and the results of the mission."""

@@ -31,6 +31,7 @@ from robbie_mp.station.map_drawing import MapDrawing, area_marks
 from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.point_sources import PointSources
+from robbie_mp.station.scene_view.points import packed
 from robbie_mp.station.scene_view.surroundings import MAP, other_robots, pose_for_picture
 from robbie_mp.station.trail import Trail
 
@@ -89,6 +90,7 @@ class MapPanel(Panel):
         self._others: list[dict[str, Any]] = []
         self._way: tuple[int, bytes] = (0, b"[]")
         self._trail = Trail(station)
+        self._cells: dict[str, tuple[int, bytes]] = {}
         self._way_come: tuple[int, bytes] = (0, b"[]")
         self._scans = PointSources(station, (LaserScan,))
 
@@ -191,14 +193,19 @@ class MapPanel(Panel):
                         self._build_layers(view)
 
     def _build_layers(self, view: MapView) -> None:
-        shown = dict.fromkeys(LAYERS, True)
+        shown: dict[str, bool] = {}
 
         def show(name: str, *, is_shown: bool) -> None:
             shown[name] = is_shown
             view.set(hidden=[layer for layer, wanted in shown.items() if not wanted])
 
-        for name, title in LAYERS.items():
-            box = ui.checkbox(title, value=True).props(f"id=map-layer-{name}").classes("q-pr-md")
+        of_panels = {layer.title: layer.title for layer in self.station.map_marks.layers}
+        for name, title in (LAYERS | of_panels).items():
+            box = (
+                ui.checkbox(title, value=True)
+                .props(f"id=map-layer-{name.replace(' ', '-')}")
+                .classes("q-pr-md")
+            )
             box.on_value_change(lambda event, name=name: show(name, is_shown=bool(event.value)))
 
     def tick(self) -> None:
@@ -207,11 +214,20 @@ class MapPanel(Panel):
             found = other_robots(self.station.scene, MAP)
             self._others = [robot_mark(name, pose) for name, pose in found.items()]
             parts = {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
+            parts |= self._encoded_cells()
             parts |= {"path": self._encoded_path(), "trail": self._encoded_trail()}
             self.station.live.put(GROUP, parts | self._scans.look(self._pose_at, MAP))
 
     def _pose_at(self, frame: str, time_ns: int) -> RigidTransform | None:
         return pose_for_picture(self.station.scene, MAP, frame, time_ns)
+
+    def _encoded_cells(self) -> dict[str, bytes]:
+        """Return the cells of each layer, packed as points are."""
+        for layer in self.station.map_marks.layers:
+            marked = layer.source()
+            if self._cells.get(layer.title, (-1, b""))[0] != marked.revision:
+                self._cells[layer.title] = (marked.revision, packed(marked.thinned()))
+        return {f"cells/{title}": data for title, (_, data) in self._cells.items()}
 
     def _encoded_path(self) -> bytes:
         if self._way[0] != self._path.count:
@@ -227,6 +243,7 @@ class MapPanel(Panel):
     def marks(self) -> dict[str, Any]:
         """Return the marks on the map, without the path; m and rad, map frame."""
         return {
+            "cell_colours": {layer.title: layer.colour for layer in self.station.map_marks.layers},
             "robot": planar(self._pose.message),
             "goal": planar(self._goal.message),
             "frontiers": frontier_marks(self._frontiers.message),

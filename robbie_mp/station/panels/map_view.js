@@ -41,6 +41,7 @@ export default {
     this.marks = { robot: null, goal: null, path: [], trail: [], frontiers: [], marked: [], places: [], others: [], no_go: [] };
     this.corners = []; // of the no-go area that is being drawn
     this.scans = new Map();
+    this.cells = new Map(); // the marked cells of each layer
     this.turn = 0; // rad, of the map on the screen
     this.measures = null;
     this.measured = null;
@@ -69,6 +70,7 @@ export default {
     async take(parts) {
       for (const [name, part] of Object.entries(parts))
         if (name.startsWith("marks/points/")) this.scans.set(name, new Int16Array(part));
+        else if (name.startsWith("marks/cells/")) this.cells.set(name.slice("marks/cells/".length), new Int16Array(part));
         else if (name.startsWith("marks/shades/")) continue;
         else if (name.startsWith("marks/")) this.marks[name.slice("marks/".length)] = from_json(part);
       if ((await this.map.take(parts)) && !this.adjusted) this.fitted = false;
@@ -213,6 +215,8 @@ export default {
     },
     draw_marks(pen) {
       const { robot, goal, frontiers, marked, places, others, path, trail, no_go } = this.marks;
+      for (const [layer, cells] of this.cells)
+        if (this.shows(layer)) this.draw_points(pen, cells, this.marks.cell_colours?.[layer] ?? "#000000", 5);
       if (this.shows("no_go"))
         for (const { name, corners } of no_go) {
           this.draw_area(pen, corners);
@@ -221,7 +225,7 @@ export default {
       if (this.shows("trail")) this.draw_line(pen, trail, COLOURS.trail, 2);
       if (this.shows("path")) this.draw_line(pen, path, COLOURS.path, 3);
       if (this.shows("frontiers")) for (const frontier of frontiers) this.draw_frontier(pen, frontier);
-      if (this.shows("scan")) for (const scan of this.scans.values()) this.draw_scan(pen, scan);
+      if (this.shows("scan")) for (const scan of this.scans.values()) this.draw_points(pen, scan, COLOURS.laser, 3);
       if (goal) this.draw_arrow(pen, goal, COLOURS.goal);
       this.waiting.forEach(([x, y], at) => this.draw_disc(pen, { x, y, name: `${at + 1}`, colour: COLOURS.goal }));
       for (const { x, y, yaw, name } of this.shows("others") ? others : []) {
@@ -275,9 +279,9 @@ export default {
       pen.lineWidth = 2 / this.scale;
       pen.stroke();
     },
-    draw_scan(pen, steps) {
-      pen.fillStyle = COLOURS.laser;
-      const size = 3 / this.scale;
+    draw_points(pen, steps, colour, pixels) {
+      pen.fillStyle = colour;
+      const size = pixels / this.scale;
       for (let at = 0; at < steps.length; at += 3)
         pen.fillRect(steps[at] * STEP_M - size / 2, steps[at + 1] * STEP_M - size / 2, size, size);
     },

@@ -1,0 +1,37 @@
+"""The walls that the camera has searched, and those that it has not, as layers of the operator's map."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from modules.planar_messages import map_cells
+from modules.rescue.messages import SearchedWalls
+from robbie_mp.station.map_marks import CellMarks
+
+if TYPE_CHECKING:
+    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.latest import Latest
+
+LAYERS = (("Searched walls", "#00c853", 100), ("Walls to search", "#ff6d00", 0))
+"""Each with its colour, and its value in `SearchedWalls`."""
+
+
+def add_wall_layers(station: StationContext) -> None:
+    """Add the layers to the map; constructors of panels call this."""
+    newest = station.newest(SearchedWalls)
+    for title, colour, value in LAYERS:
+        station.map_marks.add_cells(title, colour, partial(cells_with, newest, value))
+
+
+def cells_with(newest: Latest[SearchedWalls], value: int) -> CellMarks:
+    """Return the middles of all cells with a value in the newest message."""
+    walls = newest.message
+    if walls is None:
+        return CellMarks(newest.count, np.zeros((0, 2)))
+    cells, resolution_m, corner_xy_m = map_cells(walls)
+    columns_rows = np.argwhere(cells == value)[:, ::-1].astype(np.float64)
+    middles = (columns_rows + 0.5) * resolution_m + np.array(corner_xy_m, np.float64)
+    return CellMarks(newest.count, middles.astype(np.float64))
