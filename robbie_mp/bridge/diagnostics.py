@@ -38,6 +38,10 @@ builtin_interfaces/Time stamp
 string frame_id
 ================================================================================
 MSG: diagnostic_msgs/DiagnosticStatus
+byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
 byte level
 string name
 string message

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.bridge.arrivals import hand_over
+from robbie_mp.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.bridge.frames import ForeignFrame, FrameMap, Rename
 from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.bridge.surroundings import Surroundings
@@ -12,15 +13,22 @@ from robbie_mp.messages import Message, MessageError, TFMessage, TransformStampe
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
+from robbie_mp.observe import RunReading, rates_between
+from robbie_mp.observe.run_observer import RunObserver
 from robbie_mp.ros1.conversion import ConversionError, Ros1Type, ros1_type
+from robbie_mp.ros1.log_lines import LOG, ros1_log
 from robbie_mp.ros1.markers import MARKER_ARRAY, MARKERS, MarkerBook, can_be_markers
 from robbie_mp.ros1.process import RosAddress, RosProcess, Wish
 from robbie_mp.scene_graph.warn_once import WarnOnce
+from robbie_mp.services.profiler import system_profile
 from robbie_mp.transport.blocks import MessageTooLarge
 
 CLASS_PATH = "robbie_mp.services.ros1:Ros1Bridge"
 ROBOT_DESCRIPTION = "/robot_description"
 MAX_FRAMES = 4096
+ROSOUT, DIAGNOSTICS_TOPIC = "/rosout", "/diagnostics"
+REPORT_NS = 1_000_000_000
+"""Time between two reports of the state of all modules."""
 
 
 class _Channel:
@@ -68,6 +76,8 @@ class Ros1Bridge(Module):
     robot_description: Path | None = setting(
         None, "URDF of the robot, which becomes a parameter of ROS", must_exist=True
     )
+    rosout: bool = setting(True, "send what modules log on /rosout")
+    diagnostics: bool = setting(True, "send the state of all modules on /diagnostics, once a second")
     command_valid_s: float = setting(0.3, "how long a velocity from ROS is followed", minimum=0.01)
     max_waiting_bytes: int = setting(64 << 20, "size of the messages that may wait for ROS", minimum=1)
 
@@ -106,11 +116,36 @@ class Ros1Bridge(Module):
             self.ros.subscribe_to(number, Wish(one.name, kind, False, one.quality.depth))
         for out in self.map.outgoing:
             self.subscribe_encoded(out.pair.type, self.on_message, topic=out.pair.topic)
+        self._observe()
         self.ros.look_after()
+
+    def _observe(self) -> None:
+        """Begin to watch the run, for /rosout and /diagnostics."""
+        self._trace: TraceLines | None = None
+        self._observer: RunObserver | None = None
+        self._before: RunReading | None = None
+        self._reported_at_ns = 0
+        if self.rosout and self.surroundings.output is not None:
+            self._trace = TraceLines(self.surroundings.output)
+            self._lines = self._own(LOG, ROSOUT, depth=1000)
+        if self.diagnostics and self.run_id:
+            self._observer = RunObserver(self.run_id)
+            self._diagnosis = Diagnosis(self.node, self.run_id)
+            self._reports = self._own(DIAGNOSTICS, DIAGNOSTICS_TOPIC, depth=10)
+
+    def _own(self, message_type: type[Message], name: str, depth: int) -> _Channel:
+        """Return a channel of the bridge's own messages."""
+        rename = self._frames.outward(message_type)
+        channel = _Channel(self._next_number(), ros1_type(message_type), Quality(depth=depth), rename)
+        self._channels[message_type.type_name, 0, name] = channel
+        self.ros.publish_on(channel.number, Wish(name, channel.kind, False, depth))
+        return channel
 
     def teardown(self) -> None:
         """End the ROS node."""
         self.ros.close()
+        if self._observer is not None:
+            self._observer.close()
         self.log.info("%s", self._counts())
 
     # -- from the robot to ROS ---------------------------------------------------------------------------
@@ -187,8 +222,28 @@ class Ros1Bridge(Module):
                 self.accepted += 1
             else:
                 self.refused += 1
+        self._report()
         state = "connected" if self.ros.is_connected else "no ROS master"
         self.status = f"{state}; {self._counts()}"
+
+    def _report(self) -> None:
+        """Send ROS what modules have logged, and how they are."""
+        now_ns = self.clock.monotonic_ns()
+        if now_ns - self._reported_at_ns < REPORT_NS:
+            return
+        self._reported_at_ns = now_ns
+        if self._trace is not None:
+            for line in self._trace.read_new():
+                self._send_own(self._lines, ros1_log(line))
+        if self._observer is not None:
+            before, self._before = self._before, self._observer.read()
+            if before is not None:
+                profile = system_profile(self._before, rates_between(before, self._before))
+                self._send_own(self._reports, self._diagnosis.of(profile))
+
+    def _send_own(self, channel: _Channel, message: Message) -> None:
+        if self.ros.listeners.get(channel.number):
+            self.ros.send(channel.number, channel.kind.to_ros1(message.encode()), keep=False)
 
     def _take(self, incoming: Incoming, kind: Ros1Type, data: bytes, waited_s: float) -> bool:
         message_type: type[Message] = kind.message_type

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import zenoh
 import zenoh.ext
+from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp import ModuleHarness, SettingError
@@ -26,6 +27,7 @@ from robbie_mp.messages import (
     String,
     Twist,
     Vector3,
+    schema_text,
 )
 from robbie_mp.ros2.zenoh_side import ZenohSide
 from robbie_mp.services.ros2 import Ros2Bridge
@@ -182,6 +184,11 @@ def test_node_sees_the_robot_and_gets_its_messages() -> None:
         assert read.header.frame_id == "laser"
         assert list(read.ranges) == [1.0, 2.5]
         assert scans[0].payload.to_bytes() == scan.encode()
+        decode = generate_dynamic("sensor_msgs/msg/LaserScan", schema_text(LaserScan))[
+            "sensor_msgs/msg/LaserScan"
+        ]
+        again: Any = decode(scans[0].payload.to_bytes())  # mcap-ros2-support, too
+        assert (again.header.frame_id, list(again.ranges)) == ("laser", [1.0, 2.5])
         assert maps[0].payload.to_bytes() == grid.encode()
         sequence, sent_ns, length, gid = struct.unpack("<qqB16s", scans[0].attachment.to_bytes())
         assert sequence >= 2
