@@ -8,12 +8,13 @@ import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hw.connection.device import PluggableDevice
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.connection.port import Port
 from hw.dynamixel import protocol2
-from hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status, StatusError
+from hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status
 from hw.framing import DamagedFrame, FrameDecoder
 from hw.joints import Joint, JointReading, Joints, checked
 
@@ -25,9 +26,15 @@ RAD_PER_S_PER_UNIT = 0.229 * 2 * math.pi / 60
 TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG, PROFILE_VELOCITY, GOAL_POSITION = 64, 70, 98, 112, 116
 PRESENT_VELOCITY = 128
 INDIRECT_ADDRESSES, INDIRECT_DATA = 168, 224
-# What each servo shows in a row: its hardware error, its watchdog, its velocity and its position.
-SHOWN = (HARDWARE_ERROR, BUS_WATCHDOG, *range(PRESENT_VELOCITY, PRESENT_VELOCITY + 8))
-_SHOWN = struct.Struct("<BBii")
+# What each servo shows in a row: its hardware error, its watchdog, its goal, its velocity and its position.
+SHOWN = (
+    HARDWARE_ERROR,
+    BUS_WATCHDOG,
+    *range(GOAL_POSITION, GOAL_POSITION + 4),
+    *range(PRESENT_VELOCITY, PRESENT_VELOCITY + 8),
+)
+_SHOWN = struct.Struct("<BBiii")
+_SHOWN_ADDRESSES = struct.pack(f"<{len(SHOWN)}H", *SHOWN)
 WATCHDOG_UNIT_S = 0.02
 # What a watchdog shows after it has stopped its servo.
 WATCHDOG_ENDED = 255
@@ -60,6 +67,14 @@ class ServoJoint(Joint):
     def position_rad(self, steps: int) -> float:
         """Return the position for the servo's steps."""
         return (steps - self.zero_step) * RAD_PER_STEP * (-1 if self.is_reversed else 1)
+
+
+class _Settings(NamedTuple):
+    """The settings of a servo at a start."""
+
+    torque: int
+    watchdog: int
+    velocity: int
 
 
 class DynamixelJoints(PluggableDevice[JointReading], Joints):
@@ -115,6 +130,9 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         self._clock, self._period_s = clock, 1.0 / rate_hz
         self._decoder = FrameDecoder(Protocol2Framing())
         self._answered: dict[int, Status] = {}
+        self._goals: dict[int, int] = {}
+        """The goals of the servos since their torque is on, in steps."""
+        self._goals_when_asked: dict[int, int] = {}
         self._next_s = -math.inf
         self._valid_until_s: float | None = None
         self._has_torque = False
@@ -136,19 +154,19 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
             return
         if not self._has_torque:
             # A servo whose torque comes on keeps its position: its goal becomes what it measures.
-            self.send(protocol2.sync_write(TORQUE_ENABLE, dict.fromkeys(self._numbers, b"\1")))
+            self.send(protocol2.sync_write(TORQUE_ENABLE, self._for_all(b"\1")))
             self._has_torque = True
         self._valid_until_s = self._monotonic() + valid_for_s
-        steps = {
-            self._servos[place].servo: struct.pack("<i", self._servos[place].steps(goal))
-            for place, goal in goals.items()
-        }
-        self.send(protocol2.sync_write(GOAL_POSITION, steps))
+        steps = {self._servos[place].servo: self._servos[place].steps(goal) for place, goal in goals.items()}
+        self._goals |= steps
+        written = {servo: struct.pack("<i", goal) for servo, goal in steps.items()}
+        self.send(protocol2.sync_write(GOAL_POSITION, written))
 
     def release(self) -> None:
         """Switch the torque of all servos off."""
         self._valid_until_s, self._has_torque = None, False
-        self.send(protocol2.sync_write(TORQUE_ENABLE, dict.fromkeys(self._numbers, b"\0")))
+        self._goals.clear()
+        self.send(protocol2.sync_write(TORQUE_ENABLE, self._for_all(b"\0")))
 
     def poll(self, wait_s: float = 0.0) -> list[JointReading]:
         """Return the states since the last call; let the joints go when a command has expired."""
@@ -156,6 +174,8 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         if self.is_connected and now_s >= self._next_s:
             self._next_s = max(self._next_s + self._period_s, now_s)
             self._answered.clear()
+            # The servos obey in order: when they answer, they have these goals, or have refused them.
+            self._goals_when_asked = dict(self._goals)
             self.send(protocol2.sync_read(INDIRECT_DATA, len(SHOWN), self._numbers))
         due_s = self._next_s if self.is_connected else now_s + wait_s
         if self._valid_until_s is not None:
@@ -167,40 +187,64 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         return readings
 
     def _start(self, port: Port) -> None:
-        """Ask for each servo, switch its torque off and tell it what to show."""
+        """Switch the torque off and tell the servos what to show, until all have taken their settings."""
         port.drain(quiet_s=0.01, limit_s=0.1)
-        for joint in self._servos:
-            servo = joint.servo
-            self._ask(port, servo, protocol2.ping(servo))
-            # A watchdog that has stopped a servo refuses all goals until it is cleared.
-            speed = max(1, round(joint.speed_rad_per_s / RAD_PER_S_PER_UNIT))
-            for written in (
-                protocol2.write(servo, BUS_WATCHDOG, b"\0"),
-                protocol2.write(servo, TORQUE_ENABLE, b"\0"),
-                protocol2.indirect_addresses(servo, INDIRECT_ADDRESSES, SHOWN),
-                protocol2.write(servo, PROFILE_VELOCITY, struct.pack("<I", speed)),
-                protocol2.write(servo, BUS_WATCHDOG, bytes([self._watchdog_units])),
-            ):
-                self._ask(port, servo, written)
-
-    def _ask(self, port: Port, servo: int, request: bytes) -> Status:
-        """Send a request and return the servo's answer to it."""
+        wanted = {joint.servo: self._settings(joint) for joint in self._servos}
         for _ in range(ATTEMPTS):
-            port.write(request)
-            end_s = time.monotonic() + ANSWER_S
-            while (left_s := end_s - time.monotonic()) > 0:
-                for packet in self._decoder.feed(port.read(left_s)):
-                    # A line of two wires may repeat what we send: a request is no answer.
-                    answer = _status(packet)
-                    if answer is None or answer.servo != servo:
-                        continue
-                    if answer.error == StatusError.CRC:
-                        continue
-                    if answer.error:
-                        problem = StatusError(answer.error).name if answer.error <= 7 else str(answer.error)
-                        raise DeviceFault(f"servo {servo} at {self.url} refuses a request: {problem}")
-                    return answer
-        raise DeviceSilent(f"servo {servo} at {self.url} does not answer at {self.bit_rate} bit/s")
+            for address, data in self._setup():
+                port.write(protocol2.sync_write(address, data))
+            taken = self._ask_all(port, TORQUE_ENABLE, GOAL_POSITION - TORQUE_ENABLE)
+            shown = self._ask_all(port, INDIRECT_ADDRESSES, len(_SHOWN_ADDRESSES))
+            silent = [servo for servo in self._numbers if servo not in taken or servo not in shown]
+            differing = [
+                servo
+                for servo in self._numbers
+                if servo not in silent
+                and (_settings_of(taken[servo]) != wanted[servo] or shown[servo] != _SHOWN_ADDRESSES)
+            ]
+            if not silent and not differing:
+                return
+        if silent:
+            raise DeviceSilent(f"servo {silent[0]} at {self.url} does not answer at {self.bit_rate} bit/s")
+        raise DeviceFault(
+            f"servo {differing[0]} at {self.url} does not take its settings: is its velocity limit below "
+            f"{wanted[differing[0]].velocity} units?"
+        )
+
+    def _settings(self, joint: ServoJoint) -> "_Settings":
+        speed = max(1, round(joint.speed_rad_per_s / RAD_PER_S_PER_UNIT))
+        return _Settings(torque=0, watchdog=self._watchdog_units, velocity=speed)
+
+    def _setup(self) -> list[tuple[int, dict[int, bytes]]]:
+        """Return what is written at a start: addresses, and the bytes for each servo."""
+        speeds = {joint.servo: struct.pack("<I", self._settings(joint).velocity) for joint in self._servos}
+        return [
+            # A watchdog that has stopped a servo refuses all goals until it is cleared.
+            (BUS_WATCHDOG, self._for_all(b"\0")),
+            (TORQUE_ENABLE, self._for_all(b"\0")),
+            (INDIRECT_ADDRESSES, self._for_all(_SHOWN_ADDRESSES)),
+            (PROFILE_VELOCITY, speeds),
+            (BUS_WATCHDOG, self._for_all(bytes([self._watchdog_units]))),
+        ]
+
+    def _for_all(self, data: bytes) -> dict[int, bytes]:
+        return dict.fromkeys(self._numbers, data)
+
+    def _ask_all(self, port: Port, address: int, length: int) -> dict[int, bytes]:
+        """Read the same bytes of all servos at once; those that are silent are missing."""
+        port.write(protocol2.sync_read(address, length, self._numbers))
+        answers: dict[int, bytes] = {}
+        end_s = time.monotonic() + ANSWER_S
+        while len(answers) < len(self._numbers) and (left_s := end_s - time.monotonic()) > 0:
+            data = port.read(left_s)
+            if data:
+                end_s = time.monotonic() + ANSWER_S
+            for packet in self._decoder.feed(data):
+                # A line of two wires may repeat what we send: a request is no answer.
+                answer = _status(packet)
+                if answer is not None and answer.servo in self._numbers and len(answer.data) == length:
+                    answers[answer.servo] = answer.data
+        return answers
 
     def _take(self, data: bytes) -> list[JointReading]:
         readings = []
@@ -220,8 +264,11 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         positions, speeds, problems = [], [], []
         is_stopped = False
         for joint in self._servos:
-            error, watchdog, velocity, position = _SHOWN.unpack(self._answered[joint.servo].data)
+            error, watchdog, goal, velocity, position = _SHOWN.unpack(self._answered[joint.servo].data)
             is_stopped = is_stopped or watchdog == WATCHDOG_ENDED
+            wanted = self._goals_when_asked.get(joint.servo, goal)
+            if goal != wanted and watchdog != WATCHDOG_ENDED:
+                problems.append(f"{joint.name}: does not take the goal {wanted}; what are its limits?")
             positions.append(joint.position_rad(position))
             sign = -1 if joint.is_reversed else 1
             speeds.append(sign * velocity * RAD_PER_S_PER_UNIT)
@@ -235,16 +282,23 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         self.watchdog_stops += 1
         self.release()
         for units in (0, self._watchdog_units):
-            self.send(protocol2.sync_write(BUS_WATCHDOG, dict.fromkeys(self._numbers, bytes([units]))))
+            self.send(protocol2.sync_write(BUS_WATCHDOG, self._for_all(bytes([units]))))
 
     def _reset(self) -> None:
         self._decoder.reset()
         self._answered.clear()
+        self._goals.clear()
         self._valid_until_s, self._has_torque = None, False
         self._next_s = -math.inf
 
     def _stop(self) -> None:
         self.release()
+
+
+def _settings_of(table: bytes) -> _Settings:
+    """Return the settings in the part of a servo's table from its torque to its velocity."""
+    (velocity,) = struct.unpack_from("<I", table, PROFILE_VELOCITY - TORQUE_ENABLE)
+    return _Settings(table[0], table[BUS_WATCHDOG - TORQUE_ENABLE], velocity)
 
 
 def _status(packet: Packet2) -> Status | None:

@@ -11,7 +11,7 @@ import pytest
 
 from hw.dynamixel.servos import DynamixelJoints, ServoJoint
 from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.dynamixel import ERRORS, EmulatedServos
+from hw.emulation.dynamixel import ERRORS, MAX_LIMIT, RANGE_ERROR, EmulatedServos
 from hw.emulation.faults import Faults
 from hw.emulation.line import EmulatedLine
 from hw.joints import JointReading
@@ -106,6 +106,23 @@ def test_hardware_errors_are_told_and_damage_does_not_matter(line: EmulatedLine)
         line.faults = Faults(cut_share=0.1, noise_share=0.1)
         for _ in range(5):
             assert until(arm, lambda _: True).positions_rad == (0.0, 0.0, 0.0)
+
+
+def test_servo_that_refuses_its_goal_is_told(line: EmulatedLine) -> None:
+    servos(line).servos[2].put(MAX_LIMIT, 2100)
+    with closing(DynamixelJoints(line.url, ARM[:3])) as arm:
+        until(arm, lambda one: abs(one.positions_rad[1] - 0.05) < 0.002, {"joint2": 0.05})
+        reading = until(arm, lambda one: bool(one.problems), {"joint1": 1.0, "joint2": 1.0})
+        assert reading.problems == ("joint2: does not take the goal 2700; what are its limits?",)
+
+
+def test_servo_that_does_not_take_its_settings_is_named(
+    line: EmulatedLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(DynamixelJoints(line.url, [ARM[0], ServoJoint("wrist", servo=2)])) as arm:
+        monkeypatch.setattr(servos(line).servos[2], "write", lambda _address, _data: RANGE_ERROR)
+        arm.poll(0.0)
+        assert arm.reason.startswith(f"servo 2 at {line.url} does not take its settings")
 
 
 def test_missing_servo_is_named(line: EmulatedLine) -> None:
