@@ -80,7 +80,7 @@ class Trial:
 TRIALS = {
     "create": Trial(EmulatedCreate, CreateBase, lambda base: base.command(0.2, 0.0, 5.0)),
     "pioneer": Trial(
-        lambda: EmulatedPioneer(base=Base(watchdog_s=0.3)),
+        lambda: EmulatedPioneer(base=Base(watchdog_s=0.2)),
         PioneerBase,
         lambda base: base.command(0.2, 0.0, 5.0),
         lambda device: device.velocity == (0.0, 0.0),

@@ -16,8 +16,9 @@ from hw.pioneer.p2os import Command, PacketId
 
 BIT_RATE = 9_600
 HEADING_MODULUS = 4_096
-# The robot's own watchdog waits 2 s unless it was set otherwise; this leaves room for a much shorter one.
-PULSE_PERIOD_S = 0.1
+# The robot's own watchdog waits 2 s unless it was set otherwise; this leaves room for one of 0.2 s. A pulse
+# has six bytes: an eighth of the slowest line.
+PULSE_PERIOD_S = 0.05
 HANDSHAKE_TIMEOUT_S = 0.5
 # A robot that is still connected to a host that has died sends other packets first.
 MAX_OTHER_PACKETS = 20
@@ -56,8 +57,8 @@ class PioneerBase(ConnectedBase):
     """A Pioneer robot.
 
     Its own watchdog stops it when the line breaks or the host dies: after 2 s as delivered. Set the robot's
-    parameter WatchDog to 300 (ms) with the maker's tool, so that it stands earlier. When this process dies
-    or hangs, the guard stops it at once.
+    parameter WatchDog to 200 (ms) with the maker's tool, so that it is told to stand at most 0.2 s after the
+    last command arrived. When this process dies or hangs, the guard stops it at once.
 
     Args:
         url: the port: see `hw.connection.port.Port`; the maker's simulator is at "socket://HOST:8101".

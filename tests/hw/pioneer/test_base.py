@@ -125,7 +125,8 @@ def test_watchdog_is_kept_content(robot: Robot) -> None:
         robot.device.send(sip())
         robot.base.poll()
         pulses += robot.device.taken().count(command(Command.PULSE))
-    assert 9 <= pulses <= 11
+    # Every 50 ms, or one poll later: three of four may be lost before a watchdog of 0.2 s bites.
+    assert 16 <= pulses <= 21
 
 
 def test_emergency_stop_is_the_robots_own(robot: Robot) -> None:
