@@ -94,6 +94,7 @@ class RescueMission(Module):
     period_s: float = setting(0.2, "time between decisions", minimum=0.02)
     starts_by_itself: bool = setting(True, "false: the robot waits until the operator starts the mission")
     time_limit_s: float = setting(600.0, "time by which the robot is home again", minimum=10.0)
+    pause_stops_time: bool = setting(False, "whether the time stands while the robot is paused")
     reserve: float = setting(
         0.15, "ratio of charge below which the battery is not used", minimum=0.0, maximum=1.0
     )
@@ -124,6 +125,7 @@ class RescueMission(Module):
         settings = MissionSettings(
             starts_by_itself=self.starts_by_itself,
             time_limit_s=self.time_limit_s,
+            pause_stops_time=self.pause_stops_time,
             reserve=self.reserve,
             clearance_m=self.clearance_m,
             gives_way_to=tuple(self.gives_way_to),

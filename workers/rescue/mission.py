@@ -216,7 +216,7 @@ class Mission:
         if self._around is None or self._pose is None:
             return self._wait()
         self._judge()
-        self.limits.hold(is_held=self.state is MissionState.PAUSE)
+        self.limits.hold(is_held=self.settings.pause_stops_time and self.state is MissionState.PAUSE)
         plans = self.state in WORKS or self._waits_for_others
         if self._clock() - self._planned_s >= self.settings.plan_period_s and plans:
             self._planned_s = self._clock()

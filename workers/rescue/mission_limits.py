@@ -27,7 +27,7 @@ class MissionLimits:
 
     @property
     def used_s(self) -> float:
-        """Return how long the mission has taken so far, without its pauses."""
+        """Return how long the mission has taken so far, without the time that it was held."""
         now_s = self._clock() if self._held_since_s is None else self._held_since_s
         return now_s - self._began_s
 
@@ -52,7 +52,7 @@ class MissionLimits:
         self._began_s = self._clock()
 
     def hold(self, *, is_held: bool) -> None:
-        """Let the time stand while the operator has paused the robot."""
+        """Let the time stand, or run on."""
         if is_held and self._held_since_s is None:
             self._held_since_s = self._clock()
         elif not is_held and self._held_since_s is not None:

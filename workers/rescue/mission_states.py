@@ -55,6 +55,8 @@ class MissionSettings:
     Attributes:
         starts_by_itself: False: the robot waits until the operator starts the mission.
         time_limit_s: The robot is home again by then, even if work is left.
+        pause_stops_time: Whether the time stands while the operator has paused the robot. Most competitions'
+            clocks run on.
         reserve: The battery is not used below this ratio.
         home_m_per_s: The lowest speed at which the robot comes home.
         spare_s: The robot turns back this much earlier than it must.
@@ -75,6 +77,7 @@ class MissionSettings:
 
     starts_by_itself: bool = True
     time_limit_s: float = math.inf
+    pause_stops_time: bool = False
     reserve: float = 0.15
     home_m_per_s: float = 0.25
     spare_s: float = 15.0

@@ -177,7 +177,7 @@ def mission_item(status: MissionStatus, silent: str) -> StateItem:
     if silent:
         return StateItem("mission", "flag", text, ALERT, f"the mission has been silent for {silent}")
     if status.state == PAUSE:
-        return StateItem("mission", "pause", text, WARNING, f"the time of the mission stands; {detail}")
+        return StateItem("mission", "pause", text, WARNING, f"the robot is paused; {detail}")
     return StateItem("mission", "flag", text, GOOD, detail)
 
 

@@ -1,5 +1,7 @@
 """The operator starts, pauses and aborts the mission and calls the robot home; invalid orders are refused."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -18,9 +20,9 @@ def under_way() -> Rescue:
     return rescue
 
 
-def restarted(rescue: Rescue) -> Rescue:
+def restarted(rescue: Rescue, **settings: Any) -> Rescue:
     """The same robot, after the mission's process has been killed."""
-    again = Rescue(HALL)
+    again = Rescue(HALL, **settings)
     again.now_s, again.pose, again.memory = rescue.now_s, rescue.pose, rescue.memory
     again.mission.remember(rescue.mission.memory())
     return again
@@ -53,15 +55,23 @@ def test_paused_robot_waits_and_continues_its_task_when_resumed() -> None:
     assert rescue.step().goal == pytest.approx(goal)
 
 
-def test_time_stands_during_a_pause_also_if_the_mission_is_restarted() -> None:
+def test_time_continues_during_a_pause() -> None:
     rescue = Rescue(HALL, time_limit_s=100.0)
+    rescue.begin()
+    rescue.mission.order(OperatorOrder.PAUSE)
+    rescue.step(99.0)
+    assert (rescue.state(), rescue.mission.machine.reason) == (S.DONE, "the time is over")
+
+
+def test_time_may_stand_during_a_pause_also_if_the_mission_is_restarted() -> None:
+    rescue = Rescue(HALL, time_limit_s=100.0, pause_stops_time=True)
     rescue.begin()
     rescue.mission.order(OperatorOrder.PAUSE)
     rescue.step()
     used_s = rescue.mission.limits.used_s
     rescue.step(500.0)
     assert (rescue.state(), rescue.mission.limits.used_s) == (S.PAUSE, used_s)
-    again = restarted(rescue)
+    again = restarted(rescue, time_limit_s=100.0, pause_stops_time=True)
     again.begin()
     again.step(500.0)
     assert again.mission.limits.used_s == pytest.approx(used_s, abs=5.0)
