@@ -18,15 +18,18 @@ A name that does not begin with a slash follows the bridge's namespace. `{topic}
 stands for the type if the message has no topic. `Twist as DriveCommand` makes velocities drive the robot, for
 a limited time. `as NavigateTo` makes poses goals of the module that navigates. `as PoseStamped` leaves a
 covariance out. See `robbie_mp.bridge.arrivals`. A bridge may also know forms for what it sends, such as
-`PointsOfInterest: /places as MarkerArray`.
+`PointsOfInterest: /places as MarkerArray`. A bridge to a system that describes its types may take messages
+of types that the robot does not know: `accept` then has a pattern instead of a type, as in
+`/gas: nose_msgs/* gas`.
 """
 
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Final, NamedTuple, Self
 
-from robbie_mp.capture.selection import Pair, type_pattern
+from robbie_mp.capture.selection import WILDCARDS, Pair, type_pattern
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import (
     DriveCommand,
@@ -128,7 +131,8 @@ class Incoming(NamedTuple):
 
     Attributes:
         name: their name on the other side.
-        type_name: full name of their type on the other side.
+        type_name: full name of their type on the other side, or a pattern for types that the robot does not
+            know.
         topic: the topic on which the robot publishes them.
         becomes: the class of what the robot gets instead, such as `DriveCommand`; None: the message itself.
         quality: how they are asked for.
@@ -144,6 +148,15 @@ class Incoming(NamedTuple):
     def drives(self) -> bool:
         """Whether they are velocities that become drive commands."""
         return self.becomes is DriveCommand
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether they are of types that the robot does not know."""
+        return not WILDCARDS.isdisjoint(self.type_name)
+
+    def matches(self, type_name: str) -> bool:
+        """Whether messages of a type come in, by its full name."""
+        return fnmatchcase(type_name, self.type_name)
 
 
 class SentAs(NamedTuple):
@@ -163,6 +176,7 @@ class BridgeMap:
         namespace: comes before the names on the other side that do not begin with a slash.
         types: types that may come in; by default the stock types.
         outgoing_forms: names of the types that messages may become when they leave the robot.
+        takes_foreign: whether messages of types that the robot does not know may come in.
 
     Raises:
         MappingError: a line is wrong.
@@ -180,7 +194,10 @@ class BridgeMap:
         namespace: str = "",
         types: KnownTypes | None = None,
         outgoing_forms: Collection[str] = (),
+        *,
+        takes_foreign: bool = False,
     ):
+        self._takes_foreign = takes_foreign
         self._outgoing_forms = outgoing_forms
         self._namespace = namespace.strip("/")
         self._types = types or KnownTypes()
@@ -270,7 +287,7 @@ class BridgeMap:
                 raise MappingError("this is not a name such as '/goal_pose'")
             if not words:
                 raise MappingError("expected a type, or a type and a topic, such as 'PoseStamped goal'")
-            type_name, words = self._types.find(words[0]), words[1:]
+            type_name, words = self._incoming_type(words[0]), words[1:]
             becomes = None
             if words[:1] == ["as"]:
                 becomes, words = _becomes(type_name, words[1:]), words[2:]
@@ -281,6 +298,13 @@ class BridgeMap:
         except (MappingError, MessageError) as error:
             problems.append(f"{key!r}: {error}")
             return None
+
+    def _incoming_type(self, name: str) -> str:
+        if WILDCARDS.isdisjoint(name):
+            return self._types.find(name)
+        if not self._takes_foreign:
+            raise MappingError(f"{name!r} is a pattern; this bridge accepts only types that the robot knows")
+        return type_pattern(name)
 
 
 def _becomes(type_name: str, words: list[str]) -> type[Message]:

@@ -22,6 +22,7 @@ class Surroundings:
         has_own_clock: whether the run's time is that of a playback or a simulation.
         settings: where the settings of each module stand.
         output: where the run writes its results; None in a test.
+        folder: the run's folder; None in a test.
     """
 
     types: KnownTypes
@@ -29,6 +30,7 @@ class Surroundings:
     has_own_clock: bool = False
     settings: Mapping[str, SettingsFile] = field(default_factory=dict)
     output: Path | None = None
+    folder: Path | None = None
 
     @classmethod
     def of(cls, run_id: str, module: str, class_path: str) -> Self:
@@ -49,4 +51,4 @@ class Surroundings:
         settings = {one.name: SettingsFile(run.folder, one.name) for one in plan.modules}
         output = None if run.record is None else Path(run.record.output_directory)
         has_own_clock = plan.clock.source is not None
-        return cls(types, frozenset({module, *bridges}), has_own_clock, settings, output)
+        return cls(types, frozenset({module, *bridges}), has_own_clock, settings, output, run.folder)

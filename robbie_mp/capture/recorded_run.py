@@ -38,7 +38,7 @@ class RecordedRun:
     def __init__(self, folder: Path):
         self.plan = RunPlan.load(folder)
         self.folder = folder
-        self._types = KnownTypes(TypeDescription(*one) for one in self.plan.types)
+        self._types = _types(self.plan)
         self._clock = RunClock.attach(self.plan.run_id) if self.plan.clock.source is not None else None
         self._core = Segment.attach(names.core(self.plan.run_id), SegmentKind.CORE)
         self.begin = self._core.words[layout.CORE_LAST_SEQUENCE]
@@ -69,10 +69,17 @@ class RecordedRun:
     def schema(self, type_name: str, version: int) -> str:
         """Return the ros2msg text of a type; '' if that version of it is not known."""
         try:
-            described = self._types.describe(type_name)
+            described = self._describe(type_name)
         except UnknownType:
             return ""
         return described.schema if described.version == version else ""
+
+    def _describe(self, type_name: str) -> TypeDescription:
+        try:
+            return self._types.describe(type_name)
+        except UnknownType:
+            self._types = _types(RunPlan.load(self.folder))  # a bridge may have learnt it
+            return self._types.describe(type_name)
 
     def metadata(self) -> RunMetadata:
         """Return the metadata that the parts of its recordings hold about the run."""
@@ -112,3 +119,7 @@ class RecordedRun:
         self._core.close()
         if self._clock is not None:
             self._clock.close()
+
+
+def _types(plan: RunPlan) -> KnownTypes:
+    return KnownTypes(TypeDescription(*one) for one in plan.types)

@@ -72,6 +72,22 @@ class Wish(NamedTuple):
         return json.dumps(fields).encode()
 
 
+class Announced(NamedTuple):
+    """What a ROS connection says about its messages, on a topic that takes messages of any type.
+
+    Attributes:
+        channel: the channel of the topic.
+        type_name: name of their type in ROS 1.
+        md5: its MD5 sum.
+        definition: its text, with the texts of the types in it.
+    """
+
+    channel: int
+    type_name: str
+    md5: str
+    definition: str
+
+
 class Outbox:
     """Frames on their way to the node. When it is slow, the oldest messages of the same channel go.
 
@@ -177,6 +193,8 @@ class _Session:
         self.started_at = self.heard_at = time.monotonic()
         self.is_ready = False
         self.state: dict[str, Any] = {}
+        self.channels: dict[int, int] = {}
+        """The bridge's numbers of types by the node's."""
         self._on_frame = on_frame
         self._link, theirs = socket.socketpair()
         environment = {
@@ -242,6 +260,7 @@ class RosProcess:
     Attributes:
         listeners: number of ROS subscribers by channel.
         starts: how often the node was started.
+        announced: the types of messages on topics that take any type, by the number under which they come.
     """
 
     def __init__(self, address: RosAddress, max_bytes: int, log: logging.Logger, wake: Callable[[], None]):
@@ -262,6 +281,7 @@ class RosProcess:
         self._last_reason = ""
         self.listeners: dict[int, int] = {}
         self.starts = 0
+        self.announced: dict[int, Announced] = {}
 
     # -- what is wanted
 
@@ -296,7 +316,11 @@ class RosProcess:
                 self._session.outbox.push(channel, frame, self._depths[channel])
 
     def received(self) -> Iterator[tuple[int, bytes, float]]:
-        """Yield channel, data, and the time since the arrival in ROS (s) of each message that has come."""
+        """Yield channel, data, and the time since the arrival in ROS (s) of each message that has come.
+
+        A message on a topic that takes any type comes under a number of `announced`. If there was no room for
+        its type there, it comes under its channel.
+        """
         for frame in self._inbox.take():
             yield frame.channel, frame.payload, (time.monotonic_ns() - frame.sent_ns) / 1e9
 
@@ -376,8 +400,11 @@ class RosProcess:
 
     def _on_frame(self, session: _Session, frame: Frame) -> None:
         if frame.kind == ros_node.MESSAGE:
-            self._inbox.push(frame)
+            channel = session.channels.get(frame.channel, frame.channel)
+            self._inbox.push(frame._replace(channel=channel))
             self._wake()
+        elif frame.kind == ros_node.ANNOUNCE:
+            session.channels[frame.channel] = self._number(Announced(**json.loads(frame.payload)))
         elif frame.kind == ros_node.STATE:
             session.state = json.loads(frame.payload)
             listeners = session.state.get("listeners", {})
@@ -389,6 +416,17 @@ class RosProcess:
                 for channel, kept in self._kept.items():
                     session.outbox.push(channel, kept, self._depths[channel])
                 session.is_ready = True
+
+    def _number(self, announced: Announced) -> int:
+        """Return the number for messages of a type, which it keeps when the node is started again."""
+        for number, known in self.announced.items():
+            if known == announced:
+                return number
+        if len(self.announced) >= ros_node.MAX_ANNOUNCED:
+            return announced.channel
+        number = ros_node.FIRST_ANNOUNCED + len(self.announced)
+        self.announced[number] = announced
+        return number
 
 
 def _why(code: int, address: RosAddress) -> str:

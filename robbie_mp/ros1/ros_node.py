@@ -39,6 +39,16 @@ PARAMETER = 3  # to the node: set a parameter; JSON
 MESSAGE = 4  # both ways: a message of a channel, as ROS 1 serialises it
 READY = 5  # from the node: the master knows it
 STATE = 6  # from the node: JSON; also a sign of life
+ANNOUNCE = 7  # from the node: the type of the messages that follow under a new number; JSON
+
+ANY = "*"
+"""Type and MD5 sum of a subscriber that takes messages of any type."""
+FIRST_ANNOUNCED = 1 << 15
+"""The first number that the node gives to the messages of a type."""
+MAX_ANNOUNCED = 64
+"""Most types that the node announces. Later ones come under the number of their topic."""
+MAX_DEFINITION = 256 << 10
+"""Characters of the longest definition that is announced whole."""
 
 NO_ROSPY = 4
 """Exit code: this Python has no rospy."""
@@ -94,9 +104,16 @@ class _Outbox:
     def __init__(self, link: socket.socket):
         self._link = link
         self._condition = threading.Condition()
+        self._announcements: deque[bytes] = deque()
         self._waiting: deque[tuple[int, bytes]] = deque()
         self._bytes = 0
         self.dropped = 0
+
+    def announce(self, channel: int, payload: bytes) -> None:
+        """Append a frame that must not be lost; it overtakes messages."""
+        with self._condition:
+            self._announcements.append(pack(ANNOUNCE, channel, payload))
+            self._condition.notify()
 
     def push(self, kind: int, channel: int, payload: bytes) -> None:
         frame = pack(kind, channel, payload)
@@ -114,10 +131,13 @@ class _Outbox:
     def run(self) -> None:
         while True:
             with self._condition:
-                while not self._waiting:
+                while not (self._waiting or self._announcements):
                     self._condition.wait()
-                _, frame = self._waiting.popleft()
-                self._bytes -= len(frame)
+                if self._announcements:
+                    frame = self._announcements.popleft()
+                else:
+                    _, frame = self._waiting.popleft()
+                    self._bytes -= len(frame)
             try:
                 self._link.sendall(frame)
             except OSError:
@@ -147,6 +167,8 @@ class _Node:
         self._parameters: dict[str, Any] = {}
         self._are_parameters_due = False
         self._failed = 0
+        self._numbers: dict[tuple[int, str, str, str], int] = {}
+        self._numbers_lock = threading.Lock()
 
     # -- from the bridge to ROS
 
@@ -179,12 +201,33 @@ class _Node:
 
     def _open_subscriber(self, channel: int, wish: dict[str, Any]) -> None:
         def take(message: Any) -> None:
-            if message._connection_header.get("callerid") != self._name:
-                self._outbox.push(MESSAGE, channel, message._buff)
+            header = message._connection_header
+            if header.get("callerid") != self._name:
+                number = self._number(channel, header) if wish["type"] == ANY else channel
+                self._outbox.push(MESSAGE, number, message._buff)
 
         self._subscribers[channel] = self._rospy.Subscriber(
             wish["topic"], self._raw_type(wish), take, queue_size=wish["depth"], buff_size=BUFFER_BYTES
         )
+
+    def _number(self, channel: int, header: dict[str, str]) -> int:
+        """Return the number for messages of a connection, which says what type they have."""
+        definition = header.get("message_definition", "")
+        key = (channel, header.get("type", ""), header.get("md5sum", ""), definition)
+        with self._numbers_lock:  # each connection has a thread
+            number = self._numbers.get(key)
+            if number is None:
+                if len(self._numbers) >= MAX_ANNOUNCED:
+                    return channel
+                number = self._numbers[key] = FIRST_ANNOUNCED + len(self._numbers)
+                about = {
+                    "channel": channel,
+                    "type_name": key[1][:MAX_DEFINITION],
+                    "md5": key[2][:MAX_DEFINITION],
+                    "definition": definition[: MAX_DEFINITION + 1],
+                }
+                self._outbox.announce(number, json.dumps(about).encode())
+            return number
 
     def _raw_type(self, wish: dict[str, Any]) -> Any:
         """Return a message class for rospy whose messages are bytes."""

@@ -19,6 +19,7 @@ from robbie_mp.profile.model import (
     Scheduling,
     ToolLimits,
 )
+from robbie_mp.run.learnt_types import learnt_types
 from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.layout import MAX_OUTSTANDING
 from robbie_mp.transport.run_memory import RingSizes
@@ -67,8 +68,9 @@ class RunPlan:
     tools: ToolLimits
     clock: ClockSettings
     types: list[tuple[str, int, str, str]]
-    """The robot's own message types that its modules declare on import. Each is the content of a
-    `TypeDescription` as a plain tuple, so that the core and spares need not import `messages`."""
+    """The robot's own message types that its modules declare on import, and those that it has learnt since.
+    Each is the content of a `TypeDescription` as a plain tuple, so that the core and spares need not import
+    `messages`."""
 
     @classmethod
     def of_profile(
@@ -137,7 +139,7 @@ class RunPlan:
 
     @classmethod
     def load(cls, run_directory: Path) -> Self:
-        """Read the plan that the supervisor wrote."""
+        """Read the plan that the supervisor wrote, and what the run has learnt since."""
         data = json.loads((run_directory / PLAN_FILE).read_text())
         core = data["core"]
         core |= {"restart": RestartPolicy(**core["restart"]), "scheduling": Scheduling(**core["scheduling"])}
@@ -156,7 +158,7 @@ class RunPlan:
         )
         data["tools"] = ToolLimits(**data["tools"])
         data["clock"] = ClockSettings(**data["clock"])
-        data["types"] = [tuple(entry) for entry in data["types"]]
+        data["types"] = [*(tuple(entry) for entry in data["types"]), *learnt_types(run_directory)]
         return cls(**data)
 
 

@@ -39,7 +39,7 @@ from robbie_mp.messages import (
     TwistStamped,
     UnknownType,
 )
-from robbie_mp.messages.descriptions import KnownTypes
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.plain import from_dict
 from robbie_mp.messages.registry import full_name
 from robbie_mp.module.envelope import EncodedMessage
@@ -336,10 +336,19 @@ class FoxgloveServer(Module):
 
     def _schema(self, name: ChannelName) -> str | None:
         try:
-            described = self._types.describe(name.type_name)
+            described = self._describe(name.type_name)
         except UnknownType:
             return None
         return described.schema if described.version == name.version else None
+
+    def _describe(self, type_name: str) -> TypeDescription:
+        try:
+            return self._types.describe(type_name)
+        except UnknownType:
+            self._types = Surroundings.of(
+                self.run_id, self.name, CLASS_PATH
+            ).types  # a bridge may have learnt it
+            return self._types.describe(type_name)
 
     def _begin(self, shown: Shown) -> None:
         """Begin to receive a channel when its first reader comes; later ones get what is latched."""

@@ -1,5 +1,6 @@
 """The bridge to ROS 1: robot and ROS nodes hear each other, and neither needs the other."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,22 +11,29 @@ from robbie_mp.bridge.frames import ForeignFrame, FrameMap, Rename
 from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.bridge.surroundings import Surroundings
 from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
+from robbie_mp.messages.descriptions import KnownTypes, own_types
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.observe import RunReading, rates_between
 from robbie_mp.observe.run_observer import RunObserver
 from robbie_mp.ros1.conversion import ConversionError, Ros1Type, ros1_type
+from robbie_mp.ros1.foreign_types import DefinitionError, ForeignType, foreign_type
 from robbie_mp.ros1.log_lines import LOG, ros1_log
 from robbie_mp.ros1.markers import MARKER_ARRAY, MARKERS, MarkerBook, can_be_markers
-from robbie_mp.ros1.process import RosAddress, RosProcess, Wish
+from robbie_mp.ros1.process import Announced, RosAddress, RosProcess, Wish
+from robbie_mp.ros1.ros_node import ANY, MAX_ANNOUNCED
+from robbie_mp.run.learnt_types import learn_type
 from robbie_mp.scene_graph.warn_once import WarnOnce
 from robbie_mp.services.profiler import system_profile
 from robbie_mp.transport.blocks import MessageTooLarge
+from robbie_mp.transport.endpoint import TooManyDeclarations
 
 CLASS_PATH = "robbie_mp.services.ros1:Ros1Bridge"
 ROBOT_DESCRIPTION = "/robot_description"
 MAX_FRAMES = 4096
+ANY_TYPE = Ros1Type(ANY, ANY, "", Message)
+"""Stands for the types of a topic in ROS that the robot does not know yet."""
 ROSOUT, DIAGNOSTICS_TOPIC = "/rosout", "/diagnostics"
 REPORT_NS = 1_000_000_000
 """Time between two reports of the state of all modules."""
@@ -55,6 +63,7 @@ class Ros1Bridge(Module):
               OccupancyGrid map: /map latched
             accept:
               /cmd_vel: Twist as DriveCommand manual
+              /gas: nose_msgs/* gas
 
     The ROS node is a process of its own, run by the Python that has rospy. A ROS master that is dead or
     starts again, and ROS nodes that are slow, cost the robot nothing.
@@ -86,7 +95,8 @@ class Ros1Bridge(Module):
         """Check what is sent and accepted."""
         try:
             given: Any = settings
-            BridgeMap(given["send"], given["accept"], given["namespace"], outgoing_forms=(MARKERS,))
+            types = KnownTypes(own_types())
+            _mapping(given["send"], given["accept"], given["namespace"], types)
         except MappingError as error:
             raise SettingError(str(error), "send") from error
         try:
@@ -99,18 +109,19 @@ class Ros1Bridge(Module):
     def setup(self) -> None:
         """Start the ROS node, and subscribe."""
         self.surroundings = Surroundings.of(self.run_id, self.name, CLASS_PATH)
-        self.map = BridgeMap(self.send, self.accept, self.namespace, self.surroundings.types, (MARKERS,))
+        self.map = _mapping(self.send, self.accept, self.namespace, self.surroundings.types)
         self.warnings = WarnOnce(self.log)
         self.sent = self.unheard = self.accepted = self.refused = 0
         self._channels: dict[tuple[str, int, str], _Channel | None] = {}
         self._incoming: dict[int, tuple[Incoming, Ros1Type]] = {}
+        self._foreign: dict[int, ForeignType | None] = {}
         self._frames = FrameMap(self.frames)
         address = RosAddress(self.master, self.ip, self.node, self.python)
         self.ros = RosProcess(address, self.max_waiting_bytes, self.log, self.tick_soon)
         if self.robot_description is not None:
             self.ros.set_parameters({ROBOT_DESCRIPTION: self.robot_description.read_text()})
         for one in self.map.incoming:
-            kind = ros1_type(self.surroundings.types.get(one.type_name))
+            kind = ANY_TYPE if one.is_foreign else ros1_type(self.surroundings.types.get(one.type_name))
             number = self._next_number()
             self._incoming[number] = one, kind
             self.ros.subscribe_to(number, Wish(one.name, kind, False, one.quality.depth))
@@ -217,8 +228,7 @@ class Ros1Bridge(Module):
         """Look after the ROS node, and publish what has come from it."""
         self.ros.look_after()
         for number, data, waited_s in self.ros.received():
-            incoming, kind = self._incoming[number]
-            if self._take(incoming, kind, data, waited_s):
+            if self._arrive(number, data, waited_s):
                 self.accepted += 1
             else:
                 self.refused += 1
@@ -245,14 +255,64 @@ class Ros1Bridge(Module):
         if self.ros.listeners.get(channel.number):
             self.ros.send(channel.number, channel.kind.to_ros1(message.encode()), keep=False)
 
-    def _take(self, incoming: Incoming, kind: Ros1Type, data: bytes, waited_s: float) -> bool:
+    def _arrive(self, number: int, data: bytes, waited_s: float) -> bool:
+        announced = self.ros.announced.get(number)
+        if announced is None:
+            incoming, kind = self._incoming[number]
+            if incoming.is_foreign:
+                reason = (
+                    f"ROS has sent messages of more than {MAX_ANNOUNCED} types on topics without a fixed type"
+                )
+                self.warnings.say(f"a message on {incoming.name} is refused", reason)
+                return False
+            return self._take(incoming, kind, data, waited_s)
+        incoming, _ = self._incoming[announced.channel]
+        if number not in self._foreign:
+            self._foreign[number] = self._learn(incoming, announced)
+        found = self._foreign[number]
+        return found is not None and self._take(incoming, found, data, waited_s)
+
+    def _learn(self, incoming: Incoming, announced: Announced) -> ForeignType | None:
+        """Return a type that ROS has announced; None if the robot does not take its messages."""
+        try:
+            made = foreign_type(announced.type_name, announced.md5, announced.definition)
+            self._check_foreign(incoming, made)
+        except DefinitionError as error:
+            self.warnings.say(f"{announced.type_name:.200} on {incoming.name} is refused", error)
+            return None
+        self.log.info("%s on %s is a type of ROS that the robot has learnt", made.kind.name, incoming.name)
+        return made
+
+    def _check_foreign(self, incoming: Incoming, made: ForeignType) -> None:
+        name, folder = made.description.name, self.surroundings.folder
+        if not incoming.matches(name):
+            raise DefinitionError(f"`accept` takes only {incoming.type_name}")
+        try:
+            known = self.surroundings.types.describe(name)
+        except UnknownType:
+            known = made.description
+        if known.python_module:
+            raise DefinitionError(
+                "the robot knows this type: write its name instead of a pattern in `accept`"
+            )
+        others = [one for one in self._foreign.values() if one and one.description.name == name]
+        is_known = all(one.description == made.description for one in others)
+        try:
+            if folder is not None:
+                is_known = is_known and learn_type(folder, made.description)
+        except OSError as error:
+            self.warnings.say(f"recorders do not learn the type {name}", error)
+        if not is_known:
+            raise DefinitionError("in this run it has had another definition; start the robot again")
+
+    def _take(self, incoming: Incoming, kind: Ros1Type | ForeignType, data: bytes, waited_s: float) -> bool:
         message_type: type[Message] = kind.message_type
         try:
             encoded: bytes | memoryview = kind.from_ros1(data)
             if not incoming.drives:  # a velocity moves the robot, whatever frame its sender names
                 encoded = self._frames.inward(message_type)(encoded)
             return hand_over(self, incoming, message_type, encoded, self.command_valid_s, waited_s)
-        except (ConversionError, ForeignFrame, MessageError, MessageTooLarge) as error:
+        except (ConversionError, ForeignFrame, MessageError, MessageTooLarge, TooManyDeclarations) as error:
             self.warnings.say(f"a message on {incoming.name} is refused", error)
             return False
 
@@ -261,6 +321,12 @@ class Ros1Bridge(Module):
             f"sent {self.sent}, without subscriber {self.unheard}, accepted {self.accepted}, "
             f"refused {self.refused}, dropped {self.ros.dropped}"
         )
+
+
+def _mapping(
+    send: Mapping[str, str], accept: Mapping[str, str], namespace: str, types: KnownTypes
+) -> BridgeMap:
+    return BridgeMap(send, accept, namespace, types, (MARKERS,), takes_foreign=True)
 
 
 def _as_ros1_keeps_it(channel: _Channel, data: bytes | memoryview) -> bytes | memoryview | None:

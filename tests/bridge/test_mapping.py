@@ -77,6 +77,11 @@ def test_accepted_messages_have_a_type_and_a_topic() -> None:
         ({}, {"/goal": ""}, "expected a type"),
         ({}, {"/goal": "PoseStampt"}, "did you mean"),
         ({}, {"/goal pose": "PoseStamped"}, "not a name"),
+        (
+            {},
+            {"/gas": "nose_msgs/* gas"},
+            "is a pattern; this bridge accepts only types that the robot knows",
+        ),
         ({}, {"/goal": "PoseStamped as DriveCommand"}, "can become a DriveCommand"),
         ({}, {"/goal": "PoseStamped goal other"}, "'other' is not a quality of service"),
     ],
@@ -84,6 +89,17 @@ def test_accepted_messages_have_a_type_and_a_topic() -> None:
 def test_wrong_lines_are_explained(send: dict[str, str], accept: dict[str, str], problem: str) -> None:
     with pytest.raises(MappingError, match=problem):
         BridgeMap(send, accept)
+
+
+def test_a_bridge_that_learns_types_accepts_patterns() -> None:
+    accept = {"/gas": "nose_msgs/* smell latched", "/any": "*"}
+    gas, other = BridgeMap({}, accept, takes_foreign=True).incoming
+    assert (gas.topic, gas.is_foreign, gas.quality.is_latched, other.topic) == ("smell", True, True, "any")
+    assert gas.matches("nose_msgs/msg/Gas")
+    assert not gas.matches("ear_msgs/msg/Noise")
+    assert other.matches("ear_msgs/msg/Noise")
+    with pytest.raises(MappingError, match="can become a DriveCommand"):
+        BridgeMap({}, {"/cmd_vel": "* as DriveCommand"}, takes_foreign=True)
 
 
 def test_velocity_becomes_a_command_that_expires() -> None:

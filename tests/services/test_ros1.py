@@ -1,5 +1,7 @@
 """The bridge to ROS 1 without ROS: what it refuses, what messages become, and what waits for a slow side."""
 
+import hashlib
+import json
 import logging
 import math
 import socket
@@ -30,14 +32,16 @@ from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
 from robbie_mp.ros1 import ros_node
 from robbie_mp.ros1.conversion import ros1_type
-from robbie_mp.ros1.process import MISSING_PAUSE_S, Inbox, Outbox, RosAddress, RosProcess
-from robbie_mp.ros1.ros_node import MESSAGE, Frame, frames, pack
+from robbie_mp.ros1.process import MISSING_PAUSE_S, Announced, Inbox, Outbox, RosAddress, RosProcess
+from robbie_mp.ros1.ros_node import FIRST_ANNOUNCED, MAX_ANNOUNCED, MESSAGE, Frame, frames, pack
 from robbie_mp.services.ros1 import Ros1Bridge
 
 ACCEPT = {
     "/cmd_vel": "Twist as DriveCommand manual",
     "/initialpose": "PoseWithCovarianceStamped as PoseStamped initial_pose",
     "/scan": "LaserScan scan",
+    "/gas": "nose_msgs/* gas",
+    "/any": "* other",
 }
 SEND = {"TFMessage tf": "/tf", "TFMessage tf_static": "/tf_static latched", "LaserScan": "/front"}
 NOWHERE = "http://127.0.0.1:1"
@@ -112,6 +116,53 @@ def test_damaged_bytes_reach_no_module(bridge: Bridge) -> None:
     assert arrive(bridge, "/scan", LaserScan(header=Header(frame_id="laser")))
 
 
+def announce(bridge: Bridge, topic: str, name: str, definition: str, md5: str = "") -> int:
+    """Let ROS announce a type on a topic; return the number of its messages."""
+    channel = next(number for number, (one, _) in bridge.module._incoming.items() if one.name == topic)
+    md5 = md5 or hashlib.md5(definition.encode()).hexdigest()
+    return bridge.module.ros._number(Announced(channel, name, md5, definition))
+
+
+def test_a_type_that_only_ros_knows_is_published_as_that_type(bridge: Bridge) -> None:
+    number = announce(bridge, "/gas", "nose_msgs/Gas", "uint16 ppm")
+    assert bridge.module._arrive(number, b"\7\0", 0.0)
+    (one,) = bridge.published_encoded
+    assert (one.type_name, one.version, one.topic) == ("nose_msgs/msg/Gas", 1, "gas")
+    assert one.data == b"\0\1\0\0\7\0"
+    assert not bridge.module._arrive(number, b"\7", 0.0)  # a message that was cut off
+
+
+def test_a_type_that_cannot_be_learnt_is_refused_and_named_once(
+    bridge: Bridge, caplog: pytest.LogCaptureFixture
+) -> None:
+    refused = {
+        announce(bridge, "/gas", "nose_msgs/Gas", "uint16 ppm", md5="abc"): "its publisher says 'abc'",
+        announce(bridge, "/gas", "other_msgs/Gas", "uint16 ppm"): "`accept` takes only nose_msgs",
+        announce(bridge, "/any", "robbie_msgs/DriveCommand", "uint16 ppm"): "the robot knows this type",
+    }
+    for number in [*refused] * 2:
+        assert not bridge.module._arrive(number, b"\7\0", 0.0)
+    said = [record.getMessage() for record in caplog.records if "is refused" in record.getMessage()]
+    assert len(said) == len(refused)
+    assert all(reason in line for reason, line in zip(refused.values(), said, strict=True))
+    assert bridge.published_encoded == []
+
+
+def test_a_type_has_one_definition_in_a_run(bridge: Bridge) -> None:
+    first = announce(bridge, "/gas", "nose_msgs/Gas", "uint16 ppm")
+    second = announce(bridge, "/any", "nose_msgs/Gas", "uint8 ppm")
+    assert bridge.module._arrive(first, b"\7\0", 0.0)
+    assert not bridge.module._arrive(second, b"\7", 0.0)
+
+
+def test_types_that_ros_announces_are_limited(bridge: Bridge, caplog: pytest.LogCaptureFixture) -> None:
+    numbers = [announce(bridge, "/any", f"a/T{i}", "uint8 x") for i in range(MAX_ANNOUNCED + 1)]
+    assert bridge.module._arrive(numbers[0], b"\1", 0.0)
+    assert announce(bridge, "/any", "a/T0", "uint8 x") == numbers[0]  # the node was started again
+    assert not bridge.module._arrive(numbers[-1], b"\1", 0.0)
+    assert f"more than {MAX_ANNOUNCED} types" in caplog.text
+
+
 def test_a_latched_topic_has_all_fixed_transforms(bridge: Bridge) -> None:
     for name in ("laser", "camera"):
         bridge.send(TFMessage(transforms=[TransformStamped(child_frame_id=name)]), topic="tf_static")
@@ -153,6 +204,38 @@ def test_node_ignores_what_it_has_published_itself(monkeypatch: pytest.MonkeyPat
             header = {"callerid": caller}
             subscribed["/scan"](SimpleNamespace(_connection_header=header, _buff=caller.encode()))
     assert pushed == [b"/other"]
+
+
+def test_node_announces_the_type_of_each_connection_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    subscribed: dict[str, Any] = {}
+    rospy = SimpleNamespace(
+        AnyMsg=object,
+        get_name=lambda: "/robbie",
+        get_node_uri=lambda: NOWHERE,
+        Subscriber=lambda topic, _kind, take, **_options: subscribed.update({topic: take}),
+    )
+    monkeypatch.setenv("ROS_MASTER_URI", NOWHERE)
+    near, far = socket.socketpair()
+    with near, far:
+        outbox = ros_node._Outbox(near)
+        node = ros_node._Node(rospy, near, outbox)
+        node._open_subscriber(1, {"topic": "/any", "md5": "*", "type": "*", "definition": "", "depth": 1})
+        for i in range(MAX_ANNOUNCED + 1):
+            header = {
+                "callerid": "/other",
+                "type": f"a/T{i}",
+                "md5sum": "abc",
+                "message_definition": "uint8 x",
+            }
+            for _ in range(2):
+                subscribed["/any"](SimpleNamespace(_connection_header=header, _buff=b"1"))
+    assert len(outbox._announcements) == MAX_ANNOUNCED
+    head = ros_node.FRAME.size
+    first = Announced(**json.loads(outbox._announcements[0][head:]))
+    assert first == Announced(1, "a/T0", "abc", "uint8 x")
+    channels = [ros_node.FRAME.unpack(frame[:head])[2] for _, frame in outbox._waiting]
+    assert channels[:3] == [FIRST_ANNOUNCED, FIRST_ANNOUNCED, FIRST_ANNOUNCED + 1]
+    assert channels[-1] == 1  # no number was left
 
 
 def test_a_moving_transform_is_sent_once_for_each_time(bridge: Bridge) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.capture.recorded_run import RecordedRun
 from tests.ros1._support.ros import needs_ros1
 from tools.kill_campaign.journal import read_journal
 from tools.kill_campaign.robot import Robot
@@ -28,8 +29,13 @@ def told(robot: Robot, what: str) -> list[list[str]]:
     return [line[1:] for line in read_journal(robot.output / "base.journal") if line[0] == what]
 
 
+def recorded_run(robot: Robot) -> RecordedRun:
+    """The run as a recorder sees it that starts now, before ROS does."""
+    return RecordedRun(robot.output.parent / "runtime" / "robbie" / robot.run_id)
+
+
 def test_robot_and_ros_hear_each_other_whoever_dies(ros: Ros, tmp_path: Path) -> None:
-    with robot_beside(ros, tmp_path) as robot:
+    with robot_beside(ros, tmp_path) as robot, closing(recorded_run(robot)) as recorded:
         assert robot.figures()["ros1"].restarts == 0  # without a master
         ros.start()
         with ros.witness(
@@ -38,6 +44,8 @@ def test_robot_and_ros_hear_each_other_whoever_dies(ros: Ros, tmp_path: Path) ->
             assert witness.read(len(ALL) + 2, limit_s=20.0) == {*ALL, *SCAN, "/map"}
             robot.wait_for(lambda: len(told(robot, "drive")) > 5, "no command has come")
             robot.wait_for(lambda: bool(told(robot, "goal") and told(robot, "pose")), "no goal, or no pose")
+            robot.wait_for(lambda: bool(told(robot, "status")), "no message of a type that only ROS knows")
+            assert "GoalStatus[] status_list" in recorded.schema("actionlib_msgs/msg/GoalStatusArray", 1)
             witness.stand_still()
             ended_s = time.monotonic()
             assert "seq:" in ros.rostopic("echo", "-n", "1", "/scan")  # a stopped subscriber stops no other

@@ -1,6 +1,6 @@
 """The modules of the robot of a trial. They write down what they send and receive, with the time."""
 
-from robbie_mp import ActiveGoal, Header, MessageHandling, Module, Time
+from robbie_mp import ActiveGoal, EncodedMessage, Header, MessageHandling, Module, Time
 from robbie_mp.messages import (
     DriveCommand,
     LaserScan,
@@ -59,13 +59,17 @@ class Listener(Module):
 
 
 class Base(Module):
-    """Takes what ROS sends to a robot. Lines of its journal: drive, goal or pose, a number, and the time."""
+    """Takes what ROS sends to a robot.
+
+    Lines of its journal: drive, goal, pose or status, a number, and the time.
+    """
 
     def setup(self) -> None:
         """Subscribe, and serve goals."""
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
         self.subscribe(DriveCommand, self.on_command, MessageHandling.ALWAYS_DELIVER, topic="manual")
         self.subscribe(PoseStamped, self.on_pose, topic="initial_pose")
+        self.subscribe_encoded("actionlib_msgs/*", self.on_status, topic="status")
         self.serve_goals(NavigateTo, self.on_goal)
 
     def on_command(self, command: DriveCommand) -> None:
@@ -75,6 +79,10 @@ class Base(Module):
     def on_pose(self, pose: PoseStamped) -> None:
         """Note where it is."""
         self.journal.note("pose", pose.pose.position.x)
+
+    def on_status(self, message: EncodedMessage) -> None:
+        """Note the size of a message of a type that only ROS knows."""
+        self.journal.note("status", len(message.data))
 
     def on_goal(self, active: ActiveGoal[NavigateTo, NavigationFeedback, NavigationResult]) -> None:
         """Note where it is, and be there."""

@@ -55,6 +55,7 @@ def robot_beside(ros: Ros, folder: Path) -> Iterator[Robot]:
             "/cmd_vel": "Twist as DriveCommand manual",
             "/move_base_simple/goal": "PoseStamped as NavigateTo",
             "/initialpose": "PoseWithCovarianceStamped as PoseStamped initial_pose",
+            "/move_base/status": "actionlib_msgs/* status",
         },
     }
     restart = {"policy": "always", "max_restarts": 1_000_000, "backoff_s": 0.05, "backoff_cap_s": 0.1}

@@ -3,7 +3,8 @@
     witness.py NAME '{"/scan": "sensor_msgs/LaserScan"}' [--drive]
 
 It prints a line with each topic, when the first message of it has come, has been decoded by ROS's own code,
-and serialised again to the same bytes. With --drive it publishes velocities, a goal and an initial pose.
+and serialised again to the same bytes. With --drive it publishes velocities, a goal, an initial pose, and
+a status of a type that the robot does not know.
 """
 
 import io
@@ -45,10 +46,12 @@ def drive() -> None:
     velocity, goal = types["Twist"](), types["PoseStamped"]()
     pose = types["PoseWithCovarianceStamped"]()
     velocity.linear.x, goal.pose.position.x, pose.pose.pose.position.x = SPEED_M_PER_S, 2.0, 3.0
+    status = get_message_class("actionlib_msgs/GoalStatusArray")
     velocities = rospy.Publisher("/cmd_vel", types["Twist"], queue_size=1)
     rare = [
         (rospy.Publisher("/move_base_simple/goal", types["PoseStamped"], queue_size=1, latch=True), goal),
         (rospy.Publisher("/initialpose", types["PoseWithCovarianceStamped"], queue_size=1, latch=True), pose),
+        (rospy.Publisher("/move_base/status", status, queue_size=1, latch=True), status()),
     ]
     for publisher, message in rare:
         publisher.publish(message)
