@@ -17,6 +17,7 @@ from robbie_mp.messages import (
     DriveCommand,
     Header,
     LaserScan,
+    Message,
     Point,
     Pose,
     PoseStamped,
@@ -28,6 +29,7 @@ from robbie_mp.messages import (
     Twist,
     Vector3,
 )
+from robbie_mp.messages.primitives import float32
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
 from robbie_mp.ros1 import ros_node
@@ -267,6 +269,15 @@ def test_a_moving_transform_is_sent_once_for_each_time(bridge: Bridge) -> None:
 def test_wrong_settings_are_named(setting: str, value: object, reason: str) -> None:
     with pytest.raises(SettingError, match=reason):
         ModuleHarness(Ros1Bridge, {setting: value})
+
+
+def test_types_that_modules_declare_may_be_accepted() -> None:
+    class Odour(Message, name="ros1_test_msgs/msg/Odour"):
+        strength: float32
+
+    Ros1Bridge.check(
+        {"send": {}, "accept": {"/odour": Odour.type_name}, "namespace": "", "frames": {}, "node": "robbie"}
+    )
 
 
 def test_a_slow_ros_node_costs_the_oldest_messages_of_the_same_topic() -> None:
