@@ -224,7 +224,7 @@ LATCHED_SETTINGS: tuple[dict[str, Any], ...] = (
 STRIDE = 5
 PAIR_STRIDES: dict[Scenario, tuple[int, int]] = {rows_used_again: (1, 5)}
 """Of first and second deaths: here one single first death can have a message entered twice."""
-OTHER_PAIR_STRIDES = (23, 13)
+OTHER_PAIR_STRIDES = (37, 17)
 LATCHED_PAIR_STRIDES = (97, 53)
 SETTINGS: tuple[dict[str, Any], ...] = (
     {"handles": 12},
@@ -261,7 +261,7 @@ def test_core_of_latched_channel_may_die_before_any_store(
     scenario: Scenario, number: int, pytestconfig: pytest.Config
 ) -> None:
     is_exhaustive = (number == 0 and scenario is come_late) or pytestconfig.getoption("--exhaustive")
-    _kill_core(scenario, LATCHED_SETTINGS[number], 0 if is_exhaustive else number, 1 if is_exhaustive else 7)
+    _kill_core(scenario, LATCHED_SETTINGS[number], 0 if is_exhaustive else number, 1 if is_exhaustive else 11)
 
 
 def _kill_core(scenario: Scenario, settings: dict[str, Any], first: int, stride: int) -> None:
