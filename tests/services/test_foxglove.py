@@ -10,6 +10,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from robbie_mp import ModuleHarness, SettingError
+from robbie_mp.bridge.surroundings import Surroundings
 from robbie_mp.foxglove import door
 from robbie_mp.messages import (
     DriveCommand,
@@ -21,6 +22,7 @@ from robbie_mp.messages import (
     Twist,
     Vector3,
 )
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.observe import ChannelFigures
 from robbie_mp.services.foxglove import FoxgloveServer
 from robbie_mp.transport.tables import ChannelName
@@ -131,6 +133,16 @@ def test_two_types_on_one_topic_have_two_names(
     harness.send(LaserScan(), topic="status")
     client.until(lambda: len(client.channels) == 2)
     assert set(client.channels) == {"/status", "/status/laser_scan"}
+
+
+def test_a_type_that_a_bridge_has_learnt_is_shown(
+    harness: ModuleHarness[FoxgloveServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = ChannelName("nose_msgs/msg/Gas", 1, "gas")
+    assert harness.module._schema(name) is None
+    learnt = Surroundings(KnownTypes([TypeDescription(name.type_name, 1, "uint16 ppm\n")]), frozenset())
+    monkeypatch.setattr(Surroundings, "of", lambda *_: learnt)
+    assert harness.module._schema(name) == "uint16 ppm\n"
 
 
 def test_accepted_message_is_published(harness: ModuleHarness[FoxgloveServer], client: Client) -> None:
