@@ -14,12 +14,16 @@ from robbie_mp.messages import DeclarationError, VersionError
 from robbie_mp.messages.encoded import check_type
 
 MAGIC = b"RL"
-VERSION = 2
-PART_BYTES = 500_000
-"""Most bytes of a message in one packet. Zenoh cuts it into batches, between which more urgent ones go."""
+VERSION = 3
+PART_BYTES = 128_000
+"""Most bytes of a message in one packet. Zenoh cuts it into batches, between which more urgent ones go.
+
+Small, because what has been given to Zenoh cannot be taken back when the network becomes slow.
+"""
 DATAGRAM_BYTES = 900
 """Most bytes of a message in one datagram: with all headers, it fits into one frame of Ethernet or Wi-Fi."""
 MAX_PARTS = 1 << 16
+"""Most packets of one message."""
 MAX_HEADER_BYTES = 16_384
 MAX_NAME_BYTES = 96
 MAX_HOPS = 8
@@ -35,8 +39,8 @@ LATCHED, COMPRESSED = 1, 2
 _KNOWN_FLAGS = LATCHED | COMPRESSED
 
 _BEGIN = MAGIC + bytes([VERSION])
-_DATA_FIELDS = struct.Struct("<3sBBBHQQQQIIqQII")
-_REPORT_FIELDS = struct.Struct("<3sBBBQQQQH")
+_DATA_FIELDS = struct.Struct("<3sBBBHQQQQQIIqQII")
+_REPORT_FIELDS = struct.Struct("<3sBBBQQQQQH")
 _COUNT = struct.Struct("<HQQ")
 _BEAT_FIELDS = struct.Struct("<3sBQQqqqQH")
 _KNOWN_NAMES = 1024
@@ -52,7 +56,7 @@ class ChannelId(NamedTuple):
 
 
 class Data(NamedTuple):
-    """Header of one part of a message; `parts` 0: of no message, a mark that only carries a sequence."""
+    """Header of one part of a message, or of no message: a mark that only carries a sequence."""
 
     robot: str
     """The robot that sends it now."""
@@ -68,8 +72,12 @@ class Data(NamedTuple):
     """Of this packet, within session, receiver and class; the first is 1."""
     oldest: int
     """Sequence of the oldest packet of this class that the sender may still send."""
-    part: int
-    parts: int
+    sending: int
+    """Counts every sending of a packet of this class, those that are sent again too; the first is 1."""
+    start: int
+    """Where this part begins in the message as it is sent."""
+    whole: int
+    """Bytes of the message as it is sent, compressed or not."""
     stamp_ns: int
     """When the message was published, by the clock of the robot that sends it."""
     type_hash: int
@@ -80,6 +88,11 @@ class Data(NamedTuple):
     """Bytes of the whole message before it was compressed; in the first part only."""
     sources: tuple[str, ...] = ()
     """Robots that the message has passed, its own first; in the first part only."""
+
+    @property
+    def is_mark(self) -> bool:
+        """Whether it belongs to no message."""
+        return self.name is None and not self.start
 
 
 class Report(NamedTuple):
@@ -95,6 +108,8 @@ class Report(NamedTuple):
     """Sequence of the first packet that has not arrived, or, where none is sent again, after the newest."""
     handled: int
     """Sequence of the first packet whose message has not been handled; at most `next`."""
+    newest: int
+    """The greatest `sending` that has arrived; 0: none has."""
     counts: tuple[tuple[int, int, int], ...]
     """For each channel: its number, messages received, and messages thrown away by the receiver."""
     misses: bool = False
@@ -131,13 +146,13 @@ def pack(packet: Packet) -> bytes:
     if isinstance(packet, Data):
         name = packet.name
         about = (0, 0) if name is None else (name.version, packet.size)
-        return _DATA_FIELDS.pack(_BEGIN, _DATA, *packet[1:12], *about) + _packed_names(
+        return _DATA_FIELDS.pack(_BEGIN, _DATA, *packet[1:13], *about) + _packed_names(
             packet.robot, name, packet.sources
         )
     if isinstance(packet, Report):
         fixed = _REPORT_FIELDS.pack(
             _BEGIN, _REPORT, packet.traffic, packet.misses, packet.session, packet.about, packet.next,
-            packet.handled, len(packet.counts),
+            packet.handled, packet.newest, len(packet.counts),
         )  # fmt: skip
         counts = b"".join([_COUNT.pack(*one) for one in packet.counts])
         return fixed + counts + _packed_names(packet.robot, None, ())
@@ -171,34 +186,35 @@ class _Malformed(Exception):
 
 def _unpack_data(header: bytes) -> Data:
     (
-        _, _, traffic, flags, channel, session, to, sequence, oldest, part, parts, stamp_ns, type_hash,
-        version, size,
+        _, _, traffic, flags, channel, session, to, sequence, oldest, sending, start, whole, stamp_ns,
+        type_hash, version, size,
     ) = _DATA_FIELDS.unpack_from(header)  # fmt: skip
-    is_first = parts > 0 and part == 0
     if (
         flags & ~_KNOWN_FLAGS
         or not 0 < oldest <= sequence
-        or parts > MAX_PARTS
-        or not (part < parts or part == parts == 0)
-        or is_first != (version > 0)
-        or (size and not is_first)
+        or not sending
+        or (start >= whole if start else whole and not version)
+        or (start and version)
+        or (size and not version)
     ):
         raise _Malformed
     robot, name, sources = _names(header[_DATA_FIELDS.size :], version)
     return Data(
-        robot, _traffic(traffic), flags, channel, session, to, sequence, oldest, part, parts, stamp_ns,
-        type_hash, name, size, sources,
+        robot, _traffic(traffic), flags, channel, session, to, sequence, oldest, sending, start, whole,
+        stamp_ns, type_hash, name, size, sources,
     )  # fmt: skip
 
 
 def _unpack_report(header: bytes) -> Report:
-    _, _, traffic, misses, session, about, following, handled, count = _REPORT_FIELDS.unpack_from(header)
+    fields = _REPORT_FIELDS.unpack_from(header)
+    _, _, traffic, misses, session, about, following, handled, newest, count = fields
     end = _REPORT_FIELDS.size + count * _COUNT.size
     if count > MAX_COUNTS or misses > 1 or not 0 < handled <= following or end > len(header):
         raise _Malformed
     counts = tuple(_COUNT.iter_unpack(header[_REPORT_FIELDS.size : end]))
     robot, _, _ = _names(header[end:], 0)
-    return Report(robot, _traffic(traffic), session, about, following, handled, counts, bool(misses))
+    known = _traffic(traffic)
+    return Report(robot, known, session, about, following, handled, newest, counts, bool(misses))
 
 
 def _unpack_beat(header: bytes) -> Beat:

@@ -7,7 +7,7 @@ from typing import Protocol
 from robbie_mp.link.books import DROPPED, RECEIVED, REFUSED, TAKEN, Books, Key, Row
 from robbie_mp.link.clock_offset import ClockOffset, Exchange
 from robbie_mp.link.congestion import Window
-from robbie_mp.link.header import MAX_COUNTS, Beat, ChannelId, Data, Report
+from robbie_mp.link.header import DATAGRAM_BYTES, MAX_COUNTS, Beat, ChannelId, Data, Report
 from robbie_mp.link.receiving import Arrived, Fate, ReceiveStream
 from robbie_mp.link.sending import (
     HEADER_BYTES,
@@ -31,10 +31,10 @@ PAST_TOLD = 8
 """Sessions of which it is told."""
 MAX_PAST_SESSIONS = 64
 MAX_COPIES = 4
-MAX_COPIED_PARTS = 8
+MAX_COPIED_BYTES = 8 * DATAGRAM_BYTES
 """Of longer messages there is one copy: several would fill a slow network."""
 COPIED_LOSS = 0.01
-"""Where more datagrams are lost, commands and states go in so many copies that fewer are."""
+"""If a larger share of datagrams is lost, commands and states are sent in several copies."""
 LEAST_COUNTED = 30
 """Datagrams by which the loss is measured."""
 MIN_STATE_BYTES = 32_000
@@ -187,16 +187,22 @@ class Peer:
 
     def _send_one(self, now_ns: int) -> bool:
         for traffic, stream in self.streams.items():
-            if not (stream.pending or stream.waiting):
+            if not stream.has_pending:
                 continue
             if traffic is TrafficClass.STATE:
-                if stream.under_way > max(self.window.limit, MIN_STATE_BYTES):
+                if stream.under_way.bytes > self._state_limit(now_ns):
                     continue
-            elif MANNERS[traffic].waits_for_room and not self.window.has_room(now_ns):
+            elif MANNERS[traffic].waits_for_room and not self.window.has_room(now_ns, stream.cut_bytes):
                 return False
             if stream.send_next(now_ns):
                 return True
         return False
+
+    def _state_limit(self, now_ns: int) -> int:
+        """Return how many bytes of states may be under way."""
+        if self.window.is_late(now_ns):
+            return MIN_STATE_BYTES // 8
+        return max(self.window.limit, MIN_STATE_BYTES)
 
     def _transmit(self, packet: Data, payload: memoryview | bytes) -> None:
         header = packet
@@ -206,7 +212,7 @@ class Peer:
             self._network.send(self.name, packet, payload, at_once=is_alone)
             return
         is_urgent = header.traffic is TrafficClass.URGENT
-        for _ in range(1 if is_urgent or header.parts > MAX_COPIED_PARTS else self._copies):
+        for _ in range(1 if is_urgent or header.whole > MAX_COPIED_BYTES else self._copies):
             self._send_datagram(packet, payload)
         if is_urgent:  # on every way there is
             self._network.send(self.name, packet, payload)
@@ -253,7 +259,7 @@ class Peer:
             past = [session for session in sessions if session != self.session]
             for session in past[-PAST_TOLD:]:
                 for traffic in self._books.streams_of(self.name, session):
-                    self._report(TrafficClass(traffic), session, 0, 0)
+                    self._report(TrafficClass(traffic), session, 0, 0, 0)
 
     def take_beat(self, beat: Beat, now_ns: int) -> bool:
         """Take note that the other link lives; True if it must first get the latched messages."""
@@ -270,9 +276,9 @@ class Peer:
         self._is_greeted = True
         if beat.knows == self._own_session:
             for stream in self.streams.values():
+                stream.under_way.forget()  # its new process throws away what was for the last one
                 stream.rewind()
             return False
-        self.window.forget_under_way()
         for stream in self.streams.values():
             stream.start_again()
         for channel in self._channels.values():
@@ -367,7 +373,7 @@ class Peer:
 
     def _tell(self, stream: ReceiveStream) -> None:
         stream.is_told, stream.untold_bytes = True, 0
-        self._report(stream.traffic, self.session, stream.next, stream.handled, stream.misses)
+        self._report(stream.traffic, self.session, stream.next, stream.handled, stream.newest, stream.misses)
 
     @property
     def has_more(self) -> bool:
@@ -375,11 +381,18 @@ class Peer:
         return any(stream.has_pending for stream in self.streams.values())
 
     def _report(
-        self, traffic: TrafficClass, about: int, following: int, handled: int, misses: bool = False
+        self,
+        traffic: TrafficClass,
+        about: int,
+        following: int,
+        handled: int,
+        newest: int,
+        misses: bool = False,
     ) -> None:
         counts = tuple(self._books.received_from(self.name, about, traffic)[-MAX_COUNTS:])
+        following, handled = max(1, following), max(1, handled)
         report = Report(
-            self._own, traffic, self._own_session, about, max(1, following), max(1, handled), counts, misses
+            self._own, traffic, self._own_session, about, following, handled, newest, counts, misses
         )
         if len(counts) <= MAX_REPORT_COUNTS:
             self._send_datagram(report)

@@ -7,7 +7,7 @@ from enum import Enum, auto
 import zstandard
 
 from robbie_mp.link.books import HANDLING, NEXT, Row
-from robbie_mp.link.header import COMPRESSED, LATCHED, ChannelId, Data
+from robbie_mp.link.header import COMPRESSED, LATCHED, MAX_PARTS, ChannelId, Data
 from robbie_mp.link.traffic import MANNERS, TrafficClass
 
 
@@ -63,6 +63,7 @@ class ReceiveStream:
         is_told: whether the sender knows of everything that has been taken.
         told_ns: when it was last told.
         untold_bytes: what has arrived since.
+        newest: the greatest number of a sending that has arrived.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class ReceiveStream:
         elif not row[NEXT]:
             row[NEXT] = 1
         self.next = row[NEXT]
+        self.newest = 0
 
     @property
     def handled(self) -> int:
@@ -97,6 +99,7 @@ class ReceiveStream:
         """Take a packet, if it is the next one or, where packets are not sent again, a newer one."""
         self.is_told = False
         self.untold_bytes += len(payload)
+        self.newest = max(self.newest, header.sending)
         self.misses = False
         if header.sequence < self.next:
             self.duplicates += 1
@@ -110,10 +113,10 @@ class ReceiveStream:
                 self._skip_to(header.oldest)
                 return
             self._skip_to(header.sequence)
-        if header.parts == 0 or not self._add(header, payload):
+        if header.is_mark or not self._add(header, payload):
             self._skip_to(header.sequence + 1)
             return
-        if header.part + 1 < header.parts:
+        if header.start + len(payload) < header.whole:
             self.next = header.sequence + 1
             return
         self._finish(header.sequence)
@@ -123,15 +126,17 @@ class ReceiveStream:
 
     def _add(self, header: Data, payload: bytes) -> bool:
         """Add a part to its message; False if it belongs to none, or the message is too large."""
-        if header.part == 0:
+        if header.start == 0:
             self._parts = _Parts(header)
         parts = self._parts
         if parts is None:
             return False  # its first part was lost
         if (
-            header.part != len(parts.payloads)
-            or header.parts != parts.first.parts
-            or parts.size + len(payload) > self._max_bytes
+            header.start != parts.size
+            or header.whole != parts.first.whole
+            or not parts.size + bool(header.whole) <= parts.size + len(payload) <= header.whole
+            or header.whole > self._max_bytes
+            or len(parts.payloads) >= MAX_PARTS
         ):
             self.damaged += 1
             self._parts = None

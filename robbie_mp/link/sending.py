@@ -19,8 +19,18 @@ from robbie_mp.link.books import (
     Row,
 )
 from robbie_mp.link.congestion import Window
-from robbie_mp.link.header import COMPRESSED, DATAGRAM_BYTES, LATCHED, MAX_COUNTS, ChannelId, Data, Report
+from robbie_mp.link.header import (
+    COMPRESSED,
+    DATAGRAM_BYTES,
+    LATCHED,
+    MAX_COUNTS,
+    MAX_PARTS,
+    ChannelId,
+    Data,
+    Report,
+)
 from robbie_mp.link.traffic import MANNERS, TrafficClass
+from robbie_mp.link.under_way import UnderWay
 
 MIN_COMPRESSED_BYTES = 512
 """Smaller messages are sent as they are."""
@@ -29,6 +39,8 @@ URGENT_AGAIN_NS = 50_000_000
 MIN_AGAIN_NS = 500_000_000
 """Least time after which a packet without an acknowledgement is sent again."""
 MAX_AGAIN_NS = 4_000_000_000
+MAX_URGENT_AGAIN_NS = 200_000_000
+"""Most time between two repetitions of what is urgent: they must not fill a network that is slow."""
 MAX_URGENT = 64
 """Urgent messages that may wait."""
 
@@ -68,23 +80,29 @@ class Packet:
     sequence: int
     item: Item | None
     """None: a mark, of no message."""
-    part: int
-    parts: int
+    start: int
+    """Where it begins in the message."""
+    whole: int
+    """Bytes of the message."""
     payload: memoryview | bytes
     flags: int = 0
-    size: int = 0
-    """Bytes that it counts in the window."""
-    sent_ns: int = 0
-    delivered_before: int = 0
-    was_full: bool = False
-    is_under_way: bool = False
     is_again: bool = False
-    """Whether it was sent more than once: then nobody knows which one an acknowledgement is for."""
+    """Whether it has been sent before."""
 
-    @property
-    def is_last(self) -> bool:
+    def __post_init__(self) -> None:
+        self.is_last = self.item is not None and self.start + len(self.payload) == self.whole
         """Whether it ends its message."""
-        return self.item is not None and self.part == self.parts - 1
+
+
+@dataclass
+class Begun:
+    """A message that is being cut into packets."""
+
+    item: Item
+    data: bytes
+    flags: int
+    start: int = 0
+    """How much of it has been cut off."""
 
 
 class Limits(NamedTuple):
@@ -131,7 +149,9 @@ class SendStream:
     """By number of the channel if only the newest is kept, else by a running number."""
     waiting_bytes: int = 0
     pending: deque[Packet] = field(default_factory=deque)
-    """Parts of messages that have been begun, to be sent next."""
+    """Packets to be sent next, before those of `begun`."""
+    begun: Begun | None = None
+    """The message of which some parts are not yet packets."""
     sent: deque[Packet] = field(default_factory=deque)
     """Packets of which no report says that they are settled, oldest first."""
     numbers: set[int] = field(default_factory=set)
@@ -144,10 +164,12 @@ class SendStream:
     _progress_ns: int = 0
     """When the last packet was sent for the first time, or acknowledged."""
     _again_ns: int = 0
-    _rewound_ns: int = 0
+    _rewound_at: int = 0
+    """The number of the last sending when everything was last to be sent again."""
 
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
+        self.under_way = UnderWay(self.window, is_stream=not self.manners.goes_as_datagrams)
         self._again_ns = self._first_again_ns
 
     # -- what is to be sent ----------------------------------------------------------------------------
@@ -187,27 +209,31 @@ class SendStream:
     def holds(self, channel: SendChannel) -> bool:
         """Whether a message of a channel waits or is being sent."""
         items = [*self.waiting.values(), *(packet.item for packet in self.pending if packet.item)]
+        items += [self.begun.item] if self.begun else []
         return any(item.channel is channel for item in items)
 
     @property
     def has_pending(self) -> bool:
         """Whether there is something to send."""
-        return bool(self.pending or self.waiting)
+        return bool(self.pending or self.begun or self.waiting)
 
     @property
-    def under_way(self) -> int:
-        """How many bytes of this class are under way."""
-        return sum(packet.size for packet in self.sent if packet.is_under_way)
+    def cut_bytes(self) -> int:
+        """Size of the next packet, if it has been cut already; else 0."""
+        return len(self.pending[0].payload) if self.pending else 0
 
     def send_next(self, now_ns: int) -> bool:
         """Send one packet; False if there is none that may be sent now."""
-        if not self.pending and not self._begin(now_ns):
+        if self.pending:
+            self._send(self.pending.popleft(), now_ns)
+            return True
+        if self.begun is None and not self._begin(now_ns):
             return False
-        self._send(self.pending.popleft(), now_ns)
+        self._send(self._cut(), now_ns)
         return True
 
     def _begin(self, now_ns: int) -> bool:
-        """Cut the next message into packets; False if there is none that may be sent now."""
+        """Begin with the next message; False if there is none that may be sent now."""
         due = (key for key, item in self.waiting.items() if item.channel.not_before_ns <= now_ns)
         key = next(due, None)
         if key is None:
@@ -223,67 +249,74 @@ class SendStream:
             compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
             if len(compressed) < len(data):
                 data, flags = compressed, flags | COMPRESSED
-        step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
-        if len(data) <= step:
-            self.sequence += 1
-            self.pending.append(Packet(self.sequence, item, 0, 1, data, flags))
-            return True
-        view = memoryview(data)
-        parts = -(-len(data) // step)
-        for part in range(parts):
-            self.sequence += 1
-            payload = view[part * step : (part + 1) * step]
-            self.pending.append(Packet(self.sequence, item, part, parts, payload, flags))
+        self.begun = Begun(item, data, flags)
         return True
 
+    def _cut(self) -> Packet:
+        """Return the next part of the message that has been begun, as large as it may be now."""
+        begun = self.begun
+        assert begun is not None
+        data, start = begun.data, begun.start
+        # More than this in one message has too many parts; the last ones then are larger.
+        step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
+        step = max(step, -(-len(data) // MAX_PARTS))
+        is_whole = start == 0 and len(data) <= step
+        payload = data if is_whole else memoryview(data)[start : start + step]
+        begun.start += len(payload)
+        if begun.start >= len(data):
+            self.begun = None
+        self.sequence += 1
+        return Packet(self.sequence, begun.item, start, len(data), payload, begun.flags)
+
     def _send(self, packet: Packet, now_ns: int) -> None:
-        if packet.sent_ns:
+        if packet.is_again:
             self.resent += 1
-            packet.is_again = True
         else:
+            packet.is_again = True
             self._progress_ns = now_ns
-        packet.size = HEADER_BYTES + len(packet.payload)
-        packet.sent_ns = now_ns
-        packet.delivered_before = self.window.sent(packet.size, now_ns)
-        packet.is_under_way = True
+        number = self.under_way.add(packet.sequence, HEADER_BYTES + len(packet.payload), now_ns)
         self.sent.append(packet)
-        packet.was_full = self.window.under_way >= self.window.limit
         oldest = self.sent[0].sequence if self.manners.is_resent else packet.sequence
-        header = self._header(packet, oldest)
+        header = self._header(packet, oldest, number)
         self.transmit(header, packet.payload)
         if not self.manners.is_resent:
             packet.payload = b""
 
-    def _header(self, packet: Packet, oldest: int) -> Data:
+    def _header(self, packet: Packet, oldest: int, number: int) -> Data:
         item, own = packet.item, self.address
         if item is None:
             return Data(
-                own.robot, self.traffic, 0, 0, own.session, own.to, packet.sequence, oldest, 0, 0, 0, 0
+                own.robot,
+                self.traffic,
+                0,
+                0,
+                own.session,
+                own.to,
+                packet.sequence,
+                oldest,
+                number,
+                0,
+                0,
+                0,
+                0,
             )
         channel = item.channel
-        about = () if packet.part else (channel.name, len(item.data), (own.robot,))
+        about = () if packet.start else (channel.name, len(item.data), (own.robot,))
         return Data(
             own.robot, self.traffic, packet.flags, channel.number, own.session, own.to, packet.sequence,
-            oldest, packet.part, packet.parts, item.stamp_ns, channel.type_hash, *about,
+            oldest, number, packet.start, packet.whole, item.stamp_ns, channel.type_hash, *about,
         )  # fmt: skip
 
     # -- what has become of it -------------------------------------------------------------------------
 
     def take_report(self, report: Report, channels: dict[int, SendChannel], now_ns: int) -> None:
         """Take note of what the receiver has taken."""
-        if report.next > self.sequence + 1:
+        if report.next > self.sequence + 1 or report.newest > self.under_way.number:
             return  # about no stream of ours
         settled = report.handled if self.manners.is_resent else report.next
-        for packet in self.sent:
-            if packet.sequence >= report.next:
-                break
-            if packet.is_under_way:
-                packet.is_under_way = False
-                self._progress_ns = now_ns
-                self._again_ns = self._first_again_ns
-                self.window.acknowledged(packet.size)
-                if not packet.is_again:
-                    self.window.measure(packet.sent_ns, packet.delivered_before, packet.was_full, now_ns)
+        if self.under_way.report(report.newest, report.next, now_ns):
+            self._progress_ns = now_ns
+            self._again_ns = self._first_again_ns
         while self.sent and self.sent[0].sequence < settled:
             self._settle(self.sent.popleft())
         while self.pending and self.pending[0].sequence < report.next:  # arrived before it was sent again
@@ -293,8 +326,8 @@ class SendStream:
             else:
                 self.sent.append(packet)
         self._take_counts(report, channels)
-        if report.misses and now_ns - self._rewound_ns > 2 * self.window.round_trip_ns:
-            self._rewound_ns = now_ns
+        # What was already under way when everything was to be sent again is missed once more.
+        if report.misses and report.newest > self._rewound_at:
             self.rewind()
 
     def _take_counts(self, report: Report, channels: dict[int, SendChannel]) -> None:
@@ -315,39 +348,39 @@ class SendStream:
 
     def look_after(self, now_ns: int) -> None:
         """Send again what has no acknowledgement for too long, or ask what has become of it."""
-        if not self.sent or now_ns - self._progress_ns < self._wait_ns:
+        if not (self.sent or self.under_way.bytes) or now_ns - self._progress_ns < self._wait_ns:
             return
         self._progress_ns = now_ns
-        if self.manners.is_resent:
-            self._again_ns = min(2 * self._again_ns, MAX_AGAIN_NS)
+        if not (self.sent or self.pending):  # all has arrived; what was sent twice may be lost
+            self.under_way.forget()
+        elif self.manners.is_resent:
+            is_urgent = self.traffic is TrafficClass.URGENT
+            self._again_ns = min(2 * self._again_ns, MAX_URGENT_AGAIN_NS if is_urgent else MAX_AGAIN_NS)
             self.rewind()
+            # One at once, although all room is taken: its report says what else has not arrived.
+            self._send(self.pending.popleft(), now_ns)
         else:
-            self._forget_under_way()
             self.sequence += 1
             self._send(Packet(self.sequence, None, 0, 0, b""), now_ns)
 
     def rewind(self) -> None:
         """Send everything again that no report says has been handled."""
-        self._forget_under_way()
+        self._rewound_at = self.under_way.number
         if self.manners.is_resent:
             self.pending.extendleft(reversed(self.sent))
             self.sent.clear()
 
     def start_again(self) -> None:
         """Begin with a robot that knows nothing of this stream: what was under way counts as lost."""
-        self._forget_under_way()
-        begun = [packet for packet in (*self.sent, *self.pending) if packet.is_last]
+        self.under_way.forget()
+        begun = [packet.item for packet in (*self.sent, *self.pending) if packet.is_last]
+        begun.append(self.begun.item if self.begun else None)
         self.sent.clear()
         self.pending.clear()
-        for packet in begun:
-            assert packet.item is not None
-            packet.item.channel.row.add(LOST)
-
-    def _forget_under_way(self) -> None:
-        for packet in self.sent:
-            if packet.is_under_way:
-                packet.is_under_way = False
-                self.window.given_up(packet.size)
+        self.begun = None
+        for item in begun:
+            if item is not None:
+                item.channel.row.add(LOST)
 
     @property
     def _first_again_ns(self) -> int:
@@ -356,12 +389,12 @@ class SendStream:
     @property
     def _wait_ns(self) -> int:
         if self.traffic is TrafficClass.URGENT:
-            return URGENT_AGAIN_NS
+            return self._again_ns
         return max(self._again_ns, 3 * self.window.round_trip_ns)
 
     def next_due_ns(self, now_ns: int) -> Iterator[int]:
         """Yield times at which this stream has something to do, however little arrives."""
-        if self.sent:
+        if self.sent or self.under_way.bytes:
             yield self._progress_ns + self._wait_ns
         for item in self.waiting.values():
             if item.channel.not_before_ns > now_ns:

@@ -46,6 +46,11 @@ SEVERAL_WAYS = {
 }
 QUEUED_BATCHES = 16
 """Batches of 64 kB that Zenoh may queue for each priority."""
+SEND_BUFFER_BYTES = 262_144
+"""What may lie in the send buffer of a stream: nobody can take it back when the network becomes slow.
+
+The kernel takes twice as much, for its own structures. It carries 20 MB/s where a round trip takes 20 ms.
+"""
 FIND_S = 2.0
 MAX_ORIGINS = 256
 """Keys of packets of which the sender is remembered."""
@@ -184,6 +189,7 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
         **{f"transport/link/tx/queue/size/{queue}": QUEUED_BATCHES for queue in queues},
         **(SEVERAL_WAYS if endpoints.datagrams else {}),
         **endpoints.further,
+        **{f"transport/link/{one}/so_sndbuf": SEND_BUFFER_BYTES for one in ("tcp", "tls")},
     }
     for path, value in values.items():
         try:

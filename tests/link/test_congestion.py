@@ -16,11 +16,17 @@ class SlowNetwork:
 
     def __init__(self, round_trip_ns: int):
         self.window = Window()
+        self.window.watch(self)
         self.now_ns = 10**9
         self.trip_ns = 0
         self._round_trip_ns = round_trip_ns
         self._free_ns = 0
-        self._under_way: deque[tuple[int, int, int, bool, int]] = deque()
+        self._under_way: deque[tuple[int, int, int, float, int]] = deque()
+
+    @property
+    def oldest_ns(self) -> int:
+        """When the oldest one under way was sent; 0: there is none."""
+        return self._under_way[0][1] if self._under_way else 0
 
     def set_round_trip(self, round_trip_ns: int) -> None:
         """Have packets sent from now on take longer."""
@@ -38,17 +44,16 @@ class SlowNetwork:
             while offered >= self.window.part_bytes and self.window.has_room(self.now_ns):
                 size = self.window.part_bytes
                 offered -= size
-                before = self.window.sent(size, self.now_ns)
+                before, load = self.window.sent(size, self.now_ns)
                 self._free_ns = max(self._free_ns, self.now_ns) + round(size * 1e9 / bytes_per_s)
-                is_full = self.window.under_way >= self.window.limit
                 arrives_ns = self._free_ns + self._round_trip_ns
-                self._under_way.append((arrives_ns, self.now_ns, before, is_full, size))
+                self._under_way.append((arrives_ns, self.now_ns, before, load, size))
 
     def _acknowledge(self) -> None:
         while self._under_way and self._under_way[0][0] <= self.now_ns:
-            _, sent_ns, before, was_full, size = self._under_way.popleft()
+            _, sent_ns, before, load, size = self._under_way.popleft()
             self.window.acknowledged(size)
-            self.window.measure(sent_ns, before, was_full, self.now_ns)
+            self.window.measure(sent_ns, before, load, self.now_ns)
             self.trip_ns = self.now_ns - sent_ns
 
 

@@ -7,7 +7,6 @@ from robbie_mp.link.header import (
     MAGIC,
     MAX_COUNTS,
     MAX_HOPS,
-    MAX_PARTS,
     MAX_WORD,
     ROBOT_NAME,
     VERSION,
@@ -30,7 +29,7 @@ TOPICS = st.text(st.characters(codec="utf-8"), max_size=24)
 @st.composite
 def data_headers(draw: st.DrawFn) -> Data:
     sequence = draw(st.integers(1, MAX_WORD))
-    parts = draw(st.integers(0, MAX_PARTS))
+    whole = draw(st.integers(0, (1 << 32) - 1))
     header = Data(
         draw(ROBOTS),
         draw(st.sampled_from(CLASSES)),
@@ -40,12 +39,13 @@ def data_headers(draw: st.DrawFn) -> Data:
         draw(WORDS),
         sequence,
         draw(st.integers(1, sequence)),
-        draw(st.integers(0, max(0, parts - 1))),
-        parts,
+        draw(st.integers(1, MAX_WORD)),
+        draw(st.integers(0, max(0, whole - 1))),
+        whole,
         draw(TIMES),
         draw(WORDS),
     )
-    if header.part or not parts:
+    if header.start or (not whole and draw(st.booleans())):
         return header
     return header._replace(
         name=ChannelId("sensor_msgs/msg/Image", draw(st.integers(1, (1 << 32) - 1)), draw(TOPICS)),
@@ -62,6 +62,7 @@ REPORTS = st.builds(
     WORDS,
     st.just(MAX_WORD),
     st.integers(1, MAX_WORD),
+    WORDS,
     st.lists(st.tuples(st.integers(0, 65535), WORDS, WORDS), max_size=20).map(tuple),
     st.booleans(),
 )
@@ -105,22 +106,32 @@ def test_no_bytes_make_unpack_raise(rest: bytes) -> None:
 
 def test_a_header_that_names_too_much_is_refused() -> None:
     name = ChannelId("sensor_msgs/msg/Image", 1, "camera")
-    good = Data("red", CLASSES[2], 0, 1, 7, 8, 5, 1, 0, 1, 0, 0, name, 10, ("red",))
+    good = Data("red", CLASSES[2], 0, 1, 7, 8, 5, 1, 9, 0, 10, 0, 0, name, 10, ("red",))
     assert unpack(pack(good)) == good
     bad: list[Packet] = [
         good._replace(sources=("red",) * (MAX_HOPS + 1)),
         good._replace(sources=()),
         good._replace(sources=("red/blue",)),
         good._replace(robot="*"),
-        good._replace(parts=MAX_PARTS + 1),
+        good._replace(start=5),
+        good._replace(name=None, size=0, sources=()),
+        good._replace(start=10, name=None, size=0, sources=()),
+        good._replace(sending=0),
         good._replace(oldest=6),
         good._replace(oldest=0),
         good._replace(flags=4),
         good._replace(name=name._replace(type_name="no type")),
         good._replace(name=name._replace(version=0)),
         good._replace(name=name._replace(topic="x" * 97)),
-        Report("red", CLASSES[0], 1, 2, 3, 3, ((0, 0, 0),) * (MAX_COUNTS + 1)),
-        Report("red", CLASSES[0], 1, 2, 3, 0, ()),
-        Report("red", CLASSES[0], 1, 2, 3, 4, ()),
+        Report("red", CLASSES[0], 1, 2, 3, 3, 0, ((0, 0, 0),) * (MAX_COUNTS + 1)),
+        Report("red", CLASSES[0], 1, 2, 3, 0, 0, ()),
+        Report("red", CLASSES[0], 1, 2, 3, 4, 0, ()),
     ]
     assert [unpack(pack(packet)) for packet in bad] == [None] * len(bad)
+
+
+def test_headers_of_other_versions_are_refused() -> None:
+    good = pack(Beat("red", 1, 2, 3, 0, 0))
+    assert unpack(good) is not None
+    for version in (VERSION - 1, VERSION + 1):
+        assert unpack(MAGIC + bytes([version]) + good[len(MAGIC) + 1 :]) is None

@@ -225,7 +225,7 @@ def test_packets_of_others_than_they_say_and_of_no_link_are_counted() -> None:
     network, red, blue = two_robots(12)
     assert red.node is not None
     session = blue.books.session
-    forged = Data("blue", TrafficClass.STATE, 0, 0, session, red.books.session, 1, 1, 0, 1, 0, 0)
+    forged = Data("blue", TrafficClass.STATE, 0, 0, session, red.books.session, 1, 1, 1, 0, 0, 0, 0)
     network.carry("green", "red", forged, b"")
     network.run(0.1)
     red.take("blue", b"nonsense", b"")

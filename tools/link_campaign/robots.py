@@ -172,6 +172,10 @@ class Robots:
         path = self.output(name) / "link.state"
         return LinkState.decode(path.read_bytes()) if path.exists() else None
 
+    def forget_state(self, name: str) -> None:
+        """Forget the last state of a robot's link, because that robot is gone."""
+        (self.output(name) / "link.state").unlink(missing_ok=True)
+
 
 def wait_until(condition: Callable[[], bool], what: str, *, pause_s: float = 0.02) -> None:
     """Wait for a condition, and look at it each `pause_s`.

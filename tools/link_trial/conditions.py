@@ -34,12 +34,14 @@ class Trial:
         conditions: of the network all the time.
         cut_s: time without any network, in the middle.
         flapping_s: times of a network that comes and goes, up and down.
+        then: conditions from the middle on.
     """
 
     title: str
     conditions: Conditions
     cut_s: float = 0.0
     flapping_s: tuple[float, float] | None = None
+    then: Conditions | None = None
 
     @property
     def holds(self) -> bool:
@@ -59,6 +61,7 @@ TRIALS = [
     Trial("5 Mbit/s", Conditions(5e6, delay_s=0.005)),
     Trial("5 Mbit/s, 50 ms each way", Conditions(5e6, delay_s=0.05)),
     Trial("100 ± 50 ms each way", Conditions(20e6, delay_s=0.1, jitter_s=0.05)),
+    Trial("fall from 800 to 5 Mbit/s", Conditions(800e6), then=Conditions(5e6)),
     Trial("10 s without network", GOOD, cut_s=10.0),
     Trial("flapping: 2 s up, 1 s down", GOOD, flapping_s=(2.0, 1.0)),
 ]
@@ -98,6 +101,10 @@ def run_trial(pair: Pair, trial: Trial, duration_s: float) -> Figures:
             pair.network.cut()
             time.sleep(trial.cut_s)
             pair.network.mend()
+            time.sleep(duration_s / 2)
+        elif trial.then is not None:
+            time.sleep(duration_s / 2)
+            pair.network.set(trial.then)
             time.sleep(duration_s / 2)
         else:
             time.sleep(duration_s)

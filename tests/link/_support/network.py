@@ -1,4 +1,4 @@
-"""Links without processes: a network that delays, loses and carries only so much, in its own time."""
+"""Links without processes: a network with delay, loss and limited bandwidth, in its own time."""
 
 import heapq
 import random
