@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.planar_messages import map_cells, pose_stamped
+from modules.planar_messages import map_cells, planar, pose_stamped
 from modules.team_messages import MapAlignment
 from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
 from robbie_mp.messages import (
@@ -13,12 +13,18 @@ from robbie_mp.messages import (
     OccupancyGrid,
     Point,
     Pose,
+    PoseStamped,
     TFMessage,
     Transform,
     TransformStamped,
     Vector3,
 )
-from workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged
+from workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged, without_robots
+from workers.planar_pose import transform_points
+
+TRAIL_STEP_M = 0.1
+MAX_TRAIL = 4000
+"""Places kept of each robot; when there are more, every second one is forgotten."""
 
 
 class MapMerger(Module):
@@ -27,6 +33,9 @@ class MapMerger(Module):
     It publishes the team's map as `OccupancyGrid` on `team`, in this robot's map frame. It contains another
     robot's map only while its place is known, or is sure because the maps agree. `MapAlignment` says how sure
     that is, or why not. On `placed` it tells the scene graph where the other robots' maps are.
+
+    This robot's laser also sees the other robots, and maps them as walls. The team's map leaves them out:
+    where another robot is or was, by the poses on topics such as `blue/map_pose`, there is no wall.
 
     The other robots' maps arrive on topics with their names in front, such as `blue/own`; a link with
     `prefix_topics` publishes them so. This robot's map has the topic `own`: set `map_topic` of mapping.
@@ -55,6 +64,9 @@ class MapMerger(Module):
         minimum=0.0,
         maximum=1.0,
     )
+    footprint_m: float = setting(
+        0.25, "another robot's radius; walls of the map this near to where it was are no walls", minimum=0.0
+    )
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -77,6 +89,8 @@ class MapMerger(Module):
             robot: np.array(start, float) for robot, start in self.starts.items()
         }
         self.found: dict[str, Alignment] = {}
+        self.trails: dict[str, list[tuple[float, float]]] = {robot: [] for robot in self.robots}
+        """Where each other robot was, x and y (m) in its own map."""
         self.next_s = dict.fromkeys(self.robots, 0.0)
         self.refused = 0
         self.is_new = False
@@ -87,6 +101,7 @@ class MapMerger(Module):
         self.subscribe(OccupancyGrid, self.on_map, topic=self.map_topic)
         for robot in self.robots:
             self.subscribe(OccupancyGrid, self.on_map, topic=f"{robot}/{self.map_topic}", optional=True)
+            self.subscribe(PoseStamped, self.on_pose, topic=f"{robot}/map_pose", optional=True)
 
     def on_map(self, message: OccupancyGrid) -> None:
         """Keep the newest map of each robot."""
@@ -103,6 +118,16 @@ class MapMerger(Module):
             self.own = kept
         else:
             self.others[topic.removesuffix(f"/{self.map_topic}")] = kept
+
+    def on_pose(self, message: PoseStamped) -> None:
+        """Remember where another robot is."""
+        trail = self.trails[self.envelope.topic.removesuffix("/map_pose")]
+        x_m, y_m, _ = planar(message.pose)
+        if trail and math.dist(trail[-1], (x_m, y_m)) < TRAIL_STEP_M:
+            return
+        trail.append((x_m, y_m))
+        if len(trail) > MAX_TRAIL:
+            del trail[-2::-2]
 
     def tick(self) -> None:
         """Look for one map, and publish the map of all."""
@@ -152,6 +177,10 @@ class MapMerger(Module):
     def _publish(self, own: GridMap) -> None:
         placed = [(grid, self.places[robot]) for robot, grid in self.others.items() if robot in self.places]
         team = merged(own, placed)
+        for robot, place in self.places.items():
+            if self.trails[robot]:
+                there = transform_points(place, np.array(self.trails[robot]))
+                team = without_robots(team, there, self.footprint_m)
         corner = np.asarray(team.corner_xy_m, float).tolist()
         height, width = team.cells.shape
         info = MapMetaData(

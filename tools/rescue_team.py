@@ -1,18 +1,21 @@
 """Two linked rescue robots explore a random arena together, judged by the ground truth.
 
-    python -m tools.rescue_team --seeds 1 [--first 0] [--rate 0.5] [--alone] [--json FILE] [--keep DIR]
+    python -m tools.rescue_team --seeds 1 [--first 0] [--rate 10] [--alone] [--kill] [--json FILE]
 
 Each robot is a run of the profile `rescue-team`: red starts at the arena's start, blue beside it. They share
 the simulated arena by a folder, and talk over a link on this machine alone. Each knows where the other has
 started. Where their ways meet, blue gives way. A victim counts as found if one of them has confirmed it and
 placed it within 0.2 m.
 
-Both run at real-time speed, which takes two processor cores of their own or more. With `--rate` they run in
-simulated time, at most that much faster than real time. With `--alone`, red also explores each arena alone,
-by the same profile, and the figures say how long two robots took compared with one.
+Both run at real-time speed, which takes two processor cores of their own or more. With `--rate` they share
+one simulated time, at most that much faster than real time: neither runs ahead of the other. With `--kill`,
+every module of both robots is killed once, their links too, by the robot's own clock. With `--alone`, red
+also explores each arena alone, by the same profile, and the figures say how long two robots took compared
+with one. `--keep DIR` keeps the output of the robots.
 """
 
 import argparse
+import contextlib
 import json
 import shutil
 import signal
@@ -32,7 +35,8 @@ from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
 from robbie_mp.profile.load import load_profile
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.rescue_trials import NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
+from tools.mission_kills import Kills
+from tools.rescue_trials import BEGIN_S, KILL_END_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
 from workers.planar_pose import relative
 
 PROFILE, SIMULATED = "rescue-team", "rescue-team-fast"
@@ -99,6 +103,8 @@ def arguments_of(
     }
     if rate is not None:
         settings["time.rate"] = rate
+        settings["time.shared"] = str(folder / "time")
+        settings["time.waits_for"] = len(starts)
     for spec in load_profile(profile, REPOSITORY).modules:
         if spec.name in NOISY:
             settings[f"{spec.name}.seed"] = seed + 1000 * (not is_first)
@@ -111,7 +117,9 @@ def arguments_of(
     return [profile, *words]
 
 
-def run_team(seed: int, folder: Path, rate: float | None = None, *, is_alone: bool = False) -> TeamOutcome:
+def run_team(
+    seed: int, folder: Path, rate: float | None = None, *, is_alone: bool = False, kill: bool = False
+) -> TeamOutcome:
     """Run both missions, or that of red alone, and judge them."""
     folder.mkdir(parents=True)
     (folder / "arena.yaml").write_text(generate_arena(seed, WISHES))
@@ -126,7 +134,7 @@ def run_team(seed: int, folder: Path, rate: float | None = None, *, is_alone: bo
         for name in starts:
             words = arguments_of(name, starts, seed, folder, port, rate)
             robots[name] = Robot(folder / name, REPOSITORY, *words)
-        wait_for_ends(robots)
+        restarts = wait_for_ends(robots, seed if kill else None)
     except RobotTrouble as trouble:
         outcome.trouble = str(trouble)
     finally:
@@ -135,14 +143,19 @@ def run_team(seed: int, folder: Path, rate: float | None = None, *, is_alone: bo
     if not outcome.trouble:
         for name, robot in robots.items():
             one = Outcome(seed, victims=len(arena.victims))
+            one.restarts = restarts[name]
             judge(one, replace(arena, start=starts[name]), robot.output)
             outcome.robots[name] = one
         sum_up(outcome)
     return outcome
 
 
-def wait_for_ends(robots: dict[str, Robot]) -> None:
-    """Wait until all missions have ended.
+def wait_for_ends(robots: dict[str, Robot], kill_seed: int | None = None) -> dict[str, dict[str, int]]:
+    """Wait until all missions have ended; return how often modules of each robot were restarted.
+
+    Args:
+        robots: by name.
+        kill_seed: of the moments at which every module is killed. None: none is.
 
     Raises:
         RobotTrouble: one has not ended in time, or has failed.
@@ -150,12 +163,23 @@ def wait_for_ends(robots: dict[str, Robot]) -> None:
     for robot in robots.values():
         robot.wait_until_running()
     limit_s = time.monotonic() + RUN_LIMIT_S
-    while any(robot.is_up for robot in robots.values()):
-        if time.monotonic() > limit_s:
-            raise RobotTrouble(f"the missions did not end in {RUN_LIMIT_S} s")
-        time.sleep(0.1)
-    for robot in robots.values():
-        robot.wait_for_end()
+    with contextlib.ExitStack() as kept:
+        kills = {}
+        for index, (name, robot) in enumerate(robots.items() if kill_seed is not None else ()):
+            kills[name] = Kills(robot, 100 * (kill_seed or 0) + index, BEGIN_S, KILL_END_S)
+            kept.callback(kills[name].close)
+        while any(robot.is_up for robot in robots.values()):
+            if time.monotonic() > limit_s:
+                raise RobotTrouble(f"the missions did not end in {RUN_LIMIT_S} s")
+            for name, one in kills.items():
+                if robots[name].is_up:
+                    one.do_what_is_due()
+            time.sleep(0.02)
+    ends = {name: robot.wait_for_end()["modules"] for name, robot in robots.items()}
+    return {
+        name: {one["name"]: one["restarts"] for one in modules if one["restarts"]}
+        for name, modules in ends.items()
+    }
 
 
 def compare(team: TeamOutcome, alone: TeamOutcome) -> None:
@@ -182,6 +206,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--rate", type=float, help="simulated time, at most this much faster than real time")
     parser.add_argument("--alone", action="store_true", help="also run one robot alone, and compare")
+    parser.add_argument("--kill", action="store_true", help="kill every module of both robots once")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the robots")
     options = parser.parse_args(arguments)
@@ -189,7 +214,7 @@ def main(arguments: list[str] | None = None) -> int:
     outcomes = []
     try:
         for seed in range(options.first, options.first + options.seeds):
-            outcomes.append(run_team(seed, folder / str(seed), options.rate))
+            outcomes.append(run_team(seed, folder / str(seed), options.rate, kill=options.kill))
             if options.alone:
                 compare(outcomes[-1], run_team(seed, folder / f"{seed}-alone", options.rate, is_alone=True))
             print(json.dumps(asdict(outcomes[-1])), flush=True)

@@ -1,15 +1,19 @@
 """Simulated time without a log: the run's clock advances as fast as the modules can, or at a set rate."""
 
 import time
+from pathlib import Path
 
 from robbie_mp.messages import Tick, Time
 from robbie_mp.module.module import setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.lockstep import ClockSource, TickSchedule
 from robbie_mp.run.run_clock import ClockWriter
+from robbie_mp.run.shared_time import SharedTime
 
 STEPS_AT_ONCE = 100
 """Maximum number of ticks granted in a row before this module checks its own messages."""
+POLL_S = 0.0005
+"""Time between looks at other runs that are behind."""
 
 
 class SimulatedTime(ClockSource):
@@ -29,6 +33,12 @@ class SimulatedTime(ClockSource):
     duration_s: float | None = setting(
         None, "simulated time after which this module ends; null: never", minimum=0.0
     )
+    shared: Path | None = setting(
+        None, "folder by which runs on this machine share one simulated time: none runs ahead of the others"
+    )
+    waits_for: int = setting(
+        1, "with `shared`: runs that must be there, this one included, before time passes", minimum=1
+    )
 
     def setup(self) -> None:
         """Start, or continue where a killed incarnation stopped."""
@@ -47,6 +57,11 @@ class SimulatedTime(ClockSource):
             self.began_machine_s -= (now_ns - self.began_ns) / 1e9 / self.rate
         self.schedule = TickSchedule(now_ns)
         self.ticks = 0
+        self.shared_time: SharedTime | None = None
+        if self.shared is not None:
+            # After a restart, the others have been there, and may have ended since.
+            waits_for = self.waits_for if now_ns == self.began_ns else 1
+            self.shared_time = SharedTime(self.shared, self.run_id or "run", waits_for)
 
     def tick(self) -> None:
         """Advance for as long as everything is settled."""
@@ -79,12 +94,28 @@ class SimulatedTime(ClockSource):
             passed_s = (time.monotonic() - self.began_machine_s) * self.rate
             if (due_ns - self.began_ns) / 1e9 > passed_s:
                 return False
+        if self.shared_time is not None and not self.shared_time.may_go_to(due_ns):
+            return self._wait_for_others(self.shared_time, due_ns)
         self.clock_writer.pause(due_ns)
         if self.publish(Tick(due=Time.from_nanoseconds(due_ns)), topic=name) and name:
             self.schedule.granted(name)
             self.ticks += 1
         return True
 
+    def _wait_for_others(self, shared: SharedTime, due_ns: int) -> bool:
+        """Wait for the runs behind this one, but no longer than a period; False if they still are."""
+        end_s = time.monotonic() + self.period_s
+        while not (may_go := shared.may_go_to(due_ns)) and time.monotonic() < end_s:
+            time.sleep(POLL_S)
+        if not shared.has_begun:
+            self.status = f"waiting until {self.waits_for} runs share this time"
+        if self.rate is not None:  # what has been waited for is not made up for by a higher rate
+            earliest_s = time.monotonic() - (due_ns - self.began_ns) / 1e9 / self.rate
+            self.began_machine_s = max(self.began_machine_s, earliest_s)
+        return may_go
+
     def teardown(self) -> None:
-        """Release the clock: it stops."""
+        """Release the clock: it stops. Other runs that share it go on."""
+        if self.shared_time is not None:
+            self.shared_time.leave()
         self.clock_writer.close()

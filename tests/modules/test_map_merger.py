@@ -5,13 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from modules import map_merger
 from modules.map_merger import MapMerger
 from modules.navigation import Navigation
 from modules.rescue.mission import RescueMission
 from modules.rescue.victims import Victims
 from modules.team_messages import MapAlignment
 from robbie_mp import Module, ModuleHarness, SettingError
-from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, TFMessage
+from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, PoseStamped, TFMessage
 from tests.workers._support.known_room import draw
 from tests.workers.maps.test_map_alignment import BLUE, RED, TRUE, off
 from workers.maps.map_alignment import GridMap
@@ -68,6 +69,35 @@ def test_known_start_counts_until_the_maps_confirm_it() -> None:
     assert known_m2(team) > known_m2(alone)
     (alignment,) = harness.take(MapAlignment, "blue")
     assert alignment.is_known and not alignment.is_sure
+
+
+def test_what_was_another_robot_is_no_wall_on_the_team_map() -> None:
+    own = np.zeros((80, 80), np.int8)
+    own[38:42, 38:42] = 100  # blue, as this robot's laser saw it when it stood there
+    own[70, :] = 100
+    start = [1.0, 0.0, 0.0]
+    with ModuleHarness(MapMerger, {"robots": ["blue"], "starts": {"blue": start}}) as harness:
+        harness.send(message(GridMap(own, 0.05, (0.0, 0.0))), topic="own")
+        for x_m in (1.0, 1.5, 2.0):  # in the map of blue, whose frame lies at x = 1 m
+            pose = Pose(position=Point(x=x_m, y=2.0))
+            harness.send(PoseStamped(pose=pose), topic="blue/map_pose")
+        harness.advance(1.1)
+        team = harness.take(OccupancyGrid, "team")[-1]
+    cells = team.data.reshape(team.info.height, team.info.width)
+    assert (cells[38:42, 38:42] == 0).all()
+    assert (cells[70] == 100).all()
+
+
+def test_trail_of_a_robot_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(map_merger, "MAX_TRAIL", 10)
+    with ModuleHarness(MapMerger, {"robots": ["blue"]}) as harness:
+        for number in range(40):
+            pose = Pose(position=Point(x=0.2 * number))
+            harness.send(PoseStamped(pose=pose), topic="blue/map_pose")
+            harness.send(PoseStamped(pose=pose), topic="blue/map_pose")
+        trail = harness.module.trails["blue"]
+    assert len(trail) <= 10
+    assert trail[-1][0] == pytest.approx(7.8)
 
 
 def test_restarted_merger_still_knows_where_the_other_map_is() -> None:

@@ -67,3 +67,14 @@ def test_team_is_compared_with_one_robot_in_the_same_arena() -> None:
     alone.robots["red"] = Outcome(0, simulated_s=100.0)
     compare(team, alone)
     assert (team.ratio, team.alone) == (0.6, alone.robots["red"])
+
+
+def test_robots_of_a_team_share_one_simulated_time(tmp_path: Path) -> None:
+    arena = read_arena(ARENAS / "rescue_maze.yaml")
+    starts = {"red": arena.start, "blue": second_start(arena)}
+    shared = []
+    for robot in starts:
+        _, *words = arguments_of(robot, starts, 3, tmp_path, 7447, rate=10.0)
+        settings = dict(word.split("=", 1) for word in words[1::2])
+        shared.append((settings["time.shared"], settings["time.waits_for"]))
+    assert shared == [(json.dumps(str(tmp_path / "time")), "2")] * 2

@@ -2,11 +2,12 @@
 
 After Burgard, Moors, Stachniss and Schneider, "Coordinated multi-robot exploration" (IEEE Transactions on
 Robotics, 2005): a target is worth less the nearer it lies to the target of another robot. There, one program
-assigns the targets of all robots. Here, each robot decides for itself, knowing what the others have claimed.
+assigns the targets of all robots. Here, each robot decides for itself, knowing what the others have claimed
+and where they are.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,11 @@ RANGE_M = 3.0
 """The claim makes targets dearer up to this distance."""
 DISCOUNT_M = 3.0
 """How much dearer a target gets at the place that another robot has claimed."""
+
+SHARE = 0.6
+"""How much a metre counts by which a target is nearer to one robot than to another."""
+MAX_LEAD_M = 4.0
+"""A greater difference counts no more, so that no target is left for good."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,11 @@ class TeamClaims:
         """Return whether another robot still works."""
         return any(claim.is_working for claim in self.current.values())
 
+    @property
+    def working(self) -> list[Claim]:
+        """Return the claims of the robots that still look for work."""
+        return [claim for claim in self.current.values() if claim.is_working]
+
     def extra_cost_m(self, target_xy_m: Points, way_m: float, *, is_current: bool = False) -> float:
         """Return how much dearer a target is because of the others; +inf: it is left to another robot.
 
@@ -89,3 +100,15 @@ class TeamClaims:
             if not is_current:
                 extra_m += DISCOUNT_M * max(0.0, 1.0 - away_m / RANGE_M)
         return extra_m
+
+
+def share_cost_m(way_m: float, others_m: Iterable[float]) -> float:
+    """Return how much dearer a target is because it is nearer to other robots; less than 0: it is farther.
+
+    So each robot prefers the targets at which its advantage is greatest, and the robots part.
+
+    Args:
+        way_m: cost of this robot's way to the target.
+        others_m: cost of the way of each other robot that works; +inf: it finds no way.
+    """
+    return sum(SHARE * min(max(way_m - other_m, -MAX_LEAD_M), MAX_LEAD_M) for other_m in others_m)

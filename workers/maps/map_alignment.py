@@ -197,6 +197,25 @@ def merged(own: GridMap, others: list[tuple[GridMap, Points]]) -> GridMap:
     return result
 
 
+def without_robots(grid: GridMap, places_xy_m: Points, radius_m: float) -> GridMap:
+    """Return a map without the walls that were robots: ground on which one stands or has stood is free.
+
+    Args:
+        grid: the map.
+        places_xy_m: `(N, 2)`, m, in the map's frame: where robots are or were.
+        radius_m: of a robot, as the map shows it.
+    """
+    cells = np.floor((places_xy_m - np.asarray(grid.corner_xy_m, float)) / grid.resolution_m).astype(np.int64)
+    height, width = grid.cells.shape
+    inside = ((cells >= 0) & (cells < (width, height))).all(axis=1)
+    if not inside.any():
+        return grid
+    is_place = np.zeros(grid.cells.shape, bool)
+    is_place[cells[inside, 1], cells[inside, 0]] = True
+    is_robot = (distance_cells(is_place) * grid.resolution_m <= radius_m) & (grid.cells >= OCCUPIED_PERCENT)
+    return GridMap(np.where(is_robot, 0, grid.cells).astype(np.int8), grid.resolution_m, grid.corner_xy_m)
+
+
 def _judged(own: GridMap, other: GridMap, pose: Points, ambiguity: float, trust: Trust) -> Alignment:
     """Return the alignment at a pose, with the reason to doubt it."""
     theirs = transform_points(pose, other.walls())

@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.exploration.drivable_ground import SNAP_M
 from workers.exploration.team_claims import Claim
 from workers.maps.navigation_grid import Cell
-from workers.rescue.mission_targets import SNAP_M, Surroundings
+from workers.rescue.mission_targets import Surroundings
 
 Points = NDArray[np.float64]
 

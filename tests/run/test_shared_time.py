@@ -1,0 +1,70 @@
+"""Several runs share one simulated time: none runs ahead of the others."""
+
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.run import shared_time
+from robbie_mp.run.shared_time import LEAD_NS, SharedTime
+
+STEP_NS = 50_000_000
+
+
+def two(folder: Path) -> tuple[SharedTime, SharedTime]:
+    return SharedTime(folder / "time", "red", 2), SharedTime(folder / "time", "blue", 2)
+
+
+def test_no_time_passes_until_all_runs_are_there(tmp_path: Path) -> None:
+    red, blue = two(tmp_path)
+    assert not red.may_go_to(STEP_NS)
+    assert not red.has_begun
+    assert blue.may_go_to(STEP_NS)
+    assert red.may_go_to(STEP_NS)
+    assert red.has_begun
+
+
+def test_a_run_waits_for_those_that_are_behind_it(tmp_path: Path) -> None:
+    red, blue = two(tmp_path)
+    red.may_go_to(0)
+    blue.may_go_to(0)
+    assert red.may_go_to(LEAD_NS)
+    assert not red.may_go_to(LEAD_NS + 1)
+    assert not blue.may_go_to(STEP_NS)
+    # Now each knows where the other wants to go, so the one that is behind may go.
+    assert red.may_go_to(LEAD_NS + 1)
+    assert red.may_go_to(STEP_NS)
+    assert blue.may_go_to(STEP_NS)
+
+
+def test_runs_of_different_steps_stay_together_and_none_waits_for_ever(tmp_path: Path) -> None:
+    runs = {name: SharedTime(tmp_path, name, 3) for name in ("red", "blue", "green")}
+    steps_ns = {"red": 7_000_000, "blue": 50_000_000, "green": 20_000_000}
+    times_ns = dict.fromkeys(runs, 0)
+    for run in runs.values():
+        run.may_go_to(0)
+    for _ in range(300):
+        went = [name for name in runs if runs[name].may_go_to(times_ns[name] + steps_ns[name])]
+        assert went
+        for name in went:
+            times_ns[name] += steps_ns[name]
+        assert max(times_ns.values()) - min(times_ns.values()) <= LEAD_NS + 50_000_000
+    assert min(times_ns.values()) > 1_000_000_000
+
+
+def test_runs_that_leave_or_die_are_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    red, blue = two(tmp_path)
+    red.may_go_to(0)
+    blue.may_go_to(0)
+    assert not red.may_go_to(STEP_NS)
+    monkeypatch.setattr(shared_time, "STALE_S", -1.0)
+    assert red.may_go_to(STEP_NS)
+    monkeypatch.undo()
+    assert not red.may_go_to(2 * STEP_NS)
+    blue.leave()
+    assert red.may_go_to(2 * STEP_NS)
+
+
+def test_a_damaged_file_holds_nobody_up(tmp_path: Path) -> None:
+    red = SharedTime(tmp_path, "red")
+    (tmp_path / "blue.time").write_bytes(b"damaged")
+    assert red.may_go_to(STEP_NS)
