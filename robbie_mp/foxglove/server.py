@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,6 +16,7 @@ from urllib.parse import unquote, urlsplit
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.foxglove.frames import GREETING_CHANNEL
+from robbie_mp.messages.schema_parser import MAX_TEXT_BYTES
 
 if TYPE_CHECKING:
     import foxglove
@@ -25,6 +26,8 @@ MAX_WAITING = 256
 MAX_WAITING_BYTES = 64 << 20
 MAX_CLIENT_CHANNELS = 64
 """Most channels that a client may announce."""
+MAX_SCHEMA_BYTES = 16 << 20
+"""Size of the schemas of clients that are kept."""
 MAX_ASSET_BYTES = 64 << 20
 ANSWER_LIMIT_S = 2.0
 """A service without an answer for this time has failed."""
@@ -32,18 +35,35 @@ SET_BOOL = "bool data"
 RESPONSE = "bool success\nstring message"
 CDR = "cdr"
 JSON = "json"
+ROS2MSG = "ros2msg"
 
 
 class FoxgloveMissing(RobbieError, ImportError):
     """The extra `foxglove` is not installed."""
 
 
-class FromClient(NamedTuple):
-    """A message that a client has published."""
+class Announced(NamedTuple):
+    """A channel of a client.
+
+    Attributes:
+        topic: its topic.
+        type_name: the name of its type.
+        encoding: the encoding of its messages.
+        schema_encoding: how the client describes the type, such as `ros2msg`; "" if it does not.
+        schema: the description; b"" if it is too large, or the server keeps enough already.
+    """
 
     topic: str
     type_name: str
     encoding: str
+    schema_encoding: str = ""
+    schema: bytes = b""
+
+
+class FromClient(NamedTuple):
+    """A message that a client has published."""
+
+    channel: Announced
     data: bytes
     arrived_ns: int
     """Monotonic time of the module."""
@@ -100,6 +120,7 @@ class ServerOptions:
         max_message_bytes: size of the largest message that is taken from a client.
         services: names of services and whether their request has a bool.
         assets: folders whose files clients may read, by the name of their package.
+        foreign_topics: topics on which clients may publish types that the robot does not know.
     """
 
     name: str
@@ -108,6 +129,7 @@ class ServerOptions:
     max_message_bytes: int
     services: Mapping[str, bool]
     assets: Mapping[str, Path]
+    foreign_topics: Collection[str] = ()
 
 
 class Server:
@@ -138,7 +160,7 @@ class Server:
         self._waiting: deque[Arrived] = deque()
         self._waiting_bytes = 0
         self._clients: dict[int, int] = {}
-        self._announced: dict[tuple[int, int], tuple[str, str, str]] = {}
+        self._announced: dict[tuple[int, int], Announced] = {}
         self._readers: dict[int, set[int]] = {}
         self._new_readers: set[int] = set()
         self.parameters: Mapping[str, Any] = {}
@@ -175,7 +197,7 @@ class Server:
             schema_name: full name of the type.
             schema: the type as ros2msg text.
         """
-        described = self._foxglove.Schema(name=schema_name, encoding="ros2msg", data=schema.encode())
+        described = self._foxglove.Schema(name=schema_name, encoding=ROS2MSG, data=schema.encode())
         return self._foxglove.Channel(topic, schema=described, message_encoding=CDR, context=self._context)
 
     def readers(self) -> dict[int, set[int]]:
@@ -230,8 +252,7 @@ class Server:
         elif self._is_guest(client):
             with self._lock:
                 if sum(one == client.id for one, _ in self._announced) < MAX_CLIENT_CHANNELS:
-                    announced = channel.topic, channel.schema_name, channel.encoding
-                    self._announced[client.id, channel.id] = announced
+                    self._announced[client.id, channel.id] = self._noted(channel)
 
     def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
         """Forget a client's channel; the door's is the last, when the client has gone."""
@@ -257,11 +278,11 @@ class Server:
         """Take a message of a client."""
         if not self._is_guest(client):
             return
-        announced = self._announced.get((client.id, client_channel_id), ("", "", ""))
+        announced = self._announced.get((client.id, client_channel_id), Announced("", "", ""))
         if len(data) > self._options.max_message_bytes:
             self.oversized += 1
         else:
-            self._put(FromClient(*announced, data, self._now_ns()))
+            self._put(FromClient(announced, data, self._now_ns()))
 
     def on_get_parameters(self, client: Any, names: list[str], _request: str | None = None) -> list[Any]:
         """Return parameters; without names, all."""
@@ -327,6 +348,17 @@ class Server:
 
     # -- inside ------------------------------------------------------------------------------------------
 
+    def _noted(self, channel: Any) -> Announced:
+        """Return what is kept of a client's channel; its schema only where the robot may need it."""
+        announced = Announced(channel.topic, channel.schema_name, channel.encoding)
+        schema = channel.schema or b""
+        kept_bytes = sum(len(one.schema) for one in self._announced.values())
+        if channel.topic not in self._options.foreign_topics:
+            return announced
+        if len(schema) > MAX_TEXT_BYTES or kept_bytes + len(schema) > MAX_SCHEMA_BYTES:
+            schema = b""
+        return announced._replace(schema_encoding=channel.schema_encoding or "", schema=schema)
+
     def _is_guest(self, client: Any) -> bool:
         """Whether a client came through the door; one that did not ends the server."""
         if client.id in self._clients:
@@ -355,7 +387,7 @@ class Server:
         sdk = self._foxglove.websocket
 
         def message(part: str, text: str) -> Any:
-            schema = self._foxglove.Schema(name=f"{kind}_{part}", encoding="ros2msg", data=text.encode())
+            schema = self._foxglove.Schema(name=f"{kind}_{part}", encoding=ROS2MSG, data=text.encode())
             return sdk.MessageSchema(encoding=CDR, schema=schema)
 
         kind = f"std_srvs/srv/{'SetBool' if has_bool else 'Trigger'}"

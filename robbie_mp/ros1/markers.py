@@ -5,7 +5,7 @@ its topic. A message with a `header` and a `pose` is one place; with an `id`, ea
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from robbie_mp.messages import Header, Message, PointOfInterest, Pose, from_dict
 from robbie_mp.messages.field_types import Nested
@@ -19,9 +19,9 @@ HEIGHT_M = 0.3
 SPHERE, TEXT = 2, 9
 DELETE_ALL = 3
 MAX_TEXT = 80
-_COLOURS = ((0.9, 0.8, 0.1), (1.0, 0.5, 0.0), (0.2, 0.8, 0.2), (0.5, 0.5, 0.5))
-"""By the number in the field `state`: yellow, orange, green, grey."""
-_OTHER_COLOUR = (0.2, 0.5, 1.0)
+_COLOURS = ((0.9, 0.8, 0.1), (1.0, 0.5, 0.0), (0.2, 0.8, 0.2), (0.5, 0.5, 0.5), (0.2, 0.5, 1.0))
+"""By the number in the field `state`: yellow, orange, green, grey; for others blue."""
+_OTHER_COLOUR = 4
 _LINE = "=" * 80
 _SCHEMA = f"""\
 visualization_msgs/Marker[] markers
@@ -115,6 +115,26 @@ def _kinds(message_type: type[Message]) -> dict[str, str]:
     return {name: kind.layout.type_name for name, kind in kinds.items() if isinstance(kind, Nested)}
 
 
+class Place(NamedTuple):
+    """A place that is shown.
+
+    Attributes:
+        frame: frame of its position.
+        x_m: position, m.
+        y_m: as above.
+        z_m: as above.
+        text: what stands above it.
+        colour: number of its colour in `_COLOURS`.
+    """
+
+    frame: str
+    x_m: float
+    y_m: float
+    z_m: float
+    text: str
+    colour: int
+
+
 class MarkerBook:
     """The places of one topic, as markers.
 
@@ -127,11 +147,19 @@ class MarkerBook:
 
     def __init__(self, message_type: type[Message]):
         self._type = message_type
-        self._places: dict[int, list[dict[str, Any]]] = {}
+        self._places: dict[int, Place] = {}
         self.left_out = 0
 
-    def markers(self, data: bytes) -> bytes:
-        """Return all markers of the topic, encoded, with those of a new message.
+    def state(self) -> list[list[Any]]:
+        """Return all places, for a checkpoint."""
+        return [[number, *place] for number, place in self._places.items()]
+
+    def restore(self, state: list[list[Any]]) -> None:
+        """Show the places of a checkpoint."""
+        self._places = {number: Place(*place) for number, *place in state}
+
+    def add(self, data: bytes) -> None:
+        """Add what a new message says.
 
         Args:
             data: the message, encoded.
@@ -148,22 +176,21 @@ class MarkerBook:
             number = getattr(message, "id", 0)
             number = number if isinstance(number, int) else 0
             self._add(number, message.header, message.pose, self._text(message), _colour(message))
-        markers = [marker for pair in self._places.values() for marker in pair]
+
+    def markers(self) -> bytes:
+        """Return all markers of the topic, encoded."""
+        markers = [marker for place in self._places.values() for marker in _markers(place)]
         numbered = [{**marker, "id": number} for number, marker in enumerate(markers)]
         return from_dict(MARKER_ARRAY, {"markers": [{"action": DELETE_ALL}, *numbered]}).encode()
 
-    def _add(
-        self, number: int, header: Header, pose: Pose, text: str, colour: tuple[float, float, float]
-    ) -> None:
+    def _add(self, number: int, header: Header, pose: Pose, text: str, colour: int) -> None:
         at = pose.position.x, pose.position.y, pose.position.z
         if not all(map(math.isfinite, at)) or (
             number not in self._places and len(self._places) >= MAX_PLACES
         ):
             self.left_out += 1
             return
-        pin = _marker(header.frame_id, SPHERE, at, HEIGHT_M / 2, (HEIGHT_M,) * 3, colour)
-        above = _marker(header.frame_id, TEXT, at, 1.5 * HEIGHT_M, (0.0, 0.0, HEIGHT_M), (1.0, 1.0, 1.0))
-        self._places[number] = [pin, {**above, "text": text[:MAX_TEXT]}] if text else [pin]
+        self._places[number] = Place(header.frame_id, *at, text[:MAX_TEXT], colour)
 
     def _text(self, message: Any) -> str:
         name = str(getattr(message, "name", ""))
@@ -172,9 +199,17 @@ class MarkerBook:
         return f"{name}: {words[0]}" if name and words else name
 
 
-def _colour(message: Any) -> tuple[float, float, float]:
+def _colour(message: Any) -> int:
     state = getattr(message, "state", None)
-    return _COLOURS[state] if isinstance(state, int) and 0 <= state < len(_COLOURS) else _OTHER_COLOUR
+    return state if isinstance(state, int) and 0 <= state < _OTHER_COLOUR else _OTHER_COLOUR
+
+
+def _markers(place: Place) -> list[dict[str, Any]]:
+    """Return a ball where a place is, and its text above it."""
+    at = place.x_m, place.y_m, place.z_m
+    ball = _marker(place.frame, SPHERE, at, HEIGHT_M / 2, (HEIGHT_M,) * 3, _COLOURS[place.colour])
+    above = _marker(place.frame, TEXT, at, 1.5 * HEIGHT_M, (0.0, 0.0, HEIGHT_M), (1.0, 1.0, 1.0))
+    return [ball, {**above, "text": place.text}] if place.text else [ball]
 
 
 def _marker(

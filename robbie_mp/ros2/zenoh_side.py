@@ -28,15 +28,18 @@ if TYPE_CHECKING:
 
     from robbie_mp.ros2.service_types import ServiceType
 
+LARGE_BYTES = 1 << 16
+"""Size from which a message fills Zenoh's batches: waiting for more to send with its end only costs time."""
 ROUTER = "tcp/127.0.0.1:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
 
 
 @dataclass
 class _Publisher:
-    """A declared publisher, and what it has sent."""
+    """A declared publisher, and what it has sent. Large messages have one that does not wait for more."""
 
     zenoh: Any
+    large: Any
     token: "zenoh.LivelinessToken"
     gid: bytes
     sent: int = 0
@@ -113,8 +116,9 @@ class ZenohSide:
             publisher = self._publishers[channel] = self._declare(channel)
         publisher.sent += 1
         attachment = Attachment(publisher.sent, time.time_ns(), publisher.gid).encode()
+        own = publisher.large if len(data) >= LARGE_BYTES else publisher.zenoh
         try:
-            publisher.zenoh.put(self._memory.copy(data), attachment=attachment)
+            own.put(self._memory.copy(data), attachment=attachment)
         except zenoh.ZError:
             self.unsent += 1
 
@@ -173,12 +177,14 @@ class ZenohSide:
             publisher: Any = zenoh.ext.declare_advanced_publisher(
                 self._zenoh, key, congestion_control=drop, cache=cache, publisher_detection=True
             )
+            large = publisher  # one cache has all messages
         else:
             publisher = self._zenoh.declare_publisher(key, congestion_control=drop)
+            large = self._zenoh.declare_publisher(key, congestion_control=drop, express=True)
         token, declared = self._token(PUBLISHER, channel)
         number = gid(token)
         self._gids.add(number)
-        return _Publisher(publisher, declared, number)
+        return _Publisher(publisher, large, declared, number)
 
     # -- in threads of Zenoh ---------------------------------------------------------------------------
 

@@ -8,6 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.bridge.driving import drive_command
+from robbie_mp.bridge.foreign import (
+    MAX_FOREIGN,
+    ForeignTypeRefused,
+    RecordersDoNotLearn,
+    learn_foreign,
+)
 from robbie_mp.bridge.frames import FrameMap, Rename, renamed
 from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, other_name, snake_case
 from robbie_mp.bridge.surroundings import Surroundings
@@ -17,6 +23,8 @@ from robbie_mp.foxglove.door import Door
 from robbie_mp.foxglove.server import (
     CDR,
     JSON,
+    ROS2MSG,
+    Announced,
     Arrived,
     FoxgloveMissing,
     FromClient,
@@ -42,6 +50,8 @@ from robbie_mp.messages import (
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.plain import from_dict
 from robbie_mp.messages.registry import full_name
+from robbie_mp.messages.schema import schema_text
+from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import MessageHandling, Module, setting
 from robbie_mp.module.secret import Secret, reveal
@@ -178,10 +188,12 @@ class FoxgloveServer(Module):
         """Open the server and the door before it."""
         around = Surroundings.of(self.run_id, self.name, CLASS_PATH)
         try:
-            self._map = BridgeMap(self.send, self.accept, types=around.types)
+            self._map = BridgeMap(self.send, self.accept, types=around.types, takes_foreign=True)
         except MappingError as error:
             raise SettingError(str(error), "accept") from error
+        self._surroundings = around
         self._types: KnownTypes = around.types
+        self._foreign: dict[Announced, type[Message] | str] = {}
         self._frames = FrameMap(self.frames)
         self._accepted = {one.name: one for one in self._map.incoming}
         self._newest_only = [Pair(type_pattern(one), "*") for one in self.newest]
@@ -207,7 +219,7 @@ class FoxgloveServer(Module):
             self.subscribe_encoded("*", self._on_unannounced)
         if self.emergency_stop:
             self.advertise(EmergencyStop, topic=STOP_TOPIC)
-        for one in self._map.incoming:
+        for one in [one for one in self._map.incoming if not one.is_foreign]:
             self.advertise(DriveCommand if one.drives else self._types.get(one.type_name), topic=one.topic)
         if self.change_settings:
             self.subscribe(SettingChanged, self._on_setting_changed, optional=True)
@@ -251,7 +263,15 @@ class FoxgloveServer(Module):
         services = SERVICES if self.emergency_stop else {}
         name = f"Robbie-MP {self.run_id}".strip()
         options = ServerOptions(
-            name, self._greeting_topic, self.queue_messages, self.max_message_bytes, services, self.assets
+            name,
+            self._greeting_topic,
+            self.queue_messages,
+            self.max_message_bytes,
+            services,
+            self.assets,
+            foreign_topics={
+                form for one in self._map.incoming if one.is_foreign for form in _forms(one.name)
+            },
         )
         return Server(options, self.tick_soon, self.clock.monotonic_ns)
 
@@ -432,17 +452,19 @@ class FoxgloveServer(Module):
 
     def _publish(self, arrived: FromClient) -> None:
         """Publish a message of a client, if it is accepted and is what it says."""
-        name = arrived.topic if arrived.topic.startswith("/") else f"/{arrived.topic}"
+        channel = arrived.channel
+        name = channel.topic if channel.topic.startswith("/") else f"/{channel.topic}"
+        type_name = full_name(channel.type_name)
         accepted = self._accepted.get(name)
-        if accepted is None or full_name(arrived.type_name) != accepted.type_name:
-            self._refuse(f"{full_name(arrived.type_name)} on {name}: `accept` does not allow it")
+        if accepted is None or not accepted.matches(type_name):
+            self._refuse(f"{type_name:.200} on {name:.200}: `accept` does not allow it")
             return
         try:
             message = self._decode(accepted, arrived)
             if not accepted.drives:
                 message = renamed(message, self._frames.name_here)
         except (RobbieError, ValueError) as error:
-            self._refuse(f"{accepted.type_name} on {name}: {error}")
+            self._refuse(f"{type_name:.200} on {name:.200}: {error}")
             return
         if accepted.drives:
             waited_s = max(0, self.clock.monotonic_ns() - arrived.arrived_ns) / 1e9
@@ -452,17 +474,61 @@ class FoxgloveServer(Module):
                 self._refuse(f"{accepted.type_name} on {name}: not finite, or too late")
                 return
             message = command
-        self.publish(message, topic=accepted.topic)
+        if accepted.is_foreign:
+            self.publish_encoded(message.type_name, message.version, message.encode(), topic=accepted.topic)
+        else:
+            self.publish(message, topic=accepted.topic)
 
     def _decode(self, accepted: Incoming, arrived: FromClient) -> Message:
-        message_type = self._types.get(accepted.type_name)
-        if arrived.encoding == CDR:
+        if accepted.is_foreign:
+            message_type = self._foreign_type(accepted, arrived.channel)
+        else:
+            message_type = self._types.get(accepted.type_name)
+        if arrived.channel.encoding == CDR:
             return message_type.decode(arrived.data)
-        if arrived.encoding == JSON:
+        if arrived.channel.encoding == JSON:
             fields = json.loads(arrived.data)
             if isinstance(fields, dict):
                 return from_dict(message_type, fields)
         raise ValueError(f"expected a message in {CDR} or {JSON}")
+
+    def _foreign_type(self, accepted: Incoming, channel: Announced) -> type[Message]:
+        """Return a type that a client has described; its first message makes it known in the run.
+
+        Raises:
+            ForeignTypeRefused: it is not taken.
+        """
+        if channel not in self._foreign:
+            if len(self._foreign) >= MAX_FOREIGN:
+                raise ForeignTypeRefused(f"clients have described {MAX_FOREIGN} types, which is the limit")
+            try:
+                self._foreign[channel] = self._learn(accepted, channel)
+            except (RobbieError, SyntaxError, ValueError, RecursionError, MemoryError) as error:
+                self._foreign[channel] = str(error)
+        made = self._foreign[channel]
+        if isinstance(made, str):
+            raise ForeignTypeRefused(made)
+        return made
+
+    def _learn(self, accepted: Incoming, channel: Announced) -> type[Message]:
+        if channel.schema_encoding != ROS2MSG or not channel.schema:
+            raise ForeignTypeRefused(
+                f"the robot does not know it, and learns types only from a schema in {ROS2MSG}; the client "
+                f"sends {f'one in {channel.schema_encoding:.40}' if channel.schema_encoding else 'none'}"
+            )
+        made = message_type_from_schema(full_name(channel.type_name), channel.schema.decode())
+        described = TypeDescription(made.type_name, made.version, schema_text(made))
+        learnt = [
+            TypeDescription(one.type_name, one.version, schema_text(one))
+            for one in self._foreign.values()
+            if not isinstance(one, str)
+        ]
+        try:
+            learn_foreign(self._surroundings, accepted, described, learnt)
+        except RecordersDoNotLearn as error:
+            self.log.warning("%s: %s", made.type_name, error)
+        self.log.info("%s on %s is a type that a client has described", made.type_name, accepted.name)
+        return made
 
     def _refuse(self, what: str) -> None:
         key = what if what in self.refused or len(self.refused) < MAX_CHANNELS else "others"
@@ -547,6 +613,11 @@ class FoxgloveServer(Module):
         }
         said = [f"{count} {what}" for what, count in counts.items() if count]
         return ", ".join([self.address, f"{len(door.passages)} clients", *said])
+
+
+def _forms(name: str) -> tuple[str, str]:
+    """Return a topic as clients may write it."""
+    return name, name.removeprefix("/")
 
 
 def _plain(value: object) -> object:

@@ -7,9 +7,11 @@ from typing import Any
 
 from robbie_mp.bridge.arrivals import hand_over
 from robbie_mp.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
+from robbie_mp.bridge.foreign import ForeignTypeRefused, RecordersDoNotLearn, learn_foreign
 from robbie_mp.bridge.frames import ForeignFrame, FrameMap, Rename
 from robbie_mp.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.bridge.surroundings import Surroundings
+from robbie_mp.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, own_types
 from robbie_mp.module.envelope import EncodedMessage
@@ -23,7 +25,6 @@ from robbie_mp.ros1.log_lines import LOG, ros1_log
 from robbie_mp.ros1.markers import MARKER_ARRAY, MARKERS, MarkerBook, can_be_markers
 from robbie_mp.ros1.process import Announced, RosAddress, RosProcess, Wish
 from robbie_mp.ros1.ros_node import ANY, MAX_ANNOUNCED
-from robbie_mp.run.learnt_types import learn_type
 from robbie_mp.scene_graph.warn_once import WarnOnce
 from robbie_mp.services.profiler import system_profile
 from robbie_mp.transport.blocks import MessageTooLarge
@@ -128,7 +129,25 @@ class Ros1Bridge(Module):
         for out in self.map.outgoing:
             self.subscribe_encoded(out.pair.type, self.on_message, topic=out.pair.topic)
         self._observe()
+        self._show_again()
         self.ros.look_after()
+
+    def _show_again(self) -> None:
+        """Show the places that an earlier process of this module has shown: nobody may say them again."""
+        for *key, places in self.restored or ():
+            type_name, version, topic = key
+            channel = self._channels[type_name, version, topic] = self._open(type_name, version, topic)
+            if channel is not None and channel.places is not None:
+                channel.places.restore(places)
+                self.ros.send(channel.number, channel.kind.to_ros1(channel.places.markers()), keep=True)
+
+    def _remember_places(self) -> None:
+        """Keep all places for the next process of this module."""
+        shown = [(key, one.places) for key, one in self._channels.items() if one is not None]
+        try:
+            self.checkpoint([[*key, places.state()] for key, places in shown if places is not None])
+        except CheckpointTooLarge as error:
+            self.warnings.say("places are lost if this module dies", error)
 
     def _observe(self) -> None:
         """Begin to watch the run, for /rosout and /diagnostics."""
@@ -189,6 +208,8 @@ class Ros1Bridge(Module):
         channel.sequence = (channel.sequence + 1) & 0xFFFFFFFF
         self.sent += 1
         self.ros.send(channel.number, data, keep=keep)
+        if channel.places is not None:
+            self._remember_places()
 
     def _open(self, type_name: str, version: int, topic: str) -> _Channel | None:
         """Return the channel for a type and topic; None if they cannot be sent."""
@@ -274,36 +295,17 @@ class Ros1Bridge(Module):
 
     def _learn(self, incoming: Incoming, announced: Announced) -> ForeignType | None:
         """Return a type that ROS has announced; None if the robot does not take its messages."""
+        learnt = [one.description for one in self._foreign.values() if one is not None]
         try:
             made = foreign_type(announced.type_name, announced.md5, announced.definition)
-            self._check_foreign(incoming, made)
-        except DefinitionError as error:
+            learn_foreign(self.surroundings, incoming, made.description, learnt)
+        except RecordersDoNotLearn as error:
+            self.warnings.say(f"{made.description.name} on {incoming.name}", error)
+        except (DefinitionError, ForeignTypeRefused) as error:
             self.warnings.say(f"{announced.type_name:.200} on {incoming.name} is refused", error)
             return None
         self.log.info("%s on %s is a type of ROS that the robot has learnt", made.kind.name, incoming.name)
         return made
-
-    def _check_foreign(self, incoming: Incoming, made: ForeignType) -> None:
-        name, folder = made.description.name, self.surroundings.folder
-        if not incoming.matches(name):
-            raise DefinitionError(f"`accept` takes only {incoming.type_name}")
-        try:
-            known = self.surroundings.types.describe(name)
-        except UnknownType:
-            known = made.description
-        if known.python_module:
-            raise DefinitionError(
-                "the robot knows this type: write its name instead of a pattern in `accept`"
-            )
-        others = [one for one in self._foreign.values() if one and one.description.name == name]
-        is_known = all(one.description == made.description for one in others)
-        try:
-            if folder is not None:
-                is_known = is_known and learn_type(folder, made.description)
-        except OSError as error:
-            self.warnings.say(f"recorders do not learn the type {name}", error)
-        if not is_known:
-            raise DefinitionError("in this run it has had another definition; start the robot again")
 
     def _take(self, incoming: Incoming, kind: Ros1Type | ForeignType, data: bytes, waited_s: float) -> bool:
         message_type: type[Message] = kind.message_type
@@ -336,7 +338,8 @@ def _as_ros1_keeps_it(channel: _Channel, data: bytes | memoryview) -> bytes | me
     warns of every moving transform whose time it knows already, and ignores it.
     """
     if channel.places is not None:
-        return channel.places.markers(bytes(data))
+        channel.places.add(bytes(data))
+        return channel.places.markers()
     if channel.kind.message_type is not TFMessage:
         return data
     known = channel.transforms

@@ -22,7 +22,7 @@ from robbie_mp.messages import (
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
 from robbie_mp.ros1.conversion import ros1_type
-from robbie_mp.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, can_be_markers
+from robbie_mp.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, Place, can_be_markers
 from robbie_mp.ros1.ros_node import MESSAGE, pack
 from robbie_mp.services.ros1 import Ros1Bridge
 
@@ -43,17 +43,35 @@ def victim(number: int, state: int) -> VictimFound:
     )
 
 
+def shown(book: MarkerBook, message: Message) -> bytes:
+    """The markers after a further message."""
+    book.add(message.encode())
+    return book.markers()
+
+
 def read(encoded: bytes) -> list[Any]:
     """Read markers as ROS 1 does."""
     array: Any = NOETIC.deserialize_ros1(ros1_type(MARKER_ARRAY).to_ros1(encoded), NAME)
     return list(array.markers)
 
 
+SEND = {"PointsOfInterest": "/places as MarkerArray", "LaserScan": "/scan as MarkerArray"}
+SETTINGS = {"master": "http://127.0.0.1:1", "send": SEND}
+
+
 @pytest.fixture
 def bridge() -> Iterator[ModuleHarness[Ros1Bridge]]:
-    send = {"PointsOfInterest": "/places as MarkerArray", "LaserScan": "/scan as MarkerArray"}
-    with ModuleHarness(Ros1Bridge, {"master": "http://127.0.0.1:1", "send": send}) as harness:
+    with ModuleHarness(Ros1Bridge, SETTINGS) as harness:
         yield harness
+
+
+def kept(bridge: ModuleHarness[Ros1Bridge]) -> list[Any]:
+    """The markers that ROS keeps for those who come later."""
+    (channel,) = [one for one in bridge.module._channels.values() if one]
+    array: Any = NOETIC.deserialize_ros1(
+        bridge.module.ros._kept[channel.number][len(pack(MESSAGE, 0, b"")) :], NAME
+    )
+    return list(array.markers)
 
 
 def test_type_is_that_of_ros1() -> None:
@@ -63,13 +81,13 @@ def test_type_is_that_of_ros1() -> None:
 
 def test_each_message_has_all_places_of_its_topic() -> None:
     book = MarkerBook(PointsOfInterest)
-    clear, home, name, *rest = read(book.markers(places("home").encode()))
+    clear, home, name, *rest = read(shown(book, places("home")))
     assert (clear.action, rest) == (DELETE_ALL, [])
     assert (home.type, home.action, home.header.frame_id) == (SPHERE, 0, "map")
     assert (home.pose.position.x, home.pose.position.y, home.color.a) == (1.0, 2.0, 1.0)
     assert (name.type, name.text) == (TEXT, "home")
     assert len({home.id, name.id}) == 2
-    assert [one.text for one in read(book.markers(places("door", "exit").encode()))[2::2]] == ["door", "exit"]
+    assert [one.text for one in read(shown(book, places("door", "exit")))[2::2]] == ["door", "exit"]
 
 
 @pytest.mark.parametrize("as_robot_knows_it", [False, True])
@@ -78,9 +96,9 @@ def test_victims_are_kept_by_their_number_and_show_their_state(as_robot_knows_it
     if as_robot_knows_it:  # the bridge has no class of the robot's own types, only their definitions
         kind = message_type_from_schema(VictimFound.type_name, schema_text(VictimFound))
     book = MarkerBook(kind)
-    book.markers(victim(1, VictimFound.SUSPECTED).encode())
-    book.markers(victim(7, VictimFound.ASKED).encode())
-    _, first, first_name, second, second_name = read(book.markers(victim(1, VictimFound.CONFIRMED).encode()))
+    shown(book, victim(1, VictimFound.SUSPECTED))
+    shown(book, victim(7, VictimFound.ASKED))
+    _, first, first_name, second, second_name = read(shown(book, victim(1, VictimFound.CONFIRMED)))
     assert [first_name.text, second_name.text] == ["victim 1: confirmed", "victim 7: asked"]
     assert first.color.g > first.color.r and second.color.r > second.color.g
     assert second.pose.position.x == 7.0
@@ -89,19 +107,26 @@ def test_victims_are_kept_by_their_number_and_show_their_state(as_robot_knows_it
 def test_places_beyond_the_limit_or_nowhere_are_left_out_and_counted() -> None:
     book = MarkerBook(VictimFound)
     for number in range(MAX_PLACES):
-        book._places[number] = []
-    book.markers(victim(MAX_PLACES, 0).encode())
+        book._places[number] = Place("map", 0.0, 0.0, 0.0, "", 0)
+    book.add(victim(MAX_PLACES, 0).encode())
     assert book.left_out == 1
-    found = read(MarkerBook(PointsOfInterest).markers(places("lost", x=math.nan).encode()))
+    found = read(shown(MarkerBook(PointsOfInterest), places("lost", x=math.nan)))
     assert len(found) == 1
 
 
 def test_bridge_keeps_markers_for_those_who_come_later(bridge: ModuleHarness[Ros1Bridge]) -> None:
     bridge.send(places("home"), sender="mission")
-    (channel,) = [one for one in bridge.module._channels.values() if one]
-    frame = bridge.module.ros._kept[channel.number][len(pack(MESSAGE, 0, b"")) :]
-    array: Any = NOETIC.deserialize_ros1(frame, NAME)
-    assert [one.text for one in array.markers] == ["", "", "home"]
+    assert [one.text for one in kept(bridge)] == ["", "", "home"]
+
+
+def test_places_outlive_the_bridge(bridge: ModuleHarness[Ros1Bridge]) -> None:
+    bridge.send(places("home"), topic="mission", sender="mission")
+    with ModuleHarness(Ros1Bridge, SETTINGS, restored=bridge.checkpoint) as restarted:
+        assert [one.text for one in kept(restarted)] == ["", "", "home"]
+        restarted.send(places("door"), topic="mission", sender="mission")
+        assert [one.text for one in kept(restarted)] == ["", "", "door"]
+    with ModuleHarness(Ros1Bridge, SETTINGS | {"send": {}}, restored=bridge.checkpoint) as changed:
+        assert changed.module.ros._kept == {}  # the profile was changed meanwhile
 
 
 def test_what_has_no_place_is_not_sent(bridge: ModuleHarness[Ros1Bridge]) -> None:

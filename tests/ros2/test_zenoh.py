@@ -29,7 +29,7 @@ from robbie_mp.messages import (
     Vector3,
     schema_text,
 )
-from robbie_mp.ros2.zenoh_side import ZenohSide
+from robbie_mp.ros2.zenoh_side import LARGE_BYTES, ZenohSide
 from robbie_mp.services.ros2 import Ros2Bridge
 from tests._support.robot import wait_until
 
@@ -159,6 +159,23 @@ def until(bridge: Bridge, condition: Callable[[], object]) -> None:
         return bool(condition())
 
     wait_until(step, 20.0)
+
+
+def test_large_and_small_messages_of_a_topic_stay_in_order() -> None:
+    with network() as (bridge, node):
+        arrived: list[Any] = []
+        node.session.declare_subscriber(f"7/scan/{SCAN}", arrived.append)
+        scans = [LaserScan(ranges=np.ones(count, np.float32)) for count in (LARGE_BYTES, 1)]
+
+        def are_both_there() -> bool:
+            for scan in scans:
+                bridge.send(scan, topic="laser")
+            sizes = [len(one.payload) for one in list(arrived)]
+            return min(sizes.count(len(scan.encode())) for scan in scans) > 2
+
+        until(bridge, are_both_there)
+        numbers = [struct.unpack_from("<q", one.attachment.to_bytes())[0] for one in list(arrived)]
+        assert numbers == sorted(set(numbers))
 
 
 def test_node_sees_the_robot_and_gets_its_messages() -> None:

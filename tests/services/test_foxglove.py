@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from websockets.exceptions import InvalidStatus
 
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.bridge.surroundings import Surroundings
-from robbie_mp.foxglove import door
+from robbie_mp.foxglove import door, server
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
@@ -23,7 +24,10 @@ from robbie_mp.messages import (
     Vector3,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.messages.plain import as_dict
+from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.observe import ChannelFigures
+from robbie_mp.services import foxglove as services_foxglove
 from robbie_mp.services.foxglove import FoxgloveServer
 from robbie_mp.transport.tables import ChannelName
 from tests._support.robot import wait_until
@@ -34,6 +38,7 @@ SETTINGS: dict[str, Any] = {
     "accept": {
         "/goal_pose": "PoseStamped goal",
         "/cmd_vel": "Twist as DriveCommand manual",
+        "/gas": "nose_msgs/* gas",
     },
     "drive_valid_for_s": 0.4,
 }
@@ -181,6 +186,84 @@ def test_wrong_message_is_counted_and_explained(
     client.until(client.problems)
     assert problem in client.problems()[0]
     assert not harness.published
+
+
+GAS = "float32[] ppm\nReading[2] readings\n===\nMSG: nose_msgs/Reading\nstring name\nuint8 level\n"
+"""A type that no module of a robot declares."""
+
+
+def gas_of_rosbags() -> bytes:
+    """A message of that type, as another implementation encodes it."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(GAS.replace("===", "=" * 80), "nose_msgs/msg/Gas"))
+    kinds = store.types
+    readings = [kinds["nose_msgs/msg/Reading"](name=name, level=2) for name in ("CO", "CH4")]
+    gas = kinds["nose_msgs/msg/Gas"](ppm=np.array([1.5, 2.5], np.float32), readings=readings)
+    return bytes(store.serialize_cdr(gas, "nose_msgs/msg/Gas"))
+
+
+@pytest.mark.parametrize("name", ["nose_msgs/msg/Gas", "nose_msgs/Gas"])
+def test_a_type_that_only_the_client_knows_is_published_as_that_type(
+    harness: ModuleHarness[FoxgloveServer], client: Client, name: str
+) -> None:
+    client.advertise(1, "/gas", name, schemaEncoding="ros2msg", schema=GAS)
+    client.publish(1, gas_of_rosbags())
+    client.advertise(2, "/gas", name, "json", schemaEncoding="ros2msg", schema=GAS)
+    client.publish(2, b'{"ppm": [3]}')
+    tick_until(harness, lambda: len(harness.published_encoded) == 2)
+    first, second = harness.published_encoded
+    assert (first.type_name, first.version, first.topic) == ("nose_msgs/msg/Gas", 1, "gas")
+    assert first.data == gas_of_rosbags()
+    kind = message_type_from_schema("nose_msgs/msg/Gas", GAS)
+    assert list(as_dict(kind.decode(second.data))["ppm"]) == [3.0]
+    assert not harness.module.refused
+
+
+@pytest.mark.parametrize(
+    ("name", "schema", "data", "problem"),
+    [
+        ("nose_msgs/msg/Gas", {}, b"", "sends none"),
+        ("nose_msgs/msg/Gas", {"schemaEncoding": "protobuf", "schema": ""}, b"", "one in protobuf"),
+        ("nose_msgs/msg/Gas", {"schemaEncoding": "ros2msg", "schema": "no field"}, b"", "nose_msgs"),
+        ("nose_msgs/msg/Gas", {"schemaEncoding": "ros2msg", "schema": "Gas more"}, b"", "no definition of"),
+        (
+            "nose_msgs/msg/Gas",
+            {"schemaEncoding": "ros2msg", "schema": GAS},
+            b"\0\1\0\0\7",
+            "nose_msgs/msg/Gas",
+        ),
+        ("other_msgs/msg/Gas", {"schemaEncoding": "ros2msg", "schema": GAS}, b"", "does not allow"),
+    ],
+)
+def test_a_client_whose_type_cannot_be_learnt_is_refused_and_told_once(
+    harness: ModuleHarness[FoxgloveServer],
+    client: Client,
+    name: str,
+    schema: dict[str, str],
+    data: bytes,
+    problem: str,
+) -> None:
+    client.advertise(1, "/gas", name, **schema)
+    for _ in range(3):
+        client.publish(1, data)
+    tick_until(harness, lambda: harness.module.refused.total() == 3)
+    client.until(client.problems)
+    assert len(client.problems()) == 1
+    assert problem in client.problems()[0]
+    assert not harness.published_encoded
+
+
+def test_schemas_of_clients_are_limited(
+    harness: ModuleHarness[FoxgloveServer], client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "MAX_SCHEMA_BYTES", len(GAS) + 10)
+    monkeypatch.setattr(services_foxglove, "MAX_FOREIGN", 2)
+    for number, schema in ((1, GAS), (2, GAS), (3, "uint8 x")):
+        client.advertise(number, "/gas", f"nose_msgs/Gas{number}", schemaEncoding="ros2msg", schema=schema)
+        client.publish(number, gas_of_rosbags())
+    tick_until(harness, lambda: harness.module.refused.total() == 2)
+    assert [one.type_name for one in harness.published_encoded] == ["nose_msgs/msg/Gas1"]
+    assert any("which is the limit" in problem for problem in harness.module.refused)
 
 
 def test_velocity_becomes_a_drive_command_that_expires(

@@ -47,6 +47,12 @@ ACCEPT = {
 }
 SEND = {"TFMessage tf": "/tf", "TFMessage tf_static": "/tf_static latched", "LaserScan": "/front"}
 NOWHERE = "http://127.0.0.1:1"
+POSE_OF_RVIZ = (
+    "000000006656046b32620719030000006d6170000000404633e03f00000040c5e5f03f00000000000000000000000000"
+    "0000000000000000000000e4527ace7c31cabf8e2829b3a452ef3f000000000000d03f00000000000000000000000000"
+    "0000000000000000000000000000000000000000000000000000000000000000000000000000000000d03f00000000"
+)
+"""Recorded from *2D Pose Estimate* of RViz 1.14; zeros and the variance of the yaw follow."""
 Bridge = ModuleHarness[Ros1Bridge]
 
 
@@ -111,6 +117,16 @@ def test_an_initial_pose_is_taken_without_its_covariance(bridge: Bridge) -> None
     assert arrive(bridge, "/initialpose", pose(2.0))
     (taken,) = bridge.take(PoseStamped, topic="initial_pose")
     assert taken.pose.position.x == 2.0
+
+
+def test_what_rviz_publishes_is_an_initial_pose(bridge: Bridge) -> None:
+    raw = bytes.fromhex(POSE_OF_RVIZ) + bytes(213) + bytes.fromhex("10e9b73b4eb13f")
+    (number,) = (number for number, (one, _) in bridge.module._incoming.items() if one.name == "/initialpose")
+    assert not bridge.module._arrive(number, raw[:-1], 0.0)
+    assert bridge.module._arrive(number, raw, 0.0)
+    (taken,) = bridge.take(PoseStamped, topic="initial_pose")
+    assert (taken.header.frame_id, taken.pose.position.x) == ("map", 0.5062590837478638)
+    assert taken.pose.orientation.w == 0.9788383006318939
 
 
 def test_damaged_bytes_reach_no_module(bridge: Bridge) -> None:

@@ -88,8 +88,10 @@ class Client:
         self._subscriptions[number] = self.channels[topic]
         self.send("subscribe", subscriptions=[{"id": number, "channelId": self.channels[topic]["id"]}])
 
-    def advertise(self, number: int, topic: str, schema_name: str, encoding: str = "cdr") -> None:
-        channel = {"id": number, "topic": topic, "encoding": encoding, "schemaName": schema_name}
+    def advertise(
+        self, number: int, topic: str, schema_name: str, encoding: str = "cdr", **schema: str
+    ) -> None:
+        channel = {"id": number, "topic": topic, "encoding": encoding, "schemaName": schema_name, **schema}
         self.send("advertise", channels=[channel])
 
     def publish(self, number: int, data: bytes) -> None:
