@@ -30,6 +30,7 @@ from hw.connection.device import PluggableDevice
 from hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
 from hw.dynamixel.servos import DynamixelJoints, ServoJoint
 from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner
 from hw.emulation.create import EmulatedCreate
 from hw.emulation.device import EmulatedDevice
 from hw.emulation.dynamixel import EmulatedServos
@@ -37,9 +38,11 @@ from hw.emulation.dynamixel1 import AX_12, EmulatedOldServos
 from hw.emulation.faults import Faults
 from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
 from hw.emulation.line import EmulatedLine
+from hw.emulation.lms2xx import EmulatedLms2xx
 from hw.emulation.mip import EmulatedMip
 from hw.emulation.p2os import Base, EmulatedPioneer
 from hw.emulation.ptu import EmulatedPtu
+from hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
 from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
 from hw.emulation.xsens import EmulatedMti
 from hw.flir.ptu import FlirPanTilt
@@ -48,6 +51,10 @@ from hw.hokuyo.laser import HokuyoLaser
 from hw.irobot.create import CreateBase
 from hw.microstrain.imu import MicroStrainImu
 from hw.pioneer.base import PioneerBase
+from hw.rplidar.laser import RpLidar
+from hw.sick.cola import Dialect
+from hw.sick.cola_laser import SickColaLaser
+from hw.sick.lms2xx import SickLms2xx
 from hw.xsens.imu import XsensImu
 
 LIMIT_S = 20.0
@@ -77,6 +84,13 @@ class Trial:
     stands: Callable[[Any], bool] | None = None
 
 
+def _rplidar(model: RpLidarModel, mode: str) -> Trial:
+    return Trial(
+        lambda: EmulatedRpLidar(lambda _, angles: 3 + np.cos(angles), model),
+        lambda url: RpLidar(url, bit_rate=model.bit_rate, mode=mode),
+    )
+
+
 TRIALS = {
     "create": Trial(EmulatedCreate, CreateBase, lambda base: base.command(0.2, 0.0, 5.0)),
     "pioneer": Trial(
@@ -86,6 +100,23 @@ TRIALS = {
         lambda device: device.velocity == (0.0, 0.0),
     ),
     "hokuyo": Trial(lambda: EmulatedHokuyo(UTM_30LX, lambda: WALL_M), HokuyoLaser),
+    "lms2xx": Trial(
+        lambda: EmulatedLms2xx(lambda _, angles: 3 + angles),
+        lambda url: SickLms2xx(url, bit_rate=500_000, resolution_deg=1.0),
+    ),
+    "cola-a": Trial(
+        lambda: EmulatedSickScanner(lambda _: 3 + TIM_561.angles_rad(), TIM_561, is_text=True),
+        lambda url: SickColaLaser(url, dialect=Dialect.A),
+    ),
+    "cola-b": Trial(
+        lambda: EmulatedSickScanner(lambda _: 3 + LMS_111.angles_rad(), LMS_111),
+        lambda url: SickColaLaser(url, intensities=True),
+    ),
+    "rplidar": _rplidar(A1, "standard"),
+    "rplidar-express": _rplidar(A3, "express"),
+    "rplidar-ultra": _rplidar(A3, "ultra"),
+    "rplidar-hq": _rplidar(A3, "hq"),
+    "rplidar-dense": _rplidar(S2, "dense"),
     "xsens": Trial(EmulatedMti, lambda url: XsensImu(url, 400)),
     "mip": Trial(EmulatedMip, lambda url: MicroStrainImu(url, 500)),
     "nmea": Trial(lambda: EmulatedNmea(bit_rate=NMEA_BIT_RATE, period_s=0.1), NmeaReceiver),
@@ -283,12 +314,12 @@ def main(arguments: list[str] | None = None) -> int:
             trial = TRIALS[device]
             if options.trial == "cost":
                 share, rate_hz = cost(trial, options.seconds, folder)
-                print(f"{device:10} {share:6.2%} of a core at {rate_hz:.1f} measurements/s", flush=True)
+                print(f"{device:16} {share:6.2%} of a core at {rate_hz:.1f} measurements/s", flush=True)
                 continue
             with load(options.load):
                 result = replug(trial, options.rounds, folder)
             failed |= max(result.back_s) > BACK_S or max(result.stands_s, default=0.0) > STANDS_S
-            print(f"{device:10} {_told(result)}", flush=True)
+            print(f"{device:16} {_told(result)}", flush=True)
         return int(failed)
 
 

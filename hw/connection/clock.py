@@ -31,6 +31,7 @@ class DeviceClock:
         resolution_s: step of the device's stamps, which it rounds down.
         latency_s: the shortest time between a stamp and the arrival of its frame.
         max_late_s: stamps that leap farther than this mean that the device was restarted.
+        max_drift: how much the clocks may differ in rate.
 
     Example:
         clock = DeviceClock(wraps_at_s=16_777.216, resolution_s=0.001)
@@ -43,10 +44,11 @@ class DeviceClock:
         resolution_s: float = 0.0,
         latency_s: float = 0.0,
         max_late_s: float = 1.0,
+        max_drift: float = MAX_DRIFT,
     ) -> None:
         self.restarts = 0
         """How often the device's clock was found to have leapt."""
-        self._wraps_at_s, self._max_late_s = wraps_at_s, max_late_s
+        self._wraps_at_s, self._max_late_s, self._max_drift = wraps_at_s, max_late_s, max_drift
         self._correction_s = resolution_s / 2 - latency_s
         self._last_s = -math.inf
         self.forget()
@@ -88,6 +90,14 @@ class DeviceClock:
         self._last_s = min(arrived_s, max(self._last_s, estimate_s))
         return self._last_s
 
+    def earliest_s(self, device_s: float) -> float:
+        """Return the earliest time at which a frame with a stamp can arrive, as far as it is known.
+
+        Args:
+            device_s: the stamp, on a clock without wraps.
+        """
+        return device_s + self._offset_s(device_s)
+
     def _unwrapped(self, device_s: float) -> float:
         """Return the stamp with the wraps so far added."""
         unwrapped_s = device_s + self._wrapped_s
@@ -103,7 +113,9 @@ class DeviceClock:
         if self._device_s is None:
             return False
         passed_s, arrived_passed_s = device_s - self._device_s, arrived_s - self._arrived_s
-        return passed_s < 0 or abs(arrived_passed_s - passed_s) > self._max_late_s + MAX_DRIFT * passed_s
+        return (
+            passed_s < 0 or abs(arrived_passed_s - passed_s) > self._max_late_s + self._max_drift * passed_s
+        )
 
     def _offset_s(self, device_s: float) -> float:
         return self._intercept_s + self._slope * (device_s - self._origin_s)
@@ -132,7 +144,7 @@ class DeviceClock:
             mean_s = sum(stamp for stamp, _ in pairs) / len(pairs)
             right = next(index for index in range(1, len(hull)) if hull[index][0] >= mean_s)
             (left_s, left), (right_s, over) = hull[right - 1], hull[right]
-            self._slope = min(max((over - left) / (right_s - left_s), -MAX_DRIFT), MAX_DRIFT)
+            self._slope = min(max((over - left) / (right_s - left_s), -self._max_drift), self._max_drift)
         else:
             self._slope = 0.0
         self._intercept_s = min(delay - self._slope * (stamp - self._origin_s) for stamp, delay in pairs)
@@ -152,46 +164,70 @@ def lower_hull(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 class RegularClock:
-    """Stamps for a device that sends frames at a fixed period without telling the time.
+    """Stamps for a device that measures at a fixed period and does not tell the time.
 
-    Counts the frames in place of a clock. Frames that were lost show in those after them: all are late by as
-    many periods.
+    Counts the periods in place of a clock. A frame is never early: one that comes before its time shows that
+    too many periods were counted, at once. One that comes late may only be late; not before all frames have
+    been late for a while, or if bytes were found damaged, frames count as lost.
 
     Args:
-        period_s: time between frames.
+        period_s: time between measurements.
         latency_s: the shortest time between a measurement and the arrival of its frame.
+        periods_per_frame: periods from frame to frame, if the line is too slow for each to have one. Rather
+            too many than too few.
+        max_drift: how wrong the period may be, as a share of it.
     """
 
-    # This many frames in a row are not late by chance.
-    MAX_LATE_FRAMES = 8
+    # If all frames of LATE_S, and at least LATE_FRAMES, are late, the estimate is wrong: it is not chance.
+    LATE_S = 1.0
+    LATE_FRAMES = 8
+    # Even if the period is shorter: that much earlier than ever is not too early.
+    TOLERANCE_S = 0.0005
 
-    def __init__(self, period_s: float, latency_s: float = 0.0) -> None:
-        self._period_s = period_s
-        self._clock = DeviceClock(latency_s=latency_s)
+    def __init__(
+        self,
+        period_s: float,
+        latency_s: float = 0.0,
+        periods_per_frame: int = 1,
+        max_drift: float = MAX_DRIFT,
+    ) -> None:
+        self._period_s, self._periods_per_frame = period_s, periods_per_frame
+        self._clock = DeviceClock(latency_s=latency_s, max_drift=max_drift)
         self.forget()
 
     def forget(self) -> None:
         """Start anew, for example because the device was connected again."""
         self._clock.forget()
-        self._count = 0
-        self._last_s: float | None = None
+        self._count: int | None = None
         self._late: list[int] = []
+        self._late_since_s = 0.0
 
-    def stamp_s(self, arrived_s: float) -> float:
-        """Return when the frame that arrived at `arrived_s` was measured, by the host's clock."""
-        if self._last_s is not None:
-            late = round((arrived_s - self._last_s) / self._period_s) - 1
-            self._count += 1 + self._lost(late)
-        self._last_s = self._clock.stamp_s(self._count * self._period_s, arrived_s)
-        return self._last_s
+    def stamp_s(self, arrived_s: float, frames: int = 1, has_gap: bool = False) -> float:
+        """Return when the newest frame was measured, by the host's clock.
 
-    def _lost(self, late: int) -> int:
-        """Return how many frames were lost, when a frame is late by this number of periods."""
-        if late <= 0:
+        Args:
+            arrived_s: when it arrived.
+            frames: how many have arrived since the last call, with it.
+            has_gap: others may have been lost before it.
+        """
+        if self._count is None:
+            self._count = 0
+        else:
+            expected = self._count + frames * self._periods_per_frame
+            late_s = arrived_s - self._clock.earliest_s(expected * self._period_s)
+            self._count = max(self._count + 1, expected + self._lost(late_s, arrived_s, has_gap))
+        return self._clock.stamp_s(self._count * self._period_s, arrived_s)
+
+    def _lost(self, late_s: float, arrived_s: float, has_gap: bool) -> int:
+        """Return how many periods to add to the count; negative if it was too high."""
+        late = round(late_s / self._period_s)
+        if late <= 0 or has_gap:
             self._late.clear()
-            return max(late, 0)
+            return late if has_gap or late_s < -self.TOLERANCE_S else 0
+        if not self._late:
+            self._late_since_s = arrived_s
         self._late.append(late)
-        if len(self._late) < self.MAX_LATE_FRAMES:
+        if len(self._late) < self.LATE_FRAMES or arrived_s < self._late_since_s + self.LATE_S:
             return 0
         lost = min(self._late)
         self._late.clear()

@@ -1,5 +1,6 @@
 """A serial or TCP port, opened by its URL."""
 
+import errno
 import select
 import socket
 import time
@@ -87,10 +88,15 @@ class Port:
         self._link.close()
 
     def set_motor_line(self, is_high: bool) -> None:
-        """Set the DTR line of a serial port: some devices switch their motor by it."""
+        """Set the DTR line of a serial port: some devices switch their motor by it.
+
+        Ports that have no such line, such as pseudo-terminals and some USB devices, are left alone.
+        """
         try:
             self._link.set_motor_line(is_high)
         except OSError as error:
+            if error.errno in (errno.ENOTTY, errno.EINVAL):
+                return
             raise PortError(f"the port {self.url} broke: {error}") from error
 
 

@@ -1,6 +1,7 @@
 """The body that an emulated base moves:, with motors, wheels and encoders."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from threading import Lock
 
 from hw.drive import DriveState
@@ -42,23 +43,32 @@ class SimulatedBody(Body):
     Args:
         drive: the simulated drive; nobody else may command it.
         shape: the same geometry and limits as the drive's.
+        clock: the drive's clock, s.
     """
 
-    def __init__(self, drive: SimulatedDrive, shape: DifferentialDrive) -> None:
-        self._drive, self._shape, self._lock = drive, shape, Lock()
+    def __init__(self, drive: SimulatedDrive, shape: DifferentialDrive, clock: Callable[[], float]) -> None:
+        self._drive, self._shape, self._clock, self._lock = drive, shape, clock, Lock()
         self._counted = drive.ticks
+        self._ahead = (0.0, 0.0)
 
     def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
         """Move as the motors, the wheels and the walls let it."""
         with self._lock:
-            self._drive.read()
+            state = self._drive.read()
             ticks = self._drive.ticks
             left_m, right_m = (
                 (now - before) * self._shape.tick_m for now, before in zip(ticks, self._counted, strict=True)
             )
             self._counted = ticks
+            # The drive moves in steps, real wheels do not: up to now they have turned a little farther.
+            since_s = max(0.0, self._clock() - state.stamp_s)
+            before, self._ahead = (
+                self._ahead,
+                (state.linear_m_per_s * since_s, state.angular_rad_per_s * since_s),
+            )
+            more_m, more_rad = self._ahead[0] - before[0], self._ahead[1] - before[1]
             self._drive.command(linear_m_per_s, angular_rad_per_s, VALID_S)
-        return (left_m + right_m) / 2, (right_m - left_m) / self._shape.axle_m
+        return (left_m + right_m) / 2 + more_m, (right_m - left_m) / self._shape.axle_m + more_rad
 
     def ground_truth(self) -> DriveState:
         """Return the robot's true state, arena frame."""

@@ -49,6 +49,7 @@ class EmulatedCreate(EmulatedDevice):
     Attributes:
         sensors: values by the number of their packet, as 22 for the voltage in mV; set them to your liking.
         mode: 0 off, 1 passive, 2 safe, 3 full.
+        is_streaming: it sends what a host has asked for, every 15 ms.
         speeds_mm_per_s: of the right and the left wheel.
         songs: notes by the number of the song; `played` lists what was played.
     """
@@ -76,7 +77,7 @@ class EmulatedCreate(EmulatedDevice):
         self.sensors |= {21: 0, 22: 15_000, 23: -200, 24: 25, 25: 2500, 26: 2700}
         self._received = bytearray()
         self._stream: list[int] = []
-        self._is_streaming = False
+        self.is_streaming = False
         self._next_s = self._moved_s = self.clock.now_s()
         self._counts = [0.0, 0.0]  # left, right
         self._asked_counts = [0.0, 0.0]
@@ -94,7 +95,7 @@ class EmulatedCreate(EmulatedDevice):
         """Turn the wheels, and send the stream every 15 ms."""
         now_s = self.clock.now_s()
         self._move(now_s)
-        if not (self._is_streaming and self.mode):
+        if not (self.is_streaming and self.mode):
             return None
         if now_s >= self._next_s:
             ids = b"".join(bytes([one]) + self._packet(one) for one in self._stream)
@@ -152,10 +153,10 @@ class EmulatedCreate(EmulatedDevice):
             self._move(self.clock.now_s())
             self.send(b"".join(self._packet(one) for one in asked))
         elif opcode == STREAM:
-            self._stream, self._is_streaming = list(data[1:]), True
+            self._stream, self.is_streaming = list(data[1:]), True
             self._next_s = self.clock.now_s() + STREAM_PERIOD_S
         elif opcode == PAUSE:
-            self._is_streaming = data[0] == 1
+            self.is_streaming = data[0] == 1
         elif opcode == SONG:
             self.songs[data[0]] = data[2:]
         elif self.mode != PASSIVE:

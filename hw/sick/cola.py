@@ -168,7 +168,8 @@ class ScanData:
         status: 0 fine, 1 error, 2 pollution warning, 5 pollution error.
         telegram_counter: counts telegrams, 16 bits.
         scan_counter: counts scans, 16 bits.
-        start_us: time of the scan since the device was switched on, 32 bits.
+        start_us: time of the scan since the device was switched on, 32 bits: of its beginning, or on a TiM
+            of its end.
         sent_us: time at which the telegram was sent, likewise.
         scan_rate_hz: scans in a second.
         channels: the 16-bit channels, then the 8-bit channels.

@@ -48,7 +48,8 @@ class SickColaLaser(PluggableLaser):
         range_max_m: the longest range of the model: 10 to 25 for a TiM, 20 for an LMS1xx, 80 for an LMS5xx.
         silence_s: the laser counts as lost when it sends no valid scan for this time.
         mount: the laser's pose in the robot's frame.
-        latency_s: the shortest time between the laser's stamp and the arrival of a scan.
+        latency_s: the shortest time between the transmission of a scan, by the laser's clock, and its
+            arrival.
 
     Attributes:
         device_status: 0 fine, 1 error, 2 pollution warning, 5 pollution error, as of the last scan.
@@ -123,7 +124,7 @@ class SickColaLaser(PluggableLaser):
             range_max_m=self._range_max_m,
             mount=self._mount,
         )
-        stamp_s = self._stamps.stamp_s(scan.start_us / 1e6, arrived_s)
+        sent_s = self._stamps.stamp_s(scan.sent_us / 1e6, arrived_s)
         self._geometry, self.serial_number = geometry, scan.serial_number
         self.device_status = scan.status
         if scan.scan_rate_hz:
@@ -133,7 +134,18 @@ class SickColaLaser(PluggableLaser):
         intensities = None
         if strengths is not None and len(strengths.values) == geometry.beams:
             intensities = (strengths.values * strengths.scale + strengths.offset).astype(np.float32)
+        stamp_s = sent_s - self._age_s(scan, geometry)
         return LaserSweep(stamp_s, ranges_in_metres(millimetres, 0.001, geometry), intensities)
+
+    def _age_s(self, scan: ScanData, geometry: LaserGeometry) -> float:
+        """Return how long before its transmission a scan's first beam was measured.
+
+        What a laser calls the time of a scan differs: an LMS1xx or LMS5xx tells when the scan began, a TiM
+        when it ended. A scan that was sent sooner than it takes to measure has told its end.
+        """
+        told_s = (scan.sent_us - scan.start_us) % 2**32 / 1e6
+        field_s = (geometry.beams - 1) * self.time_increment_s
+        return told_s + field_s if told_s < field_s else told_s
 
     def _ask(self, port: Port, command: Command) -> None:
         """Send a command and wait for the laser's answer.

@@ -44,6 +44,9 @@ ANSWER_S = 0.25
 MODE_CHANGE_S = 3.0
 CONFIGURATION_S = 7.0
 ATTEMPTS = 2
+BITS_PER_BYTE = 10
+# Of a scan's telegram, beside two for each value.
+FRAME_BYTES = 10
 
 
 class SickLms2xx(PluggableLaser):
@@ -64,7 +67,8 @@ class SickLms2xx(PluggableLaser):
         range_max_m: the longest range of the mode.
         silence_s: the laser counts as lost when it sends no valid scan for this time.
         mount: the laser's pose in the robot's frame.
-        latency_s: the shortest time between the first beam and the arrival of a scan's telegram.
+        latency_s: the shortest time from the last beam to the telegram's first bit, and from its last bit to
+            its arrival. The driver knows the time of the scan and of the transmission.
 
     Raises:
         ValueError: the scanner has no such bit rate, field or resolution.
@@ -106,11 +110,27 @@ class SickLms2xx(PluggableLaser):
         self.is_polluted = False
         """Whether the scanner reported that its front screen is dirty."""
         self._range_bits, self._found_rate = range_bits, 0
-        self._stamps = RegularClock(self.period_s, latency_s)
+        self._stamps = self._scan_clock(latency_s)
+        self._gaps = 0
         self._reader = FrameDecoder(TelegramFraming())
         self._early: list[bytes] = []
         self._parts: list[Scan] = []
         self._parts_s = 0.0
+
+    def _scan_clock(self, latency_s: float) -> RegularClock:
+        """Return the clock that stamps the first beam of each sweep; set the period of the sweeps.
+
+        The scanner transmits a scan as soon as its last beam is measured, and drops scans while its line is
+        busy.
+        """
+        parts = PARTIAL_SCANS if self._step == min(TURNS) else 1
+        sent_s = (FRAME_BYTES + 2 * (self.geometry.beams // parts)) * BITS_PER_BYTE / self.bit_rate
+        measured_s = (TURNS[self._step] - 1 + self._field_deg / 360) / MIRROR_TURNS_PER_S
+        # What a slow line does to parts is not known.
+        periods = math.ceil(sent_s / self.period_s) if parts == 1 else 1
+        clock = RegularClock(self.period_s, measured_s + sent_s + latency_s, periods)
+        self.period_s *= periods
+        return clock
 
     def _start(self, port: Port) -> None:
         """Find the bit rate, set field and resolution, and start the stream."""
@@ -176,7 +196,9 @@ class SickLms2xx(PluggableLaser):
     def _sweep(self, values: NDArray[np.int64], unit_m: float, arrived_s: float) -> LaserSweep:
         ranges = ranges_in_metres(values, unit_m, self.geometry)
         ranges[values >= least_code(self._range_bits)] = np.inf
-        return LaserSweep(self._stamps.stamp_s(arrived_s), ranges)
+        # ACK and NAK count as skipped, too, so that only damaged telegrams tell.
+        has_gap, self._gaps = self._reader.damaged != self._gaps, self._reader.damaged
+        return LaserSweep(self._stamps.stamp_s(arrived_s, has_gap=has_gap), ranges)
 
     def _find(self, port: Port) -> None:
         """Find the scanner's bit rate and stop its stream."""

@@ -1,9 +1,10 @@
 """The robot's base: passes drive commands to the drive and publishes wheel odometry."""
 
+from hw.simulation.differential_drive import RobotBody
 from hw.simulation.drive import SimulatedDrive
 from modules.devices.commanded_base import CommandedBase, odometry
 from modules.devices.true_base import TrueBase, state_of
-from robbie_mp import Time
+from robbie_mp import Time, setting
 
 
 class SimulatedBase(CommandedBase, TrueBase):
@@ -22,9 +23,11 @@ class SimulatedBase(CommandedBase, TrueBase):
 
     drive: SimulatedDrive
 
+    body: RobotBody = setting(RobotBody.STOCK, "geometry and limits: the stock robot's, or a Create 2's")
+
     def setup(self) -> None:
         """Put the robot at the arena's start, or where it was before the restart."""
-        self.enter_arena()
+        self.enter_arena(self.body.drive)
         self.stop_reason = "engaged before a restart" if self.drive.is_emergency_stopped else ""
         self.obey()
 

@@ -1,5 +1,6 @@
 """The robot's cameras."""
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -28,17 +29,26 @@ class SimulatedCameraModule(SimulatedDevice):
 
     camera_class: ClassVar[type[SimulatedCamera]] = SimulatedCamera
     topic: ClassVar[str] = "camera"
+    mount_m: ClassVar[tuple[float, float, float]] = CameraGeometry().mount_m
     encoding: ClassVar[str] = "rgb8"
 
     def setup(self) -> None:
         """Create the camera; it takes no image until the simulated base has published its pose."""
-        geometry = CameraGeometry(self.width, self.height, self.field_of_view_rad)
+        geometry = CameraGeometry(self.width, self.height, self.field_of_view_rad, self.mount_m)
         self.world = SharedWorld(self)
         self.camera = self.camera_class(self.world.arena, geometry, self.noise, self.seed)
         self.intrinsics = intrinsic_matrix(geometry)
         self.images = 0
+        self.prepare_direction()
+
+    def prepare_direction(self) -> None:
+        """Learn how the pan-tilt unit turns."""
         self.directions = PanTiltHistory()
         self.subscribe(JointState, self.directions.add, topic="pan_tilt")
+
+    def direction_at(self, stamp_s: float) -> tuple[float, float]:
+        """Return pan and tilt of the camera at a time, rad."""
+        return self.directions.at(stamp_s)
 
     def tick(self) -> None:
         """Publish an image."""
@@ -48,7 +58,7 @@ class SimulatedCameraModule(SimulatedDevice):
             return
         self.camera.arena = self.world.arena
         self.camera.place(truth.pose, truth.stamp_s)
-        self.camera.look(*self.directions.at(truth.stamp_s))
+        self.camera.look(*self.direction_at(truth.stamp_s))
         pixels = self.camera.capture().pixels
         header = Header(stamp=self.world.stamp, frame_id=f"{self.topic}_optical")
         k = self.intrinsics
@@ -78,6 +88,22 @@ class SimulatedCameraModule(SimulatedDevice):
         )
         self.images += 1
         self.status = f"{self.images} images"
+
+
+class SimulatedRearCameraModule(SimulatedCameraModule):
+    """A simulated camera that looks behind the robot; publishes `Image` on topic `rear_camera`."""
+
+    topic = "rear_camera"
+    mount_m = (-0.2, 0.0, 0.3)
+    tilt_rad: ClassVar[float] = 0.2
+    """Angle below the horizon, so that the floor behind the robot is in sight."""
+
+    def prepare_direction(self) -> None:
+        """Do nothing: the camera does not turn."""
+
+    def direction_at(self, stamp_s: float) -> tuple[float, float]:
+        """Return pan and tilt, rad."""
+        return math.pi, self.tilt_rad
 
 
 class SimulatedThermalCameraModule(SimulatedCameraModule):

@@ -11,25 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.drive import DriveState
 from hw.emulation.body import SimulatedBody
 from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.create import COUNTS_PER_M, MAX_SPEED_MM_PER_S, WHEEL_BASE_M, EmulatedCreate
+from hw.emulation.create import EmulatedCreate
 from hw.emulation.device import EmulatedDevice
 from hw.emulation.faults import Faults
 from hw.emulation.line import EmulatedLine
-from hw.emulation.p2os import EmulatedPioneer
+from hw.emulation.p2os import Base, EmulatedPioneer
 from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
 from hw.laser import LaserGeometry
 from hw.simulation.bumper import SimulatedBumper
-from hw.simulation.differential_drive import DifferentialDrive
+from hw.simulation.differential_drive import CREATE_2, DifferentialDrive
 from hw.simulation.laser import SimulatedLaser
 from modules.devices.offered_port import offered_port
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from modules.devices.true_base import TrueBase, state_of
 from robbie_mp import Module, Time, setting
 
-CREATE_RADIUS_M = 0.17
-CREATE_WHEEL_M = 0.036
 FRONT = ("front_left", "front_right")
 REAR = ("back_left", "back_right")
 
@@ -89,7 +88,7 @@ class EmulatedBase(TrueBase, EmulatedDeviceModule):
         """Put the robot into the arena and plug the base in."""
         shape = self.shape()
         self.enter_arena(shape)
-        self.body = SimulatedBody(self.drive, shape)
+        self.body = SimulatedBody(self.drive, shape, lambda: self.clock.monotonic_ns() / 1e9)
         self.bumper = SimulatedBumper(self.world, shape.body_radius_m)
         self.plug_in(self.create_device(self.body))
 
@@ -108,12 +107,20 @@ class EmulatedBase(TrueBase, EmulatedDeviceModule):
     def tick(self) -> None:
         """Publish and checkpoint the true pose; let the bumpers feel what they touch."""
         truth = self.body.ground_truth()
-        self.publish_truth(truth, Time.from_nanoseconds(self.clock.now_ns()))
+        self.publish_truth(truth, self.time_of(truth))
         self.checkpoint(state_of(self.body.world_state()))
         self.bumper.arena = self.world.with_obstacles(self.drive.obstacles)
         self.bumper.place(truth.pose, truth.stamp_s)
         self.press(self.bumper.read().pressed)
         self.status = f"{self.line_status}, {self.drive.collisions} collisions"
+
+    def time_of(self, truth: DriveState) -> Time:
+        """Return when, by the run's time, the robot was in a state.
+
+        The drive moves in steps, and this process may be stopped after it has read the state.
+        """
+        age_ns = self.clock.monotonic_ns() - round(truth.stamp_s * 1e9)
+        return Time.from_nanoseconds(self.clock.now_ns() - max(0, age_ns))
 
     def teardown(self) -> None:
         """Pull the base out; write collisions and distance from the start to `base.json`."""
@@ -126,16 +133,7 @@ class EmulatedCreateBase(EmulatedBase):
 
     def shape(self) -> DifferentialDrive:
         """Return a Create's geometry: its driver knows it."""
-        fastest = MAX_SPEED_MM_PER_S / 1000
-        return DifferentialDrive(
-            body_radius_m=CREATE_RADIUS_M,
-            wheel_radius_m=CREATE_WHEEL_M,
-            axle_m=WHEEL_BASE_M,
-            ticks_per_turn=round(COUNTS_PER_M * 2 * math.pi * CREATE_WHEEL_M),
-            max_linear_m_per_s=fastest,
-            max_angular_rad_per_s=2 * fastest / WHEEL_BASE_M,
-            max_wheel_m_per_s=fastest,
-        )
+        return CREATE_2
 
     def create_device(self, body: SimulatedBody) -> EmulatedCreate:
         """Return the controller."""
@@ -150,13 +148,17 @@ class EmulatedCreateBase(EmulatedBase):
 class EmulatedPioneerBase(EmulatedBase):
     """A base with a Pioneer's controller and the stock robot's body: see `EmulatedBase`."""
 
+    watchdog_s: float = setting(
+        2.0, "the controller stops when the host is silent for this time", minimum=0.05, maximum=60.0
+    )
+
     def shape(self) -> DifferentialDrive:
         """Return the stock robot's geometry: a Pioneer's controller tells poses, not turns of its wheels."""
         return DifferentialDrive()
 
     def create_device(self, body: SimulatedBody) -> EmulatedPioneer:
         """Return the controller."""
-        self.pioneer = EmulatedPioneer(body=body)
+        self.pioneer = EmulatedPioneer(base=Base(watchdog_s=self.watchdog_s), body=body)
         return self.pioneer
 
     def press(self, parts: tuple[str, ...]) -> None:
@@ -199,8 +201,9 @@ class EmulatedHokuyoLaser(SimulatedDevice, EmulatedDeviceModule):
         truth = self.world.truth
         if truth is None:
             return np.full(self.laser.geometry.beams, np.inf)
-        # The robot has moved since its pose was published.
-        since_s = max(0.0, (self.clock.now_ns() - self.world.stamp.nanoseconds) / 1e9)
+        # The robot has moved since then. `world.stamp` may belong to a newer pose: the module's own thread
+        # may be handling one at this moment.
+        since_s = max(0.0, self.clock.now_ns() / 1e9 - truth.stamp_s)
         pose = truth.pose.after_arc(truth.linear_m_per_s * since_s, truth.angular_rad_per_s * since_s)
         self.laser.arena = self.world.arena
         self.laser.place(pose, truth.stamp_s + since_s)

@@ -1,5 +1,10 @@
 """The robot's laser range finder."""
 
+import math
+from dataclasses import replace
+
+import numpy as np
+
 from hw.laser import LaserGeometry
 from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
@@ -17,6 +22,12 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
     noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
     range_max_m: float = setting(10.0, "maximum range", minimum=0.1)
     period_s: float = setting(0.1, "time between scans", minimum=0.005)
+    angle_min_rad: float = setting(-math.pi, "direction of the first step")
+    angle_increment_rad: float = setting(math.pi / 180, "angle from step to step", minimum=1e-4)
+    steps: int = setting(360, "number of measured directions", minimum=1, maximum=10_000)
+    merge: int = setting(
+        1, "steps that become one beam, the nearest of their ranges, as in Hokuyo lasers", minimum=1
+    )
     virtual_failure: LaserFailure = setting(
         LaserFailure.NONE,
         "simulated failure: silent sends nothing, blind sees nothing, frozen repeats its last sweep",
@@ -25,7 +36,12 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
 
     def setup(self) -> None:
         """Create the laser; it measures nothing until the simulated base has published its pose."""
-        geometry = LaserGeometry(range_max_m=self.range_max_m)
+        geometry = LaserGeometry(
+            angle_min_rad=self.angle_min_rad,
+            angle_increment_rad=self.angle_increment_rad,
+            beams=self.steps,
+            range_max_m=self.range_max_m,
+        )
         self.world = SharedWorld(self)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
         self.laser.failure = self.virtual_failure
@@ -51,7 +67,7 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
         except LaserSilent:
             self.status = f"{self.scans} scans, failure: silent"
             return
-        geometry = self.laser.geometry
+        geometry = merged_geometry(self.laser.geometry, self.merge)
         self.publish(
             LaserScan(
                 header=Header(stamp=self.world.stamp, frame_id="laser"),
@@ -61,9 +77,19 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
                 scan_time=self.period_s,
                 range_min=geometry.range_min_m,
                 range_max=geometry.range_max_m,
-                ranges=sweep.ranges_m,
+                ranges=np.minimum.reduceat(sweep.ranges_m, range(0, self.steps, self.merge)),
             )
         )
         self.scans += 1
         failure = "" if self.virtual_failure is LaserFailure.NONE else f", failure: {self.virtual_failure}"
         self.status = f"{self.scans} scans of {geometry.beams} beams{failure}"
+
+
+def merged_geometry(fine: LaserGeometry, merge: int) -> LaserGeometry:
+    """Return the beams of a laser that merges neighbouring steps; what is left over is a beam, too."""
+    return replace(
+        fine,
+        angle_min_rad=fine.angle_min_rad + (merge - 1) / 2 * fine.angle_increment_rad,
+        angle_increment_rad=fine.angle_increment_rad * merge,
+        beams=-(-fine.beams // merge),
+    )

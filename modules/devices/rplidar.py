@@ -12,7 +12,9 @@ class RpLidarRangeFinder(PluggableLaserModule):
         2.0, "the laser counts as disconnected after this time without a turn", minimum=0.5
     )
     bit_rate: int = setting(115_200, "bit/s: 115200 (A1, A2), 256000 (A2M12, A3, S1), 1000000 (S2, S3)")
-    express: bool = setting(False, "more samples a second; not all models have it")
+    mode: str = setting(
+        "standard", "standard, typical, express, ultra, dense, hq, or the laser's own name of a mode"
+    )
     beams: int = setting(720, "sectors of a turn, of which each gives one range", minimum=36, maximum=7200)
     range_max_m: float = setting(12.0, "longest range of the model", minimum=1.0)
 
@@ -22,7 +24,7 @@ class RpLidarRangeFinder(PluggableLaserModule):
             self.url,
             self.time_s,
             bit_rate=self.bit_rate,
-            express=self.express,
+            mode=self.mode,
             beams=self.beams,
             range_max_m=self.range_max_m,
             silence_s=self.silence_s,

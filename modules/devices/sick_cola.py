@@ -14,7 +14,9 @@ class SickColaRangeFinder(PluggableLaserModule):
     intensities: bool = setting(False, "have the laser send intensities, too")
     range_max_m: float = setting(25.0, "longest range of the model", minimum=1.0)
     latency_s: float = setting(
-        0.0, "shortest time from the laser's stamp to the arrival of a scan", minimum=0.0
+        0.0,
+        "shortest time from the transmission of a scan, by its clock, to the arrival",
+        minimum=0.0,
     )
 
     def open_device(self) -> SickColaLaser:

@@ -13,7 +13,9 @@ class SickLms2xxRangeFinder(PluggableLaserModule):
     resolution_deg: float = setting(0.5, "angle between beams: 1, 0.5 or, with 100 degrees, 0.25")
     range_max_m: float = setting(8.0, "longest range of the scanner's mode", minimum=1.0)
     range_bits: int = setting(13, "bits of a distance: 13, 14 or 15, by the mode", minimum=13, maximum=15)
-    latency_s: float = setting(0.0, "shortest time from the first beam to the arrival", minimum=0.0)
+    latency_s: float = setting(
+        0.0, "shortest time from the last beam to the arrival, without that of the transmission", minimum=0.0
+    )
 
     def open_device(self) -> SickLms2xx:
         """Return the driver."""

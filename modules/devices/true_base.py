@@ -16,6 +16,10 @@ from modules.devices.simulated_world import SimulatedDevice
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import SimulatedWorld
 from workers.planar_pose import relative
+from workers.row_log import RowLog
+
+MAX_PATH_ROWS = 200_000
+"""More than an hour of the true path, at 50 poses each second."""
 
 
 class TrueBase(SimulatedDevice):
@@ -28,11 +32,13 @@ class TrueBase(SimulatedDevice):
 
     seed: int = setting(0, "random seed of the wheels' slip")
     period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
+    true_path: bool = setting(False, "write the true path to truth.txt: lines of t x y theta (s, m, m, rad)")
 
     def enter_arena(self, body: DifferentialDrive | None = None) -> None:
         """Put the robot at the arena's start, or where it was before a restart."""
         self.world = self.read_arena()
         self.places = self.robot_places()
+        self.path = RowLog(4, MAX_PATH_ROWS)
         resumed = None if self.restored is None else world_of(self.restored)
         clock = self.clock
         self.drive = SimulatedDrive(
@@ -50,13 +56,18 @@ class TrueBase(SimulatedDevice):
             self.places.tell(truth.pose)
         truth = replace(truth, pose=Pose2D(*relative(self.world.start, truth.pose)))
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
+        if self.true_path:
+            self.path.add((stamp.nanoseconds / 1e9, *truth.pose))
         if self.world.appearing:
             header = Header(stamp=stamp, frame_id="base_link")
             obstacles = np.array(self.drive.obstacles, np.uint32)
             self.publish(SimulatedWorld(header=header, obstacles=obstacles), topic="ground_truth")
 
     def write_results(self) -> None:
-        """Write collisions, expired commands and distance from the start to `base.json`; leave the arena."""
+        """Write collisions, expired commands and distance from the start to `base.json`; leave the arena.
+
+        Write the true path to `truth.txt`, in the map's frame, if a setting says so.
+        """
         counted = {
             "collisions": self.drive.collisions,
             "expired_commands": self.drive.expired_commands,
@@ -64,6 +75,8 @@ class TrueBase(SimulatedDevice):
         }
         if self.places is not None:
             self.places.leave()
+        if self.true_path:
+            np.savetxt(self.output_directory / "truth.txt", self.path.rows, "%.6f")
         (self.output_directory / "base.json").write_text(json.dumps(counted) + "\n")
 
 

@@ -1,6 +1,7 @@
 """The decoders under test, with intact frames for each."""
 
 import struct
+import zlib
 from collections.abc import Callable
 from random import Random
 from typing import Any
@@ -15,7 +16,8 @@ from hw.irobot import open_interface
 from hw.microstrain import mip
 from hw.pioneer import p2os
 from hw.pluggable_laser import PluggableLaser
-from hw.rplidar.protocol import CapsuleReader
+from hw.rplidar import streams
+from hw.rplidar.laser import RpLidar
 from hw.sick import cola, lms2xx_telegrams
 from hw.sick.cola import Dialect
 from hw.sick.cola_laser import SickColaLaser
@@ -147,17 +149,64 @@ def _cola_text(random: Random) -> bytes:
     )
 
 
-def _capsule(random: Random) -> bytes:
-    # Not the beginning of a scan: bit 7 of the fourth byte.
-    body = bytes([random.getrandbits(8), random.getrandbits(6)]) + random.randbytes(80)
+class RpLidarTurns:
+    """The driver of an RPLidar that is connected to nothing and has started one of its streams."""
+
+    def __init__(self, reader: type[streams.StreamReader]) -> None:
+        self._laser = RpLidar("nowhere", lambda: 0.0)
+        self._reader = reader()
+        # So few samples a second that no frame waits for others.
+        self._laser._use(self._reader, 1.0, 0.01)
+        self._newest: streams.Samples = streams.NO_SAMPLES
+        decode = self._reader.samples
+
+        def samples(frames: streams.Bytes) -> streams.Samples:
+            self._newest = decode(frames)
+            return self._newest
+
+        self._reader.samples = samples  # type: ignore[method-assign]
+
+    def feed(self, data: bytes) -> list[tuple[float, float]]:
+        """Add bytes; return direction and distance of the samples that are now known."""
+        self._newest = streams.NO_SAMPLES
+        self._laser._take(data)
+        return list(zip(self._newest.angles_deg, self._newest.distances_mm, strict=True))
+
+
+def _checked(body: bytes) -> bytes:
     check = 0
     for byte in body:
         check ^= byte
     return bytes([0xA0 | check & 15, 0x50 | check >> 4]) + body
 
 
+def _capsule(random: Random, data_bytes: int) -> bytes:
+    # Not the beginning of a scan: bit 7 of the fourth byte.
+    return _checked(bytes([random.getrandbits(8), random.getrandbits(6)]) + random.randbytes(data_bytes))
+
+
+def _hq_capsule(random: Random) -> bytes:
+    body = b"\xa5" + random.randbytes(136)
+    return body + zlib.crc32(body + bytes(3)).to_bytes(4, "little")
+
+
+def _nodes(random: Random) -> bytes:
+    """Return several samples: five bytes with three check bits alone cannot be told from noise."""
+    return b"".join(
+        bytes([random.getrandbits(6) << 2 | 2, random.getrandbits(7) << 1 | 1, random.randrange(180)])
+        + random.randbytes(2)
+        for _ in range(32)
+    )
+
+
 SUBJECTS = {
-    "rplidar": Subject(CapsuleReader, _capsule),
+    "rplidar": Subject(lambda: RpLidarTurns(streams.NodeReader), _nodes),
+    "rplidar-express": Subject(
+        lambda: RpLidarTurns(streams.CapsuleReader), lambda random: _capsule(random, 80)
+    ),
+    "rplidar-dense": Subject(lambda: RpLidarTurns(streams.DenseReader), lambda random: _capsule(random, 80)),
+    "rplidar-ultra": Subject(lambda: RpLidarTurns(streams.UltraReader), lambda random: _capsule(random, 128)),
+    "rplidar-hq": Subject(lambda: RpLidarTurns(streams.HqReader), _hq_capsule),
     "hokuyo": Subject(_hokuyo, _scip_sweep),
     "lms2xx": Subject(lambda: LaserSweeps(SickLms2xx("nowhere", lambda: 0.0)), _lms2xx_scan),
     "cola-a": Subject(

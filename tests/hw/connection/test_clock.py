@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.connection.clock import DeviceClock, lower_hull
+from hw.connection.clock import DeviceClock, RegularClock, lower_hull
 
 # Until this time the first frames, which may all be late, can spoil the stamps.
 SETTLED_S = 5.0
@@ -113,3 +113,50 @@ def test_no_point_lies_below_the_lower_hull(values: list[int]) -> None:
     hull = lower_hull(points)
     for (x0, y0), (x1, y1) in pairwise(hull):
         assert all((x1 - x0) * (y - y0) >= (y1 - y0) * (x - x0) for x, y in points if x0 <= x <= x1)
+
+
+PERIOD_S = 1 / 75
+
+
+def late_s(number: int) -> float:
+    """Return how late a frame is: most of them up to 2 ms, some by more than two periods."""
+    return 0.03 if number % 40 == 7 else 0.002 * (number * 7 % 11) / 10
+
+
+@pytest.mark.parametrize("gap_is_told", [True, False])
+def test_frames_without_stamps_are_stamped_by_their_count(gap_is_told: bool) -> None:
+    clock, errors = RegularClock(PERIOD_S), []
+    for number in range(600):
+        if 300 <= number < 303:
+            continue  # lost on the way
+        true_s = 50 + number * PERIOD_S
+        stamp_s = clock.stamp_s(true_s + late_s(number), has_gap=gap_is_told and number == 303)
+        errors.append(stamp_s - true_s)
+    assert max(map(abs, errors[100:299])) < 0.001
+    assert max(map(abs, errors[(300 if gap_is_told else 400) :])) < 0.001
+
+
+def test_frame_that_was_late_behind_a_gap_is_not_counted_as_lost_for_long() -> None:
+    clock, errors = RegularClock(PERIOD_S), []
+    for number in range(200):
+        true_s = 50 + number * PERIOD_S
+        delay_s = 0.04 if number == 100 else 0.0
+        errors.append(clock.stamp_s(true_s + delay_s, has_gap=number == 100) - true_s)
+    assert errors[100] == pytest.approx(3 * PERIOD_S)
+    # Its followers were early by that count.
+    assert max(map(abs, errors[103:])) < 1e-6
+
+
+def test_frames_on_a_slow_line_count_for_several_periods() -> None:
+    for periods in (8, 9):  # the second is too many
+        clock, errors = RegularClock(PERIOD_S, periods_per_frame=periods), []
+        for number in range(100):
+            true_s = 50 + 8 * number * PERIOD_S
+            errors.append(clock.stamp_s(true_s + 0.002 * (number * 7 % 11) / 10) - true_s)
+        assert max(map(abs, errors[10:])) < 0.001
+
+
+def test_frames_that_arrive_together_are_stamped_like_single_ones() -> None:
+    clock = RegularClock(PERIOD_S, latency_s=0.004)
+    stamps = [clock.stamp_s(50 + number * PERIOD_S, frames=4) for number in range(0, 400, 4)]
+    assert stamps[-1] == pytest.approx(50 + 396 * PERIOD_S - 0.004)

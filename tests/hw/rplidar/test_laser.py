@@ -8,14 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hw.rplidar.laser import RpLidar
-from hw.rplidar.protocol import (
-    CapsuleReader,
-    Descriptor,
-    NodeReader,
-    Sample,
-    descriptor,
-    request,
-)
+from hw.rplidar.protocol import CAPSULES, NODES, Descriptor, descriptor, request
+from hw.rplidar.streams import READERS, CapsuleReader, NodeReader, Samples
 from tests.hw._support.scripted_port import ScriptedPort
 
 
@@ -63,17 +57,29 @@ def test_descriptors_are_understood(told: str, meant: Descriptor) -> None:
 
 def test_samples_have_their_angle_distance_and_quality() -> None:
     samples = NodeReader().feed(node(90.25, 1234.5, 47, True) + node(91, 0) + node(92, 16000.25))
-    assert samples[0] == Sample(90.25, 1234.5, 47, True)
-    assert [sample.distance_mm for sample in samples] == [1234.5, 0.0, 16000.25]
+    assert samples.angles_deg.tolist() == [90.25, 91.0, 92.0]
+    assert samples.distances_mm.tolist() == [1234.5, 0.0, 16000.25]
+    assert samples.qualities is not None and samples.qualities.tolist() == [47, 15, 15]
+    assert samples.firsts.tolist() == [True, False, False]
 
 
 def test_express_samples_lie_between_the_angles_of_two_capsules() -> None:
     first = capsule(350, list(range(100, 132)), is_new=True)
     assert len(first) == 84
     samples = CapsuleReader().feed(first + capsule(366 - 360, list(range(32))))
-    assert [sample.distance_mm for sample in samples] == list(range(100, 132))
-    assert [sample.angle_deg for sample in samples] == [(350 + number / 2) % 360 for number in range(32)]
-    assert [number for number, sample in enumerate(samples) if sample.is_first] == [20]
+    assert samples.distances_mm.tolist() == list(range(100, 132))
+    assert samples.angles_deg.tolist() == [(350 + number / 2) % 360 for number in range(32)]
+    assert np.flatnonzero(samples.firsts).tolist() == [20]
+
+
+def test_turn_that_begins_between_two_capsules_is_seen() -> None:
+    capsules = [capsule(angle % 360, [1000] * 32) for angle in (340, 350, 360, 370, 380)]
+    whole = CapsuleReader().feed(b"".join(capsules))
+    assert np.flatnonzero(whole.firsts).tolist() == [64]
+    # The same in pieces.
+    reader = CapsuleReader()
+    pieces = [reader.feed(one) for one in capsules]
+    assert [np.flatnonzero(piece.firsts).tolist() for piece in pieces] == [[], [], [], [0], []]
 
 
 def test_damaged_capsule_gives_no_samples_and_the_next_ones_do() -> None:
@@ -82,7 +88,7 @@ def test_damaged_capsule_gives_no_samples_and_the_next_ones_do() -> None:
     bad[40] ^= 4
     reader = CapsuleReader()
     assert len(reader.feed(good[0] + bytes(bad) + b"".join(good[2:]))) == 2 * 32
-    assert reader.damaged == 1
+    assert (reader.damaged, reader.gaps, reader.frames, reader.pending) == (1, 1, 4, 32)
 
 
 def test_turn_becomes_a_sweep_that_counts_counter_clockwise() -> None:
@@ -98,7 +104,9 @@ def test_turn_becomes_a_sweep_that_counts_counter_clockwise() -> None:
 def test_sector_has_its_nearest_range_and_none_where_nothing_returned() -> None:
     driver = RpLidar("/no/such/port", lambda: 100.0, beams=36)
     told = [node(0, 0, 0, True), node(10, 3000), node(11, 2000), node(12, 0), node(0, 0, 0, True), node(1, 0)]
-    (sweep,) = driver._take(b"".join(told))
+    # So few bytes wait for others, or for a moment without any.
+    assert driver._take(b"".join(told)) == []
+    (sweep,) = driver._take(b"")
     assert sweep.ranges_m[17] == pytest.approx(2.0)
     assert np.isinf(np.delete(sweep.ranges_m, 17)).all()
 
@@ -117,13 +125,21 @@ def test_reader_is_in_step_again_within_two_turns_of_a_lost_byte(number: int, pl
     del stream[5 * number + place]
     samples = NodeReader().feed(bytes(stream) + b"".join(turn() + turn()))
     expected = NodeReader().feed(b"".join(turn()))
-    assert samples[-36:] == expected
+    newest = samples.part(len(samples) - 36, len(samples))
+    assert same(newest, expected)
+
+
+def same(one: Samples, other: Samples) -> bool:
+    return np.array_equal(one.angles_deg, other.angles_deg) and np.array_equal(
+        one.distances_mm, other.distances_mm
+    )
 
 
 @given(st.binary(max_size=500))
 def test_no_bytes_raise_an_error(data: bytes) -> None:
-    for express in (False, True):
-        driver = RpLidar("/no/such/port", lambda: 100.0, express=express)
+    for reader in READERS.values():
+        driver = RpLidar("/no/such/port", lambda: 100.0)
+        driver._use(reader(), 1e-4, 0.01)
         driver._take(data)
         driver._take(capsule(0, [5] * 32) + data + capsule(0, [5] * 32))
 
@@ -145,11 +161,13 @@ def test_laser_is_asked_who_it_is_and_started(express: bool) -> None:
         }.get(written[1], b"")
 
     port = ScriptedPort(answer)
-    driver = RpLidar("scripted", lambda: 100.0, express=express)
+    driver = RpLidar("scripted", lambda: 100.0, mode="express" if express else "standard")
     driver._open_port = port.opened
     assert len(driver.poll()) == (0 if express else 1)
     assert driver.is_connected and driver.identity.startswith("model 0x18, firmware 1.1d, hardware 7, 000102")
-    assert driver._sample_s == pytest.approx(250e-6 if express else 500e-6)
+    assert driver.scan_mode is not None
+    assert driver.scan_mode.sample_s == pytest.approx(250e-6 if express else 500e-6)
+    assert driver.scan_mode.answer == (CAPSULES if express else NODES)
     assert port.motor_lines == [False]
     driver.close()
     assert port.motor_lines == [False, True]

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.connection.clock import RegularClock
 from hw.framing import FrameDecoder
 from hw.sick.lms2xx import SickLms2xx
 from hw.sick.lms2xx_telegrams import DamagedScan, TelegramFraming, crc, least_code, scan, telegram
@@ -128,18 +127,6 @@ def test_reader_is_in_step_again_within_two_scans_of_a_changed_byte(place: int, 
 def test_no_bytes_raise_an_error(data: bytes) -> None:
     driven(180, 0.5)._take(data)
     driven(180, 0.5)._take(reply(0xB0, data[:800]))
-
-
-def test_frames_without_stamps_are_stamped_by_their_count() -> None:
-    clock, period_s = RegularClock(1 / 75), 1 / 75
-    errors = []
-    for number in range(600):
-        if 300 <= number < 303:
-            continue  # lost on the way
-        late_s = 0.03 if number % 40 == 7 else 0.002 * (number * 7 % 11) / 10
-        errors.append(clock.stamp_s(50 + number * period_s + late_s) - 50 - number * period_s)
-    assert max(map(abs, errors[100:299])) < 0.001
-    assert max(map(abs, errors[310:])) < 0.001
 
 
 def test_scanner_is_found_at_its_bit_rate_and_switched_to_the_wanted_one() -> None:

@@ -37,7 +37,7 @@ def test_sweep_is_published_with_its_stamp_and_intensities() -> None:
     assert scan.header.stamp.nanoseconds == 12_250_000_000
     assert scan.header.frame_id == "rear"
     assert (len(scan.ranges), len(scan.intensities)) == (361, 361)
-    assert scan.scan_time == pytest.approx(2 / 75)
+    assert scan.scan_time == pytest.approx(8 * 2 / 75)
 
 
 def test_laser_on_a_network_is_named_by_its_address() -> None:

@@ -15,7 +15,11 @@ from hw.simulation.camera import SimulatedCamera
 from modules.devices.base import SimulatedBase
 from modules.devices.battery import SimulatedBatteryModule
 from modules.devices.bumper import SimulatedBumperModule
-from modules.devices.camera import SimulatedCameraModule, SimulatedThermalCameraModule
+from modules.devices.camera import (
+    SimulatedCameraModule,
+    SimulatedRearCameraModule,
+    SimulatedThermalCameraModule,
+)
 from modules.devices.imu import SimulatedImuModule
 from modules.devices.laser import SimulatedLaserRangeFinder
 from modules.devices.pan_tilt import SimulatedPanTiltModule
@@ -341,3 +345,24 @@ def test_command_that_expired_while_it_waited_is_ignored(
     command(base, 0.5, valid_s=1.0)
     base.advance(0.2)
     assert speed(base) > 0
+
+
+def test_rear_camera_sees_the_victim_behind_the_robot_wherever_the_pan_tilt_unit_looks(
+    tmp_path: Path, base: ModuleHarness[SimulatedBase]
+) -> None:
+    # The robot stands as in ARENA, with a victim at the wall behind it and none ahead.
+    behind = ARENA.replace("x_m: 5.5, y_m: 0.75, facing_rad: 3.14159", "x_m: 0.5, y_m: 0.75, facing_rad: 0.0")
+    (tmp_path / "behind.yaml").write_text(behind)
+    without = tmp_path / "without.yaml"
+    without.write_text("".join(line for line in ARENA.splitlines(keepends=True) if "victims" not in line))
+    images = []
+    for file in (tmp_path / "behind.yaml", without):
+        plain = {"arena": file, "noise": 0.0}
+        with ModuleHarness(SimulatedRearCameraModule, plain, name="rear") as rear:
+            drive(base, 0.1, 0.0)
+            tell(base, rear)
+            rear.advance(0.0)
+            image = rear.take(Image, "rear_camera")[-1]
+            assert image.header.frame_id == "rear_camera_optical"
+            images.append(image.data.reshape(image.height, image.width, 3).copy())
+    assert (images[0] != images[1]).any()

@@ -1,0 +1,60 @@
+"""The body behind an emulated base: its encoders count up to the moment at which they are asked."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hw.emulation.body import SimulatedBody
+from hw.pose import Pose
+from hw.simulation.arena import Arena
+from hw.simulation.box_segments import box_segments
+from hw.simulation.differential_drive import DifferentialDrive
+from hw.simulation.drive import SimulatedDrive
+from hw.simulation.wheel import WheelErrors
+
+ROOM = Arena(
+    segments=box_segments(np.array([[0.0, 0.0, 20.0, 20.0]])),
+    circles=np.zeros((0, 3)),
+    start=Pose(2.0, 10.0, 0.0),
+    width_m=20.0,
+    height_m=20.0,
+)
+EXACT = WheelErrors(left_scale=0.0, right_scale=0.0, slip_m_per_sqrt_m=0.0)
+SPEED_M_PER_S, TURN_RAD_PER_S = 0.6, 0.3
+ACCELERATION_S = 1.0
+
+
+def body_in_room(clock: Callable[[], float]) -> SimulatedBody:
+    shape = DifferentialDrive()
+    return SimulatedBody(SimulatedDrive(ROOM, clock, body=shape, errors=EXACT), shape, clock)
+
+
+def test_encoders_count_between_the_steps_of_the_simulation_too() -> None:
+    now = [0.0]
+    body = body_in_room(lambda: now[0])
+    ways_m, turns_rad, times_s = [0.0], [0.0], [0.0]
+    for _ in range(900):
+        now[0] += 0.0037
+        way_m, turn_rad = body.move(SPEED_M_PER_S, TURN_RAD_PER_S, 0.0037)
+        times_s.append(now[0])
+        ways_m.append(ways_m[-1] + way_m)
+        turns_rad.append(turns_rad[-1] + turn_rad)
+    at_speed = np.array(times_s) > ACCELERATION_S
+    for counted, speed in ((ways_m, SPEED_M_PER_S), (turns_rad, TURN_RAD_PER_S)):
+        rest = np.array(counted)[at_speed] - speed * np.array(times_s)[at_speed]
+        # A tick is 0.15 mm; the simulation's steps are 6 mm.
+        assert np.ptp(rest) < 0.0015
+    assert ways_m[-1] == pytest.approx(SPEED_M_PER_S * times_s[-1] - 0.18, abs=0.01)
+
+
+def test_body_that_has_stopped_counts_no_more() -> None:
+    now = [0.0]
+    body = body_in_room(lambda: now[0])
+    for _ in range(100):
+        now[0] += 0.013
+        body.move(SPEED_M_PER_S, 0.0, 0.013)
+    for _ in range(100):
+        now[0] += 0.013
+        last = body.move(0.0, 0.0, 0.013)
+    assert last == (0.0, 0.0)

@@ -1,0 +1,90 @@
+"""Emulated bases and lasers: what they measure belongs to the time that they tell."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.emulation.body import SimulatedBody
+from hw.emulation.create import EmulatedCreate
+from hw.simulation.differential_drive import CREATE_2
+from modules.devices.base import SimulatedBase
+from modules.devices.emulated import EmulatedCreateBase, EmulatedHokuyoLaser, EmulatedPioneerBase
+from robbie_mp import Header, ModuleHarness, Time
+from robbie_mp.messages import Odometry, Point, Pose, PoseWithCovariance, Twist, TwistWithCovariance, Vector3
+from tests.modules.devices.test_simulated_devices import ARENA, drive
+
+SPEED_M_PER_S = 0.4
+AHEAD = 540
+"""The step of a UTM-30LX that looks straight ahead."""
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> dict[str, object]:
+    (tmp_path / "arena.yaml").write_text(ARENA)
+    return {"arena": tmp_path / "arena.yaml"}
+
+
+class HandMovedBase(EmulatedCreateBase):
+    """A base that only the test moves, not its controller."""
+
+    def create_device(self, body: SimulatedBody) -> EmulatedCreate:
+        """Return a controller with another body."""
+        self.create = EmulatedCreate()
+        return self.create
+
+
+def test_true_pose_has_the_time_at_which_the_robot_was_there(settings: dict[str, object]) -> None:
+    truths = []
+    # The simulated drive moves in steps of 10 ms; these times lie between them.
+    with ModuleHarness(HandMovedBase, settings | {"period_s": 0.0233}, name="base_emulator") as base:
+        base.module.body.move(SPEED_M_PER_S, 0.0, 0.0)
+        for _ in range(60):
+            base.advance(0.0233)
+            base.module.body.move(SPEED_M_PER_S, 0.0, 0.0)
+            truths += base.take(Odometry, "ground_truth")
+    full_speed = [truth for truth in truths if truth.twist.twist.linear.x == SPEED_M_PER_S]
+    times_s = np.array([truth.header.stamp.nanoseconds / 1e9 for truth in full_speed])
+    ways_m = np.array([truth.pose.pose.position.x for truth in full_speed])
+    assert len(times_s) > 10 and np.all(np.diff(times_s) > 0.0)
+    assert np.diff(ways_m) / np.diff(times_s) == pytest.approx(SPEED_M_PER_S, rel=1e-3)
+
+
+def test_laser_moves_with_the_robot_from_the_time_of_the_pose_that_it_uses(
+    settings: dict[str, object],
+) -> None:
+    with ModuleHarness(EmulatedHokuyoLaser, settings | {"noise_m": 0.0}, name="laser_emulator") as laser:
+        began_ns = laser.clock.now_ns()
+        pose = PoseWithCovariance(pose=Pose(position=Point(x=0.5)))
+        twist = TwistWithCovariance(twist=Twist(linear=Vector3(x=SPEED_M_PER_S)))
+        header = Header(stamp=Time.from_nanoseconds(began_ns))
+        laser.send(Odometry(header=header, pose=pose, twist=twist), topic="ground_truth")
+        at_once_m = float(laser.module.measure()[AHEAD])
+        laser.advance(0.5)
+        # The module's thread has begun to handle a newer pose, while the line's thread measures.
+        laser.module.world.stamp = Time.from_nanoseconds(laser.clock.now_ns())
+        later_m = float(laser.module.measure()[AHEAD])
+    assert math.isfinite(at_once_m)
+    assert at_once_m - later_m == pytest.approx(SPEED_M_PER_S * 0.5, abs=1e-3)
+
+
+def test_watchdog_of_the_emulated_pioneer_is_that_of_the_profile(settings: dict[str, object]) -> None:
+    with ModuleHarness(EmulatedPioneerBase, settings | {"watchdog_s": 0.3}, name="base_emulator") as base:
+        assert base.module.pioneer.base.watchdog_s == 0.3
+
+
+def test_simulated_base_drives_with_the_body_of_a_create_and_writes_its_true_path(
+    settings: dict[str, object], tmp_path: Path
+) -> None:
+    wanted = settings | {"body": "create", "true_path": True}
+    with ModuleHarness(SimulatedBase, wanted, name="base", output_directory=tmp_path) as base:
+        drive(base, 3.0, 0.8)
+        truths = base.take(Odometry, "ground_truth")
+    assert max(truth.twist.twist.linear.x for truth in truths) == CREATE_2.max_linear_m_per_s
+    path = np.loadtxt(tmp_path / "truth.txt")
+    assert len(path) == len(truths)
+    last = truths[-1]
+    assert path[-1] == pytest.approx(
+        [last.header.stamp.nanoseconds / 1e9, last.pose.pose.position.x, 0.0, 0.0], abs=1e-5
+    )

@@ -1,0 +1,201 @@
+"""Stamps of the lasers' drivers, on emulated lasers in simulated time.
+
+    python -m tools.stamp_trial [--seconds 120] [--seeds 5] [LASER ...]
+
+The line has 2 ms of jitter, 3 % of its frames are late by 30 ms more, and each byte takes its time. A stamp
+should name the time at which the first beam of the sweep was measured (Hokuyo: the one moment at which the
+emulated laser measures). In simulated time a busy machine adds nothing: the error is the driver's. The
+laser's clock runs 0.01 % too fast.
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner, ScannerModel
+from hw.emulation.device import EmulatedClock, EmulatedDevice
+from hw.emulation.faults import Faults
+from hw.emulation.lms2xx import EmulatedLms2xx
+from hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
+from hw.emulation.scip import URG_04LX, UTM_30LX, EmulatedHokuyo, LaserModel
+from hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from hw.hokuyo.laser import HokuyoLaser
+from hw.pluggable_laser import PluggableLaser
+from hw.rplidar.laser import RpLidar
+from hw.sick.cola import Dialect
+from hw.sick.cola_laser import SickColaLaser
+from hw.sick.lms2xx import SickLms2xx
+
+Array = NDArray[np.float64]
+
+LATE = Faults(jitter_s=0.002, late_share=0.03, late_s=0.03)
+DRIFT = 1e-4
+SETTLED_S = 5.0
+STAMP_S = 0.001
+# Sweeps are told apart by their ranges.
+FIRST_M, STEP_M, DIFFERENT = 1.0, 0.01, 300
+
+
+class Measured:
+    """The ranges of a wall that moves with each sweep, and when each sweep began, by the true time."""
+
+    def __init__(self, clock: SimulatedTime) -> None:
+        self.began_s: dict[int, float] = {}
+        self._clock = clock
+
+    def range_m(self, number: int, began_s: float | None = None) -> float:
+        """Return the range of a sweep that begins now, or at a given time."""
+        self.began_s.setdefault(number % DIFFERENT, 0.0)
+        self.began_s[number % DIFFERENT] = self._clock.now_s if began_s is None else began_s
+        return FIRST_M + STEP_M * (number % DIFFERENT)
+
+    def next_range_m(self) -> float:
+        """Return the range of a sweep that nobody has numbered."""
+        self._numbered = getattr(self, "_numbered", -1) + 1
+        return self.range_m(self._numbered)
+
+    def error_s(self, stamp_s: float, ranges_m: NDArray[np.float32]) -> float:
+        """Return how late a stamp is."""
+        seen = float(np.median(ranges_m[np.isfinite(ranges_m)]))
+        return stamp_s - self.began_s[round((seen - FIRST_M) / STEP_M)]
+
+
+class Subject(NamedTuple):
+    """A laser and its driver.
+
+    Attributes:
+        emulated: makes the laser.
+        driver: makes the driver.
+    """
+
+    emulated: Callable[[Measured, EmulatedClock], EmulatedDevice]
+    driver: Callable[[SimulatedTime], PluggableLaser]
+
+
+def _hokuyo(model: LaserModel) -> Subject:
+    beams = len(model.angles_rad())
+    return Subject(
+        lambda measured, clock: EmulatedHokuyo(model, lambda: np.full(beams, measured.next_range_m()), clock),
+        lambda clock: HokuyoLaser("simulated", clock),
+    )
+
+
+def _cola(model: ScannerModel, dialect: Dialect) -> Subject:
+    return Subject(
+        lambda measured, clock: EmulatedSickScanner(
+            lambda number: np.full(model.beams, measured.range_m(number)), model, dialect is Dialect.A, clock
+        ),
+        lambda clock: SickColaLaser("simulated", clock, dialect=dialect),
+    )
+
+
+def _lms2xx(bit_rate: int, field_deg: int, resolution_deg: float) -> Subject:
+    def emulated(measured: Measured, clock: EmulatedClock) -> EmulatedLms2xx:
+        def measure(number: int, angles: Array) -> Array:
+            return np.full(len(angles), measured.range_m(number, clock.true_s(device.scans_began_s)))
+
+        device = EmulatedLms2xx(measure, clock)
+        return device
+
+    return Subject(
+        emulated,
+        lambda clock: SickLms2xx(
+            "simulated", clock, bit_rate=bit_rate, field_deg=field_deg, resolution_deg=resolution_deg
+        ),
+    )
+
+
+def _rplidar(model: RpLidarModel, mode: str) -> Subject:
+    def emulated(measured: Measured, clock: EmulatedClock) -> EmulatedRpLidar:
+        def measure(turns: NDArray[np.int64], angles: Array) -> Array:
+            # A turn begins with its first sample.
+            whole = {
+                turn: measured.range_m(turn, clock.true_s(device.first_sample_s(turn)))
+                for turn in np.unique(turns).tolist()
+            }
+            return np.array([whole[turn] for turn in turns.tolist()])
+
+        device = EmulatedRpLidar(measure, model, clock)
+        return device
+
+    return Subject(emulated, lambda clock: RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode))
+
+
+SUBJECTS = {
+    "URG-04LX": _hokuyo(URG_04LX),
+    "UTM-30LX": _hokuyo(UTM_30LX),
+    "TiM561, CoLa B": _cola(TIM_561, Dialect.B),
+    "TiM561, CoLa A": _cola(TIM_561, Dialect.A),
+    "LMS111, CoLa B": _cola(LMS_111, Dialect.B),
+    "LMS2xx, 500000, 180 by 1": _lms2xx(500_000, 180, 1.0),
+    "LMS2xx, 500000, 180 by 0.5": _lms2xx(500_000, 180, 0.5),
+    "LMS2xx, 500000, 100 by 0.25": _lms2xx(500_000, 100, 0.25),
+    "LMS2xx, 38400, 180 by 0.5": _lms2xx(38_400, 180, 0.5),
+    "LMS2xx, 38400, 180 by 1": _lms2xx(38_400, 180, 1.0),
+    "LMS2xx, 9600, 180 by 1": _lms2xx(9_600, 180, 1.0),
+    "RPLidar A1, standard": _rplidar(A1, "standard"),
+    "RPLidar A1, express": _rplidar(A1, "express"),
+    "RPLidar A3, express": _rplidar(A3, "express"),
+    "RPLidar A3, ultra": _rplidar(A3, "ultra"),
+    "RPLidar A3, hq": _rplidar(A3, "hq"),
+    "RPLidar S2, dense": _rplidar(S2, "dense"),
+}
+
+
+def stamp_errors(subject: Subject, seconds: float, seed: int = 0, faults: Faults = LATE) -> Array:
+    """Return how late the stamps of a driver are, s, without those of the first seconds: (N,)."""
+    clock = SimulatedTime()
+    measured = Measured(clock)
+    device = subject.emulated(measured, EmulatedClock(start_s=7.0, drift=DRIFT, monotonic=clock))
+    line = SteppedLine(device, clock, faults, seed)
+    errors = []
+    with closing(subject.driver(clock)) as laser:
+        laser._open_port = line.opened
+        # Silence is measured in real time, of which a busy machine may take any amount.
+        laser.silence_s = math.inf
+        while not laser.poll(0.5):
+            pass
+        settled_s = clock.now_s + SETTLED_S
+        while clock.now_s < settled_s + seconds:
+            for sweep in laser.poll(0.5):
+                if clock.now_s >= settled_s:
+                    errors.append(measured.error_s(sweep.stamp_s, sweep.ranges_m))
+    return np.array(errors)
+
+
+def told(name: str, errors_s: Array) -> str:
+    """Return a line of the table."""
+    milliseconds = np.abs(errors_s) * 1000
+    return (
+        f"{name:28} {len(errors_s):7} stamps: {(milliseconds <= STAMP_S * 1000).mean():8.3%} within 1 ms, "
+        f"mean {np.mean(errors_s) * 1000:6.3f}, worst {milliseconds.max():7.3f} ms"
+    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.stamp_trial",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("lasers", nargs="*", metavar="LASER", help=f"of {'; '.join(SUBJECTS)}; default: all")
+    parser.add_argument("--seconds", type=float, default=120.0, help="simulated time for each seed")
+    parser.add_argument("--seeds", type=int, default=5, help="runs with other random delays")
+    options = parser.parse_args(arguments)
+    if unknown := set(options.lasers) - set(SUBJECTS):
+        parser.error(f"unknown laser {', '.join(sorted(unknown))}; there are {'; '.join(SUBJECTS)}")
+    for name in options.lasers or SUBJECTS:
+        errors = [stamp_errors(SUBJECTS[name], options.seconds, seed) for seed in range(options.seeds)]
+        print(told(name, np.concatenate(errors)), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
