@@ -10,7 +10,11 @@ from hw.simulation.arena_file import read_arena
 from tests.robot.test_stock_robot import PROJECT, StockRobot
 from tools.emulation_trial import away_from_walls_m
 
-ARENA = PROJECT / "hw" / "simulation" / "arenas" / "demo.yaml"
+ARENAS = PROJECT / "hw" / "simulation" / "arenas"
+DEMO = ARENAS / "demo.yaml"
+ROOM = ARENAS / "rescue_small.yaml"
+SEEN_FROM_START_M2 = 4.3
+"""The robot's first sweeps show less than this of the small room."""
 
 
 @pytest.fixture
@@ -29,6 +33,46 @@ def test_bytes_of_serial_devices_become_a_map_of_the_arena(robot: StockRobot) ->
     assert code == 0, errors
     assert json.loads((robot.output / "base.json").read_text())["collisions"] == 0
     assert modules["mapping"]["handled"] > 100
-    away_m = away_from_walls_m(read_arena(ARENA), robot.output / "map.yaml")
+    away_m = away_from_walls_m(read_arena(DEMO), robot.output / "map.yaml")
     assert len(away_m) > 200 and float(away_m.mean()) < 0.05
     assert not list((robot.output / "ports").iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(360)
+def test_rescue_robot_explores_by_drivers_on_serial_lines_and_comes_home(robot: StockRobot) -> None:
+    in_room = [
+        word
+        for name in ("base_emulator", "laser_emulator", "imu_emulator", "camera")
+        for word in ("--set", f"{name}.arena={ROOM}")
+    ]
+    code, modules, errors = robot.run(
+        "rescue-emulated", *in_room, "--set", "mission.time_limit_s=150", timeout_s=300.0
+    )
+    assert code == 0, errors
+    assert all(module["restarts"] == 0 for module in modules.values())
+    for name in ("base", "laser", "imu"):
+        assert f"the device at run:{name}_emulator is connected" in log_of(robot, name)
+    emulated = {
+        one["type_name"]
+        for name in modules
+        if name.endswith("_emulator")
+        for one in modules[name]["publishes"]
+    }
+    assert emulated == {"nav_msgs/msg/Odometry"}
+    assert [one["topic"] for one in modules["base_emulator"]["publishes"]] == ["ground_truth"]
+    delivered = {
+        (one["type_name"], one["topic"]): one["delivered"] for one in modules["mapping"]["subscriptions"]
+    }
+    assert delivered["sensor_msgs/msg/LaserScan", ""] > 30
+    assert delivered["nav_msgs/msg/Odometry", "odom"] > 30
+    assert modules["imu"]["published"] > 300
+    mission = json.loads((robot.output / "mission.json").read_text())
+    assert mission["mapped_m2"] > SEEN_FROM_START_M2
+    assert mission["collisions"] == 0
+    assert json.loads((robot.output / "base.json").read_text())["collisions"] == 0
+
+
+def log_of(robot: StockRobot, module: str) -> str:
+    """What a module has logged."""
+    return (robot.output / "log" / f"{module}.jsonl").read_text()
