@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.pose import Pose
-from hw.simulation.arena_contents import AppearingObstacle, HazardSign, Victim
+from hw.simulation.arena_contents import AppearingObstacle, HazardSign, NumberSign, Sheet, Victim
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,8 @@ class Arena:
         victims: victims on the walls.
         signs: hazard signs on the walls.
         appearing: temporary obstacles; none of them is in `segments` and `circles`.
+        numbers: boards with digits and other things; their posts are in `circles`.
+        sheet: a sheet with an order of digits, held up at the start.
     """
 
     segments: Array
@@ -37,6 +39,8 @@ class Arena:
     victims: tuple[Victim, ...] = ()
     signs: tuple[HazardSign, ...] = ()
     appearing: tuple[AppearingObstacle, ...] = ()
+    numbers: tuple[NumberSign, ...] = ()
+    sheet: Sheet | None = None
 
     def with_obstacles(self, indices: Iterable[int]) -> "Arena":
         """Return this arena with some of its temporary obstacles present.

@@ -1,4 +1,4 @@
-"""The contents of an arena besides walls: victims and signs on the walls, and temporary obstacles."""
+"""The contents of an arena besides walls: victims and signs on walls, boards, temporary obstacles."""
 
 import math
 from dataclasses import dataclass
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.simulation.box_segments import box_segments
+
+POST_RADIUS_M = 0.05
+"""Radius of the posts that carry boards."""
 
 
 class VictimKind(StrEnum):
@@ -30,6 +33,30 @@ class SignKind(StrEnum):
     DANGEROUS_WHEN_WET = "dangerous_when_wet"
     OXIDIZER = "oxidizer"
     TOXIC = "toxic"
+
+
+class BoardFont(StrEnum):
+    """The fonts of boards. Where one is not installed, the font within Pillow takes its place."""
+
+    SANS = "DejaVuSans"
+    SANS_BOLD = "DejaVuSans-Bold"
+    SERIF = "DejaVuSerif"
+    MONO = "DejaVuSansMono"
+    GROTESQUE = "LiberationSans-Regular"
+    ROMAN_BOLD = "LiberationSerif-Bold"
+    PILLOW = "Pillow"
+
+
+class Figure(StrEnum):
+    """What a board may show besides digits and letters."""
+
+    ARROW_LEFT = "arrow_left"
+    ARROW_RIGHT = "arrow_right"
+    ARROW_UP = "arrow_up"
+    CROSS = "cross"
+    RING = "ring"
+    STAR = "star"
+    TRIANGLE = "triangle"
 
 
 @dataclass(frozen=True)
@@ -70,6 +97,69 @@ class HazardSign:
 
     kind: SignKind
     spot: WallSpot
+
+
+@dataclass(frozen=True)
+class NumberSign:
+    """A board on a post, which shows a digit or something else; its back shows nothing.
+
+    Attributes:
+        text: one character, or a `Figure`.
+        x_m: x of the post.
+        y_m: y of the post.
+        facing_rad: the direction in which the board can be read.
+        height_m: height of the board's middle above the ground.
+        edge_m: edge of the board.
+        font: font of the character.
+        light: brightness, 1 in full light.
+        shadow: share of the board on which a shadow falls.
+    """
+
+    text: str
+    x_m: float
+    y_m: float
+    facing_rad: float
+    height_m: float = 0.75
+    edge_m: float = 0.45
+    font: BoardFont = BoardFont.SANS
+    light: float = 1.0
+    shadow: float = 0.0
+
+    @property
+    def digit(self) -> int | None:
+        """Return the digit that it shows; None if it shows something else."""
+        return int(self.text) if self.text.isascii() and self.text.isdigit() else None
+
+    @property
+    def front(self) -> WallSpot:
+        """Return the middle of the board's front."""
+        return self._beside(0.0)
+
+    @property
+    def back(self) -> WallSpot:
+        """Return the middle of the board's back."""
+        return self._beside(math.pi)
+
+    def _beside(self, turn_rad: float) -> WallSpot:
+        facing_rad = self.facing_rad + turn_rad
+        x_m = self.x_m + POST_RADIUS_M * math.cos(facing_rad)
+        y_m = self.y_m + POST_RADIUS_M * math.sin(facing_rad)
+        return WallSpot(x_m, y_m, self.height_m, facing_rad)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A sheet of paper with digits, which somebody holds up until the robot drives; no laser sees it.
+
+    Attributes:
+        text: the digits.
+        spot: its middle.
+        height_m: height of the paper.
+    """
+
+    text: str
+    spot: WallSpot
+    height_m: float = 0.18
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,19 @@ from numpy.typing import NDArray
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import AppearingObstacle, HazardSign, SignKind, Victim, VictimKind, WallSpot
+from hw.simulation.arena_contents import (
+    POST_RADIUS_M,
+    AppearingObstacle,
+    BoardFont,
+    Figure,
+    HazardSign,
+    NumberSign,
+    Sheet,
+    SignKind,
+    Victim,
+    VictimKind,
+    WallSpot,
+)
 from hw.simulation.arena_drawing import Drawing, DrawingError
 from hw.simulation.aruco import TAG_COUNT
 from hw.simulation.box_segments import box_segments
@@ -28,10 +40,15 @@ KEYS = (
     "victims",
     "signs",
     "appearing",
+    "numbers",
+    "sheet",
 )
+NUMBER_KEYS = ("text", "x_m", "y_m", "facing_rad", "height_m", "edge_m", "font", "light", "shadow")
 SPOT_KEYS = ("x_m", "y_m", "height_m", "facing_rad")
 # Maximum distance of victims and signs from their wall.
 MAX_FROM_WALL_M = 0.05
+# Brighter paper than this would be white all over.
+MAX_LIGHT = 1.05
 # A point this far in front of a victim or sign must be free.
 IN_FRONT_M = 0.2
 
@@ -54,6 +71,11 @@ def read_arena(path: Path | str) -> Arena:
     - `signs`: a list of maps: `kind`, and `x_m`, `y_m`, `facing_rad`, `height_m` as for victims.
     - `appearing`: temporary obstacles, a list of maps: `circle: [x, y, radius]` or
       `box: [x1, y1, x2, y2]`, `from_s`, and `until_s` if it disappears again; in s since the start.
+    - `numbers`: boards on posts, a list of maps: `text` (a character, or arrow_left, ring, …), `x_m` and
+      `y_m` of the post, `facing_rad`; and if they differ from 0.75, 0.45, DejaVuSans, 1 and 0: `height_m`
+      (of the board's middle), `edge_m`, `font`, `light` (0 to 1.05), `shadow` (share of the board in it).
+    - `sheet`: a map: the digits `text`, `x_m`, `y_m`, `facing_rad`, `height_m` as for victims. Somebody holds
+      it up until the robot drives.
 
     Raises:
         ArenaError: the file is invalid; the message names the line.
@@ -75,8 +97,16 @@ class _ArenaReader:
         self._walls = self._solid()
 
     def arena(self) -> Arena:
+        numbers = _numbers(self._file)
+        posts = np.array([(sign.x_m, sign.y_m, POST_RADIUS_M) for sign in numbers]).reshape(-1, 3)
         return replace(
-            self._walls, victims=self._victims(), signs=self._signs(), appearing=_appearing(self._file)
+            self._walls,
+            circles=np.concatenate([self._walls.circles, posts]),
+            victims=self._victims(),
+            signs=self._signs(),
+            appearing=_appearing(self._file),
+            numbers=numbers,
+            sheet=_sheet(self._file),
         )
 
     def _solid(self) -> Arena:
@@ -177,3 +207,49 @@ def _appearing(file: YamlMap) -> tuple[AppearingObstacle, ...]:
             entry.fail(entry.node("until_s"), "until_s must be later than from_s")
         obstacles.append(obstacle)
     return tuple(obstacles)
+
+
+def _numbers(file: YamlMap) -> tuple[NumberSign, ...]:
+    """Read the boards with digits."""
+    signs = []
+    for entry in file.maps("numbers", "a board", NUMBER_KEYS):
+        text = entry.text("text")
+        if len(text) != 1 and text not in list(Figure):
+            what = f"text must be one character, or one of {', '.join(Figure)}; not {text!r}"
+            entry.fail(entry.node("text"), what)
+        shadow, light = entry.number("shadow", 0.0), entry.number("light", 1.0)
+        if not 0.0 <= shadow <= 1.0:
+            entry.fail(entry.node("shadow"), f"shadow must be from 0 to 1, not {shadow:g}")
+        if not 0.0 <= light <= MAX_LIGHT:
+            entry.fail(entry.node("light"), f"light must be from 0 to {MAX_LIGHT:g}, not {light:g}")
+        signs.append(
+            NumberSign(
+                text,
+                entry.number("x_m"),
+                entry.number("y_m"),
+                entry.number("facing_rad"),
+                entry.positive("height_m", 0.75),
+                entry.positive("edge_m", 0.45),
+                entry.name("font", BoardFont, BoardFont.SANS),
+                light,
+                shadow,
+            )
+        )
+    return tuple(signs)
+
+
+def _sheet(file: YamlMap) -> Sheet | None:
+    """Read the sheet with the order, if there is one."""
+    if "sheet" not in file:
+        return None
+    entry = file.one_map("sheet", "a sheet", ("text", *SPOT_KEYS))
+    text = entry.text("text")
+    if not text.isascii() or not text.isdigit() or len(set(text)) != len(text):
+        entry.fail(entry.node("text"), f"text must be digits, each at most once, not {text!r}")
+    spot = WallSpot(
+        entry.number("x_m"),
+        entry.number("y_m"),
+        entry.positive("height_m", 0.35),
+        entry.number("facing_rad"),
+    )
+    return Sheet(text, spot)

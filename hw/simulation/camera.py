@@ -1,5 +1,6 @@
 """Simulated cameras in an arena: one for colours, one for heat."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -8,13 +9,16 @@ from numpy.typing import NDArray
 from hw.camera import Camera, CameraFrame, CameraGeometry
 from hw.pose import Pose
 from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import VictimKind
+from hw.simulation.arena_contents import NumberSign, Sheet, VictimKind
 from hw.simulation.hanging import Hanging
+from hw.simulation.number_board import back_texture, board_texture, sheet_texture
 from hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat, victim_textures
 from hw.simulation.renderer import Paint, Renderer
 
 WAVE_S = 0.5
 """Time after which a waving victim changes its picture."""
+SHEET_UNTIL_M = 0.3
+"""The sheet with the order is taken away when the robot has driven this far."""
 STRIPE_M = 0.4
 # Brightness falls with the distance and is halved at this distance.
 DIM_M = 12.0
@@ -46,6 +50,7 @@ class SimulatedCamera(Camera):
         self._geometry = geometry or CameraGeometry()
         self._renderer = Renderer(self._geometry, self._paint())
         self._pictures = {phase: self._hang(phase) for phase in (0, 1)}
+        self._sheet = None if arena.sheet is None else self._hang_sheet(arena.sheet)
         self._noise = _Noise(noise, self._geometry, seed)
         self._placed: tuple[Pose, float] | None = None
         self._direction = (0.0, 0.0)
@@ -78,6 +83,8 @@ class SimulatedCamera(Camera):
             raise CameraNotPlaced("the simulated camera has no pose: call place() before capture()")
         robot, stamp_s = self._placed
         pictures = self._pictures[int(stamp_s / WAVE_S) % 2]
+        if self._sheet is not None and math.dist(robot[:2], self.arena.start[:2]) < SHEET_UNTIL_M:
+            pictures = [*pictures, self._sheet]
         image = self._renderer.render(self.arena, robot, self._direction, pictures)
         return CameraFrame(stamp_s, self._noise.added(image))
 
@@ -86,7 +93,12 @@ class SimulatedCamera(Camera):
 
     def _hang(self, phase: int) -> list[Hanging]:
         signs = [Hanging(sign.spot, sign_texture(sign)) for sign in self.arena.signs]
-        return signs + [Hanging(victim.spot, victim_textures(victim)[phase]) for victim in self.arena.victims]
+        boards = [board for sign in self.arena.numbers for board in _boards(sign)]
+        victims = [Hanging(victim.spot, victim_textures(victim)[phase]) for victim in self.arena.victims]
+        return [*signs, *boards, *victims]
+
+    def _hang_sheet(self, sheet: Sheet) -> Hanging | None:
+        return Hanging(sheet.spot, sheet_texture(sheet.text, sheet.height_m))
 
 
 class SimulatedThermalCamera(SimulatedCamera):
@@ -101,6 +113,9 @@ class SimulatedThermalCamera(SimulatedCamera):
     def _hang(self, phase: int) -> list[Hanging]:
         warm = [victim for victim in self.arena.victims if victim.kind is not VictimKind.COLD]
         return [Hanging(victim.spot, victim_heat(victim)[phase]) for victim in warm]
+
+    def _hang_sheet(self, sheet: Sheet) -> Hanging | None:
+        return None
 
 
 class ColourPaint:
@@ -132,6 +147,12 @@ class HeatPaint:
     def rest(self) -> NDArray[np.uint16]:
         """Return the temperature of tiles and ceiling: (3,)."""
         return centikelvin(np.array(REST_CELSIUS))
+
+
+def _boards(sign: NumberSign) -> tuple[Hanging, Hanging]:
+    """Return front and back of a board on a post."""
+    front = board_texture(sign.text, sign.edge_m, sign.font, sign.light, sign.shadow)
+    return Hanging(sign.front, front), Hanging(sign.back, back_texture(sign.edge_m, sign.light))
 
 
 class _Noise:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
 from hw.pose import Pose
 
@@ -64,6 +65,35 @@ class DifferentialDrive:
         """Return the odometry's pose after the wheels have turned by a number of ticks."""
         left_m, right_m = left * self.tick_m, right * self.tick_m
         return pose.after_arc((left_m + right_m) / 2, (right_m - left_m) / self.axle_m)
+
+
+class RobotBody(StrEnum):
+    """Bodies that a simulated base can have."""
+
+    STOCK = "stock"
+    CREATE = "create"
+
+    @property
+    def drive(self) -> DifferentialDrive:
+        """Return the body's geometry and limits."""
+        return CREATE_2 if self is RobotBody.CREATE else DifferentialDrive()
+
+
+def _create_2() -> DifferentialDrive:
+    """Return the body of an iRobot Create 2 (Open Interface Specification based on the Roomba 600)."""
+    fastest, axle_m, wheel_radius_m, counts_per_turn = 0.5, 0.235, 0.036, 508.8
+    return DifferentialDrive(
+        body_radius_m=0.17,
+        wheel_radius_m=wheel_radius_m,
+        axle_m=axle_m,
+        ticks_per_turn=round(counts_per_turn),
+        max_linear_m_per_s=fastest,
+        max_angular_rad_per_s=2 * fastest / axle_m,
+        max_wheel_m_per_s=fastest,
+    )
+
+
+CREATE_2 = _create_2()
 
 
 def _clamp(value: float, limit: float) -> float:

@@ -70,7 +70,8 @@ class Renderer:
         ranges_m, surfaces = self._ranges(arena, eye)
         image = self._surroundings(arena, eye, ranges_m, surfaces)
         view = HangingView(self._geometry, self._rays, tilt_rad, eye)
-        for hanging in hangings:
+        # Nearer pictures cover farther ones.
+        for hanging in sorted(hangings, key=lambda one: -math.dist(eye[:2], (one.spot.x_m, one.spot.y_m))):
             view.draw(image, hanging, ranges_m)
         return image
 

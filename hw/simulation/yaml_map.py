@@ -75,6 +75,17 @@ class YamlMap:
                 return name
         self.fail(node, f"{key} must be one of {', '.join(names)}")
 
+    def text(self, key: str) -> str:
+        """Return a text, or a number as it is written."""
+        node = self.node(key)
+        if not isinstance(node, yaml.ScalarNode):
+            self.fail(node, f"{key} must be a text")
+        return str(node.value)
+
+    def one_map(self, key: str, what: str, keys: Collection[str]) -> "YamlMap":
+        """Return a map."""
+        return YamlMap(self._path, self.node(key), what, keys)
+
     def block(self, key: str) -> tuple[list[str], int]:
         """Return the lines of a literal block, and the number of the first one in the file."""
         node = self.node(key)

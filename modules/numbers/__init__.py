@@ -1,0 +1,1 @@
+"""Modules of the robot that drives to numbered signs in order."""

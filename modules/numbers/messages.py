@@ -1,0 +1,28 @@
+"""Messages that only the robot of the numbered signs knows."""
+
+from typing import ClassVar
+
+from robbie_mp import DEFAULT, Array, Header, Message, float64, int8, uint8, uint32
+
+
+class NumberSigns(Message, name="number_msgs/msg/NumberSigns", version=1):
+    """All posts on the ground and what they carry, and the order on the sheet. Published at intervals."""
+
+    UNKNOWN: ClassVar[int8] = -1  # not known yet
+    OTHER: ClassVar[int8] = -2  # something else than a digit, or nothing
+
+    header: Header = DEFAULT  # stamp: of the newest image; frame_id: map frame
+    x_m: Array[float64] = DEFAULT  # of the posts
+    y_m: Array[float64] = DEFAULT
+    facing_rad: Array[float64] = DEFAULT  # direction in which the sign can be read; NaN: not known
+    digits: Array[int8] = DEFAULT  # 0 … 9, UNKNOWN or OTHER
+    searched: Array[uint8] = DEFAULT  # bit k: the camera has looked at the post from its side k
+    sheet: str = DEFAULT  # the digits on the sheet, in order; empty: none was read
+    images: uint32 = DEFAULT  # number of images that were searched
+
+
+class SignsReached(Message, name="number_msgs/msg/SignsReached", version=1, latched=True):
+    """The digits that the robot has reached, in order. Published when it stands in front of another one."""
+
+    header: Header = DEFAULT
+    digits: Array[uint8] = DEFAULT

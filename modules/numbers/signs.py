@@ -1,0 +1,230 @@
+"""Reads digits in the camera's images, and places them on the map where the laser sees a post."""
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.numbers.messages import NumberSigns
+from modules.planar_messages import angles_rad, map_cells, pose_stamped
+from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp.messages import (
+    BoundingBox2D,
+    CameraInfo,
+    Detection2D,
+    Detection2DArray,
+    Image,
+    LaserScan,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    OccupancyGrid,
+    Point2D,
+    PointOfInterest,
+    PointsOfInterest,
+    Pose2D,
+)
+from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from workers.numbers.board_pose import board_facing
+from workers.numbers.board_reader import BoardReader, BoardSighting
+from workers.numbers.digit_reader import ReaderMissing
+from workers.numbers.quadrangles import QuadranglesMissing
+from workers.numbers.sign_map import SheetVotes, Sign, SignMap
+from workers.numbers.sign_placing import View, distances_m, posts_on
+
+TURNED_S, TURNED_RAD = 0.1, 0.03
+"""An image does not count as a look if the camera has turned by more than this angle in this time."""
+SCANS = 8
+
+
+class NumberSignFinder(Module):
+    """Finds numbered signs, and publishes them as `NumberSigns`, and as `PointsOfInterest` on topic `signs`.
+
+    What it saw in an image is a `Detection2DArray` on the image's topic. Signs, and the order on the sheet,
+    survive a restart.
+    """
+
+    period_s: float = setting(0.1, "time between looks at new images", minimum=0.02)
+    near_m: float = setting(2.4, "a post was looked at if the camera was at most this far away", minimum=0.5)
+    tell_period_s: float = setting(0.5, "time between messages about signs", minimum=0.1)
+    max_range_m: float = setting(10.0, "farther ends of beams are not used", minimum=1.0)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check that what reads digits is installed before anything starts."""
+        try:
+            BoardReader()
+        except (QuadranglesMissing, ReaderMissing) as error:
+            raise SettingError(str(error)) from error
+
+    def setup(self) -> None:
+        """Create the workers; subscribe to camera, laser and map."""
+        self.reader = BoardReader()
+        self.signs = SignMap()
+        self.sheet = SheetVotes()
+        self.images = 0
+        self.camera: CameraInfo | None = None
+        self.image: Image | None = None
+        self.scans: deque[LaserScan] = deque(maxlen=SCANS)
+        self.told_s = -math.inf
+        if self.restored is not None:
+            self.signs.restore(self.restored["signs"])
+            self.sheet = SheetVotes(self.restored["sheet"])
+            self.images = self.restored["images"]
+        self.scene = SceneGraphListener(self)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
+        self.subscribe(Image, self.on_image, newest, topic="camera")
+        self.subscribe(LaserScan, self.scans.append)
+        self.subscribe(OccupancyGrid, self.on_map, newest)
+
+    def on_camera(self, camera: CameraInfo) -> None:
+        """Store the camera's projection."""
+        self.camera = camera
+
+    def on_image(self, image: Image) -> None:
+        """Keep the newest image until the camera's pose at its stamp is known."""
+        self.image = image
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Take the posts of a new map."""
+        self.signs.see_posts(posts_on(*map_cells(grid)))
+
+    def tick(self) -> None:
+        """Read the newest image, and tell what is known."""
+        if self.image is not None and self.camera is not None and self.scans:
+            self._look(self.image, self.camera)
+        if self._now_s() - self.told_s >= self.tell_period_s:
+            self.told_s = self._now_s()
+            self._tell()
+        digits = "".join(sorted(sign.text or "" for sign in self.signs.signs))
+        open_posts = sum(sign.is_open for sign in self.signs.signs)
+        self.status = f"digits {digits or 'none'}; {open_posts} open posts; {self.images} images"
+
+    def _look(self, image: Image, camera: CameraInfo) -> None:
+        """Read an image, as soon as the camera's pose is known."""
+        stamp_ns = image.header.stamp.nanoseconds
+        scan = min(self.scans, key=lambda one: abs(one.header.stamp.nanoseconds - stamp_ns))
+        try:
+            X_MC = self.scene.pose("map", image.header.frame_id, stamp_ns)
+            before = self.scene.pose("map", image.header.frame_id, stamp_ns - round(TURNED_S * 1e9))
+            X_ML = self.scene.pose("map", scan.header.frame_id, scan.header.stamp.nanoseconds)
+        except TooNew:
+            return  # the transforms have not arrived yet
+        except SceneGraphError as error:
+            self.log.debug("could not use an image: %s", error)
+            self.image = None
+            return
+        self.image = None
+        self.images += 1
+        pixels = image.data.reshape(image.height, image.step)[:, : 3 * image.width]
+        pixels = np.ascontiguousarray(pixels).reshape(image.height, image.width, 3)
+        sightings = self.reader.read(pixels)
+        detections = [detection(image.header, one) for one in sightings]
+        self.publish(Detection2DArray(header=image.header, detections=detections), topic="camera")
+        eye = (X_MC.x, X_MC.y, _heading(X_MC))
+        half_width_rad = math.atan(camera.width / 2 / float(camera.k[0]))
+        view = View(eye, half_width_rad, self._points(scan, X_ML))
+        for sighting in sightings:
+            if sighting.is_sheet:
+                self.sheet.see(sighting.text)
+            else:
+                self._place(sighting, view, X_MC, camera)
+        if abs(math.remainder(eye[2] - _heading(before), math.tau)) <= TURNED_RAD:
+            for sign in self.signs.signs:
+                if view.shows(sign.xy_m, self.near_m):
+                    self.signs.look(sign, eye)
+        self._remember()
+
+    def _place(self, sighting: BoardSighting, view: View, X_MC: RigidTransform, camera: CameraInfo) -> None:
+        """Add a board to the map, if the laser sees a post below it."""
+        quadrangle = sighting.quadrangle
+        focal_px, centre_px = float(camera.k[0]), (float(camera.k[2]), float(camera.k[5]))
+        column, row = quadrangle.middle_px
+        ray = X_MC.apply(((column - centre_px[0]) / focal_px, (row - centre_px[1]) / focal_px, 1.0))
+        x, y = (ray - X_MC.translation)[:2].tolist()
+        post = view.post_along(math.atan2(y, x), *distances_m(quadrangle.height_px, focal_px))
+        if post is None:
+            return
+        distance_m, _ = view.to(post)
+        if sighting.text:
+            slant_rad = board_facing(quadrangle, focal_px, centre_px)
+            facing_rad = math.atan2(y, x) + math.pi + slant_rad
+            self.signs.see(sighting.text, post, facing_rad, distance_m, quadrangle.height_px)
+        else:
+            width = quadrangle.width_px / quadrangle.height_px
+            self.signs.see_other(post, distance_m, quadrangle.height_px, width)
+
+    def _points(self, scan: LaserScan, X_ML: RigidTransform) -> NDArray[np.float64]:
+        """Return the ends of a scan's beams: (N, 2), m, map frame."""
+        ranges = np.asarray(scan.ranges, np.float64)
+        returned = np.isfinite(ranges) & (ranges < min(scan.range_max, self.max_range_m))
+        bearings = angles_rad(scan)[returned] + _turn(X_ML)
+        ends = ranges[returned, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
+        return np.asarray(ends + np.array([X_ML.x, X_ML.y]))
+
+    def _tell(self) -> None:
+        """Publish all signs."""
+        signs = self.signs.signs
+        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
+        places = np.array([sign.xy_m for sign in signs]).reshape(-1, 2)
+        self.publish(
+            NumberSigns(
+                header=header,
+                x_m=places[:, 0].copy(),
+                y_m=places[:, 1].copy(),
+                facing_rad=np.array([sign.facing_rad for sign in signs], np.float64),
+                digits=np.array([_digit(sign) for sign in signs], np.int8),
+                searched=np.array([sign.searched for sign in signs], np.uint8),
+                sheet=self.sheet.order,
+                images=self.images,
+            )
+        )
+        points = [
+            PointOfInterest(
+                name=sign.text or "", pose=pose_stamped([*sign.xy_m, sign.facing_rad], header).pose
+            )
+            for sign in signs
+            if sign.text
+        ]
+        self.publish(PointsOfInterest(header=header, points=points), topic="signs")
+
+    def _remember(self) -> None:
+        self.checkpoint({"signs": self.signs.state(), "sheet": self.sheet.order, "images": self.images})
+
+    def _now_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
+
+def _digit(sign: Sign) -> int:
+    """Return a sign's digit as in the message."""
+    if sign.text:
+        return int(sign.text)
+    return NumberSigns.UNKNOWN if sign.is_open else NumberSigns.OTHER
+
+
+def _heading(X_MC: RigidTransform) -> float:
+    """Return the direction of a camera's optical axis, rad, in the frame M."""
+    ahead = X_MC.apply((0.0, 0.0, 1.0)) - X_MC.translation
+    return math.atan2(ahead[1], ahead[0])
+
+
+def _turn(X_ML: RigidTransform) -> float:
+    """Return the direction of a laser's x axis, rad, in the frame M."""
+    ahead = X_ML.apply((1.0, 0.0, 0.0)) - X_ML.translation
+    return math.atan2(ahead[1], ahead[0])
+
+
+def detection(header: Header, sighting: BoardSighting) -> Detection2D:
+    """Return the place of a board in its image."""
+    corners = sighting.quadrangle.corners_px
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    x, y = ((low + high) / 2).tolist()
+    size_x, size_y = (high - low).tolist()
+    hypothesis = ObjectHypothesis(class_id=sighting.text or "board", score=sighting.confidence)
+    return Detection2D(
+        header=header,
+        results=[ObjectHypothesisWithPose(hypothesis=hypothesis)],
+        bbox=BoundingBox2D(center=Pose2D(position=Point2D(x=x, y=y)), size_x=size_x, size_y=size_y),
+        id=sighting.text,
+    )

@@ -1,0 +1,166 @@
+"""Drives to numbered signs on random grounds, judged by the ground truth.
+
+    python -m tools.numbers_trials --seeds 20 [--first 0] [--kill] [--sheet] [--profile NAME] [--json FILE]
+
+Each seed makes a ground (`hw.simulation.number_ground`). With `--sheet`, a sheet at the start shows a random
+order; otherwise it is ascending. A seed is right if the robot visited all ten signs in this order, stood at
+most 1.5 m in front of each, and touched nothing. With `--kill`, the tool kills every module once, at a random
+moment; in lockstep, as in the profile `numbers-fast`, the robot waits for a restarting module. With
+`--ground`, every seed plays on one ground, with other noise and other kills.
+"""
+
+import argparse
+import json
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hw.simulation.arena_file import read_arena
+from hw.simulation.number_ground import generate_ground
+from robbie_mp.profile.load import load_profile
+from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.mission_kills import Kills, watch
+
+NOISY = ("base", "laser", "camera")
+RUN_LIMIT_S = 2400.0
+BEGIN_S = 2.0
+"""The tool kills no module before this time of the run."""
+
+
+@dataclass
+class Outcome:
+    """The result of one ground, by the ground truth.
+
+    Attributes:
+        right: number of visits that count.
+        wrong: number of other visits.
+        is_right: whether all signs were visited in order and nothing was touched.
+        farthest_m: largest distance from a sign at a visit that counts.
+        touches: number of collisions.
+        reason: why the task ended.
+        simulated_s: duration of the task in simulated time.
+        wall_s: duration of the run in real time.
+        restarts: number of restarts of killed modules.
+        trouble: why the run itself failed; '' if it did not.
+    """
+
+    seed: int
+    sheet: bool
+    right: int = 0
+    wrong: int = 0
+    is_right: bool = False
+    farthest_m: float = 0.0
+    touches: int = 0
+    reason: str = ""
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    restarts: dict[str, int] = field(default_factory=dict)
+    trouble: str = ""
+
+
+def run_ground(outcome: Outcome, folder: Path, profile: str, file: Path, kill_until_s: float) -> None:
+    """Run the task on one ground and judge it.
+
+    Args:
+        outcome: seed of the noise and the kills; takes the results.
+        folder: new folder for the run.
+        profile: the profile to run.
+        file: the ground.
+        kill_until_s: every module is killed once until this time of the run; 0: none is killed.
+    """
+    seed = outcome.seed
+    settings = []
+    for spec in load_profile(profile, REPOSITORY).modules:
+        if "arena" in spec.settings:
+            settings += [f"{spec.name}.arena={file}"]
+            settings += [f"{spec.name}.seed={seed}"] if spec.name in NOISY else []
+    words = [profile, *(word for setting in settings for word in ("--set", setting))]
+    began_s = time.monotonic()
+    robot = Robot(folder / "run", REPOSITORY, *words)
+    try:
+        robot.wait_until_running(limit_s=300.0)
+        watch(robot, Kills(robot, seed, BEGIN_S, kill_until_s) if kill_until_s else None, RUN_LIMIT_S)
+        summary = robot.wait_for_end()
+        outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
+        judge(outcome, robot.output)
+    except (RobotTrouble, OSError) as trouble:
+        outcome.trouble = str(trouble)
+    finally:
+        robot.close()
+    outcome.wall_s = round(time.monotonic() - began_s, 1)
+
+
+def judge(outcome: Outcome, output: Path) -> None:
+    """Take the referee's judgement and the base's collisions."""
+    referee = json.loads((output / "referee.json").read_text())
+    task = json.loads((output / "numbers.json").read_text())
+    right = [visit for visit in referee["visits"] if visit["counts"]]
+    outcome.right, outcome.wrong = len(right), len(referee["visits"]) - len(right)
+    outcome.farthest_m = round(max((visit["distance_m"] for visit in right), default=0.0), 3)
+    outcome.touches = json.loads((output / "base.json").read_text())["collisions"]
+    outcome.is_right = referee["is_right"] and not outcome.touches
+    outcome.reason, outcome.simulated_s = task["reason"], round(task["used_s"], 1)
+
+
+def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+    """Return the figures of all grounds together."""
+    return {
+        "grounds": len(outcomes),
+        "right": sum(outcome.is_right for outcome in outcomes),
+        "wrong_visits": sum(outcome.wrong for outcome in outcomes),
+        "touches": sum(outcome.touches for outcome in outcomes),
+        "farthest_m": max(outcome.farthest_m for outcome in outcomes),
+        "simulated_s_mean": round(sum(outcome.simulated_s for outcome in outcomes) / len(outcomes), 1),
+        "trouble": sum(bool(outcome.trouble) for outcome in outcomes),
+    }
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the command line. The exit code is 0 if every ground was right, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m tools.numbers_trials", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20, help="number of grounds")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--profile", default="numbers-fast")
+    parser.add_argument("--kill", action="store_true", help="kill every module once")
+    parser.add_argument(
+        "--kill-until",
+        type=float,
+        default=150.0,
+        metavar="S",
+        help="time of the run by which all were killed",
+    )
+    parser.add_argument("--ground", type=Path, metavar="FILE", help="play on this ground only")
+    parser.add_argument("--sheet", action="store_true", help="a sheet at the start shows the order")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    options = parser.parse_args(words)
+    folder = Path(tempfile.mkdtemp(prefix="robbie-numbers-"))
+    outcomes: list[Outcome] = []
+    try:
+        for seed in range(options.first, options.first + options.seeds):
+            place = folder / str(seed)
+            place.mkdir()
+            file = options.ground or place / "ground.yaml"
+            if options.ground is None:
+                file.write_text(generate_ground(seed, sheet=options.sheet))
+            outcome = Outcome(seed, sheet=read_arena(file).sheet is not None)
+            kill_until_s = options.kill_until if options.kill else 0.0
+            run_ground(outcome, place, options.profile, file.resolve(), kill_until_s)
+            outcomes.append(outcome)
+            print(json.dumps(asdict(outcome)), flush=True)
+            report = {"summary": summary(outcomes), "grounds": [asdict(each) for each in outcomes]}
+            if options.json:
+                options.json.write_text(json.dumps(report, indent=2) + "\n")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    print(json.dumps(summary(outcomes), indent=2))
+    return int(not all(outcome.is_right for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Numbered signs: read in camera images, placed on the map, visited in order."""

@@ -1,0 +1,342 @@
+"""The task: find the signs, and drive to the digits in order. It decides; it does not drive.
+
+Call `step` a few times each second and carry out what it returns.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robbie_mp.state_machine import StateMachine
+from workers.exploration.drivable_ground import DrivableGround
+from workers.numbers.mission_states import TIME_OUTS, TRANSITIONS, NumbersSettings, NumbersState
+from workers.numbers.mission_targets import NumbersTargets, SignReport, Target
+from workers.numbers.sign_map import sector
+
+Points = NDArray[np.float64]
+
+ASCENDING = tuple(range(10))
+TRAVELS = frozenset({NumbersState.EXPLORE, NumbersState.SEARCH, NumbersState.APPROACH})
+STANDS = frozenset({NumbersState.WAIT, NumbersState.HALT})
+MAX_ATTEMPTS = 4
+"""Number of places in front of a sign that the robot tries before it returns to the first one."""
+MOVED_M = 0.3
+LOOK_M = 2.6
+"""On its way, the robot looks at posts that are at most this far away."""
+EMPTY_PLANS = 3
+"""Number of maps in a row without anything left to search that end a search. One map may be incomplete."""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """The robot's current order.
+
+    Attributes:
+        goal: `(3,)`, x, y (m) and heading (rad), map frame. None: stand still.
+        look_at_xy_m: m, map frame. None: look around.
+    """
+
+    goal: Points | None = None
+    look_at_xy_m: tuple[float, float] | None = None
+
+
+class NumbersMission:
+    """Carries out the task once.
+
+    Args:
+        clock: Returns the time in s.
+        settings: How to carry it out.
+        on_change: Called with each new state.
+
+    Attributes:
+        machine: The state machine, and why it entered the current state.
+        order: The digits in the order of the visits; empty before it is known.
+        reached: The digits that were reached, in this order.
+        signs: All posts and signs.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        settings: NumbersSettings | None = None,
+        on_change: Callable[[NumbersState], None] = lambda _state: None,
+    ) -> None:
+        self.settings = settings or NumbersSettings()
+        self.machine = StateMachine(NumbersState.WAIT, TRANSITIONS, clock, TIME_OUTS, on_change)
+        self.order: tuple[int, ...] = ()
+        self.reached: list[int] = []
+        self.signs: list[SignReport] = []
+        self._clock = clock
+        self._began_s = clock()
+        self._ground: DrivableGround | None = None
+        self._pose: Points | None = None
+        self._stopped: str | None = "navigation does not report"
+        self._sheet = ""
+        self._images: int | None = None
+        self._first_image: int | None = None
+        self._target: Target | None = None
+        self._planned_s = -math.inf
+        self._given_up: list[tuple[float, float, int]] = []
+        self._avoided: list[Points] = []
+        self._round = 0
+        self._empty_plans = 0
+
+    @property
+    def state(self) -> NumbersState:
+        """Return what the robot does."""
+        return self.machine.state
+
+    @property
+    def used_s(self) -> float:
+        """Return how long the task has taken so far."""
+        return self._clock() - self._began_s
+
+    @property
+    def wanted(self) -> int | None:
+        """Return the next digit; None if all were reached, or the order is not known."""
+        return self.order[len(self.reached)] if len(self.reached) < len(self.order) else None
+
+    @property
+    def status(self) -> str:
+        """Return what the robot does, why, and what it has reached, in one line."""
+        known = "".join(sorted(str(sign.digit) for sign in self.signs if sign.digit is not None))
+        reached = "".join(map(str, self.reached)) or "none"
+        wanted = "" if self.wanted is None else f", next {self.wanted}"
+        return f"{self.state} ({self.machine.reason}); reached {reached}{wanted}; sees {known or 'none'}"
+
+    # -- inputs ----------------------------------------------------------------------------------------
+
+    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
+        """Take a new map. `DrivableGround` describes the arguments."""
+        self._ground = DrivableGround(cells, resolution_m, corner_xy_m, self.settings)
+
+    def see_pose(self, pose: ArrayLike) -> None:
+        """Take the robot's pose (x, y, heading), m and rad, map frame."""
+        self._pose = np.asarray(pose, float)
+
+    def see_signs(self, signs: Sequence[SignReport], sheet: str, images: int) -> None:
+        """Take what is known about signs.
+
+        Args:
+            signs: all posts and signs.
+            sheet: the order on a sheet; '' if none was read.
+            images: how many images were searched for signs so far.
+        """
+        self.signs = list(signs)
+        self._sheet, self._images = sheet, images
+
+    def see_stopped(self, reason: str | None) -> None:
+        """Record why the robot cannot drive. None: it can."""
+        self._stopped = reason
+
+    def arrived(self) -> None:
+        """Record that the robot has reached its latest goal."""
+        target, self._planned_s = self._target, -math.inf
+        if target is None or self.state not in TRAVELS:
+            return
+        if self.state is NumbersState.SEARCH:
+            self.machine.go(NumbersState.VIEW, "is there")
+        elif self.state is NumbersState.EXPLORE:
+            self._give_up("is there")
+        else:
+            self._judge_approach(target)
+
+    def unreachable(self, reason: str) -> None:
+        """Record that the robot cannot reach its latest goal."""
+        if self.state in TRAVELS:
+            self._give_up(reason)
+
+    # -- outputs ---------------------------------------------------------------------------------------
+
+    def step(self) -> Orders:
+        """Decide what the robot does now, and return it."""
+        if self.machine.is_final:
+            return Orders()
+        if self.used_s >= self.settings.time_limit_s:
+            self.machine.go(NumbersState.DONE, "the time is over")
+        elif self._ground is not None and self._pose is not None and self._images is not None:
+            self._judge()
+        return self._orders()
+
+    def _judge(self) -> None:
+        """Change the state if an input or the time requires it."""
+        state = self.state
+        if self.order and self.wanted is None and state is not NumbersState.REACHED:
+            self.machine.go(NumbersState.DONE, "has reached all numbers")
+        elif self._stopped is not None:
+            if state not in STANDS:
+                self._target = None
+                self.machine.go(NumbersState.HALT, self._stopped)
+        elif state in STANDS:
+            self.machine.go(NumbersState.LOOK if self.order else NumbersState.SHEET, "it can drive")
+        elif state is NumbersState.SHEET:
+            self._judge_sheet()
+        elif state is NumbersState.REACHED and self.wanted is None:
+            if self.machine.time_in_state_s >= TIME_OUTS[state].after_s:
+                self.machine.go(NumbersState.DONE, "has reached all numbers")
+        elif self.machine.expire():
+            self._end_look(state)
+        elif state in TRAVELS:
+            if self.machine.time_in_state_s > self.settings.travel_s:
+                self._give_up("that took too long")
+            if self._clock() - self._planned_s >= self.settings.plan_period_s:
+                self._plan()
+
+    def _judge_sheet(self) -> None:
+        """Take the order from the sheet, or ascending if enough images have shown none."""
+        assert self._images is not None
+        if self._first_image is None:
+            self._first_image = self._images
+        if self._sheet:
+            self.order = tuple(int(digit) for digit in self._sheet)
+            self.machine.go(NumbersState.LOOK, f"the sheet says {self._sheet}")
+        elif self._images - self._first_image >= self.settings.sheet_images:
+            self.order = ASCENDING
+            self.machine.go(NumbersState.LOOK, "there is no sheet: ascending order")
+
+    def _end_look(self, state: NumbersState) -> None:
+        """Plan anew after a look or a visit; a post that was looked at from here is done for this round."""
+        if state is NumbersState.VIEW:
+            self._remember_given_up()
+        self._target = None
+        self._plan()
+
+    def _plan(self) -> None:
+        """Choose what to do next."""
+        assert self._ground is not None
+        assert self._pose is not None
+        self._planned_s = self._clock()
+        targets = NumbersTargets(self._ground, self._pose, self.settings)
+        if not targets.can_drive:
+            return
+        target = self._wanted_front(targets) or self._best_search(targets)
+        if target is not None:
+            self._empty_plans = 0
+            self._take(target)
+            return
+        self._empty_plans += 1
+        if self._empty_plans >= EMPTY_PLANS:
+            self._begin_round()
+
+    def _wanted_front(self, targets: NumbersTargets) -> Target | None:
+        """Return where to stop in front of the wanted digit, if its place is known."""
+        for sign in self.signs:
+            if sign.digit == self.wanted:
+                return targets.front_of(sign, self._avoided)
+        return None
+
+    def _best_search(self, targets: NumbersTargets) -> Target | None:
+        """Return the nearest place to search; the current target as long as it is among them."""
+        found = [
+            target
+            for target in (*targets.views(self.signs, again=self._round > 0), *targets.frontiers())
+            if not self._is_given_up(target)
+        ]
+        if self._target is not None:
+            for target in found:
+                if target.is_like(self._target):
+                    return target
+        return min(found, key=lambda target: target.cost_m, default=None)
+
+    def _take(self, target: Target) -> None:
+        """Take a target, unless it is almost the current one: each new goal restarts navigation."""
+        old = self._target
+        if old is not None and self.state is target.state and old.is_like(target):
+            if target.state is not NumbersState.APPROACH:
+                return
+            if math.dist(old.about_xy_m, target.about_xy_m) <= MOVED_M / 2 and self._is_allowed(old):
+                return
+        self._target = target
+        about = f"at {target.about_xy_m[0]:.1f}, {target.about_xy_m[1]:.1f}"
+        is_wanted = target.state is NumbersState.APPROACH
+        self.machine.go(target.state, f"number {self.wanted} {about}" if is_wanted else about)
+
+    def _is_allowed(self, target: Target) -> bool:
+        return all(math.dist(target.goal[:2], place[:2]) > MOVED_M / 2 for place in self._avoided)
+
+    def _begin_round(self) -> None:
+        """Look at all posts again, or give up."""
+        self._round, self._empty_plans = self._round + 1, 0
+        self._given_up, self._avoided = [], []
+        if self._round > self.settings.max_rounds:
+            self.machine.go(NumbersState.DONE, f"did not find a way to number {self.wanted}")
+
+    def _judge_approach(self, target: Target) -> None:
+        """Say that the number is reached, if the robot is near it."""
+        assert self._pose is not None
+        away_m = math.dist(self._pose[:2], target.about_xy_m)
+        if self.wanted is None or away_m > self.settings.reached_m:
+            self._give_up(f"{away_m:.1f} m away")
+            return
+        digit = self.wanted
+        self.reached.append(digit)
+        self._avoided, self._round = [], 0
+        self.machine.go(NumbersState.REACHED, f"number {digit} is {away_m:.2f} m away")
+
+    def _give_up(self, reason: str) -> None:
+        """Exclude the current target and plan anew."""
+        if self._target is not None:
+            if self.state is NumbersState.APPROACH:
+                self._avoided = [*self._avoided, self._target.goal][-MAX_ATTEMPTS:]
+            else:
+                self._remember_given_up()
+        self._target = None
+        self._planned_s = -math.inf
+        self.machine.go(NumbersState.EXPLORE, reason)
+
+    def _remember_given_up(self) -> None:
+        if self._target is not None:
+            x, y = self._target.about_xy_m
+            self._given_up.append((x, y, self._target.side))
+
+    def _is_given_up(self, target: Target) -> bool:
+        return any(
+            side == target.side and math.dist((x, y), target.about_xy_m) <= MOVED_M
+            for x, y, side in self._given_up
+        )
+
+    def _orders(self) -> Orders:
+        if self._target is None:
+            return Orders()
+        if self.state in (NumbersState.VIEW, NumbersState.REACHED):
+            return Orders(None, self._target.about_xy_m)
+        return Orders(self._target.goal if self.state in TRAVELS else None, self._worth_a_look())
+
+    def _worth_a_look(self) -> tuple[float, float] | None:
+        """Return the nearest post near the way that was not yet looked at from the robot's side."""
+        if self._pose is None:
+            return None
+        near: list[tuple[float, tuple[float, float]]] = []
+        for sign in self.signs:
+            x, y = (self._pose[:2] - sign.xy_m).tolist()
+            is_new = not sign.searched >> sector(math.atan2(y, x)) & 1
+            if sign.digit is None and sign.is_open and is_new and math.hypot(x, y) <= LOOK_M:
+                near.append((math.hypot(x, y), sign.xy_m))
+        return min(near)[1] if near else None
+
+    # -- restarts --------------------------------------------------------------------------------------
+
+    def memory(self) -> dict[str, Any]:
+        """Return what a restarted mission needs to go on, as plain data."""
+        return {
+            "over": self.machine.reason if self.machine.is_final else None,
+            "used_s": self.used_s,
+            "order": list(self.order),
+            "reached": list(self.reached),
+            "given_up": [list(one) for one in self._given_up],
+            "round": self._round,
+        }
+
+    def remember(self, memory: Mapping[str, Any]) -> None:
+        """Continue from the data that `memory` returned."""
+        self._began_s = self._clock() - memory["used_s"]
+        self.order = tuple(memory["order"])
+        self.reached = list(memory["reached"])
+        self._given_up = [(x, y, int(side)) for x, y, side in memory["given_up"]]
+        self._round = memory["round"]
+        if memory["over"] is not None:
+            self.machine.go(NumbersState.DONE, memory["over"])

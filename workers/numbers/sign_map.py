@@ -1,0 +1,181 @@
+"""What is known about signs: where posts stand, which digit each carries, and from where it was looked at.
+
+A digit counts when several views agree; a board that shows something else is refused in the same way.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Points = NDArray[np.float64]
+
+SAME_PLACE_M = 0.55
+SECTORS = 6
+"""A post is looked at from this many sides."""
+ALL_SECTORS = (1 << SECTORS) - 1
+MIN_VIEWS, MIN_SHARE = 3, 0.75
+"""A sign is sure after this many views of it, this share of all."""
+OTHER = ""
+MIN_OTHER_PX, MIN_OTHER_WIDTH = 40.0, 0.8
+"""A board without a digit is refused only if it was seen this high and, as a share of that, this wide."""
+POSE_SPREAD_M, SPREAD_PER_M = 0.04, 0.02
+
+
+@dataclass
+class Sign:
+    """A post, with or without a sign.
+
+    Attributes:
+        xy_m: (2,), map frame: mean of all views.
+        weight: sum of the weights of all views, 1/m².
+        votes: number of views for each text that was read; '' for something else.
+        facing: (2,), sum of unit vectors out of its front, weighted.
+        searched: bit k is set if the camera has looked at it from the side k.
+        is_on_map: whether the newest map shows a post there.
+    """
+
+    xy_m: Points
+    weight: float = 0.0
+    votes: dict[str, int] = field(default_factory=dict)
+    facing: Points = field(default_factory=lambda: np.zeros(2))
+    searched: int = 0
+    is_on_map: bool = False
+
+    @property
+    def text(self) -> str | None:
+        """Return what it shows, '' for something else than a digit; None as long as that is not sure."""
+        if not self.votes:
+            return None
+        text = max(self.votes, key=lambda one: self.votes[one])
+        is_sure = self.votes[text] >= MIN_VIEWS and self.votes[text] >= MIN_SHARE * sum(self.votes.values())
+        return text if is_sure else None
+
+    @property
+    def views(self) -> int:
+        """Return the number of views that show a board here."""
+        return sum(self.votes.values())
+
+    @property
+    def facing_rad(self) -> float:
+        """Return the direction in which it can be read; NaN if it has not been read."""
+        return math.atan2(self.facing[1], self.facing[0]) if self.facing.any() else math.nan
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether it may still turn out to carry a digit."""
+        return self.text is None and self.searched != ALL_SECTORS
+
+    def place(self, xy_m: Points, distance_m: float) -> None:
+        """Take a measurement of its place into account."""
+        weight = (POSE_SPREAD_M + SPREAD_PER_M * distance_m) ** -2
+        self.xy_m = self.xy_m + weight / (self.weight + weight) * (xy_m - self.xy_m)
+        self.weight += weight
+
+
+class SignMap:
+    """All signs and posts that were seen."""
+
+    def __init__(self) -> None:
+        self.signs: list[Sign] = []
+
+    def see(self, text: str, xy_m: ArrayLike, facing_rad: float, distance_m: float, height_px: float) -> Sign:
+        """Add a view of a board with a digit.
+
+        Args:
+            text: the digit.
+            xy_m: (2,), its post, map frame.
+            facing_rad: the direction it seems to face, map frame.
+            distance_m: distance from the camera.
+            height_px: height of the board in the image.
+        """
+        sign = self._at(np.asarray(xy_m, float), distance_m)
+        sign.votes[text] = sign.votes.get(text, 0) + 1
+        sign.facing = sign.facing + height_px**2 * np.array([math.cos(facing_rad), math.sin(facing_rad)])
+        return sign
+
+    def see_other(self, xy_m: ArrayLike, distance_m: float, height_px: float, width: float) -> None:
+        """Add a view of a board without a digit, if the view was good enough to tell.
+
+        Args:
+            xy_m: (2,), its post, map frame.
+            distance_m: distance from the camera.
+            height_px: height of the board in the image.
+            width: width of the board in the image, as a share of its height.
+        """
+        if height_px >= MIN_OTHER_PX and width >= MIN_OTHER_WIDTH:
+            sign = self._at(np.asarray(xy_m, float), distance_m)
+            sign.votes[OTHER] = sign.votes.get(OTHER, 0) + 1
+
+    def see_posts(self, posts_m: Points) -> None:
+        """Take the posts (N, 2), m, of a new map: new ones may carry signs, and some were none."""
+        for sign in self.signs:
+            sign.is_on_map = False
+        for post in posts_m:
+            sign = self._nearest(post) or self._new(post)
+            sign.is_on_map = True
+            if not sign.weight:
+                sign.xy_m = np.asarray(post)
+        self.signs = [sign for sign in self.signs if sign.is_on_map or sign.votes]
+
+    def look(self, sign: Sign, eye_xy_m: Sequence[float]) -> None:
+        """Record that the camera has looked at a sign from a place, near enough to read it."""
+        x, y = (np.asarray(eye_xy_m, float)[:2] - sign.xy_m).tolist()
+        sign.searched |= 1 << sector(math.atan2(y, x))
+
+    def _at(self, xy_m: Points, distance_m: float) -> Sign:
+        sign = self._nearest(xy_m) or self._new(xy_m)
+        sign.place(xy_m, distance_m)
+        return sign
+
+    def _new(self, xy_m: Points) -> Sign:
+        self.signs.append(Sign(np.asarray(xy_m)))
+        return self.signs[-1]
+
+    def _nearest(self, xy_m: Points) -> Sign | None:
+        if not self.signs:
+            return None
+        away = [math.dist(sign.xy_m, xy_m) for sign in self.signs]
+        best = int(np.argmin(away))
+        return self.signs[best] if away[best] <= SAME_PLACE_M else None
+
+    def state(self) -> list[dict[str, Any]]:
+        """Return all signs as plain data."""
+        return [{**vars(sign), "votes": dict(sign.votes)} for sign in self.signs]
+
+    def restore(self, state: Iterable[Mapping[str, Any]]) -> None:
+        """Restore the data that `state` returned."""
+        self.signs = [Sign(**entry) for entry in state]
+
+
+def sector(direction_rad: float) -> int:
+    """Return the number of the side of a post to which a direction points."""
+    return round(direction_rad / (math.tau / SECTORS)) % SECTORS
+
+
+def sector_rad(number: int) -> float:
+    """Return the direction to the middle of a side."""
+    return number * math.tau / SECTORS
+
+
+class SheetVotes:
+    """Reads the order from several images of a sheet.
+
+    Args:
+        order: what an earlier process has read.
+    """
+
+    def __init__(self, order: str = "") -> None:
+        self.order = order
+        self._votes: dict[str, int] = {}
+
+    def see(self, text: str) -> None:
+        """Take one reading; the first that three images agree on is the order. No digit may appear twice."""
+        if self.order or len(set(text)) != len(text):
+            return
+        self._votes[text] = self._votes.get(text, 0) + 1
+        if self._votes[text] >= MIN_VIEWS:
+            self.order = text

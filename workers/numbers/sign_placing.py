@@ -1,0 +1,108 @@
+"""Where posts stand: from the direction in which a board was seen, and what the laser sees there."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+Points = NDArray[np.float64]
+
+ASIDE_M, ASIDE_PER_M = 0.10, 0.025
+"""A post is at most this far beside the ray through the middle of its board."""
+POST_WIDTH_M = 0.32
+"""Whatever is wider on the map or in a scan is no post."""
+APART_M = 0.45
+"""Nothing else is as near as this to a post."""
+MIN_EDGE_M, MAX_EDGE_M = 0.25, 0.7
+"""Boards have edges between these; so the height of one in an image tells roughly how far away it is."""
+BEFORE_M = 0.3
+OCCUPIED_PERCENT = 50
+
+
+@dataclass(frozen=True)
+class View:
+    """What the laser saw, and from where the camera looked.
+
+    Attributes:
+        eye: x, y (m) of the camera and the direction (rad) in which it looks, map frame.
+        half_width_rad: half the horizontal field of view.
+        points_m: (N, 2), ends of the laser's beams, map frame.
+    """
+
+    eye: tuple[float, float, float]
+    half_width_rad: float
+    points_m: Points
+
+    def to(self, place_xy_m: ArrayLike) -> tuple[float, float]:
+        """Return distance (m) and direction (rad) from the camera to a place."""
+        x, y = (np.asarray(place_xy_m, float) - self.eye[:2]).tolist()
+        return math.hypot(x, y), math.atan2(y, x)
+
+    def shows(self, place_xy_m: ArrayLike, within_m: float) -> bool:
+        """Return whether the camera sees a place, if it is within a distance and nothing is before it."""
+        distance_m, direction_rad = self.to(place_xy_m)
+        beside_rad = abs(math.remainder(direction_rad - self.eye[2], math.tau))
+        if distance_m > within_m or beside_rad > 0.85 * self.half_width_rad:
+            return False
+        along, across = self._seen_along(direction_rad)
+        before = (along > 0.05) & (along < distance_m - BEFORE_M) & (across < ASIDE_M)
+        return not before.any()
+
+    def post_along(self, direction_rad: float, min_m: float, max_m: float) -> Points | None:
+        """Return the nearest post (2,), m, map frame, in a direction and between two distances; or None."""
+        along, across = self._seen_along(direction_rad)
+        beside = across < ASIDE_M + ASIDE_PER_M * np.maximum(along, 0.0)
+        chosen = np.flatnonzero(beside & (along > min_m) & (along < max_m))
+        for number in chosen[np.argsort(along[chosen])]:
+            away = np.hypot(*(self.points_m - self.points_m[number]).T)
+            around = self.points_m[away < APART_M]
+            if np.ptp(around, axis=0).max() <= POST_WIDTH_M:
+                return np.asarray(around.mean(axis=0))
+        return None
+
+    def _seen_along(self, direction_rad: float) -> tuple[Points, Points]:
+        """Return how far along a ray the laser's points are, and how far beside it."""
+        offset = self.points_m - self.eye[:2]
+        cos, sin = math.cos(direction_rad), math.sin(direction_rad)
+        along: Points = offset[:, 0] * cos + offset[:, 1] * sin
+        across: Points = np.abs(offset[:, 1] * cos - offset[:, 0] * sin)
+        return along, across
+
+
+def distances_m(height_px: float, focal_px: float) -> tuple[float, float]:
+    """Return between which distances a board is that appears with a height."""
+    return MIN_EDGE_M * focal_px / height_px, MAX_EDGE_M * focal_px / height_px
+
+
+def posts_on(cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> Points:
+    """Return the small things that stand alone on a map: (N, 2), m, map frame.
+
+    Args:
+        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
+        resolution_m: Edge of a cell.
+        corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+    """
+    occupied = cells >= OCCUPIED_PERCENT
+    # Cells of one thing touch, or almost.
+    joined = ndimage.binary_dilation(occupied, np.ones((3, 3), bool))
+    labels, _ = ndimage.label(joined)
+    found = []
+    for number, box in enumerate(ndimage.find_objects(labels), start=1):
+        size_m = (max(side.stop - side.start for side in box) - 2) * resolution_m
+        if size_m > POST_WIDTH_M:
+            continue
+        rows, columns = np.nonzero(occupied[box] & (labels[box] == number))
+        middle = np.array([columns.mean() + box[1].start, rows.mean() + box[0].start]) + 0.5
+        if _stands_free(cells, middle, resolution_m):
+            found.append(middle * resolution_m + np.asarray(corner_xy_m, float))
+    return np.array(found).reshape(-1, 2)
+
+
+def _stands_free(cells: NDArray[np.int8], middle: Points, resolution_m: float) -> bool:
+    """Return whether most of the surroundings of a thing are known to be free: others are parts of walls."""
+    reach = round(APART_M / resolution_m)
+    column, row = middle.astype(int).tolist()
+    around = cells[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+    return bool((around[around >= 0] < OCCUPIED_PERCENT).sum() > 0.5 * around.size)
