@@ -1,0 +1,1 @@
+"""Understands spoken orders, and speaks."""
