@@ -1,5 +1,6 @@
 """The newest images of the robot's cameras, and what was detected in them."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from starlette.responses import Response
@@ -14,6 +15,8 @@ MAX_CAMERAS = 12
 FRESH_NS = 500_000_000
 """Detections in an image are also drawn if it is older than the shown one by up to this time."""
 MAX_BOXES = 100
+MAX_SENDERS = 16
+"""Maximum number of modules that send detections in the images of one topic."""
 
 
 class Box(NamedTuple):
@@ -51,13 +54,15 @@ class Camera:
         self.latest: Latest[Image | CompressedImage] = Latest()
         self.picture = NewestPicture(self.latest, encode_image)
 
-    def boxes(self, found: Detection2DArray | None) -> list[Box]:
-        """Return the boxes found in the newest image, or in one shortly before it; [] if they are too old."""
+    def boxes(self, found: Iterable[Detection2DArray]) -> list[Box]:
+        """Return the boxes found in the newest image or shortly before it; older ones are left out."""
         image = self.latest.message
-        if found is None or not isinstance(image, Image):
+        if not isinstance(image, Image):
             return []
-        age_ns = image.header.stamp.nanoseconds - found.header.stamp.nanoseconds
-        return boxes_of(found, image.width, image.height) if abs(age_ns) <= FRESH_NS else []
+        now_ns = image.header.stamp.nanoseconds
+        fresh = [one for one in found if abs(now_ns - one.header.stamp.nanoseconds) <= FRESH_NS]
+        boxes = [box for one in fresh for box in boxes_of(one, image.width, image.height)]
+        return boxes[:MAX_BOXES]
 
     @property
     def description(self) -> str:
@@ -73,13 +78,13 @@ class Cameras:
 
     Attributes:
         found: the cameras by the topic of their images.
-        detections: the newest detections by the same topic.
+        detections: the newest detections by the same topic, and by the module that sent them.
     """
 
     def __init__(self, station: MessageSource):
         self._station = station
         self.found: dict[str, Camera] = {}
-        self.detections: dict[str, Detection2DArray] = {}
+        self.detections: dict[str, dict[str, Detection2DArray]] = {}
         newest = MessageHandling.KEEP_ONLY_NEWEST
         station.subscribe(Image, self._on_image, newest)
         station.subscribe(CompressedImage, self._on_image, newest)
@@ -100,8 +105,16 @@ class Cameras:
 
     def _on_detections(self, found: Detection2DArray) -> None:
         topic = self._station.envelope.topic or "image"
-        if topic in self.detections or len(self.detections) < MAX_CAMERAS:
-            self.detections = {**self.detections, topic: found}
+        of_topic = self.detections.get(topic, {})
+        sender = self._station.envelope.sender
+        has_room = topic in self.detections or len(self.detections) < MAX_CAMERAS
+        if has_room and (sender in of_topic or len(of_topic) < MAX_SENDERS):
+            # New dicts, because pages read the old ones.
+            self.detections = {**self.detections, topic: {**of_topic, sender: found}}
+
+    def boxes(self, name: str) -> list[Box]:
+        """Return what all modules together have found in the newest image of a camera."""
+        return self.found[name].boxes(self.detections.get(name, {}).values())
 
     def _answer(self, name: str) -> Response:
         camera = self.found.get(name)

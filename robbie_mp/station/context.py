@@ -84,7 +84,7 @@ class StationContext(MessageSource, Protocol):
     def publish(self, message: Message, *, topic: str = "") -> bool:
         """Publish a message from any thread. Panels use `Page.publish`, which checks the visitor's role."""
 
-    def ask(self, message: Asking, what: str) -> Asked:
+    def ask(self, message: Asking, what: str, topic: str = "") -> Asked:
         """Send a request or goal from any thread. Panels use `Page.ask`, which checks the visitor's role."""
 
     def opened(self, page: Page) -> None:
@@ -210,20 +210,21 @@ class Page:
             ui.notify(f"{what} was not sent: the robot's memory is full", type="negative")
         return is_sent
 
-    def ask(self, message: Asking, what: str, success: str = "") -> Asked | None:
+    def ask(self, message: Asking, what: str, success: str = "", topic: str = "") -> Asked | None:
         """Send a request or a goal for an operator. Whatever ends it is shown on the page.
 
         Args:
             message: the request or goal, for the module that serves it.
             what: a name for it in texts, such as "the order".
             success: shown when the reply or result arrives; '' shows nothing.
+            topic: name of the service, if several modules serve the same type.
 
         Returns:
             How it ends, in a while; None if the visitor lacks the role.
         """
         if not self.may(what):
             return None
-        asked = self._station.ask(message, what)
+        asked = self._station.ask(message, what, topic)
         self._asked.append((asked, success))
         return asked
 

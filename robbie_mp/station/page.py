@@ -83,8 +83,8 @@ class PageParts:
     """Build the buttons in the bar at the top."""
     bars: Sequence[Callable[[Page], None]]
     """Build the elements above the tiles, some of them hidden most of the time."""
-    foot: Callable[[Page], None]
-    """Builds the bar below the tiles."""
+    foot: Sequence[Callable[[Page], None]]
+    """Build the bars below the tiles, most of them hidden most of the time."""
     panels: Sequence[tuple[Panel, str]]
     """Each with its title."""
     plays_log: Callable[[], bool]
@@ -125,7 +125,8 @@ def build_page(
         asked = client.request.query_params if client.request else {}
         cockpit.build(asked.get(LAYOUT, ""), asked.get(TAB, ""))
         with ui.element("footer").classes("cockpit-foot"):
-            parts.foot(page)
+            for build in parts.foot:
+                build(page)
     _add_keys(page, cockpit)
     Keyboard(page.keys)
     page.always(ENDS_PERIOD_S, page.show_ends)

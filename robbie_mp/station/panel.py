@@ -60,6 +60,9 @@ class Panel(ABC):
     def build_on_every_tab(self, page: Page) -> None:  # noqa: B027 - most panels have nothing to show there
         """Build elements above the tiles, which are visible in every layout."""
 
+    def build_below_tiles(self, page: Page) -> None:  # noqa: B027
+        """Build elements below the tiles, which are visible in every layout and make room for themselves."""
+
     @abstractmethod
     def build(self, page: Page) -> None:
         """Build the panel's elements for a page. Runs in the page server's thread, and must not block."""

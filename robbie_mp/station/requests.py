@@ -47,25 +47,26 @@ class Requests:
     """Takes requests in any thread, and makes the calls in the module's thread.
 
     Args:
-        send: makes a call, or sends a goal; gets the message, and a function for the end.
+        send: makes a call, or sends a goal; gets the message, a function for the end, and the topic.
     """
 
-    def __init__(self, send: Callable[[Asking, Callable[[Message | CallError], None]], None]):
+    def __init__(self, send: Callable[[Asking, Callable[[Message | CallError], None], str], None]):
         self._send = send
         self._lock = threading.Lock()
-        self._waiting: deque[tuple[Asking, Asked]] = deque()
+        self._waiting: deque[tuple[Asking, str, Asked]] = deque()
 
-    def ask(self, message: Asking, what: str) -> Asked:
+    def ask(self, message: Asking, what: str, topic: str = "") -> Asked:
         """Take a request or goal; any thread may call this.
 
         Args:
             message: the request or goal.
             what: a name for it in texts.
+            topic: name of the service, if several modules serve the same type.
         """
         asked = Asked(what)
         with self._lock:
             if len(self._waiting) < MAX_WAITING:
-                self._waiting.append((message, asked))
+                self._waiting.append((message, topic, asked))
                 return asked
         asked.end(CallNotSent(f"{MAX_WAITING} requests wait already"))
         return asked
@@ -74,8 +75,8 @@ class Requests:
         """Send what waits. Call this in the module's thread."""
         while self._waiting:
             with self._lock:
-                message, asked = self._waiting.popleft()
+                message, topic, asked = self._waiting.popleft()
             try:
-                self._send(message, asked.end)
+                self._send(message, asked.end, topic)
             except RobbieError as error:
                 asked.end(CallNotSent(str(error)))

@@ -245,20 +245,21 @@ class OperatorStation(Module):
             self.subscribe(message_type, handle, topic=topic)
         self._handlers[key].append(handler)
 
-    def ask(self, message: Asking, what: str) -> Asked:
+    def ask(self, message: Asking, what: str, topic: str = "") -> Asked:
         """Send a request or a goal from any thread; see `Page.ask`.
 
         Args:
             message: the request or goal.
             what: a name for it in texts.
+            topic: name of the service, if several modules serve the same type.
         """
-        return self._requests.ask(message, what)
+        return self._requests.ask(message, what, topic)
 
-    def _send(self, message: Asking, on_end: Callable[[Message | CallError], None]) -> None:
+    def _send(self, message: Asking, on_end: Callable[[Message | CallError], None], topic: str) -> None:
         if isinstance(message, Goal):
-            self.send_goal(message, on_end, on_end)
+            self.send_goal(message, on_end, on_end, topic=topic)
         else:
-            self.call(message, on_end, on_end, timeout_s=REPLY_S)
+            self.call(message, on_end, on_end, timeout_s=REPLY_S, topic=topic)
 
     def opened(self, page: Page) -> None:
         """Add an open page; called in the page server's thread."""

@@ -101,9 +101,8 @@ class Website:
         event_kinds = [kind for panel in self._panels for kind in panel.log_events]
         playback_bar = PlaybackBar(station, event_kinds)
         bars = [panel.build_on_every_tab for panel in self._panels]
-        parts = PageParts(
-            self._strip.build, tools, bars, playback_bar.build, titled, lambda: playback_bar.has_log
-        )
+        foot = [*(panel.build_below_tiles for panel in self._panels), playback_bar.build]
+        parts = PageParts(self._strip.build, tools, bars, foot, titled, lambda: playback_bar.has_log)
         layouts = layouts_of(station, [name for name in titles if name in panels])
 
         def build(panel: str = "") -> None:

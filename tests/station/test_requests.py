@@ -23,7 +23,7 @@ OnEnd = Callable[[Message | CallError], None]
 
 def test_request_is_sent_by_the_modules_thread_and_ends_with_its_reply() -> None:
     sent: list[tuple[Asking, OnEnd]] = []
-    requests = Requests(lambda message, on_end: sent.append((message, on_end)))
+    requests = Requests(lambda message, on_end, _topic: sent.append((message, on_end)))
     asked = requests.ask(CancelNavigation(reason="enough"), "the cancel")
     assert not sent
     requests.tick()
@@ -36,7 +36,7 @@ def test_request_is_sent_by_the_modules_thread_and_ends_with_its_reply() -> None
 
 def test_request_beyond_the_limit_ends_at_once_with_an_error() -> None:
     sent: list[Asking] = []
-    requests = Requests(lambda message, _: sent.append(message))
+    requests = Requests(lambda message, _end, _topic: sent.append(message))
     asked = [requests.ask(CancelNavigation(), "the cancel") for _ in range(MAX_WAITING + 1)]
     assert [one.has_ended for one in asked] == [False] * MAX_WAITING + [True]
     assert isinstance(asked[-1].error, CallNotSent)
@@ -45,7 +45,7 @@ def test_request_beyond_the_limit_ends_at_once_with_an_error() -> None:
 
 
 def test_request_that_cannot_be_sent_ends_with_the_reason() -> None:
-    def send(_message: Asking, _on_end: OnEnd) -> None:
+    def send(_message: Asking, _on_end: OnEnd, _topic: str) -> None:
         raise TooManyCalls("1000 calls have not ended")
 
     requests = Requests(send)

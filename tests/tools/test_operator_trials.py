@@ -4,8 +4,10 @@ from pathlib import Path
 
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import EmergencyStop, Odometry, Twist, TwistWithCovariance, Vector3
+from robbie_mp.station.layouts.layout import DEFAULTS
 from tools.operator_trials.__main__ import summary
 from tools.operator_trials.journal import Journal
+from tools.operator_trials.scene import CANNOT_DRIVE, LAYOUTS
 from tools.operator_trials.witness import Witness
 
 
@@ -49,3 +51,9 @@ def test_summary_is_in_milliseconds() -> None:
         "p99_ms": 100.0,
         "max_ms": 101.0,
     }
+
+
+def test_layouts_of_the_trials_are_those_of_the_station() -> None:
+    assert set(LAYOUTS) == set(DEFAULTS)
+    for name, tiles in DEFAULTS.items():
+        assert (name in CANNOT_DRIVE) == ({"camera", "drive"}.isdisjoint(tiles))

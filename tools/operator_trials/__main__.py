@@ -1,6 +1,7 @@
 """Measures how soon the robot stops when the page, its server or the link to it fails.
 
     python -m tools.operator_trials --repeats 20 --presses 200 --json FILE
+    python -m tools.operator_trials --layouts Mission,Tablet --loads idle --repeats 6 --presses 60
 
 A real Chromium (the system's, with Playwright) drives a simulated robot through its operator station: once on
 the machine as it is, and once while all processors are busy and mapping is killed every few seconds. The
@@ -9,6 +10,7 @@ permitted.
 """
 
 import argparse
+import itertools
 import json
 import sys
 import tempfile
@@ -25,9 +27,10 @@ from tools.operator_trials.chromium import CHROMIUM, chromium
 from tools.operator_trials.cut_link import CutLink, cut_link, why_no_link
 from tools.operator_trials.drives import EVENTS, cut_trials, trials
 from tools.operator_trials.load import full_load
-from tools.operator_trials.scene import Scene, scene
+from tools.operator_trials.scene import CANNOT_DRIVE, LAYOUTS, Scene, scene
 from tools.operator_trials.stops import press_trials, return_trials
 
+LOADS = ("idle", "full load")
 Figures = dict[str, dict[str, float]]
 
 
@@ -38,7 +41,7 @@ def measure(robot: Scene, browser: Browser, repeats: int, presses: int) -> Itera
     yield "emergency stop pressed: the page server has published the stop", pressed.asked
     yield "emergency stop pressed: the base has a zero command", pressed.stopped
     yield "server killed: the page shows the present state", return_trials(robot, browser, repeats)
-    for event in EVENTS:
+    for event in () if robot.layout in CANNOT_DRIVE else EVENTS:
         yield f"{event}: the robot stands", trials(robot, browser, event, repeats)
 
 
@@ -51,6 +54,8 @@ def far_browser(link: CutLink, folder: Path) -> Iterator[Browser]:
 
 def measure_cut(robot: Scene, folder: Path, repeats: int) -> Iterator[tuple[str, list[float]]]:
     """Run the trials with a cut link, if this machine allows one."""
+    if robot.layout in CANNOT_DRIVE:
+        return
     if problem := why_no_link():
         print(f"link cut: not measured, {problem}", file=sys.stderr)
         return
@@ -75,20 +80,28 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=20, help="number of trials of each event")
     parser.add_argument("--presses", type=int, default=200, help="number of presses of the emergency stop")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    parser.add_argument(
+        "--layouts", default=LAYOUTS[0], metavar="NAMES", help=f"layouts of the page, of {', '.join(LAYOUTS)}"
+    )
+    parser.add_argument("--loads", default=",".join(LOADS), metavar="NAMES", help="idle, full load, or both")
     options = parser.parse_args()
+    layouts, loads = options.layouts.split(","), options.loads.split(",")
+    if unknown := {*layouts} - {*LAYOUTS} | {*loads} - {*LOADS}:
+        parser.error(f"there is no {', '.join(sorted(unknown))}")
     report: dict[str, Any] = {"machine": describe_machine()}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robbie-operator-")))
         robot = stack.enter_context(scene(folder))
-        for load in ("idle", "full load"):
+        for load, layout in itertools.product(loads, layouts):
             figures: Figures = {}
-            report[load] = figures
+            robot.layout = layout
+            report[f"{load}, {layout}"] = figures
             with full_load(robot) if load == "full load" else nullcontext():
                 with chromium() as browser:
                     for name, times_s in measure(robot, browser, options.repeats, options.presses):
-                        show(load, name, figures, times_s)
+                        show(f"{load}, {layout}", name, figures, times_s)
                 for name, times_s in measure_cut(robot, folder, options.repeats):
-                    show(load, name, figures, times_s)
+                    show(f"{load}, {layout}", name, figures, times_s)
             if options.json:
                 options.json.write_text(json.dumps(report, indent=2) + "\n")
     return 0

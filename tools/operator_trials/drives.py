@@ -44,10 +44,10 @@ def let_go_on(scene: Scene, page: Page) -> None:
     page.keyboard.up(KEYS[1])
 
 
-def wait_for_page(_scene: Scene, page: Page) -> None:
+def wait_for_page(scene: Scene, page: Page) -> None:
     """Wait until the page is connected to the restarted server."""
     page.wait_for_function("!window.is_old && window.did_handshake")
-    page.wait_for_selector("#drive-pad")
+    scene.wait_for_page(page)
     page.keyboard.up(KEYS[0])
     page.keyboard.up(KEYS[1])
 

@@ -20,6 +20,9 @@ from tools.operator_trials.journal import Journal
 
 TOKEN = "an-operator-on-trial"
 LENGTH_CELLS = 57
+LAYOUTS = ("Drive", "Mission", "Engineer", "Tablet", "Playback")
+CANNOT_DRIVE = ("Engineer",)
+"""Layouts without pad and camera, in which keys do not drive."""
 OFTEN = {"policy": "always", "max_restarts": 100_000, "stable_after_s": 1.0}
 """The trials kill modules far more often than failures do."""
 LIMIT_S = 60.0
@@ -88,6 +91,8 @@ class Scene:
         self.robot = Robot(folder / "run", workspace, "trial")
         self.journal = Journal(self.robot.output / "witness.txt")
         self._bases = [folder / "run" / "runtime" / "robbie"]
+        self.layout = LAYOUTS[0]
+        """The layout of the pages that are opened."""
 
     def begin(self) -> None:
         """Wait until all modules run."""
@@ -160,12 +165,20 @@ class Scene:
         page.goto(self.address(host))
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
+        page.wait_for_selector("#layouts")
+        page.goto(f"{self.address(host)}?layout={self.layout}")
+        self.wait_for_page(page)
         page.wait_for_selector("#emergency-stop-state:has-text('ready')")
-        page.wait_for_selector("#drive-pad")
         try:
             yield page
         finally:
             context.close()
+
+    def wait_for_page(self, page: Page) -> None:
+        """Wait until a page shows its layout, and can drive if the layout can."""
+        page.wait_for_selector(f"#layouts:has-text('{self.layout}')")
+        if self.layout not in CANNOT_DRIVE:
+            page.wait_for_selector(".drives >> visible=true")
 
 
 def _name(process: psutil.Process) -> str:

@@ -9,7 +9,9 @@ from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
 from robbie_mp.messages.stock.geometry_msgs import Point, Pose, PoseStamped
+from robbie_mp.messages.stock.sensor_msgs import Image
 from robbie_mp.messages.stock.std_msgs import Header
+from robbie_mp.messages.stock.vision_msgs import BoundingBox2D
 
 
 class ModuleState(Message, name="robbie_msgs/msg/ModuleState", version=1):
@@ -286,6 +288,42 @@ class UndoMapAnnotation(
     Request[MapAnnotationUndone], name="robbie_msgs/srv/UndoMapAnnotation_Request", version=1
 ):
     """Take back the last change of the map's annotations. There may be several; the last goes first."""
+
+
+class TaughtNames(Message, name="robbie_msgs/msg/TaughtNames", version=1):
+    """All that a module has been taught to recognize, on the topic of its services, such as `objects`."""
+
+    names: list[str] = DEFAULT
+    examples: Array[uint32] = DEFAULT  # of each name
+
+
+class RecognitionTaught(Reply, name="robbie_msgs/srv/TeachRecognition_Response", version=1):
+    """It is learnt and saved."""
+
+    examples: uint32 = DEFAULT  # of this name
+
+
+class TeachRecognition(
+    Request[RecognitionTaught], name="robbie_msgs/srv/TeachRecognition_Request", version=1
+):
+    """Learn how a thing looks. The topic says what kind of thing it is: `objects` or `persons`."""
+
+    name: str = DEFAULT  # of one that is known, for a further example; or a new one
+    image: Image = DEFAULT  # in which it is; with it, the request holds all that is needed, however old it is
+    box: BoundingBox2D = DEFAULT  # where it is in the image
+    image_topic: str = DEFAULT  # of the camera, such as "camera"
+
+
+class RecognitionForgotten(Reply, name="robbie_msgs/srv/ForgetRecognition_Response", version=1):
+    """It is forgotten, and that is saved."""
+
+
+class ForgetRecognition(
+    Request[RecognitionForgotten], name="robbie_msgs/srv/ForgetRecognition_Request", version=1
+):
+    """Forget a thing that was taught. The topic says of which kind."""
+
+    name: str = DEFAULT
 
 
 class Mark(Message, name="robbie_msgs/msg/Mark", version=1):

@@ -2,7 +2,7 @@
 // with held = false when that ends, for any reason that the browser reports. The robot does not rely on the
 // last one: it stops when the others are missing.
 //
-// Keys drive wherever the focus is, but for texts, and only while the page shows the pad or a camera to drive by.
+// Keys drive wherever the focus is, but for texts, menus and dialogs, and only while the page shows the pad or a camera to drive by.
 export default {
   template: `<div style="position: absolute"></div>`,
   mounted() {
@@ -91,9 +91,10 @@ const KEYS = {
 };
 const DEAD_MAN_BUTTON = 5; // the right shoulder button of a standard gamepad (W3C Gamepad API)
 
-// Keys that type a text or control another element, such as arrows on sliders and menus.
+// Keys that type a text, choose in a menu or dialog, or move a slider. A menu that closes keeps the focus for a moment.
+const TAKES_KEYS = "input, textarea, [contenteditable], [role=listbox], [role=menu], [role=dialog], .q-menu, .q-dialog";
 function is_meant_for_another(event) {
   if (event.ctrlKey || event.altKey || event.metaKey) return true;
-  const arrows = event.code.startsWith("Arrow") ? ", [role=slider], [role=listbox], [role=menu]" : "";
-  return event.target.closest(`input, textarea, [contenteditable]${arrows}`) !== null;
+  const arrows = event.code.startsWith("Arrow") ? ", [role=slider]" : "";
+  return event.target.closest?.(TAKES_KEYS + arrows) != null;
 }

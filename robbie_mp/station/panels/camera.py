@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 from nicegui.element import Element
 
+from robbie_mp.station.access import Role
 from robbie_mp.station.camera_images import ADDRESS, Camera
 from robbie_mp.station.latest import silence
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.cameras import REFRESH_S, SILENT_AFTER_S, DetectionBoxes, NewestImage
+from robbie_mp.station.panels.teaching import Teaching
 
 if TYPE_CHECKING:
-    from robbie_mp.messages import Detection2DArray
     from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.context import Page, StationContext
     from robbie_mp.station.driving.motion import Movement
@@ -49,11 +50,14 @@ class CameraPanel(Panel):
     def __init__(self, station: StationContext):
         super().__init__(station)
         self._cameras = station.cameras
+        self._teaching = Teaching(station)
 
     def build(self, page: Page) -> None:
-        """Build the large picture, the small ones and the display."""
+        """Build the large picture, the small ones, the display, and for operators what teaches."""
         ui.add_css(STYLE)
         stage = Stage(self._cameras, self.station.max_linear_m_per_s)
+        if page.role is Role.OPERATOR:
+            self._teaching.build(page, self.name, stage.root, lambda: stage.chosen)
         page.add_key("c", "Next camera", stage.turn)
         page.every(REFRESH_S, self.name, lambda: stage.update(self.station.motion.now))
 
@@ -72,11 +76,17 @@ class Stage:
         self._chosen = ""
         self._large: tuple[str, NewestImage, DetectionBoxes] | None = None
         self._small: dict[str, NewestImage] = {}
-        with ui.element("div").classes("camera-stage drives"):
+        self.root = ui.element("div").classes("camera-stage drives")
+        with self.root:
             self._picture = ui.element("div").classes("camera-picture")
         self._none = ui.label("no camera has sent an image yet").classes("camera-none")
         self._display = HeadUpDisplay().props("id=camera-display")
         self._beside = ui.element("div").classes("camera-small").props("id=camera-small")
+
+    @property
+    def chosen(self) -> str:
+        """Name of the camera that is shown large; '' before the first image."""
+        return self._chosen
 
     def turn(self) -> None:
         """Show the next camera large."""
@@ -96,13 +106,11 @@ class Stage:
             self._chosen = names[0]
         age = ""
         if self._chosen in found:
-            age = self._show_large(
-                self._chosen, found[self._chosen], self._cameras.detections.get(self._chosen)
-            )
+            age = self._show_large(self._chosen, found[self._chosen])
         self._show_small([name for name in names if name != self._chosen][:MAX_SMALL])
         self._display.show(display_of(movement, self._chosen, age, self._scale_m_per_s))
 
-    def _show_large(self, name: str, camera: Camera, found: Detection2DArray | None) -> str:
+    def _show_large(self, name: str, camera: Camera) -> str:
         if self._large is None or self._large[0] != name:
             self._none.set_visibility(False)
             self._picture.clear()
@@ -112,7 +120,7 @@ class Stage:
             self._large = (name, image, boxes)
         _, image, boxes = self._large
         image.show(camera.latest.count)
-        boxes.show(camera.boxes(found))
+        boxes.show(self._cameras.boxes(name))
         silent = silence(camera.latest.age_s, SILENT_AFTER_S)
         image.classes(add="grayscale" if silent else "", remove="" if silent else "grayscale")
         return f"silent: this image is {silent} old" if silent else f"{camera.latest.age_s or 0.0:.1f} s old"

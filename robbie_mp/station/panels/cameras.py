@@ -13,7 +13,6 @@ from robbie_mp.station.latest import silence
 from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
-    from robbie_mp.messages import Detection2DArray
     from robbie_mp.station.context import StationContext
 
 REFRESH_S = 0.1
@@ -85,7 +84,7 @@ class CamerasPanel(Panel):
                     hint.set_visibility(False)
                     with row, ui.card():
                         cards[name] = CameraCard(name)
-                cards[name].show(camera, self._cameras.detections.get(name))
+                cards[name].show(camera, self._cameras.boxes(name))
 
         page.every(REFRESH_S, self.name, update)
 
@@ -102,10 +101,10 @@ class CameraCard:
         self._text = ui.label("").classes("text-sm")
         self._silent = ui.label("").classes("text-orange font-bold camera-silent")
 
-    def show(self, camera: Camera, found: Detection2DArray | None) -> None:
+    def show(self, camera: Camera, boxes: list[Box]) -> None:
         """Show the newest image and the detections in it."""
         self._image.show(camera.latest.count)
-        self._boxes.show(camera.boxes(found))
+        self._boxes.show(boxes)
         self._text.set_text(camera.description)
         silent = silence(camera.latest.age_s, SILENT_AFTER_S)
         self._silent.set_text(f"silent: this image is {silent} old" if silent else "")

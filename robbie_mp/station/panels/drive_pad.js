@@ -7,6 +7,8 @@ export default {
     this.is_held = false;
     pad.addEventListener("pointerdown", (event) => {
       pad.setPointerCapture(event.pointerId);
+      // The pad may move or change its size under the thumb, as when a question appears; that does not drive.
+      this.box = pad.getBoundingClientRect();
       this.is_held = true;
       this.tell(this.place(event));
     });
@@ -32,7 +34,7 @@ export default {
   },
   methods: {
     place(event) {
-      const box = this.$el.getBoundingClientRect();
+      const { box } = this;
       const limit = (value) => Math.max(-1, Math.min(1, value));
       return {
         pad: this.$el,

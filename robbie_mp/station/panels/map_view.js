@@ -28,6 +28,7 @@ export default {
     },
     placing() {
       this.corners = [];
+      this.take_focus();
       this.redraw();
     },
     hidden() {
@@ -63,6 +64,7 @@ export default {
     this.live = new Live("marks+map", canvas, (parts) => this.take(parts));
   },
   unmounted() {
+    clearTimeout(this.focus_timer);
     this.observer.disconnect();
     this.live.close();
   },
@@ -167,6 +169,14 @@ export default {
     wheel(event) {
       event.preventDefault();
       this.zoom(Math.exp(-event.deltaY / 500), this.point(event));
+    },
+    // While something is placed, the map has the focus. Otherwise the next key presses again the button with which the
+    // visitor has begun. A menu that is about to close would take the focus back, so the map waits for it.
+    take_focus() {
+      clearTimeout(this.focus_timer);
+      if (!this.placing) return;
+      if (document.activeElement?.closest(".q-menu")) this.focus_timer = setTimeout(() => this.take_focus(), 50);
+      else this.$el.focus({ preventScroll: true });
     },
     redraw() {
       if (this.asked) return;

@@ -1,0 +1,1 @@
+"""Recognition of persons by their faces."""

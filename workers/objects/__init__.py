@@ -1,0 +1,1 @@
+"""Recognition of objects that people have taught the robot."""
