@@ -1,12 +1,12 @@
 """Application control of the rescue robot: explores, searches for victims, asks the operator, comes home."""
 
 import math
-from enum import Enum
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.connection.device import ConnectionState
+from modules.navigation_goals import NavigationGoals
 from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
 from modules.rescue.messages import (
     MissionResult,
@@ -18,15 +18,11 @@ from modules.rescue.messages import (
 )
 from modules.team_messages import GoalClaim, MapAlignment
 from robbie_mp import (
-    CallError,
     CallRefused,
     Duration,
-    GoalAborted,
     Header,
     MessageHandling,
     Module,
-    NoServer,
-    SentGoal,
     SettingError,
     Time,
     setting,
@@ -35,11 +31,7 @@ from robbie_mp.messages import (
     BatteryState,
     Bumper,
     CameraInfo,
-    CancelNavigation,
-    NavigateTo,
-    NavigationCancelled,
-    NavigationFeedback,
-    NavigationResult,
+    DeviceState,
     OccupancyGrid,
     PanTiltCommand,
     Point,
@@ -60,21 +52,9 @@ from workers.rescue.victim_map import VictimState
 
 HOLDS = (MissionState.PAUSE, MissionState.DONE)
 SETTLED = (VictimState.CONFIRMED, VictimState.REJECTED)
-CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 TELL_S = 1.0
 """Period of the mission's status while it does not change."""
-REPEAT_S = 2.0
-"""Time after which a goal that has ended otherwise than intended is sent again."""
-CANCEL_TIMEOUT_S = 2.0
 CLAIM_PERIOD_S = 0.4
-
-
-class Cancel(Enum):
-    """Whether navigation has ended the mission's goals, where the mission wants to drive no more."""
-
-    NOT_WANTED = 0
-    ASKED = 1
-    DONE = 2
 
 
 class RescueMission(Module):
@@ -104,6 +84,10 @@ class RescueMission(Module):
     gives_way_to: list[str] = setting([], "robots of the team that go first where their way meets this one's")
     claim_valid_s: float = setting(
         3.0, "how long the others leave this robot's target alone when it falls silent", minimum=1.0
+    )
+    devices: list[str] = setting(
+        [],
+        "modules of devices that may be pulled out: status and report say which are away, and which were",
     )
     report_name: str = setting("rescue", "prefix of the names of the report's files")
     ends_after_s: float = setting(
@@ -137,14 +121,8 @@ class RescueMission(Module):
         self.show_state(self.mission.state)
         self.look = LookAround()
         self.pose: tuple[float, float, float] | None = None
-        self.goal: NDArray[np.float64] | None = None
-        self.sent: SentGoal | None = None
-        self.goals = 0
-        self.sent_s = -math.inf
-        self.is_judged = False
-        self.stands = False
-        self.cancel = Cancel.NOT_WANTED
-        self.cancel_s = -math.inf
+        mission = self.mission
+        self.goals = NavigationGoals(self, mission.arrived, mission.unreachable, mission.see_stopped)
         # With its feedback, navigation says whether the robot can drive.
         self.mission.see_stopped(None)
         self.pan_rad = math.nan
@@ -169,6 +147,8 @@ class RescueMission(Module):
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
         self.subscribe(BatteryState, self.on_battery, newest, topic="battery")
         self.subscribe(Bumper, self.on_bumper, topic="bumper", optional=True)
+        for device in self.devices:
+            self.subscribe(DeviceState, self.on_device, topic=device, optional=True)
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Pass a new map to the mission."""
@@ -226,6 +206,13 @@ class RescueMission(Module):
         """Count collisions."""
         self.mission.see_bumper(is_pressed=bool(bumper.pressed))
 
+    def on_device(self, device: DeviceState) -> None:
+        """Pass to the mission whether a device can be used, and tell the operator at once."""
+        before = self.mission.away
+        self.mission.see_device(self.envelope.topic, is_connected=device.state == ConnectionState.CONNECTED)
+        if self.mission.away != before:
+            self.told_s = -math.inf
+
     def on_victim(self, victim: VictimFound) -> None:
         """Pass a report of a victim to the mission; another robot's only if it needs no more views."""
         robot, place, state = self.envelope.topic, np.array(planar(victim.pose)), VictimState(victim.state)
@@ -260,29 +247,6 @@ class RescueMission(Module):
         self.tick()
         return OrderAccepted(state=self.mission.state.name)
 
-    def on_feedback(self, number: int, feedback: NavigationFeedback) -> None:
-        """Pass to the mission whether the robot can drive to the goal that was sent last."""
-        if number == self.goals:
-            can_drive = not feedback.state.startswith(CANNOT_DRIVE)
-            self.mission.see_stopped(None if can_drive else f"{feedback.state}: {feedback.reason}")
-
-    def on_goal_end(self, number: int, end: NavigationResult | CallError) -> None:
-        """Pass to the mission how the goal that was sent last has ended."""
-        if number != self.goals:
-            return  # the mission has sent another goal since then
-        self.log.debug("goal %s: %r", self.goal, end)
-        self.is_judged = isinstance(end, NavigationResult | GoalAborted | CallRefused)
-        if not self.is_judged:  # it is sent again
-            self.log.warning("goal %s: %s: %s", self.goal, type(end).__name__, end)
-            if isinstance(end, NoServer):
-                self.mission.see_stopped(str(end))
-            return
-        self.mission.see_stopped(None)
-        if isinstance(end, NavigationResult):
-            self.mission.arrived()
-        else:
-            self.mission.unreachable(str(end))
-
     def tick(self) -> None:
         """Let the mission decide, and send goals and directions to other modules."""
         orders = self.mission.step()
@@ -290,9 +254,9 @@ class RescueMission(Module):
         self.checkpoint(self.mission.memory())
         if self.pose is not None and self.mission.state is not MissionState.WAIT:
             if self.mission.state in HOLDS:
-                self._cancel_goals()
+                self.goals.cancel(self.mission.machine.reason)
             else:
-                self._drive_to(orders.goal)
+                self.goals.drive_to(orders.goal, self.pose)
             self._turn_camera(orders.look_at_xy_m)
         for note in self.mission.notes[self.notes_told :]:
             self.log.warning("%s", note)
@@ -401,56 +365,6 @@ class RescueMission(Module):
     def _state_changed(self, state: MissionState) -> None:
         self.show_state(state)
         self.log.info("%s (%s)", state.name, self.mission.machine.reason)
-
-    def _cancel_goals(self) -> None:
-        """Have navigation end all goals of this mission, of earlier processes as well, until it has done so.
-
-        Meanwhile, the operator may send the robot to another goal.
-        """
-        now_s = self._time_s()
-        if self.cancel is Cancel.DONE or (self.cancel is Cancel.ASKED and now_s - self.cancel_s < REPEAT_S):
-            return
-        self.cancel, self.cancel_s = Cancel.ASKED, now_s
-        self.goal, self.goals = None, self.goals + 1
-        self.call(
-            CancelNavigation(client=self.name, reason=self.mission.machine.reason),
-            self.on_cancelled,
-            self.on_not_cancelled,
-            timeout_s=CANCEL_TIMEOUT_S,
-        )
-
-    def on_cancelled(self, _reply: NavigationCancelled) -> None:
-        """Remember that navigation drives to no goal of this mission."""
-        if self.cancel is Cancel.ASKED:
-            self.cancel = Cancel.DONE
-
-    def on_not_cancelled(self, error: CallError) -> None:
-        """Report that navigation may still drive; `_cancel_goals` asks again."""
-        self.log.warning("could not cancel the goal: %s: %s", type(error).__name__, error)
-
-    def _drive_to(self, wanted: NDArray[np.float64] | None) -> None:
-        """Send a goal if it is new, or if the last one has ended. To stand still, send the robot's pose."""
-        self.cancel = Cancel.NOT_WANTED
-        if wanted is not None:
-            goal = wanted
-        else:
-            goal = self.goal if self.stands and self.goal is not None else np.array(self.pose)
-        self.stands = wanted is None
-        is_new = self.goal is None or not np.array_equal(goal, self.goal)
-        if not is_new:
-            assert self.sent is not None
-            is_over = self.is_judged and self.stands
-            if self.sent.is_active or is_over or self._time_s() - self.sent_s < REPEAT_S:
-                return
-        self.goal, self.sent_s = goal, self._time_s()
-        self.is_judged = False
-        self.goals += 1
-        self.sent = self.send_goal(
-            NavigateTo(pose=pose_stamped(goal, self._header("map"))),
-            partial(self.on_goal_end, self.goals),
-            partial(self.on_goal_end, self.goals),
-            partial(self.on_feedback, self.goals),
-        )
 
     def _turn_camera(self, look_at_xy_m: NDArray[np.float64] | None) -> None:
         assert self.pose is not None

@@ -9,6 +9,7 @@ from hw.camera import CameraGeometry
 from hw.laser import LaserGeometry
 from hw.pan_tilt import PanTiltLimits
 from modules.devices.base import SimulatedBase
+from modules.devices.camera import SimulatedRearCameraModule
 from modules.devices.pan_tilt import SimulatedPanTiltModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
@@ -30,6 +31,17 @@ def test_devices_are_mounted_and_turn_as_in_the_scene_graph() -> None:
     assert (place.x, place.y, place.yaw) == laser.mount
     assert graph.joint("pan").limits == (-limits.pan_rad, limits.pan_rad)
     assert graph.joint("tilt").limits == (-limits.tilt_up_rad, limits.tilt_down_rad)
+
+
+def test_rear_camera_looks_back_and_down_as_in_the_scene_graph() -> None:
+    graph = SceneGraph(read_scene(SCENE))
+    place = graph.pose("base_link", "rear_camera_optical")
+    assert place.translation == pytest.approx(SimulatedRearCameraModule.mount_m)
+    down_rad = SimulatedRearCameraModule.tilt_rad
+    ahead = place.apply([0.0, 0.0, 1.0]) - place.translation
+    assert ahead == pytest.approx([-math.cos(down_rad), 0.0, -math.sin(down_rad)], abs=1e-4)
+    right = place.apply([1.0, 0.0, 0.0]) - place.translation
+    assert right == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)
 
 
 def test_messages_of_the_stock_modules_move_the_scene_graph() -> None:

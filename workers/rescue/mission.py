@@ -68,6 +68,7 @@ class Mission:
         path_m: where the robot has been, m, map frame.
         collisions: how often the bumper has been pressed. None: no bumper has reported.
         claims: what other robots drive to.
+        away: devices that are disconnected.
     """
 
     def __init__(
@@ -86,6 +87,8 @@ class Mission:
         self.path_m: list[tuple[float, float]] = []
         self.collisions: int | None = None
         self.claims = TeamClaims(clock)
+        self.away: list[str] = []
+        self._devices: set[str] = set()
         self._right_of_way = RightOfWay(clock)
         self._way_m = 0.0
         self._touches = False
@@ -113,7 +116,8 @@ class Mission:
     def status(self) -> str:
         """Return what the robot does, why, and what it has found, in one line."""
         reason = "for the operator's start" if self.operator.is_awaited else self.machine.reason
-        return f"{self.state} ({reason}); {self.victims.summary}; {self.limits.summary}"
+        away = f"; DISCONNECTED: {', '.join(self.away)}" if self.away else ""
+        return f"{self.state} ({reason}); {self.victims.summary}; {self.limits.summary}{away}"
 
     @property
     def frontiers(self) -> list[Frontier]:
@@ -177,6 +181,15 @@ class Mission:
         if reason is not None and self._stopped is None:
             self._note(f"stopped: {reason}")
         self._stopped = reason
+
+    def see_device(self, name: str, *, is_connected: bool) -> None:
+        """Record whether a device can be used; before it was connected once, it does not count as away."""
+        if is_connected:
+            self._devices.add(name)
+            self.away = [one for one in self.away if one != name]
+        elif name in self._devices and name not in self.away:
+            self.away = [*self.away, name]
+            self._note(f"{name} was disconnected")
 
     def order(self, order: int) -> str | None:
         """Carry out an `OperatorOrder`, or return why the mission refuses it."""

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from workers.exploration.drivable_ground import DrivableGround
 from workers.exploration.frontiers import Frontier, find_frontiers
-from workers.exploration.team_claims import TeamClaims
-from workers.maps.navigation_grid import Cell, NavigationGrid
-from workers.navigation.path_planner import PathField
+from workers.exploration.team_claims import TeamClaims, share_cost_m
+from workers.maps.navigation_grid import Cell
 from workers.planar_pose import rotate, wrap_angle
 from workers.rescue.mission_states import MissionSettings, MissionState
 from workers.rescue.search_views import search_views
@@ -23,8 +23,6 @@ Points = NDArray[np.float64]
 Costs = NDArray[np.float64]
 """Path cost to each cell, m; +inf where no path leads or where the robot must not be sent."""
 
-SNAP_M = 0.6
-"""The robot may be this far from a drivable cell: within the clearance, or after a pose jump."""
 NEAR_FRONTIER_M = 0.5
 SAME_M = 0.4
 STAY_M = 0.8
@@ -58,7 +56,7 @@ class Target:
     way_m: float
 
 
-class Surroundings:
+class Surroundings(DrivableGround):
     """A map as the mission needs it: where the robot can drive, and which walls there are.
 
     Args:
@@ -68,8 +66,6 @@ class Surroundings:
         settings: How far paths and goals keep from obstacles.
 
     Attributes:
-        grid: where the robot can drive.
-        goals: `(H, W) bool`, the cells of `grid` that are clear enough for a goal.
         fronts: the walls.
     """
 
@@ -80,32 +76,8 @@ class Surroundings:
         corner_xy_m: ArrayLike,
         settings: MissionSettings,
     ) -> None:
-        self.cells = cells
-        self.resolution_m = resolution_m
-        self.corner_xy_m = np.asarray(corner_xy_m, float)
-        self._settings = settings
-        self.grid = NavigationGrid(cells, resolution_m, corner_xy_m, settings.clearance_m)
-        self.goals = self.grid.clear(settings.goal_clearance_m)
+        super().__init__(cells, resolution_m, corner_xy_m, settings)
         self.fronts = WallFronts(cells, resolution_m, corner_xy_m)
-
-    def ways_from(self, pose: ArrayLike) -> PathField | None:
-        """Return the paths from a pose to all cells, or None if no drivable cell is near the robot."""
-        place = np.asarray(pose, float)
-        start = self.grid.nearest(self.grid.drivable, place, SNAP_M)
-        if start is not None:
-            return PathField(self.grid, start)
-        settings = self._settings
-        tight = self.grid.around_robot(place, settings.body_radius_m, settings.tight_clearance_m)
-        start = tight.nearest(tight.drivable, place, SNAP_M)
-        return None if start is None else PathField(tight, start)
-
-    def way_m(self, pose: ArrayLike, goal_xy_m: ArrayLike) -> float:
-        """Return the path cost to a place; +inf if no path leads there."""
-        ways = self.ways_from(pose)
-        if ways is None:
-            return math.inf
-        cell = self.grid.nearest(np.isfinite(ways.cost_m), np.asarray(goal_xy_m, float), SNAP_M)
-        return math.inf if cell is None else float(ways.cost_m[cell])
 
 
 class MissionTargets:
@@ -167,10 +139,25 @@ class MissionTargets:
             targets += self._walls(around, ways_m, searched)
             targets += self._victims(around, ways_m, suspected)
         targets = [target for target in targets if not self._is_given_up(target)]
-        costs_m = [self._cost_m(target, current, claims) for target in targets]
+        shares_m = self._shares_m(around, targets, claims)
+        costs_m = [
+            self._cost_m(target, current, claims) + share_m
+            for target, share_m in zip(targets, shares_m, strict=True)
+        ]
         best = int(np.argmin(costs_m)) if costs_m else 0
         self.are_left_to_others = bool(costs_m) and math.isinf(costs_m[best])
         return targets[best] if costs_m and not self.are_left_to_others else None, True
+
+    @staticmethod
+    def _shares_m(around: Surroundings, targets: Sequence[Target], claims: TeamClaims) -> list[float]:
+        """Return how much dearer each target is because other robots are nearer to it."""
+        found = [around.ways_from(claim.pose) for claim in claims.working]
+        fields = [ways.cost_m for ways in found if ways is not None]
+        cells = [around.grid.cell(target.goal) for target in targets]
+        return [
+            share_cost_m(target.way_m, [float(field[cell]) for field in fields])
+            for target, cell in zip(targets, cells, strict=True)
+        ]
 
     def _frontiers(self, around: Surroundings, ways_m: Costs, pose: Points) -> Iterator[Target]:
         grid = around.grid

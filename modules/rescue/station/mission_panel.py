@@ -58,9 +58,12 @@ class MissionPanel(Panel):
         add_wall_layers(station)
 
     def build_on_every_tab(self, page: Page) -> None:
-        """Build the question about a victim, and the results of the mission."""
-        self._question.build(page)
+        """Build the results of the mission."""
         self._results.build(page)
+
+    def build_below_tiles(self, page: Page) -> None:
+        """Build the question about a victim, which covers no tile."""
+        self._question.build(page)
 
     def state_items(self) -> Iterator[StateItem]:
         """Return the mission's state and time for the strip."""

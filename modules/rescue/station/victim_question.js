@@ -1,20 +1,21 @@
 // Asks about one victim at a time. It keeps the question that it shows as long as the robot asks about that victim, and
 // never changes while a pointer is down on it. An answer names the victim that was shown.
 export default {
-  template: `<div style="position: absolute"><div v-if="shown" id="victim-question" class="victim-question" role="region" aria-label="Question"
+  template: `<div><div v-if="shown" id="victim-question" class="victim-question" role="region" aria-label="Question"
       @pointerdown="hold">
     <img v-if="shown.count" :key="shown.id" :src="picture" alt="what the camera has seen">
-    <div>
+    <div class="asked">
       <div class="title" role="status">Is this a victim? {{ shown.text }}{{ queue }}</div>
       <div id="victim-time-left">{{ shown.left }}</div>
       <div id="victim-silent" v-if="shown.silent" class="silent">{{ shown.silent }}</div>
       <div v-if="waiting" class="silent">{{ waiting }}</div>
-      <div v-if="answers.length" class="answers">
-        <button v-for="[text, answer, colour] in answers" type="button" :id="'victim-' + text.toLowerCase()"
-          :style="{ background: colour }" :disabled="is_inert" :data-victim="shown.id"
-          @click="say(text, answer)">{{ text }} <kbd>{{ text[0] }}</kbd></button>
-      </div>
-    </div></div></div>`,
+    </div>
+    <div v-if="answers.length" class="answers">
+      <button v-for="[text, answer, colour] in answers" type="button" :id="'victim-' + text.toLowerCase()"
+        :style="{ background: colour }" :disabled="is_inert" :data-victim="shown.id"
+        @click="say(text, answer)">{{ text }} <kbd>{{ text[0] }}</kbd></button>
+    </div>
+    </div></div>`,
   props: { questions: Array, answers: Array },
   data() {
     return { shown: null, held: false, is_inert: false, waiting: "" };
@@ -27,7 +28,7 @@ export default {
     for (const name of ["pointerup", "pointercancel"]) addEventListener(name, this.let_go);
     this.on_key = (event) => {
       if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || !this.shown || this.is_inert) return;
-      if (event.target.closest?.("input, textarea, [contenteditable], .q-dialog")) return;
+      if (event.target.closest?.("input, textarea, [contenteditable], .q-dialog, .q-menu")) return;
       const answer = this.answers.find(([text]) => text[0].toLowerCase() === event.key.toLowerCase());
       if (answer) this.say(answer[0], answer[1]);
     };

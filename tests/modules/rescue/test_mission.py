@@ -33,6 +33,7 @@ from robbie_mp.messages import (
     Bumper,
     CameraInfo,
     CancelNavigation,
+    DeviceState,
     Frontiers,
     MapMetaData,
     NavigateTo,
@@ -242,6 +243,34 @@ def test_silent_laser_stops_the_robot_and_is_in_the_report(
     robot.harness.module.teardown()
     notes = json.loads((tmp_path / "mission.json").read_text())["notes"]
     assert notes == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
+
+
+def test_mission_tells_at_once_which_device_is_away_and_reports_it(tmp_path: Path) -> None:
+    with ModuleHarness(RescueMission, {"devices": ["base", "laser"]}, output_directory=tmp_path) as harness:
+        robot = Robot(harness)
+
+        def texts(topic: str, state: str) -> list[str]:
+            harness.take(MissionStatus)
+            harness.send(DeviceState(state=state), topic=topic)
+            harness.advance(0.2)
+            return [status.text for status in harness.take(MissionStatus)]
+
+        robot.go_on(1.5)
+        for topic in ("base", "laser"):
+            texts(topic, "DISCONNECTED")  # it has not been connected yet
+            texts(topic, "CONNECTED")
+        assert "DISCONNECTED" not in harness.module.mission.status
+        assert texts("base", "DISCONNECTED")[0].endswith("DISCONNECTED: base")
+        assert texts("laser", "DISCONNECTED")[0].endswith("DISCONNECTED: base, laser")
+        assert texts("base", "CONNECTED")[0].endswith("DISCONNECTED: laser")
+        assert "DISCONNECTED" not in texts("laser", "CONNECTED")[0]
+        texts("laser", "DISCONNECTED")
+        harness.module.teardown()
+    notes = json.loads((tmp_path / "mission.json").read_text())["notes"]
+    assert [note for note in notes if "disconnected" in note] == [
+        "base was disconnected",
+        "laser was disconnected",
+    ]
 
 
 def test_robot_that_cannot_even_stand_where_it_is_goes_on_when_it_can_drive(robot: Robot) -> None:

@@ -63,7 +63,7 @@ def answer_is_reached_by_keys(page: Page) -> None:
     page.wait_for_selector("#victim-yes:enabled")
     found = False
     for _ in range(50):
-        page.keyboard.press("Tab")
+        page.keyboard.press("Shift+Tab")  # the question lies below the tiles
         found |= page.evaluate("document.activeElement.closest('[id]')?.id") == "victim-yes"
     assert found
 

@@ -27,6 +27,12 @@ modules:
   victims: {class: "zoo.two_victims:TwoVictims"}
 """
 QUESTION = "#victim-question"
+COVERS_NO_TILE = """() => {
+  const question = document.querySelector("#victim-question").getBoundingClientRect();
+  const tiles = [...document.querySelectorAll(".tile")].map((one) => one.getBoundingClientRect());
+  return tiles.length && question.bottom <= innerHeight && tiles.every((one) => one.bottom <= question.top);
+}"""
+"""Once the grid has made room for the question."""
 COUNT_QUESTIONS = """(milliseconds) => new Promise((done) => {
   const found = new Set();
   const until = performance.now() + milliseconds;
@@ -60,6 +66,7 @@ def test_answer_is_about_the_victim_shown_when_the_button_was_pressed(robot: Rob
     with browser() as started, page_of(started, address) as page, told_to(robot) as tool:
         page.wait_for_selector(f"{QUESTION}:has-text('tag')")
         page.wait_for_selector(f"{QUESTION}:has-text('(1 of 2)')")
+        page.wait_for_function(COVERS_NO_TILE)
         assert len(page.evaluate(COUNT_QUESTIONS, 2000)) == 1, "the question changes by itself"
         question_under_the_finger_stays(page, robot, tool)
         press_for_the_question_before_does_not_answer_the_next(page, robot, tool)
