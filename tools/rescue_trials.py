@@ -9,11 +9,9 @@ drives on meanwhile, use `--profile rescue`, which runs at real-time speed.
 """
 
 import argparse
-import contextlib
 import csv
 import json
 import math
-import random
 import shutil
 import signal
 import sys
@@ -30,10 +28,9 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes
 from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
-from robbie_mp.module.clock import SystemClock
 from robbie_mp.profile.load import load_profile
-from robbie_mp.run.run_clock import RunClock
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.mission_kills import Kills, watch
 from workers.maps.map_file import read_map
 from workers.planar_pose import relative, transform_points
 
@@ -41,7 +38,7 @@ NOISY = ("base", "laser", "camera", "base_emulator", "laser_emulator")
 PLACED_M, HOME_M = 0.2, 0.5
 WISHES = ArenaWishes(width_m=8.0, height_m=6.0, victims=4, signs=2, obstacles=6)
 RUN_LIMIT_S = 900.0
-BEGIN_S, KILL_SPAN_S = 5.0, 120.0
+BEGIN_S, KILL_END_S = 5.0, 120.0
 """The tool kills modules in this part of the mission, if the mission is long enough."""
 
 
@@ -98,7 +95,7 @@ def run_mission(seed: int, folder: Path, profile: str, wishes: ArenaWishes, kill
     robot = Robot(folder / "run", REPOSITORY, *words)
     try:
         robot.wait_until_running()
-        _watch(robot, _kills(robot, seed) if kill else [])
+        watch(robot, Kills(robot, seed, BEGIN_S, KILL_END_S) if kill else None, RUN_LIMIT_S)
         summary = robot.wait_for_end()
         outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
     except RobotTrouble as trouble:
@@ -109,29 +106,6 @@ def run_mission(seed: int, folder: Path, profile: str, wishes: ArenaWishes, kill
     if not outcome.trouble:
         judge(outcome, arena, robot.output)
     return outcome
-
-
-def _kills(robot: Robot, seed: int) -> list[tuple[float, str]]:
-    """Choose the time of each module's kill (s since the beginning)."""
-    chance = random.Random(seed)
-    names = [name for name in robot.figures() if name != "core"]
-    return sorted((chance.uniform(BEGIN_S, KILL_SPAN_S), name) for name in names)
-
-
-def _watch(robot: Robot, kills: list[tuple[float, str]]) -> None:
-    """Kill the modules at their times, and wait for the end."""
-    limit_s = time.monotonic() + RUN_LIMIT_S
-    with contextlib.closing(RunClock.attach(robot.run_id)) as run_clock:
-        clock = run_clock if run_clock.has_begun else SystemClock()
-        began_ns = clock.now_ns()
-        while robot.is_up and time.monotonic() < limit_s:
-            if kills and (clock.now_ns() - began_ns) / 1e9 >= kills[0][0]:
-                figures = robot.figures()[kills[0][1]]
-                if figures.pid and robot.send(figures.pid, signal.SIGKILL):
-                    kills.pop(0)
-            time.sleep(0.02)
-    if robot.is_up:
-        raise RobotTrouble(f"the mission did not end in {RUN_LIMIT_S} s")
 
 
 def judge(outcome: Outcome, arena: Arena, output: Path) -> None:

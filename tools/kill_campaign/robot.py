@@ -66,10 +66,10 @@ class Robot:
         self.run_id = ""
         self.observer: RunObserver | None = None
 
-    def wait_until_running(self) -> None:
+    def wait_until_running(self, limit_s: float = LIMIT_S) -> None:
         """Wait until all modules and the core are RUNNING."""
         self.wait_for(self.attach, "no run appeared")
-        self.wait_for(self.all_running, "not every process is RUNNING")
+        self.wait_for(self.all_running, "not every process is RUNNING", limit_s=limit_s)
 
     def attach(self) -> bool:
         """Find the run and its figures. Return whether they exist yet."""

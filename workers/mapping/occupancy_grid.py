@@ -48,7 +48,7 @@ class Window:
         return height, width
 
     def around(self, centre: ArrayLike, most_cells: int) -> "Window":
-        """Return the largest part, as square as possible, around a cell that has at most so many cells."""
+        """Return the largest part around a cell with at most `most_cells` cells, as square as possible."""
         height, width = self.shape
         if height * width <= most_cells:
             return self

@@ -30,7 +30,8 @@ WARM_UP = 20
 """Rounds after which caches, also those of numpy, hardly grow any more."""
 ROUNDS = 12
 """Rounds of a window."""
-WINDOWS = 8
+MAX_WINDOWS = 24
+"""Windows after which what still grows is no cache; most plays need one or two."""
 LEAST = 2
 """References or blocks more in each round that count; every play does everything several times."""
 LASTING: list[object] = [None, True, False, NotImplemented, Ellipsis, (), "", b""]
@@ -59,13 +60,13 @@ def references() -> dict[str, int]:
 def gathered(play: Callable[[], object]) -> str:
     """Say what gathers if something is done again and again; '' if nothing does.
 
-    Caches fill at times of their own choosing. So only what grows, or shrinks, in each of WINDOWS gathers.
+    Caches fill at times of their own choosing. Only what grows, or shrinks, in each window gathers.
     """
     logging.disable()
     for _ in range(WARM_UP):
         play()
     gathering: dict[str, int] = {}
-    for window in range(WINDOWS):
+    for window in range(MAX_WINDOWS):
         more = _more(play)
         if window > 0:
             more = {
