@@ -1,10 +1,13 @@
 """Reads digits on boards in pictures of the simulated camera, and says how many were right.
 
-    python -m tools.digit_trials --boards 600 --seed 1 [--json FILE]
+    python -m tools.digit_trials --boards 600 --seed 1 [--signs 200] [--json FILE]
 
 Each board shows a digit in one of seven fonts, has one of three sizes, and stands in light, in half light or
 partly in a shadow, 1.5 to 5 m away and turned by up to 60°. A second row of boards shows letters and figures:
 none of them should be read as a digit. Boards that the picture cuts off do not count.
+
+With `--signs`, a robot looks at further boards from several places, as in its task, and the tool says what it
+believes in the end: it needs views from two places that agree.
 """
 
 import argparse
@@ -28,6 +31,7 @@ from hw.simulation.box_segments import box_segments
 from hw.simulation.camera import SimulatedCamera
 from hw.simulation.number_board import GLYPH_SHARE, is_installed
 from workers.numbers.board_reader import BoardReader
+from workers.numbers.sign_map import SignMap
 
 GEOMETRY = CameraGeometry(640, 360, math.radians(60))
 EYE = Pose(5.0, 5.0, 0.0)
@@ -35,6 +39,11 @@ EDGES_M = (0.3, 0.45, 0.6)
 SLANTS_DEG = (0, 15, 30, 45, 60)
 HEIGHTS_PX = (0, 30, 40, 60, 1000)
 BOARD_HEIGHT_M = 0.6
+SIGN_GEOMETRY = CameraGeometry(640, 400, math.radians(60))
+PLACES, IMAGES = 3, 2
+LOOK_M, LOOK_RAD = (1.7, 3.2), math.radians(50)
+"""Number of places from which a robot looks at a sign and of images from each; how far away, and how far
+beside its front."""
 # These look like a 0 or a 1 in some font, so that nobody could tell them from it.
 LIKE_DIGITS = "IOl"
 OTHERS = [*(letter for letter in string.ascii_letters if letter not in LIKE_DIGITS), *map(str, Figure)]
@@ -64,12 +73,17 @@ class Figures:
         others_as: what other boards were taken for: what they show, and the digit.
         others: number of other boards.
         read_s: time to find and read the boards of a picture, for each picture.
+        signs: what the robot believed of signs that it looked at from several places: right, wrong, or
+            not sure, for digits and for others.
+        signs_as: those that were wrong: what they show, and what it believed.
     """
 
     digits: dict[str, Counter[str]] = field(default_factory=dict)
     others_as: Counter[str] = field(default_factory=Counter)
     others: int = 0
     read_s: list[float] = field(default_factory=list)
+    signs: Counter[str] = field(default_factory=Counter)
+    signs_as: Counter[str] = field(default_factory=Counter)
 
     def ratio(self, min_height_px: int, max_slant_deg: int) -> float:
         """Return the ratio of the boards read right, from a height on and up to a slant; NaN for none."""
@@ -104,12 +118,71 @@ def random_trial(random: np.random.Generator, texts: list[str]) -> Trial | None:
     return Trial(sign, slant_deg, GEOMETRY.focal_length_px * edge_m * GLYPH_SHARE / distance_m)
 
 
+def random_sign(random: np.random.Generator, texts: list[str]) -> NumberSign:
+    """Return a random board that faces along the x axis."""
+    return NumberSign(
+        text=str(random.choice(texts)),
+        x_m=8.0,
+        y_m=6.0,
+        facing_rad=0.0,
+        height_m=BOARD_HEIGHT_M,
+        edge_m=float(random.choice(EDGES_M)),
+        font=BoardFont(str(random.choice(list(BoardFont)))),
+        light=float(random.uniform(0.5, 1.0)),
+        shadow=float(random.choice([0.0, random.uniform(0.2, 0.8)])),
+    )
+
+
+def believed(sign: NumberSign, reader: BoardReader, random: np.random.Generator) -> str | None:
+    """Look at a sign from several places; return what `SignMap` makes of it."""
+    post = (sign.x_m, sign.y_m)
+    arena = _arena(sign)
+    signs = SignMap()
+    for _ in range(PLACES):
+        direction_rad, away_m = random.uniform(-LOOK_RAD, LOOK_RAD), random.uniform(*LOOK_M)
+        eye = Pose(
+            sign.x_m + away_m * math.cos(direction_rad),
+            sign.y_m + away_m * math.sin(direction_rad),
+            direction_rad + math.pi + random.uniform(-0.1, 0.1),
+        )
+        camera = SimulatedCamera(arena, SIGN_GEOMETRY, seed=int(random.integers(1 << 30)))
+        x_m, y_m, _ = SIGN_GEOMETRY.mount_m
+        camera.place(eye.plus(Pose(-x_m, -y_m, 0.0)), 0.0)
+        for _ in range(IMAGES):
+            for one in reader.read(camera.capture().pixels.astype(np.uint8)):
+                quadrangle = one.quadrangle
+                if one.text and not one.is_sheet:
+                    signs.see(one.text, post, 0.0, eye[:2], quadrangle.height_px)
+                elif not one.is_sheet:
+                    width = quadrangle.width_px / quadrangle.height_px
+                    signs.see_other(post, eye[:2], quadrangle.height_px, width)
+    return signs.signs[0].text if signs.signs else None
+
+
+def run_signs(count: int, seed: int, figures: Figures) -> None:
+    """Look at signs with digits, and at as many others, from several places."""
+    random, reader = np.random.default_rng((seed, 3)), BoardReader()
+    for _ in range(count):
+        for kind, texts in (("digits", list(string.digits)), ("others", OTHERS)):
+            sign = random_sign(random, texts)
+            right = sign.text if sign.digit is not None else ""
+            text = believed(sign, reader, random)
+            result = "not sure" if text is None else "right" if text == right else "wrong"
+            figures.signs[f"{kind}: {result}"] += 1
+            if result == "wrong":
+                figures.signs_as[f"{sign.text} as {text or 'no digit'}"] += 1
+
+
+def _arena(sign: NumberSign) -> Arena:
+    walls = box_segments(np.array([[0.0, 0.0, 16.0, 12.0]]))
+    post = np.array([[sign.x_m, sign.y_m, POST_RADIUS_M]])
+    return Arena(walls, post, EYE, 16.0, 12.0, 1.0, numbers=(sign,))
+
+
 def read(trial: Trial, reader: BoardReader, figures: Figures, seed: int) -> list[str]:
     """Take a picture of a board and return the digits that were read in it."""
     sign = trial.sign
-    walls = box_segments(np.array([[0.0, 0.0, 16.0, 12.0]]))
-    post = np.array([[sign.x_m, sign.y_m, POST_RADIUS_M]])
-    camera = SimulatedCamera(Arena(walls, post, EYE, 16.0, 12.0, 1.0, numbers=(sign,)), GEOMETRY, seed=seed)
+    camera = SimulatedCamera(_arena(sign), GEOMETRY, seed=seed)
     x_m, y_m, _ = GEOMETRY.mount_m
     camera.place(EYE.plus(Pose(-x_m, -y_m, 0.0)), 0.0)
     pixels = camera.capture().pixels
@@ -150,7 +223,9 @@ def summary(figures: Figures) -> dict[str, Any]:
         "right_from_40_px_to_45_deg": round(figures.ratio(40, 45), 4),
         "others": figures.others,
         "others_as_digits": dict(figures.others_as),
-        "read_ms_mean": round(1e3 * float(np.mean(figures.read_s)), 1),
+        "read_ms_mean": round(1e3 * float(np.mean(figures.read_s)), 1) if figures.read_s else None,
+        "signs": dict(sorted(figures.signs.items())),
+        "signs_as": dict(figures.signs_as),
         "fonts_missing": [font.name for font in BoardFont if not is_installed(font)],
     }
 
@@ -159,10 +234,13 @@ def main(words: list[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.digit_trials", description=__doc__)
     parser.add_argument("--boards", type=int, default=600, help="boards with digits, and as many others")
+    parser.add_argument("--signs", type=int, default=0, help="signs with digits seen from several places")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args(words)
-    text = json.dumps(summary(run_trials(options.boards, options.seed)), indent=2, ensure_ascii=False)
+    figures = run_trials(options.boards, options.seed)
+    run_signs(options.signs, options.seed, figures)
+    text = json.dumps(summary(figures), indent=2, ensure_ascii=False)
     print(text)
     if options.json:
         options.json.write_text(text + "\n")

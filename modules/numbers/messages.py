@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from robbie_mp import DEFAULT, Array, Header, Message, float64, int8, uint8, uint32
+from robbie_mp import DEFAULT, Array, Header, Message, float64, int8, uint8, uint16, uint32
 
 
 class NumberSigns(Message, name="number_msgs/msg/NumberSigns", version=1):
@@ -16,7 +16,11 @@ class NumberSigns(Message, name="number_msgs/msg/NumberSigns", version=1):
     y_m: Array[float64] = DEFAULT
     facing_rad: Array[float64] = DEFAULT  # direction in which the sign can be read; NaN: not known
     digits: Array[int8] = DEFAULT  # 0 … 9, UNKNOWN or OTHER
-    searched: Array[uint8] = DEFAULT  # bit k: the camera has looked at the post from its side k
+    likely: Array[int8] = DEFAULT  # 0 … 9: read most often, but it may not be sure; UNKNOWN: none was read
+    views: Array[uint16] = DEFAULT  # number of images in which that digit was read
+    searched: Array[uint16] = (
+        DEFAULT  # bit k: a board that faces in the direction k · 30° would have been read
+    )
     sheet: str = DEFAULT  # the digits on the sheet, in order; empty: none was read
     images: uint32 = DEFAULT  # number of images that were searched
 

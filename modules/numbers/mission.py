@@ -65,12 +65,22 @@ class Numbers(Module):
             message.y_m.tolist(),
             message.facing_rad.tolist(),
             message.digits.tolist(),
+            message.likely.tolist(),
+            message.views.tolist(),
             message.searched.tolist(),
             strict=True,
         )
         signs = [
-            SignReport((x, y), facing, digit if digit >= 0 else None, digit == NumberSigns.UNKNOWN, searched)
-            for x, y, facing, digit, searched in rows
+            SignReport(
+                xy_m=(x, y),
+                facing_rad=facing,
+                digit=digit if digit >= 0 else None,
+                is_open=digit == NumberSigns.UNKNOWN,
+                searched=searched,
+                likely=likely if likely >= 0 else None,
+                views=views,
+            )
+            for x, y, facing, digit, likely, views, searched in rows
         ]
         self.mission.see_signs(signs, message.sheet, message.images)
 

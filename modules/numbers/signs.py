@@ -45,7 +45,10 @@ class NumberSignFinder(Module):
     """
 
     period_s: float = setting(0.1, "time between looks at new images", minimum=0.02)
-    near_m: float = setting(2.4, "a post was looked at if the camera was at most this far away", minimum=0.5)
+    near_m: float = setting(
+        1.6, "a look at a nearer post does not count: its board may be cut off", minimum=0.2
+    )
+    far_m: float = setting(3.2, "a look at a farther post does not count", minimum=0.5)
     tell_period_s: float = setting(0.5, "time between messages about signs", minimum=0.1)
     max_range_m: float = setting(10.0, "farther ends of beams are not used", minimum=1.0)
 
@@ -132,7 +135,7 @@ class NumberSignFinder(Module):
                 self._place(sighting, view, X_MC, camera)
         if abs(math.remainder(eye[2] - _heading(before), math.tau)) <= TURNED_RAD:
             for sign in self.signs.signs:
-                if view.shows(sign.xy_m, self.near_m):
+                if view.shows(sign.xy_m, self.near_m, self.far_m):
                     self.signs.look(sign, eye)
         self._remember()
 
@@ -146,14 +149,13 @@ class NumberSignFinder(Module):
         post = view.post_along(math.atan2(y, x), *distances_m(quadrangle.height_px, focal_px))
         if post is None:
             return
-        distance_m, _ = view.to(post)
         if sighting.text:
             slant_rad = board_facing(quadrangle, focal_px, centre_px)
             facing_rad = math.atan2(y, x) + math.pi + slant_rad
-            self.signs.see(sighting.text, post, facing_rad, distance_m, quadrangle.height_px)
+            self.signs.see(sighting.text, post, facing_rad, view.eye, quadrangle.height_px)
         else:
             width = quadrangle.width_px / quadrangle.height_px
-            self.signs.see_other(post, distance_m, quadrangle.height_px, width)
+            self.signs.see_other(post, view.eye, quadrangle.height_px, width)
 
     def _points(self, scan: LaserScan, X_ML: RigidTransform) -> NDArray[np.float64]:
         """Return the ends of a scan's beams: (N, 2), m, map frame."""
@@ -175,7 +177,9 @@ class NumberSignFinder(Module):
                 y_m=places[:, 1].copy(),
                 facing_rad=np.array([sign.facing_rad for sign in signs], np.float64),
                 digits=np.array([_digit(sign) for sign in signs], np.int8),
-                searched=np.array([sign.searched for sign in signs], np.uint8),
+                likely=np.array([int(sign.likely or NumberSigns.UNKNOWN) for sign in signs], np.int8),
+                views=np.array([sign.votes.get(sign.likely, 0) for sign in signs], np.uint16),
+                searched=np.array([sign.searched for sign in signs], np.uint16),
                 sheet=self.sheet.order,
                 images=self.images,
             )

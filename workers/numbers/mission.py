@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_mp.state_machine import StateMachine
 from workers.exploration.drivable_ground import DrivableGround
 from workers.numbers.mission_states import TIME_OUTS, TRANSITIONS, NumbersSettings, NumbersState
-from workers.numbers.mission_targets import NumbersTargets, SignReport, Target
-from workers.numbers.sign_map import sector
+from workers.numbers.mission_targets import Look, NumbersTargets, SignReport, Target, Wish
+from workers.numbers.sign_map import ALL_SECTORS, SECTORS, sector_rad
 
 Points = NDArray[np.float64]
 
@@ -25,8 +25,16 @@ STANDS = frozenset({NumbersState.WAIT, NumbersState.HALT})
 MAX_ATTEMPTS = 4
 """Number of places in front of a sign that the robot tries before it returns to the first one."""
 MOVED_M = 0.3
-LOOK_M = 2.6
-"""On its way, the robot looks at posts that are at most this far away."""
+LOOK_M = (1.5, 3.4)
+"""On its way, the robot looks at posts between these distances."""
+WANTED_WORTH, OTHER_WORTH = 5.0, 0.4
+"""A post is worth this if it seems to carry the next number, or another digit; otherwise it is worth 1."""
+CONFIRM_RAD = 0.9
+"""A digit that is not sure is looked at from this far to both sides of its front."""
+KEEP_SHARE = 0.6
+"""The robot drives on to where it wanted to look from, until another place is worth much more."""
+LEAST_VIEW_S = 1.0
+MAX_AVOIDED = 12
 EMPTY_PLANS = 3
 """Number of maps in a row without anything left to search that end a search. One map may be incomplete."""
 
@@ -80,8 +88,11 @@ class NumbersMission:
         self._first_image: int | None = None
         self._target: Target | None = None
         self._planned_s = -math.inf
-        self._given_up: list[tuple[float, float, int]] = []
+        self._given_up: list[tuple[float, float]] = []
+        self._looked: list[Look] = []
+        self._look = 0
         self._avoided: list[Points] = []
+        self._avoided_views: list[Points] = []
         self._round = 0
         self._empty_plans = 0
 
@@ -139,7 +150,8 @@ class NumbersMission:
         if target is None or self.state not in TRAVELS:
             return
         if self.state is NumbersState.SEARCH:
-            self.machine.go(NumbersState.VIEW, "is there")
+            self._look = 0
+            self.machine.go(NumbersState.VIEW, _place_text(target.about_xy_m))
         elif self.state is NumbersState.EXPLORE:
             self._give_up("is there")
         else:
@@ -178,8 +190,11 @@ class NumbersMission:
         elif state is NumbersState.REACHED and self.wanted is None:
             if self.machine.time_in_state_s >= TIME_OUTS[state].after_s:
                 self.machine.go(NumbersState.DONE, "has reached all numbers")
+        elif state is NumbersState.VIEW:
+            self._judge_view()
         elif self.machine.expire():
-            self._end_look(state)
+            self._target = None
+            self._plan()
         elif state in TRAVELS:
             if self.machine.time_in_state_s > self.settings.travel_s:
                 self._give_up("that took too long")
@@ -198,12 +213,27 @@ class NumbersMission:
             self.order = ASCENDING
             self.machine.go(NumbersState.LOOK, "there is no sheet: ascending order")
 
-    def _end_look(self, state: NumbersState) -> None:
-        """Plan anew after a look or a visit; a post that was looked at from here is done for this round."""
-        if state is NumbersState.VIEW:
-            self._remember_given_up()
+    def _judge_view(self) -> None:
+        """End a look after its time, or when it is known what the post carries; then look at the next one."""
+        assert self._target is not None
+        looks = self._target.looks
+        look = looks[self._look]
+        passed_s = self.machine.time_in_state_s
+        is_over = passed_s >= TIME_OUTS[NumbersState.VIEW].after_s
+        is_left = any(self._wish(sign).bits & look.bits for sign in self._signs_at(look.xy_m))
+        if not is_over and (is_left or passed_s < LEAST_VIEW_S):
+            return
+        self._looked.append(look)
+        self._look += 1
+        if self._look < len(looks):
+            self.machine.go(NumbersState.VIEW, _place_text(looks[self._look].xy_m))
+            return
         self._target = None
+        self.machine.go(NumbersState.EXPLORE, "has looked")
         self._plan()
+
+    def _signs_at(self, xy_m: tuple[float, float]) -> list[SignReport]:
+        return [sign for sign in self.signs if math.dist(sign.xy_m, xy_m) <= MOVED_M]
 
     def _plan(self) -> None:
         """Choose what to do next."""
@@ -224,34 +254,60 @@ class NumbersMission:
 
     def _wanted_front(self, targets: NumbersTargets) -> Target | None:
         """Return where to stop in front of the wanted digit, if its place is known."""
-        for sign in self.signs:
-            if sign.digit == self.wanted:
-                return targets.front_of(sign, self._avoided)
+        found = [sign for sign in self.signs if sign.digit is not None and sign.digit == self.wanted]
+        for sign in sorted(found, key=lambda sign: -sign.views):
+            target = targets.front_of(sign, self._avoided)
+            if target is not None:
+                return target
         return None
 
     def _best_search(self, targets: NumbersTargets) -> Target | None:
-        """Return the nearest place to search; the current target as long as it is among them."""
-        found = [
-            target
-            for target in (*targets.views(self.signs, again=self._round > 0), *targets.frontiers())
-            if not self._is_given_up(target)
-        ]
-        if self._target is not None:
-            for target in found:
-                if target.is_like(self._target):
-                    return target
-        return min(found, key=lambda target: target.cost_m, default=None)
+        """Return the best place to search; the current target as long as it is worth almost as much."""
+        wishes = [wish for sign in self.signs if (wish := self._wish(sign)).bits]
+        between_m = self.settings.again_m if self._round else self.settings.view_m
+        view = targets.best_view(wishes, between_m, self._avoided_views)
+        found = [] if view is None else [view]
+        found += [target for target in targets.frontiers() if not self._is_given_up(target)]
+        best = max(found, key=lambda target: target.value, default=None)
+        old = self._target
+        if best is None or old is None:
+            return best
+        if old.state is NumbersState.SEARCH:
+            again = targets.view_again(old, wishes, between_m)
+        else:
+            again = next((target for target in found if target.is_like(old)), None)
+        return again if again is not None and again.value >= KEEP_SHARE * best.value else best
+
+    def _wish(self, sign: SignReport) -> Wish:
+        """Return what the robot wants to see of a post in this round."""
+        is_closed = sign.digit is not None or not (sign.is_open or self._round)
+        bits = 0 if is_closed else ALL_SECTORS
+        for look in self._looked:
+            if math.dist(look.xy_m, sign.xy_m) <= MOVED_M:
+                bits &= ~look.bits
+        if sign.likely is None or math.isnan(sign.facing_rad):
+            return Wish(sign.xy_m, bits if self._round else bits & ~sign.searched)
+        for number in range(SECTORS):
+            if abs(math.remainder(sector_rad(number) - sign.facing_rad, math.tau)) > CONFIRM_RAD:
+                bits &= ~(1 << number)
+        worth = WANTED_WORTH if sign.likely == self.wanted else OTHER_WORTH
+        return Wish(sign.xy_m, bits, worth, sign.facing_rad)
 
     def _take(self, target: Target) -> None:
         """Take a target, unless it is almost the current one: each new goal restarts navigation."""
         old = self._target
+        if target.state is NumbersState.SEARCH:
+            self._target = target
+            if old is None or self.state is not target.state or not np.array_equal(old.goal, target.goal):
+                self.machine.go(target.state, _place_text(target.about_xy_m))
+            return
         if old is not None and self.state is target.state and old.is_like(target):
             if target.state is not NumbersState.APPROACH:
                 return
             if math.dist(old.about_xy_m, target.about_xy_m) <= MOVED_M / 2 and self._is_allowed(old):
                 return
         self._target = target
-        about = f"at {target.about_xy_m[0]:.1f}, {target.about_xy_m[1]:.1f}"
+        about = _place_text(target.about_xy_m)
         is_wanted = target.state is NumbersState.APPROACH
         self.machine.go(target.state, f"number {self.wanted} {about}" if is_wanted else about)
 
@@ -261,7 +317,7 @@ class NumbersMission:
     def _begin_round(self) -> None:
         """Look at all posts again, or give up."""
         self._round, self._empty_plans = self._round + 1, 0
-        self._given_up, self._avoided = [], []
+        self._given_up, self._looked, self._avoided, self._avoided_views = [], [], [], []
         if self._round > self.settings.max_rounds:
             self.machine.go(NumbersState.DONE, f"did not find a way to number {self.wanted}")
 
@@ -274,7 +330,7 @@ class NumbersMission:
             return
         digit = self.wanted
         self.reached.append(digit)
-        self._avoided, self._round = [], 0
+        self._avoided, self._avoided_views, self._looked, self._round = [], [], [], 0
         self.machine.go(NumbersState.REACHED, f"number {digit} is {away_m:.2f} m away")
 
     def _give_up(self, reason: str) -> None:
@@ -282,40 +338,35 @@ class NumbersMission:
         if self._target is not None:
             if self.state is NumbersState.APPROACH:
                 self._avoided = [*self._avoided, self._target.goal][-MAX_ATTEMPTS:]
+            elif self.state is NumbersState.SEARCH:
+                self._avoided_views = [*self._avoided_views, self._target.goal][-MAX_AVOIDED:]
             else:
-                self._remember_given_up()
+                self._given_up.append(self._target.about_xy_m)
         self._target = None
         self._planned_s = -math.inf
         self.machine.go(NumbersState.EXPLORE, reason)
 
-    def _remember_given_up(self) -> None:
-        if self._target is not None:
-            x, y = self._target.about_xy_m
-            self._given_up.append((x, y, self._target.side))
-
     def _is_given_up(self, target: Target) -> bool:
-        return any(
-            side == target.side and math.dist((x, y), target.about_xy_m) <= MOVED_M
-            for x, y, side in self._given_up
-        )
+        return any(math.dist(place, target.about_xy_m) <= MOVED_M for place in self._given_up)
 
     def _orders(self) -> Orders:
         if self._target is None:
             return Orders()
-        if self.state in (NumbersState.VIEW, NumbersState.REACHED):
+        if self.state is NumbersState.VIEW:
+            return Orders(None, self._target.looks[self._look].xy_m)
+        if self.state is NumbersState.REACHED:
             return Orders(None, self._target.about_xy_m)
         return Orders(self._target.goal if self.state in TRAVELS else None, self._worth_a_look())
 
     def _worth_a_look(self) -> tuple[float, float] | None:
-        """Return the nearest post near the way that was not yet looked at from the robot's side."""
+        """Return the nearest post near the way of which the robot sees something that it wants to see."""
         if self._pose is None:
             return None
         near: list[tuple[float, tuple[float, float]]] = []
         for sign in self.signs:
-            x, y = (self._pose[:2] - sign.xy_m).tolist()
-            is_new = not sign.searched >> sector(math.atan2(y, x)) & 1
-            if sign.digit is None and sign.is_open and is_new and math.hypot(x, y) <= LOOK_M:
-                near.append((math.hypot(x, y), sign.xy_m))
+            wish, away_m = self._wish(sign), math.dist(self._pose[:2], sign.xy_m)
+            if LOOK_M[0] <= away_m <= LOOK_M[1] and wish.seen_from(self._pose.tolist()):
+                near.append((away_m / wish.worth, sign.xy_m))
         return min(near)[1] if near else None
 
     # -- restarts --------------------------------------------------------------------------------------
@@ -328,6 +379,7 @@ class NumbersMission:
             "order": list(self.order),
             "reached": list(self.reached),
             "given_up": [list(one) for one in self._given_up],
+            "looked": [[*look.xy_m, look.bits] for look in self._looked],
             "round": self._round,
         }
 
@@ -336,7 +388,12 @@ class NumbersMission:
         self._began_s = self._clock() - memory["used_s"]
         self.order = tuple(memory["order"])
         self.reached = list(memory["reached"])
-        self._given_up = [(x, y, int(side)) for x, y, side in memory["given_up"]]
+        self._given_up = [(x, y) for x, y in memory["given_up"]]
+        self._looked = [Look((x, y), int(bits)) for x, y, bits in memory["looked"]]
         self._round = memory["round"]
         if memory["over"] is not None:
             self.machine.go(NumbersState.DONE, memory["over"])
+
+
+def _place_text(xy_m: tuple[float, float]) -> str:
+    return f"at {xy_m[0]:.1f}, {xy_m[1]:.1f}"

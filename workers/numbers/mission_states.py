@@ -30,7 +30,7 @@ TRANSITIONS = {
     _S.LOOK: _TRAVELS | _ALWAYS,
     _S.EXPLORE: _TRAVELS | _ALWAYS,
     _S.SEARCH: _TRAVELS | {_S.VIEW} | _ALWAYS,
-    _S.VIEW: _TRAVELS | _ALWAYS,
+    _S.VIEW: _TRAVELS | {_S.VIEW} | _ALWAYS,
     _S.APPROACH: _TRAVELS | {_S.REACHED} | _ALWAYS,
     _S.REACHED: _TRAVELS | _ALWAYS,
     _S.HALT: {_S.LOOK, _S.SHEET, _S.DONE},
@@ -38,7 +38,7 @@ TRANSITIONS = {
 }
 TIME_OUTS = {
     _S.LOOK: TimeOut(8.0, _S.EXPLORE),
-    _S.VIEW: TimeOut(1.6, _S.EXPLORE),
+    _S.VIEW: TimeOut(2.4, _S.EXPLORE),
     _S.REACHED: TimeOut(1.5, _S.EXPLORE),
 }
 
@@ -57,6 +57,7 @@ class NumbersSettings:
         stop_m: The robot stops between these distances in front of a sign.
         stop_rad: At most this far beside the direction in which it can be read.
         view_m: Distance from which the robot looks at a post.
+        again_m: The same in later rounds, when it looks also from where a view is worse.
         reached_m: A sign counts as reached within this distance.
         travel_s: The robot gives up a goal that it has not reached after this time.
         plan_period_s: Time between two planning steps.
@@ -72,7 +73,8 @@ class NumbersSettings:
     body_radius_m: float = 0.20
     stop_m: tuple[float, float] = (0.65, 1.05)
     stop_rad: float = 0.7
-    view_m: tuple[float, float] = (1.2, 2.0)
+    view_m: tuple[float, float] = (1.9, 2.9)
+    again_m: tuple[float, float] = (1.2, 3.6)
     reached_m: float = 1.35
     travel_s: float = 60.0
     plan_period_s: float = 1.0

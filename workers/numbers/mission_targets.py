@@ -1,4 +1,8 @@
-"""Where the robot drives to: in front of a sign, to where it can look at a post, or to the end of the map."""
+"""Where the robot drives to: in front of a sign, to where it can look at posts, or to the end of the map.
+
+A place to look from is worth what the camera has not yet seen of the posts around it, for each metre of way
+(Gonzalez-Banos and Latombe, "Navigation strategies for exploring indoor environments", IJRR 2002).
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -6,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from workers.exploration.drivable_ground import DrivableGround
 from workers.exploration.frontiers import find_frontiers
+from workers.maps.navigation_grid import OCCUPIED_PERCENT
 from workers.numbers.mission_states import NumbersSettings, NumbersState
-from workers.numbers.sign_map import SECTORS, sector_rad
+from workers.numbers.sign_map import LOOK_RAD, SECTORS, covered, sector_rad
 from workers.planar_pose import wrap_angle
 
 Points = NDArray[np.float64]
@@ -19,8 +25,16 @@ SAME_M = 0.4
 NEAR_FRONTIER_M = 0.6
 ASIDE_M_PER_RAD = 1.5
 """The robot drives this much farther to stand straight in front of a sign."""
-VIEW_RAD = 0.35
-EXPLORE_LATER_M = 3.0
+SLANT_RAD = 0.9
+"""A board whose front is known is looked at from at most this far beside it."""
+STEP_M = 0.2
+"""Places to look from are this far apart."""
+BOARD_M, BEFORE_M = 0.1, 0.3
+"""Nothing may be nearer than the first to the line of sight, up to the second before the post."""
+LOOK_M = 2.0
+"""A stop to look costs as much time as this way."""
+FRONTIER_GAIN, EXPLORE_LATER_M = 2.0, 3.0
+MAX_LOOKS, MAX_PAN_RAD = 4, 2.4
 
 
 @dataclass(frozen=True)
@@ -32,7 +46,9 @@ class SignReport:
         facing_rad: the direction in which it can be read; NaN if it has not been read.
         digit: what it shows; None as long as that is not sure, or if it is something else.
         is_open: whether it may still turn out to carry a digit.
-        searched: bit k is set if the camera has looked at it from its side k.
+        searched: bit k is set if a board would have been read that faces in the direction k of `sector_rad`.
+        likely: the digit that was read most often, even if it is not sure; None: none was read.
+        views: number of images in which that digit was read.
     """
 
     xy_m: tuple[float, float]
@@ -40,6 +56,39 @@ class SignReport:
     digit: int | None
     is_open: bool
     searched: int
+    likely: int | None = None
+    views: int = 0
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the robot wants to see of a post.
+
+    Attributes:
+        xy_m: the post, m, map frame.
+        bits: bit k is set if it wants to see a board that faces in the direction k of `sector_rad`.
+        worth: of each bit.
+        facing_rad: in which direction the board can be read; NaN if that is not known.
+    """
+
+    xy_m: tuple[float, float]
+    bits: int
+    worth: float = 1.0
+    facing_rad: float = math.nan
+
+    def seen_from(self, place: Sequence[float] | Points) -> int:
+        """Return which of its bits a look from a place covers, whatever stands between."""
+        direction_rad = math.atan2(float(place[1]) - self.xy_m[1], float(place[0]) - self.xy_m[0])
+        beside_rad = math.remainder(direction_rad - self.facing_rad, math.tau)
+        return 0 if abs(beside_rad) > SLANT_RAD else self.bits & covered(direction_rad)
+
+
+@dataclass(frozen=True)
+class Look:
+    """One look at a post: where it is, m, map frame, and which bits of its `Wish` the look covers."""
+
+    xy_m: tuple[float, float]
+    bits: int
 
 
 @dataclass(frozen=True)
@@ -49,21 +98,21 @@ class Target:
     Attributes:
         state: what the robot does on the way.
         goal: `(3,)`, x, y (m) and heading (rad), map frame.
-        about_xy_m: what to look at from there, m, map frame.
-        side: from which side, for a post.
-        cost_m: path cost, and more for what is worth less.
+        about_xy_m: why it drives there, m, map frame: a sign, a post, or a frontier.
+        looks: what to look at from there, one after the other.
+        value: what it is worth for each metre of way.
     """
 
     state: NumbersState
     goal: Points
     about_xy_m: tuple[float, float]
-    side: int = -1
-    cost_m: float = 0.0
+    looks: tuple[Look, ...] = ()
+    value: float = 0.0
 
     def is_like(self, other: "Target") -> bool:
         """Return whether two targets are the same, except for small changes of the map."""
         near = math.dist(self.about_xy_m, other.about_xy_m) <= SAME_M
-        return near and self.state is other.state and self.side == other.side
+        return near and self.state is other.state
 
 
 class NumbersTargets:
@@ -86,6 +135,8 @@ class NumbersTargets:
             self._ways_m = np.where(ground.goals, ways.cost_m, np.inf)
         self._cells = np.argwhere(np.isfinite(self._ways_m))
         self._places = ground.grid.middles_m(self._cells)
+        around = max(1, round(BOARD_M / ground.resolution_m))
+        self._hides = ndimage.binary_dilation(ground.cells >= OCCUPIED_PERCENT, iterations=around)
 
     def front_of(self, sign: SignReport, avoided: Sequence[Points]) -> Target | None:
         """Return where to stop in front of a sign; None if the robot cannot drive there.
@@ -96,27 +147,57 @@ class NumbersTargets:
         """
         facing_rad = 0.0 if math.isnan(sign.facing_rad) else sign.facing_rad
         stop_rad = math.pi if math.isnan(sign.facing_rad) else self._settings.stop_rad
-        return self._around(
-            sign, NumbersState.APPROACH, self._settings.stop_m, (facing_rad, stop_rad), avoided
-        )
+        near_m, far_m = self._settings.stop_m
+        offset = self._places - sign.xy_m
+        distance_m = np.hypot(offset[:, 0], offset[:, 1])
+        aside_rad = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - facing_rad))
+        good = (distance_m >= near_m) & (distance_m <= far_m) & (aside_rad <= stop_rad)
+        good &= self._are_away(self._places, avoided, SAME_M / 2)
+        if not good.any():
+            return None
+        cost_m = self._ways_m[tuple(self._cells[good].T)] + ASIDE_M_PER_RAD * aside_rad[good]
+        place = self._places[good][int(np.argmin(cost_m))]
+        return Target(NumbersState.APPROACH, _facing(place, sign.xy_m), sign.xy_m)
 
-    def views(self, signs: Iterable[SignReport], *, again: bool) -> Iterator[Target]:
-        """Return from where to look at posts.
+    def best_view(
+        self, wishes: Iterable[Wish], between_m: tuple[float, float], avoided: Sequence[Points]
+    ) -> Target | None:
+        """Return the best place to look at posts from; None if there is nothing to see from anywhere.
 
         Args:
-            signs: all posts.
-            again: also those that seem to be searched.
+            wishes: what the robot wants to see.
+            between_m: distances from which it looks.
+            avoided: goals that could not be reached.
         """
-        for sign in signs:
-            if sign.digit is not None or not (sign.is_open or again):
-                continue
-            for side in range(SECTORS):
-                if sign.searched >> side & 1 and not again:
-                    continue
-                within = (sector_rad(side), VIEW_RAD)
-                target = self._around(sign, NumbersState.SEARCH, self._settings.view_m, within, (), side)
-                if target is not None:
-                    yield target
+        wishes = list(wishes)
+        step = max(1, round(STEP_M / self._ground.resolution_m))
+        chosen = (self._cells % step == 0).all(axis=1)
+        if len(self._cells):
+            chosen[int(np.argmin(self._ways_m[tuple(self._cells.T)]))] = True  # where the robot stands
+        chosen &= self._are_away(self._places, avoided, SAME_M)
+        places, ways_m = self._places[chosen], self._ways_m[tuple(self._cells[chosen].T)]
+        gains = np.zeros(len(places))
+        for wish in wishes:
+            gains += wish.worth * self._seen(places, wish, between_m)
+        values = gains / (ways_m + LOOK_M)
+        if not (values > 0).any():
+            return None
+        best = int(np.argmax(values))
+        return self._view_from(places[best], wishes, between_m, float(values[best]))
+
+    def view_again(
+        self, old: Target, wishes: Iterable[Wish], between_m: tuple[float, float]
+    ) -> Target | None:
+        """Return an earlier view with its present value; None if nothing is left to see there."""
+        cell = self._ground.grid.nearest(np.isfinite(self._ways_m), old.goal, SAME_M)
+        if cell is None:
+            return None
+        wishes, place = list(wishes), old.goal[:2]
+        gain = sum(wish.worth * float(self._seen(place[None], wish, between_m)[0]) for wish in wishes)
+        if not gain:
+            return None
+        view = self._view_from(place, wishes, between_m, gain / (float(self._ways_m[cell]) + LOOK_M))
+        return Target(view.state, old.goal, view.about_xy_m, view.looks, view.value)
 
     def frontiers(self) -> Iterator[Target]:
         """Return where the map ends."""
@@ -125,34 +206,65 @@ class NumbersTargets:
             cell = grid.nearest(np.isfinite(self._ways_m), frontier.middle_xy_m, NEAR_FRONTIER_M)
             if cell is not None:
                 x, y = frontier.middle_xy_m.tolist()
-                goal = _facing(grid.middles_m(cell), (x, y))
-                cost_m = float(self._ways_m[cell]) + EXPLORE_LATER_M
-                yield Target(NumbersState.EXPLORE, goal, (x, y), cost_m=cost_m)
+                value = FRONTIER_GAIN / (float(self._ways_m[cell]) + EXPLORE_LATER_M)
+                yield Target(NumbersState.EXPLORE, _facing(grid.middles_m(cell), (x, y)), (x, y), (), value)
 
-    def _around(
-        self,
-        sign: SignReport,
-        state: NumbersState,
-        between_m: tuple[float, float],
-        within: tuple[float, float],
-        avoided: Sequence[Points],
-        side: int = -1,
-    ) -> Target | None:
-        """Return the best place at a distance from a sign, in a direction from it and beside that."""
-        offset = self._places - sign.xy_m
+    def _seen(self, places: Points, wish: Wish, between_m: tuple[float, float]) -> NDArray[np.int64]:
+        """Return how many of a wish's bits a look from each place `(N, 2)` covers: `(N,)`."""
+        offset = places - wish.xy_m
         distance_m = np.hypot(offset[:, 0], offset[:, 1])
-        direction_rad, beside_rad = within
-        aside_rad = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - direction_rad))
-        good = (distance_m >= between_m[0]) & (distance_m <= between_m[1]) & (aside_rad <= beside_rad)
+        direction_rad = np.arctan2(offset[:, 1], offset[:, 0])
+        count = np.zeros(len(places), np.int64)
+        for number in range(SECTORS):
+            if wish.bits >> number & 1:
+                count += np.abs(wrap_angle(direction_rad - sector_rad(number))) <= LOOK_RAD
+        good = (count > 0) & (distance_m >= between_m[0]) & (distance_m <= between_m[1])
+        if not math.isnan(wish.facing_rad):
+            good &= np.abs(wrap_angle(direction_rad - wish.facing_rad)) <= SLANT_RAD
+        good[good] = self._is_in_sight(places[good], wish.xy_m)
+        return np.where(good, count, 0)
+
+    def _is_in_sight(self, places: Points, post_m: tuple[float, float]) -> NDArray[np.bool_]:
+        """Return from which places `(N, 2)` a board on a post can be seen: nothing stands between."""
+        if len(places) == 0:
+            return np.zeros(0, bool)
+        offset = np.asarray(post_m) - places
+        distance_m = np.hypot(offset[:, 0], offset[:, 1])
+        steps = int(distance_m.max() / self._ground.resolution_m) + 2
+        along_m = np.linspace(0.0, 1.0, steps)[:, None] * np.maximum(distance_m - BEFORE_M, 0.0)
+        way = places + along_m[:, :, None] * (offset / distance_m[:, None])
+        column, row = (
+            np.floor((way - self._ground.corner_xy_m) / self._ground.resolution_m)
+            .astype(int)
+            .transpose(2, 0, 1)
+        )
+        height, width = self._hides.shape
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        hit = self._hides[np.where(inside, row, 0), np.where(inside, column, 0)] & inside
+        is_hidden: NDArray[np.bool_] = hit.any(axis=0)
+        return ~is_hidden
+
+    def _view_from(
+        self, place: Points, wishes: Sequence[Wish], between_m: tuple[float, float], value: float
+    ) -> Target:
+        """Return a place with all looks that a camera with a limited pan can take from there."""
+        seen = [wish for wish in wishes if self._seen(place[None], wish, between_m)[0]]
+        seen.sort(key=lambda wish: -wish.worth * wish.seen_from(place).bit_count())
+        bearings = [math.atan2(wish.xy_m[1] - place[1], wish.xy_m[0] - place[0]) for wish in seen]
+        heading_rad = bearings[0]
+        looks: list[Look] = []
+        for wish, bearing_rad in zip(seen, bearings, strict=True):
+            if abs(math.remainder(bearing_rad - heading_rad, math.tau)) <= MAX_PAN_RAD:
+                looks.append(Look(wish.xy_m, wish.seen_from(place)))
+        goal = np.array([*place, heading_rad])
+        return Target(NumbersState.SEARCH, goal, seen[0].xy_m, tuple(looks[:MAX_LOOKS]), value)
+
+    @staticmethod
+    def _are_away(places: Points, avoided: Sequence[Points], by_m: float) -> NDArray[np.bool_]:
+        away = np.ones(len(places), bool)
         for place in avoided:
-            good &= np.hypot(*(self._places - place[:2]).T) > SAME_M / 2
-        if not good.any():
-            return None
-        ways_m = self._ways_m[tuple(self._cells[good].T)]
-        cost_m = ways_m + ASIDE_M_PER_RAD * aside_rad[good]
-        best = int(np.argmin(cost_m))
-        goal = _facing(self._places[good][best], sign.xy_m)
-        return Target(state, goal, sign.xy_m, side, float(cost_m[best]))
+            away &= np.hypot(*(places - place[:2]).T) > by_m
+        return away
 
 
 def _facing(place: Points, about: tuple[float, float]) -> Points:

@@ -14,12 +14,19 @@ from numpy.typing import ArrayLike, NDArray
 Points = NDArray[np.float64]
 
 SAME_PLACE_M = 0.55
-SECTORS = 6
-"""A post is looked at from this many sides."""
+SECTORS = 12
+"""A board may face in this many directions."""
 ALL_SECTORS = (1 << SECTORS) - 1
-MIN_VIEWS, MIN_SHARE = 3, 0.75
-"""A sign is sure after this many views of it, this share of all."""
+LOOK_RAD = math.radians(36)
+"""A look covers the directions that are this near to that of the camera."""
+MIN_VIEWS, MIN_PLACES = 3, 2
+"""A sign is sure after this many views of it, from this many places."""
+APART_M = 0.4
+"""Views from places that are nearer than this to one another may all show the same wrong thing."""
 OTHER = ""
+MIN_SHARE, MIN_OTHER_SHARE = 0.6, 0.75
+"""And these shares of all views must agree, for a digit and for something else: digits are overlooked more
+often than they are seen where none is."""
 MIN_OTHER_PX, MIN_OTHER_WIDTH = 40.0, 0.8
 """A board without a digit is refused only if it was seen this high and, as a share of that, this wide."""
 POSE_SPREAD_M, SPREAD_PER_M = 0.04, 0.02
@@ -34,8 +41,10 @@ class Sign:
         weight: sum of the weights of all views, 1/m².
         votes: number of views for each text that was read; '' for something else.
         facing: (2,), sum of unit vectors out of its front, weighted.
-        searched: bit k is set if the camera has looked at it from the side k.
+        searched: bit k is set if the camera has looked at it from where a board can be read that faces in the
+            direction k.
         is_on_map: whether the newest map shows a post there.
+        eyes: for each text, up to MIN_PLACES places from where it was read, x and y, m, map frame.
     """
 
     xy_m: Points
@@ -44,6 +53,7 @@ class Sign:
     facing: Points = field(default_factory=lambda: np.zeros(2))
     searched: int = 0
     is_on_map: bool = False
+    eyes: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
 
     @property
     def text(self) -> str | None:
@@ -51,8 +61,16 @@ class Sign:
         if not self.votes:
             return None
         text = max(self.votes, key=lambda one: self.votes[one])
-        is_sure = self.votes[text] >= MIN_VIEWS and self.votes[text] >= MIN_SHARE * sum(self.votes.values())
+        views, share = self.votes[text], MIN_OTHER_SHARE if text == OTHER else MIN_SHARE
+        is_sure = views >= MIN_VIEWS and len(self.eyes[text]) >= MIN_PLACES and views >= share * self.views
         return text if is_sure else None
+
+    @property
+    def likely(self) -> str:
+        """Return the digit that was read most often, also if it is not sure; '' for none."""
+        return max(
+            (text for text in self.votes if text != OTHER), key=lambda one: self.votes[one], default=""
+        )
 
     @property
     def views(self) -> int:
@@ -67,7 +85,15 @@ class Sign:
     @property
     def is_open(self) -> bool:
         """Return whether it may still turn out to carry a digit."""
-        return self.text is None and self.searched != ALL_SECTORS
+        return self.text is None and (self.searched != ALL_SECTORS or bool(self.likely))
+
+    def vote(self, text: str, eye_xy_m: Sequence[float]) -> None:
+        """Count a view that shows a text, or OTHER, from a place."""
+        self.votes[text] = self.votes.get(text, 0) + 1
+        eyes = self.eyes.setdefault(text, [])
+        x, y = float(eye_xy_m[0]), float(eye_xy_m[1])
+        if len(eyes) < MIN_PLACES and all(math.dist((x, y), eye) >= APART_M for eye in eyes):
+            eyes.append((x, y))
 
     def place(self, xy_m: Points, distance_m: float) -> None:
         """Take a measurement of its place into account."""
@@ -82,33 +108,36 @@ class SignMap:
     def __init__(self) -> None:
         self.signs: list[Sign] = []
 
-    def see(self, text: str, xy_m: ArrayLike, facing_rad: float, distance_m: float, height_px: float) -> Sign:
+    def see(
+        self, text: str, xy_m: ArrayLike, facing_rad: float, eye_xy_m: Sequence[float], height_px: float
+    ) -> Sign:
         """Add a view of a board with a digit.
 
         Args:
             text: the digit.
             xy_m: (2,), its post, map frame.
             facing_rad: the direction it seems to face, map frame.
-            distance_m: distance from the camera.
+            eye_xy_m: where the camera was, m, map frame.
             height_px: height of the board in the image.
         """
-        sign = self._at(np.asarray(xy_m, float), distance_m)
-        sign.votes[text] = sign.votes.get(text, 0) + 1
+        place = np.asarray(xy_m, float)
+        sign = self._at(place, math.dist(place, eye_xy_m[:2]))
+        sign.vote(text, eye_xy_m)
         sign.facing = sign.facing + height_px**2 * np.array([math.cos(facing_rad), math.sin(facing_rad)])
         return sign
 
-    def see_other(self, xy_m: ArrayLike, distance_m: float, height_px: float, width: float) -> None:
+    def see_other(self, xy_m: ArrayLike, eye_xy_m: Sequence[float], height_px: float, width: float) -> None:
         """Add a view of a board without a digit, if the view was good enough to tell.
 
         Args:
             xy_m: (2,), its post, map frame.
-            distance_m: distance from the camera.
+            eye_xy_m: where the camera was, m, map frame.
             height_px: height of the board in the image.
             width: width of the board in the image, as a share of its height.
         """
         if height_px >= MIN_OTHER_PX and width >= MIN_OTHER_WIDTH:
-            sign = self._at(np.asarray(xy_m, float), distance_m)
-            sign.votes[OTHER] = sign.votes.get(OTHER, 0) + 1
+            place = np.asarray(xy_m, float)
+            self._at(place, math.dist(place, eye_xy_m[:2])).vote(OTHER, eye_xy_m)
 
     def see_posts(self, posts_m: Points) -> None:
         """Take the posts (N, 2), m, of a new map: new ones may carry signs, and some were none."""
@@ -122,9 +151,9 @@ class SignMap:
         self.signs = [sign for sign in self.signs if sign.is_on_map or sign.votes]
 
     def look(self, sign: Sign, eye_xy_m: Sequence[float]) -> None:
-        """Record that the camera has looked at a sign from a place, near enough to read it."""
+        """Record that the camera has looked at a sign from a place where it can be read."""
         x, y = (np.asarray(eye_xy_m, float)[:2] - sign.xy_m).tolist()
-        sign.searched |= 1 << sector(math.atan2(y, x))
+        sign.searched |= covered(math.atan2(y, x))
 
     def _at(self, xy_m: Points, distance_m: float) -> Sign:
         sign = self._nearest(xy_m) or self._new(xy_m)
@@ -144,21 +173,32 @@ class SignMap:
 
     def state(self) -> list[dict[str, Any]]:
         """Return all signs as plain data."""
-        return [{**vars(sign), "votes": dict(sign.votes)} for sign in self.signs]
+        return [
+            {
+                **vars(sign),
+                "votes": dict(sign.votes),
+                "eyes": {text: list(eyes) for text, eyes in sign.eyes.items()},
+            }
+            for sign in self.signs
+        ]
 
     def restore(self, state: Iterable[Mapping[str, Any]]) -> None:
         """Restore the data that `state` returned."""
         self.signs = [Sign(**entry) for entry in state]
 
 
-def sector(direction_rad: float) -> int:
-    """Return the number of the side of a post to which a direction points."""
-    return round(direction_rad / (math.tau / SECTORS)) % SECTORS
-
-
 def sector_rad(number: int) -> float:
-    """Return the direction to the middle of a side."""
+    """Return one of the directions in which a board may face."""
     return number * math.tau / SECTORS
+
+
+def covered(direction_rad: float) -> int:
+    """Return which directions a look covers, from the side of a post to which a direction points: bits."""
+    bits = 0
+    for number in range(SECTORS):
+        if abs(math.remainder(direction_rad - sector_rad(number), math.tau)) <= LOOK_RAD:
+            bits |= 1 << number
+    return bits
 
 
 class SheetVotes:

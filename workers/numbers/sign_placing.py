@@ -40,27 +40,35 @@ class View:
         x, y = (np.asarray(place_xy_m, float) - self.eye[:2]).tolist()
         return math.hypot(x, y), math.atan2(y, x)
 
-    def shows(self, place_xy_m: ArrayLike, within_m: float) -> bool:
-        """Return whether the camera sees a place, if it is within a distance and nothing is before it."""
+    def shows(self, place_xy_m: ArrayLike, min_m: float, max_m: float) -> bool:
+        """Return whether the camera sees a place, if it is between two distances and nothing is before it."""
         distance_m, direction_rad = self.to(place_xy_m)
         beside_rad = abs(math.remainder(direction_rad - self.eye[2], math.tau))
-        if distance_m > within_m or beside_rad > 0.85 * self.half_width_rad:
+        if not min_m <= distance_m <= max_m or beside_rad > 0.85 * self.half_width_rad:
             return False
         along, across = self._seen_along(direction_rad)
         before = (along > 0.05) & (along < distance_m - BEFORE_M) & (across < ASIDE_M)
         return not before.any()
 
     def post_along(self, direction_rad: float, min_m: float, max_m: float) -> Points | None:
-        """Return the nearest post (2,), m, map frame, in a direction and between two distances; or None."""
+        """Return the post (2,), m, map frame, in a direction and between two distances.
+
+        None if there is none, or another one behind it: then it is not known which of them carries the board.
+        """
         along, across = self._seen_along(direction_rad)
         beside = across < ASIDE_M + ASIDE_PER_M * np.maximum(along, 0.0)
         chosen = np.flatnonzero(beside & (along > min_m) & (along < max_m))
+        found: Points | None = None
         for number in chosen[np.argsort(along[chosen])]:
+            if found is not None and math.dist(found, self.points_m[number]) < APART_M:
+                continue
             away = np.hypot(*(self.points_m - self.points_m[number]).T)
             around = self.points_m[away < APART_M]
             if np.ptp(around, axis=0).max() <= POST_WIDTH_M:
-                return np.asarray(around.mean(axis=0))
-        return None
+                if found is not None:
+                    return None
+                found = np.asarray(around.mean(axis=0))
+        return found
 
     def _seen_along(self, direction_rad: float) -> tuple[Points, Points]:
         """Return how far along a ray the laser's points are, and how far beside it."""

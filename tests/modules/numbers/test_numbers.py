@@ -62,13 +62,20 @@ def test_mission_takes_signs_and_writes_its_results(tmp_path: Path) -> None:
                 y_m=np.zeros(3),
                 facing_rad=np.full(3, np.nan),
                 digits=np.array([7, NumberSigns.UNKNOWN, NumberSigns.OTHER], np.int8),
-                searched=np.array([1, 2, 63], np.uint8),
+                likely=np.array([7, 3, NumberSigns.UNKNOWN], np.int8),
+                views=np.array([5, 1, 0], np.uint16),
+                searched=np.array([1, 2, 4095], np.uint16),
                 sheet="70",
                 images=5,
             )
         )
         reports = mission.module.mission.signs
         assert [(one.digit, one.is_open) for one in reports] == [(7, False), (None, True), (None, False)]
+        assert [(one.likely, one.views, one.searched) for one in reports] == [
+            (7, 5, 1),
+            (3, 1, 2),
+            (None, 0, 4095),
+        ]
         mission.advance(1.0)
         assert mission.module.status.endswith("sees 7")
         mission.module.teardown()

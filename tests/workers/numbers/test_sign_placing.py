@@ -32,10 +32,17 @@ def test_post_beside_the_ray_or_outside_the_distances_is_not_taken() -> None:
 
 
 def test_place_is_shown_if_it_is_near_and_nothing_is_before_it() -> None:
-    assert view([*POST, *WALL]).shows((3.0, 0.0), 3.2)
-    assert not view([*POST, *WALL]).shows((3.0, 0.0), 2.8)
-    assert not view([*POST, *WALL]).shows((4.5, 0.0), 6.0)  # behind the post
-    assert not view([*POST, *WALL]).shows((1.0, 2.0), 6.0)  # beside the picture
+    assert view([*POST, *WALL]).shows((3.0, 0.0), 1.6, 3.2)
+    assert not view([*POST, *WALL]).shows((3.0, 0.0), 1.6, 2.8)
+    assert not view([*POST, *WALL]).shows((3.0, 0.0), 3.0, 6.0)  # so near that a board may be cut off
+    assert not view([*POST, *WALL]).shows((4.5, 0.0), 1.6, 6.0)  # behind the post
+    assert not view([*POST, *WALL]).shows((1.0, 2.0), 1.6, 6.0)  # beside the picture
+
+
+def test_board_is_placed_nowhere_if_two_posts_may_carry_it() -> None:
+    behind = [(x + 1.5, y) for x, y in POST]
+    assert view([*POST, *behind]).post_along(0.0, 1.0, 6.0) is None
+    assert view([*POST, *behind]).post_along(0.0, 1.0, 4.0) == pytest.approx([2.98, 0.01], abs=0.02)
 
 
 def test_height_in_the_image_bounds_the_distance() -> None:
