@@ -3,8 +3,12 @@
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
 
-# A worker that dies, as at the end of a time limit, ends the run; with another one in its place, it may hang.
-PARALLEL := --numprocesses 2 --dist loadfile --max-worker-restart 0
+# A worker that dies ends the run; with another one in its place, the run may hang.
+# Many tests wait for a robot, so three at a time fill two processors.
+PARALLEL := --numprocesses 3 --dist loadfile --max-worker-restart 0
+
+# .ci/run has another one, which repeats failed tests once.
+PYTEST := .venv/bin/python -m pytest
 
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
@@ -19,20 +23,20 @@ team: .venv/team
 	.venv/bin/python -m tools.rescue_team
 
 test: .venv/dev
-	.venv/bin/python -m pytest -q -m 'not slow' --durations 5 $(PARALLEL)
+	$(PYTEST) -q -m 'not slow' --durations 5 $(PARALLEL)
 
 test-all: test test-slow test-alone
 
 test-slow: .venv/dev
-	.venv/bin/python -m pytest -q -m 'slow and not alone' --durations 15 $(PARALLEL) --dist worksteal
+	$(PYTEST) -q -m 'slow and not alone' --durations 15 $(PARALLEL) --dist worksteal
 
 # These require that something takes little time, so each has the machine for itself.
 test-alone: .venv/dev
-	.venv/bin/python -m pytest -q -m alone --durations 5
+	$(PYTEST) -q -m alone --durations 5
 
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev
-	ROBBIE_PURE_PYTHON=1 .venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL) tests/core tests/messages tests/transport
+	ROBBIE_PURE_PYTHON=1 $(PYTEST) -q -m 'not slow' $(PARALLEL) tests/core tests/messages tests/transport
 
 # The tests of the hot path and of messages on an emulated ARM machine: see tools/arm64/run.
 test-arm64:

@@ -19,9 +19,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture(autouse=True)
-def hot_path(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All simulated runs of a test use the hot path in this language."""
-    if getattr(request, "param", "Python") == "C":
+def hot_path(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Let all simulated runs of a test use the hot path in this language."""
+    language: str = getattr(request, "param", "Python")
+    if language == "C":
         monkeypatch.setattr(
             SimulatedRun, "memory", FusedMemory(request.getfixturevalue("built"), with_c=True)
         )
+    return language

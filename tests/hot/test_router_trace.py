@@ -26,7 +26,7 @@ from tools.fuzz_core.attack import Attack
 from tools.fuzz_core.plain import inputs
 
 HISTORIES = 200
-MANY_HISTORIES = 10_000
+MANY_HISTORIES = 2_500
 ALL_HISTORIES = 1_000_000
 HOSTILE_MODULES = 150
 EACH = 17

@@ -18,6 +18,8 @@ from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
 from tests._support.implementations import BOTH, NATIVE, Native
 
 RUN = f"testwake{os.getpid()}"
+ALARM_IS_TAKEN = pytest.mark.timeout(60, method="thread")
+"""The test needs SIGALRM, with which other tests are ended when they take too long."""
 
 
 @pytest.fixture(params=BOTH)
@@ -100,6 +102,7 @@ def test_patient_wait_leaves_posts_alone_for_a_while_and_takes_them_then(wakeup:
     assert not wakeup.wait(0.001)
 
 
+@ALARM_IS_TAKEN
 def test_signal_ends_a_wait(wakeup: Wakeup) -> None:
     previous = signal.signal(signal.SIGALRM, lambda _signal, _frame: None)
     signal.setitimer(signal.ITIMER_REAL, 0.02)
@@ -109,6 +112,7 @@ def test_signal_ends_a_wait(wakeup: Wakeup) -> None:
     signal.signal(signal.SIGALRM, previous)
 
 
+@ALARM_IS_TAKEN
 @pytest.mark.parametrize("native", BOTH[1:], indirect=True)
 def test_exception_of_a_signals_handler_ends_a_wait_of_c(wakeup: Wakeup) -> None:
     """posix_ipc loses it."""
