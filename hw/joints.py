@@ -12,7 +12,7 @@ class JointCommandError(ValueError):
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint.
+    """One joint. The angles of a joint that slides are lengths, in m.
 
     Attributes:
         name: its name.

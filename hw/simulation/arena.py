@@ -7,7 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.pose import Pose
-from hw.simulation.arena_contents import AppearingObstacle, HazardSign, NumberSign, Sheet, Victim
+from hw.simulation.arena_contents import (
+    AppearingObstacle,
+    HazardSign,
+    NumberSign,
+    Sheet,
+    StandingObject,
+    Table,
+    Victim,
+)
 
 Array = NDArray[np.float64]
 
@@ -28,6 +36,8 @@ class Arena:
         appearing: temporary obstacles; none of them is in `segments` and `circles`.
         numbers: boards with digits and other things; their posts are in `circles`.
         sheet: a sheet with an order of digits, held up at the start.
+        tables: tables; their sides are in `segments`.
+        objects: what stands on the tables at the start.
     """
 
     segments: Array
@@ -41,6 +51,8 @@ class Arena:
     appearing: tuple[AppearingObstacle, ...] = ()
     numbers: tuple[NumberSign, ...] = ()
     sheet: Sheet | None = None
+    tables: tuple[Table, ...] = ()
+    objects: tuple[StandingObject, ...] = ()
 
     def with_obstacles(self, indices: Iterable[int]) -> "Arena":
         """Return this arena with some of its temporary obstacles present.

@@ -195,3 +195,48 @@ class AppearingObstacle:
         beside_x = abs(x_m - (x1 + x2) / 2) - abs(x2 - x1) / 2
         beside_y = abs(y_m - (y1 + y2) / 2) - abs(y2 - y1) / 2
         return math.hypot(max(beside_x, 0.0), max(beside_y, 0.0))
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that is closed down to the floor, such as a sideboard; the laser sees its sides.
+
+    Attributes:
+        name: its name.
+        corners_m: two opposite corners: x1, y1, x2, y2.
+        height_m: height of its top.
+    """
+
+    name: str
+    corners_m: tuple[float, float, float, float]
+    height_m: float
+
+    def is_below(self, x_m: float, y_m: float, margin_m: float = 0.0) -> bool:
+        """Return whether a place lies within its sides, this far from the edge."""
+        x1, y1, x2, y2 = self.corners_m
+        beside_x = abs(x_m - (x1 + x2) / 2) - abs(x2 - x1) / 2
+        beside_y = abs(y_m - (y1 + y2) / 2) - abs(y2 - y1) / 2
+        return max(beside_x, beside_y) <= -margin_m
+
+
+@dataclass(frozen=True)
+class StandingObject:
+    """An object that stands on a table.
+
+    Attributes:
+        name: its name.
+        size_m: extent in x, y and z before it is turned; the x and y of a round one are its diameter.
+        is_round: whether it is an upright cylinder; otherwise it is a box.
+        x_m: x of its middle.
+        y_m: y of its middle.
+        base_m: height of the table on which it stands.
+        yaw_rad: how far it is turned.
+    """
+
+    name: str
+    size_m: tuple[float, float, float]
+    is_round: bool
+    x_m: float
+    y_m: float
+    base_m: float
+    yaw_rad: float = 0.0

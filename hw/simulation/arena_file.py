@@ -18,6 +18,8 @@ from hw.simulation.arena_contents import (
     NumberSign,
     Sheet,
     SignKind,
+    StandingObject,
+    Table,
     Victim,
     VictimKind,
     WallSpot,
@@ -42,7 +44,10 @@ KEYS = (
     "appearing",
     "numbers",
     "sheet",
+    "tables",
+    "objects",
 )
+OBJECT_KEYS = ("name", "box", "can", "x_m", "y_m", "yaw_rad")
 NUMBER_KEYS = ("text", "x_m", "y_m", "facing_rad", "height_m", "edge_m", "font", "light", "shadow")
 SPOT_KEYS = ("x_m", "y_m", "height_m", "facing_rad")
 # Maximum distance of victims and signs from their wall.
@@ -76,6 +81,10 @@ def read_arena(path: Path | str) -> Arena:
       (of the board's middle), `edge_m`, `font`, `light` (0 to 1.05), `shadow` (share of the board in it).
     - `sheet`: a map: the digits `text`, `x_m`, `y_m`, `facing_rad`, `height_m` as for victims. Somebody holds
       it up until the robot drives.
+    - `tables`: closed tables, a list of maps: `name`, `box: [x1, y1, x2, y2]` by two opposite corners, and
+      `height_m` of the top.
+    - `objects`: what stands on them, a list of maps: `name`, `box: [x, y, z]` or `can: [diameter, height]`,
+      `x_m`, `y_m`, and `yaw_rad` if it is turned.
 
     Raises:
         ArenaError: the file is invalid; the message names the line.
@@ -91,7 +100,10 @@ class _ArenaReader:
         self._file = file
         self._cell_m = file.positive("cell_m")
         self._drawing = _drawing(file)
-        self._boxes, _ = file.rows("boxes", 4)
+        self._tables = _tables(file)
+        boxes, _ = file.rows("boxes", 4)
+        sides = np.array([table.corners_m for table in self._tables]).reshape(-1, 4)
+        self._boxes = np.concatenate([boxes, sides])
         self._circles = _circles(file)
         self._check_start()
         self._walls = self._solid()
@@ -107,6 +119,8 @@ class _ArenaReader:
             appearing=_appearing(self._file),
             numbers=numbers,
             sheet=_sheet(self._file),
+            tables=self._tables,
+            objects=_objects(self._file, self._tables),
         )
 
     def _solid(self) -> Arena:
@@ -124,7 +138,8 @@ class _ArenaReader:
     def _check_start(self) -> None:
         x, y = self._drawing.start_m(self._cell_m)
         if self._in_box(x, y):
-            self._file.fail(self._file.node("boxes"), f"the robot's start ({x:g}, {y:g}) lies within a box")
+            node = self._file.node("boxes" if "boxes" in self._file else "tables")
+            self._file.fail(node, f"the robot's start ({x:g}, {y:g}) lies within a box or table")
         if self._in_circle(x, y):
             node = self._file.node("circles")
             self._file.fail(node, f"the robot's start ({x:g}, {y:g}) lies within a circle")
@@ -190,6 +205,42 @@ def _circles(file: YamlMap) -> NDArray[np.float64]:
         if radius <= 0:
             file.fail(node, f"the radius of a circle must be greater than 0, not {radius:g}")
     return circles
+
+
+def _tables(file: YamlMap) -> tuple[Table, ...]:
+    tables: dict[str, Table] = {}
+    for entry in file.maps("tables", "a table", ("name", "box", "height_m")):
+        name = entry.text("name")
+        if name in tables:
+            entry.fail(entry.node("name"), f"another table has the name {name!r} already")
+        x1, y1, x2, y2 = entry.row("box", 4)
+        if x1 == x2 or y1 == y2:
+            entry.fail(entry.node("box"), "the box of a table must have an area")
+        tables[name] = Table(name, (x1, y1, x2, y2), entry.positive("height_m"))
+    return tuple(tables.values())
+
+
+def _objects(file: YamlMap, tables: tuple[Table, ...]) -> tuple[StandingObject, ...]:
+    """Read what stands on the tables."""
+    objects: dict[str, StandingObject] = {}
+    for entry in file.maps("objects", "an object", OBJECT_KEYS):
+        name = entry.text("name")
+        if name in objects:
+            entry.fail(entry.node("name"), f"another object has the name {name!r} already")
+        if ("box" in entry) == ("can" in entry):
+            entry.fail(None, "an object is either a box or a can")
+        is_round = "can" in entry
+        row = entry.row("can", 2) if is_round else entry.row("box", 3)
+        if min(row) <= 0:
+            entry.fail(entry.node("can" if is_round else "box"), "the size of an object must be positive")
+        x, y = entry.number("x_m"), entry.number("y_m")
+        below = next((table for table in tables if table.is_below(x, y)), None)
+        if below is None:
+            entry.fail(entry.node("x_m"), f"no table is below the object at ({x:g}, {y:g})")
+        size = (row[0], row[0], row[1]) if is_round else (row[0], row[1], row[2])
+        yaw_rad = entry.number("yaw_rad", 0.0)
+        objects[name] = StandingObject(name, size, is_round, x, y, below.height_m, yaw_rad)
+    return tuple(objects.values())
 
 
 def _appearing(file: YamlMap) -> tuple[AppearingObstacle, ...]:

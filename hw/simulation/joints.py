@@ -11,11 +11,21 @@ class SimulatedJoints(Joints):
     Args:
         joints: the joints; they begin at 0, or at the nearest limit.
         clock: returns the time in s; it must not go back.
+        positions: where joints begin instead, by name.
     """
 
-    def __init__(self, joints: Sequence[Joint], clock: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        joints: Sequence[Joint],
+        clock: Callable[[], float],
+        positions: Mapping[str, float] | None = None,
+    ) -> None:
         self._joints, self._clock = tuple(joints), clock
-        self._positions = [max(joint.least_rad, min(joint.most_rad, 0.0)) for joint in self._joints]
+        begin = positions or {}
+        self._positions = [
+            max(joint.least_rad, min(joint.most_rad, begin.get(joint.name, 0.0))) for joint in self._joints
+        ]
+        self._blocked: dict[str, float] = {}
         self._goals = list(self._positions)
         self._time_s = clock()
         self._until_s: float | None = None
@@ -35,6 +45,21 @@ class SimulatedJoints(Joints):
             self._goals[place] = goal
         self._until_s = self._time_s + valid_for_s
 
+    def block(self, name: str, least: float | None) -> None:
+        """Let something stand in the way of a joint: it does not go below `least`. None: the way is free."""
+        self._advance()
+        if least is None:
+            self._blocked.pop(name, None)
+            return
+        self._blocked[name] = least
+        place = [joint.name for joint in self._joints].index(name)
+        self._positions[place] = max(self._positions[place], least)
+
+    def is_pushing(self, name: str) -> bool:
+        """Return whether a joint pushes against what blocks it."""
+        place = [joint.name for joint in self._joints].index(name)
+        return name in self._blocked and self._goals[place] < self._blocked[name] >= self._positions[place]
+
     def release(self) -> None:
         """Let all joints go."""
         self._advance()
@@ -44,7 +69,9 @@ class SimulatedJoints(Joints):
         """Return where the joints are."""
         self._advance()
         speeds = tuple(
-            0.0 if goal == position else joint.speed_rad_per_s * (1 if goal > position else -1)
+            0.0
+            if goal == position or self.is_pushing(joint.name)
+            else joint.speed_rad_per_s * (1 if goal > position else -1)
             for joint, goal, position in zip(self._joints, self._goals, self._positions, strict=True)
         )
         return JointReading(self._time_s, tuple(self._positions), speeds)
@@ -63,3 +90,6 @@ class SimulatedJoints(Joints):
             most = joint.speed_rad_per_s * passed_s
             missing = self._goals[place] - self._positions[place]
             self._positions[place] += max(-most, min(most, missing))
+            least = self._blocked.get(joint.name)
+            if least is not None:
+                self._positions[place] = max(self._positions[place], least)

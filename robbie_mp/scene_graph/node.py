@@ -44,6 +44,7 @@ class Joint:
         axis: (3,) in the node's frame; it is normalized.
         limits: least and greatest position, rad or m; None if there are none.
         mimic: the joint that it follows; None if it has its own position.
+        max_speed: its greatest speed, rad/s or m/s; None if it is not known.
     """
 
     type: JointType
@@ -51,6 +52,7 @@ class Joint:
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     limits: tuple[float, float] | None = None
     mimic: Mimic | None = None
+    max_speed: float | None = None
 
     def __post_init__(self) -> None:
         """Check what does not depend on other nodes.
@@ -69,6 +71,8 @@ class Joint:
         object.__setattr__(self, "axis", (x / length, y / length, z / length))
         if self.limits is not None and not self.limits[0] <= self.limits[1]:
             raise BadJoint(f"limits of joint {self.name!r} must be [lower, upper]; got {list(self.limits)}")
+        if self.max_speed is not None and not self.max_speed > 0:
+            raise BadJoint(f"the speed of joint {self.name!r} must be greater than 0; got {self.max_speed:g}")
         if self.mimic is not None and self.type is JointType.FLOATING:
             raise BadJoint("a floating joint cannot follow another joint")
 

@@ -84,9 +84,9 @@ class _Robot:
         axis = element.first("axis")
         direction = self._triple(axis, "xyz") if axis is not None else (1.0, 0.0, 0.0)
         limits = self._limits(element, name, JointType(kind))
-        mimic = self._mimic(element)
+        mimic, max_speed = self._mimic(element), self._max_speed(element)
         return self._description.attempt(
-            element.place, lambda: Joint(JointType(kind), name, direction, limits, mimic), None
+            element.place, lambda: Joint(JointType(kind), name, direction, limits, mimic, max_speed), None
         )
 
     def _limits(self, joint: Element, name: str, kind: JointType) -> tuple[float, float] | None:
@@ -97,6 +97,11 @@ class _Robot:
             self._wrong(joint, f"joint {name!r} is {kind}, so it needs a <limit lower=… upper=…>")
             return None
         return self._number(limit, "lower", 0.0), self._number(limit, "upper", 0.0)
+
+    def _max_speed(self, joint: Element) -> float | None:
+        """Return its greatest speed; 0, which many files have, means that it is not known."""
+        limit = joint.first("limit")
+        return (self._number(limit, "velocity", 0.0) or None) if limit is not None else None
 
     def _mimic(self, joint: Element) -> Mimic | None:
         mimic = joint.first("mimic")

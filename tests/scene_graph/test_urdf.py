@@ -39,6 +39,13 @@ ARM = """\
 """
 
 
+def test_greatest_speeds_are_read_and_may_be_missing(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM)
+    graph = SceneGraph(read_scene(file))
+    assert (graph.joint("turn").max_speed, graph.joint("bend").max_speed) == (1.0, None)
+
+
 def test_tree_agrees_with_that_of_pytransform3d(tmp_path: Path) -> None:
     graph = SceneGraph(read_scene(write(tmp_path, ARM, "arm.urdf")))
     oracle = UrdfTransformManager()

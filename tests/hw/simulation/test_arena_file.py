@@ -49,6 +49,29 @@ def test_shapes_in_metres_join_the_drawing(tmp_path: Path) -> None:
     assert room.start.heading_rad == 1.5
 
 
+def test_tables_stop_robots_and_objects_stand_on_them(tmp_path: Path) -> None:
+    text = (
+        "tables: [{name: shelf, box: [1.5, 0.6, 2.2, 0.9], height_m: 0.4}]\n"
+        "objects: [{name: soup, can: [0.06, 0.1], x_m: 1.6, y_m: 0.7},"
+        " {name: tea, box: [0.06, 0.04, 0.12], x_m: 2.0, y_m: 0.8, yaw_rad: 0.3}]\n"
+    )
+    room = arena(tmp_path, ROOM + text)
+    assert len(room.segments) == 8 + 4
+    assert [(table.name, table.height_m) for table in room.tables] == [("shelf", 0.4)]
+    soup, tea = room.objects
+    assert (soup.size_m, soup.is_round, soup.base_m) == ((0.06, 0.06, 0.1), True, 0.4)
+    assert (tea.size_m, tea.is_round, tea.yaw_rad) == ((0.06, 0.04, 0.12), False, 0.3)
+    for wrong, problem in (
+        (text.replace("x_m: 1.6", "x_m: 1.3"), "no table is below the object at"),
+        (text.replace("name: tea", "name: soup"), "another object has the name 'soup' already"),
+        (text.replace("can: [0.06, 0.1], ", ""), "an object is either a box or a can"),
+        (text.replace("[0.06, 0.1]", "[0.06, -0.1]"), "the size of an object must be positive"),
+        (text.replace("[1.5, 0.6, 2.2, 0.9]", "[0.6, 0.6, 0.9, 0.9]"), "lies within a box or table"),
+    ):
+        with pytest.raises(ArenaError, match=problem):
+            arena(tmp_path, ROOM + wrong)
+
+
 def test_space_and_dot_both_mean_free(tmp_path: Path) -> None:
     spaced = arena(tmp_path, ROOM.replace("R...", "R  ."))
     np.testing.assert_array_equal(spaced.segments, arena(tmp_path, ROOM).segments)

@@ -1,0 +1,1 @@
+"""Modules of the robot that grasps, carries and puts down objects."""

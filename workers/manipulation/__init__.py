@@ -1,0 +1,1 @@
+"""Grasps objects on tables: kinematics, collision checks, planning, and what to do after what."""
