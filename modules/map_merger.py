@@ -96,8 +96,14 @@ class MapMerger(Module):
         self.is_new = False
         if self.restored is not None:
             self.places |= {
-                robot: np.array(pose) for robot, pose in self.restored.items() if robot in self.robots
+                robot: np.array(pose)
+                for robot, pose in self.restored["places"].items()
+                if robot in self.robots
             }
+            for robot, trail in self.restored["trails"].items():
+                if robot in self.trails:
+                    self.trails[robot] = [(x_m, y_m) for x_m, y_m in trail.tolist()]
+        self.is_unsaved = False
         self.subscribe(OccupancyGrid, self.on_map, topic=self.map_topic)
         for robot in self.robots:
             self.subscribe(OccupancyGrid, self.on_map, topic=f"{robot}/{self.map_topic}", optional=True)
@@ -126,15 +132,18 @@ class MapMerger(Module):
         if trail and math.dist(trail[-1], (x_m, y_m)) < TRAIL_STEP_M:
             return
         trail.append((x_m, y_m))
+        self.is_unsaved = True
         if len(trail) > MAX_TRAIL:
             del trail[-2::-2]
 
     def tick(self) -> None:
         """Look for one map, and publish the map of all."""
         if self.own is None:
+            self._save()
             self.status = "waiting for this robot's map"
             return
         self._align_one(self.own)
+        self._save()
         if self.is_new:
             self.is_new = False
             self._publish(self.own)
@@ -150,9 +159,9 @@ class MapMerger(Module):
         self.next_s[robot] = now_s + self.align_period_s
         alignment = align(own, self.others[robot], self.places.get(robot), self.trust)
         self.found[robot] = alignment
+        self.is_unsaved = True
         if alignment.is_sure:
             self.places[robot] = alignment.pose
-            self.checkpoint({name: pose.tolist() for name, pose in self.places.items()})
         elif robot not in self.starts:
             self.places.pop(robot, None)
         elif alignment.walls_m >= self.least_walls_m and robot in self.places:
@@ -173,6 +182,15 @@ class MapMerger(Module):
             topic=robot,
             latched=True,
         )
+
+    def _save(self) -> None:
+        """Have a restarted process know where the other robots' maps lie, and where the robots were."""
+        if not self.is_unsaved:
+            return
+        self.is_unsaved = False
+        places = {robot: pose.tolist() for robot, pose in self.places.items()}
+        trails = {robot: np.array(trail, float).reshape(-1, 2) for robot, trail in self.trails.items()}
+        self.checkpoint({"places": places, "trails": trails})
 
     def _publish(self, own: GridMap) -> None:
         placed = [(grid, self.places[robot]) for robot, grid in self.others.items() if robot in self.places]

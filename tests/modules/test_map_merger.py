@@ -51,7 +51,7 @@ def test_maps_become_one_and_the_scene_graph_learns_where_the_other_map_is() -> 
     (placed,) = harness.take(TFMessage, "placed")[-1].transforms
     assert (placed.header.frame_id, placed.child_frame_id) == ("map", "blue/map")
     assert harness.module.status == "blue: sure"
-    assert off(harness.checkpoint["blue"])[0] < 0.06
+    assert off(harness.checkpoint["places"]["blue"])[0] < 0.06
 
 
 def test_map_that_does_not_fit_is_not_merged() -> None:
@@ -71,18 +71,26 @@ def test_known_start_counts_until_the_maps_confirm_it() -> None:
     assert alignment.is_known and not alignment.is_sure
 
 
-def test_what_was_another_robot_is_no_wall_on_the_team_map() -> None:
+@pytest.mark.parametrize("is_restarted", [False, True])
+def test_what_was_another_robot_is_no_wall_on_the_team_map(is_restarted: bool) -> None:
     own = np.zeros((80, 80), np.int8)
     own[38:42, 38:42] = 100  # blue, as this robot's laser saw it when it stood there
     own[70, :] = 100
-    start = [1.0, 0.0, 0.0]
-    with ModuleHarness(MapMerger, {"robots": ["blue"], "starts": {"blue": start}}) as harness:
-        harness.send(message(GridMap(own, 0.05, (0.0, 0.0))), topic="own")
+    settings = {"robots": ["blue"], "starts": {"blue": [1.0, 0.0, 0.0]}}
+    with ModuleHarness(MapMerger, settings) as harness:
         for x_m in (1.0, 1.5, 2.0):  # in the map of blue, whose frame lies at x = 1 m
             pose = Pose(position=Point(x=x_m, y=2.0))
             harness.send(PoseStamped(pose=pose), topic="blue/map_pose")
         harness.advance(1.1)
-        team = harness.take(OccupancyGrid, "team")[-1]
+        if not is_restarted:
+            harness.send(message(GridMap(own, 0.05, (0.0, 0.0))), topic="own")
+            harness.advance(1.1)
+    if is_restarted:
+        harness = ModuleHarness(MapMerger, settings, restored=harness.checkpoint)
+        with harness:
+            harness.send(message(GridMap(own, 0.05, (0.0, 0.0))), topic="own")
+            harness.advance(1.1)
+    team = harness.take(OccupancyGrid, "team")[-1]
     cells = team.data.reshape(team.info.height, team.info.width)
     assert (cells[38:42, 38:42] == 0).all()
     assert (cells[70] == 100).all()
@@ -101,7 +109,8 @@ def test_trail_of_a_robot_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_restarted_merger_still_knows_where_the_other_map_is() -> None:
-    with ModuleHarness(MapMerger, {"robots": ["blue"]}, restored={"blue": TRUE.tolist()}) as harness:
+    restored = {"places": {"blue": TRUE.tolist()}, "trails": {}}
+    with ModuleHarness(MapMerger, {"robots": ["blue"]}, restored=restored) as harness:
         harness.send(message(draw(RED)), topic="own")
         harness.advance(0.0)
         (placed,) = harness.take(TFMessage, "placed")[-1].transforms
