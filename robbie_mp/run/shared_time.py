@@ -8,15 +8,29 @@ import os
 import struct
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 FORMAT = struct.Struct("<QQdQ")  # sequence, next time in ns, when it was written, sequence
 LEAD_NS = 10_000_000
 """A run may be so far ahead of the others, so that they need not wait for one another at each tick."""
 STALE_S = 20.0
 """A run that has written nothing for this long is dead; the others go on without it."""
+AHEAD_S = 1.0
+"""A run that has written in a future further away than this wrote before the machine was started anew."""
 LOOK_S = 0.1
+READS = 100
+"""Attempts to read a file that is just being written."""
 MAX_RUNS = 64
 SUFFIX = ".time"
+
+
+class Told(NamedTuple):
+    """The last that a run has told."""
+
+    at_ns: int
+    """The time to which it wants to go."""
+    told_s: float
+    """When it told so, by the machine's clock."""
 
 
 class SharedTime:
@@ -30,17 +44,25 @@ class SharedTime:
         folder: the folder; it is made if it does not exist.
         run: name of this run, as part of a file's name.
         waits_for: number of runs, including this one, that must be present before time passes.
+        stale_s: a run that has told nothing for this long is dead; the others go on without it.
 
     Attributes:
         has_begun: whether at least `waits_for` runs have been present at the same time.
+        missing: names of the runs that have been present since this one began, and are dead now.
+        given_up: how often this run has gone on without another one that is dead.
     """
 
-    def __init__(self, folder: Path, run: str, waits_for: int = 1) -> None:
+    def __init__(self, folder: Path, run: str, waits_for: int = 1, stale_s: float = STALE_S) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
         self._own = folder / f"{run}{SUFFIX}"
         self._waits_for = waits_for
+        self.stale_s = stale_s
         self.has_begun = False
+        self.missing: set[str] = set()
+        self.given_up = 0
+        self._met: set[str] = set()
+        """Names of the other runs that are present."""
         self._others: list[Path] = []
         self._look_s = -float("inf")
         self._count = 0
@@ -61,12 +83,14 @@ class SharedTime:
         now_s = time.monotonic()
         if now_s - self._look_s >= LOOK_S or not self.has_begun:
             self._look_s = now_s
-            found = sorted(self._folder.glob(f"*{SUFFIX}"))
-            self._others = [file for file in found if file != self._own][:MAX_RUNS]
-            self.has_begun = self.has_begun or len(found) >= self._waits_for
+            others = [file for file in sorted(self._folder.glob(f"*{SUFFIX}")) if file != self._own]
+            self._others = [file for file in others if self._is_alive(_read(file), now_s)][:MAX_RUNS]
+            self._note_presence()
+            self.has_begun = self.has_begun or len(self._others) + 1 >= self._waits_for
         if not self.has_begun:
             return False
-        times_ns = [at_ns for file in self._others if (at_ns := _read(file, now_s)) is not None]
+        found = [_read(file) for file in self._others]
+        times_ns = [told.at_ns for told in found if told is not None and self._is_alive(told, now_s)]
         # Without others, look again soon, because one may begin.
         self._free_until_ns = min(times_ns, default=due_ns) + LEAD_NS
         return due_ns <= self._free_until_ns
@@ -74,6 +98,17 @@ class SharedTime:
     def leave(self) -> None:
         """Let the others go on without this run."""
         self._own.unlink(missing_ok=True)
+
+    def _is_alive(self, told: Told | None, now_s: float) -> bool:
+        return told is not None and -AHEAD_S < now_s - told.told_s < self.stale_s
+
+    def _note_presence(self) -> None:
+        """Note which runs have come and died; those that have left are not missing."""
+        present = {file.name.removesuffix(SUFFIX) for file in self._others}
+        not_left = {run for run in self._met | self.missing if (self._folder / f"{run}{SUFFIX}").exists()}
+        self.given_up += len((self._met & not_left) - present)
+        self.missing = not_left - present
+        self._met = present
 
     def _tell(self, due_ns: int) -> None:
         self._count += 1
@@ -84,20 +119,21 @@ class SharedTime:
             os.close(file)
 
 
-def _read(file: Path, now_s: float) -> int | None:
-    """Return the time to which a run wants to go (ns); None if it is gone or dead.
+def _read(file: Path) -> Told | None:
+    """Return what a run has told; None if it is gone, or its file is damaged.
 
     A file that is just being written is read again.
     """
-    while True:
+    for _ in range(READS):
         try:
             row = file.read_bytes()
+            if not row:  # it has just been made
+                return Told(0, time.monotonic() - max(0.0, time.time() - file.stat().st_mtime))
         except OSError:
             return None
-        if not row:
-            return 0  # it has just been made
         if len(row) != FORMAT.size:
             return None
         first, at_ns, told_s, last = FORMAT.unpack(row)
         if first == last:
-            return int(at_ns) if now_s - told_s < STALE_S else None
+            return Told(at_ns, told_s)
+    return None

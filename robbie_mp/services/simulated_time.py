@@ -8,7 +8,7 @@ from robbie_mp.module.module import setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.lockstep import ClockSource, TickSchedule
 from robbie_mp.run.run_clock import ClockWriter
-from robbie_mp.run.shared_time import SharedTime
+from robbie_mp.run.shared_time import STALE_S, SharedTime
 
 STEPS_AT_ONCE = 100
 """Maximum number of ticks granted in a row before this module checks its own messages."""
@@ -39,6 +39,9 @@ class SimulatedTime(ClockSource):
     waits_for: int = setting(
         1, "with `shared`: runs that must be there, this one included, before time passes", minimum=1
     )
+    gives_up_s: float = setting(
+        STALE_S, "with `shared`: time goes on without a run that has told nothing for this long", minimum=0.1
+    )
 
     def setup(self) -> None:
         """Start, or continue where a killed incarnation stopped."""
@@ -61,7 +64,9 @@ class SimulatedTime(ClockSource):
         if self.shared is not None:
             # After a restart, the others have been there, and may have ended since.
             waits_for = self.waits_for if now_ns == self.began_ns else 1
-            self.shared_time = SharedTime(self.shared, self.run_id or "run", waits_for)
+            self.shared_time = SharedTime(self.shared, self.run_id or "run", waits_for, self.gives_up_s)
+        self.missing: set[str] = set()
+        """Runs that share this time and are dead."""
 
     def tick(self) -> None:
         """Advance for as long as everything is settled."""
@@ -83,7 +88,7 @@ class SimulatedTime(ClockSource):
         if free_ns is not None and (following is None or free_ns <= following[0]):
             following = free_ns, ""  # a message waits for a module that is busy until then
         simulated_s = (now_ns - self.began_ns) / 1e9
-        self.status = f"{simulated_s:.1f} s simulated, {self.ticks} ticks"
+        self.status = f"{simulated_s:.1f} s simulated, {self.ticks} ticks{self._without()}"
         if self.duration_s is not None and simulated_s >= self.duration_s:
             self.stop()
             return False
@@ -101,6 +106,22 @@ class SimulatedTime(ClockSource):
             self.schedule.granted(name)
             self.ticks += 1
         return True
+
+    def _without(self) -> str:
+        """Return which runs this time goes on without, for the status; say in the log if that has changed."""
+        shared = self.shared_time
+        if shared is None:
+            return ""
+        for run in shared.missing - self.missing:
+            self.log.warning(
+                "run %s, which shares this time, has told nothing for %.1f s; time goes on without it",
+                run,
+                self.gives_up_s,
+            )
+        for run in self.missing - shared.missing:
+            self.log.info("run %s shares this time again", run)
+        self.missing = set(shared.missing)
+        return f", without {shared.given_up} dead runs" if shared.given_up else ""
 
     def _wait_for_others(self, shared: SharedTime, due_ns: int) -> bool:
         """Wait for the runs behind this one, but no longer than a period; False if they still are."""

@@ -1,11 +1,12 @@
 """Several runs share one simulated time: none runs ahead of the others."""
 
+import time
 from pathlib import Path
 
 import pytest
 
 from robbie_mp.run import shared_time
-from robbie_mp.run.shared_time import LEAD_NS, SharedTime
+from robbie_mp.run.shared_time import FORMAT, LEAD_NS, SharedTime
 
 STEP_NS = 50_000_000
 
@@ -51,20 +52,58 @@ def test_runs_of_different_steps_stay_together_and_none_waits_for_ever(tmp_path:
     assert min(times_ns.values()) > 1_000_000_000
 
 
-def test_runs_that_leave_or_die_are_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_that_leave_or_die_are_not_waited_for(tmp_path: Path) -> None:
     red, blue = two(tmp_path)
     red.may_go_to(0)
     blue.may_go_to(0)
     assert not red.may_go_to(STEP_NS)
-    monkeypatch.setattr(shared_time, "STALE_S", -1.0)
+    red.stale_s = -shared_time.AHEAD_S
     assert red.may_go_to(STEP_NS)
-    monkeypatch.undo()
+    red.stale_s = shared_time.STALE_S
+    look(red)
     assert not red.may_go_to(2 * STEP_NS)
     blue.leave()
     assert red.may_go_to(2 * STEP_NS)
 
 
-def test_a_damaged_file_holds_nobody_up(tmp_path: Path) -> None:
+def look(run: SharedTime) -> None:
+    """Have it look at once which runs are there."""
+    run._look_s = -float("inf")
+
+
+def test_a_run_that_died_is_counted_and_named_until_it_is_back(tmp_path: Path) -> None:
+    red, blue = two(tmp_path)
+    red.may_go_to(0)
+    blue.may_go_to(0)
+    look(red)
+    red.may_go_to(0)
+    assert (red.missing, red.given_up) == (set(), 0)
+    red.stale_s = -shared_time.AHEAD_S
+    look(red)
+    assert red.may_go_to(STEP_NS)
+    assert (red.missing, red.given_up) == ({"blue"}, 1)
+    red.stale_s = shared_time.STALE_S
+    look(red)
+    assert not red.may_go_to(2 * STEP_NS)
+    assert (red.missing, red.given_up) == (set(), 1)
+    blue.leave()
+    look(red)
+    assert red.may_go_to(2 * STEP_NS)
+    assert (red.missing, red.given_up) == (set(), 1)
+
+
+def test_runs_that_died_long_ago_are_not_among_those_that_must_be_there(tmp_path: Path) -> None:
+    now_s = time.monotonic()
+    for run, told_s in {"old": now_s - 100.0, "before_the_start_of_the_machine": now_s + 1e6}.items():
+        (tmp_path / f"{run}.time").write_bytes(FORMAT.pack(1, 0, told_s, 1))
+    red, blue = SharedTime(tmp_path, "red", 2), SharedTime(tmp_path, "blue", 2)
+    assert not red.may_go_to(STEP_NS)
+    assert blue.may_go_to(STEP_NS)
+    assert red.may_go_to(STEP_NS)
+
+
+@pytest.mark.parametrize("content", [b"damaged", FORMAT.pack(1, 0, 0.0, 2)])
+def test_a_damaged_file_holds_nobody_up(tmp_path: Path, content: bytes) -> None:
     red = SharedTime(tmp_path, "red")
-    (tmp_path / "blue.time").write_bytes(b"damaged")
+    (tmp_path / "blue.time").write_bytes(content)
     assert red.may_go_to(STEP_NS)
