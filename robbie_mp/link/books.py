@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from robbie_mp.link.header import ChannelId
+from robbie_mp.link.header import MAX_COUNTS, ChannelId
 from robbie_mp.link.traffic import TrafficClass
 
 MAX_ROWS = 8192
@@ -105,7 +105,8 @@ class Books:
         session: the session of this process.
 
     Attributes:
-        unbooked: channels and streams for which there was no row; they share one.
+        unbooked: rows that there was no room for. Each has counts of its own, which stand in no account and
+            end with this process.
 
     Raises:
         OSError: there is no room for the files.
@@ -115,6 +116,8 @@ class Books:
         self.session = session
         self.unbooked = 0
         self._rows: dict[Key, Row] = {}
+        self._received: dict[tuple[str, int, int], list[tuple[int, Row]]] = {}
+        """Numbers and rows of the channels received, by robot, session and class."""
         self._keys: Path | None = None
         size = (MAX_ROWS + 1) * WORDS * 8
         if folder is None:
@@ -158,11 +161,12 @@ class Books:
 
     def received_from(self, peer: str, session: int, traffic: int) -> list[tuple[int, int, int]]:
         """Return number, received and refused of each channel of a stream that is received."""
-        return [
-            (key.number, row[RECEIVED], row[REFUSED])
-            for key, row in self._rows.items()
-            if key.kind == "in" and key.peer == peer and key.session == session and key.traffic == traffic
-        ]
+        found = self._received.get((peer, session, traffic), ())
+        return [(number, row[RECEIVED], row[REFUSED]) for number, row in found]
+
+    def has_room_for(self, key: Key) -> bool:
+        """Whether a channel that is received has a row, or is one of those that a report can tell about."""
+        return key in self._rows or len(self._received.get(key[1:4], ())) < MAX_COUNTS
 
     def settle_past(self, peer: str, session: int, counts: dict[int, tuple[int, int]]) -> None:
         """Take over what the other link has received of an earlier session of this link.
@@ -175,8 +179,11 @@ class Books:
         for key, row in self._rows.items():
             if key.kind == "out" and key.peer == peer and key.session == session and key.number in counts:
                 received, refused = counts[key.number]
-                row[RECEIVED] = max(row[RECEIVED], row[RECEIVED_BEFORE] + received)
-                row[REFUSED] = max(row[REFUSED], row[REFUSED_BEFORE] + refused)
+                received = max(row[RECEIVED], row[RECEIVED_BEFORE] + received)
+                refused = max(row[REFUSED], row[REFUSED_BEFORE] + refused)
+                # Nobody has received more than was sent.
+                if received + refused + row[REPLACED] + row[DROPPED] <= row[TAKEN]:
+                    row[RECEIVED], row[REFUSED] = received, refused
 
     def accounts(self) -> list[Account]:
         """Return the books by robot, channel and class, over all sessions.
@@ -210,8 +217,7 @@ class Books:
     def _open(self, key: Key) -> Row:
         if len(self._rows) >= MAX_ROWS:
             self.unbooked += 1
-            row = self._rows[key] = Row(self._words, 0)
-            return row
+            return Row(memoryview(bytearray(WORDS * 8)).cast("Q"), 0)
         if self._keys is not None:
             with self._keys.open("ab", buffering=0) as file:
                 file.write(json.dumps(key).encode() + b"\n")
@@ -219,4 +225,6 @@ class Books:
 
     def _place(self, key: Key) -> Row:
         row = self._rows[key] = Row(self._words, WORDS * (len(self._rows) + 1))
+        if key.kind == "in":
+            self._received.setdefault((key.peer, key.session, key.traffic), []).append((key.number, row))
         return row

@@ -37,6 +37,8 @@ MIN_LATE_NS = 20_000_000
 """Least time in which the rate is measured at which a queue empties."""
 ALONE = 0.0
 """The load of a small packet that was sent when nothing watched was under way."""
+MAX_WINDOW_BYTES = 1 << 25
+"""What may be under way at most, whatever the other link says has arrived."""
 PROBE_BYTES = 2_000
 """Maximum size of the first packet after a late one. It measures the round trip anew."""
 
@@ -99,7 +101,8 @@ class Window:
         """How many bytes may be under way."""
         if not self.bandwidth:
             return START_BYTES
-        return max(MIN_PARTS * self.part_bytes, int(self.bandwidth * (self._shortest_ns / 1e9 + QUEUE_S)))
+        filled = int(self.bandwidth * (self._shortest_ns / 1e9 + QUEUE_S))
+        return max(MIN_PARTS * self.part_bytes, min(filled, MAX_WINDOW_BYTES))
 
     @property
     def patience_ns(self) -> int:

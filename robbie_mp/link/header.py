@@ -31,6 +31,8 @@ MAX_HOPS = 8
 MAX_COUNTS = 512
 """Channels in one report."""
 MAX_WORD = (1 << 64) - 1
+MAX_SEQUENCE = (1 << 62) - 1
+"""Greatest number of a packet or a sending, so that what is counted from it fits into a word."""
 ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 """The names that a robot may have: its name is part of keys, topics and file names."""
 
@@ -73,7 +75,10 @@ class Data(NamedTuple):
     oldest: int
     """Sequence of the oldest packet of this class that the sender may still send."""
     sending: int
-    """Counts every sending of a packet of this class, those that are sent again too; the first is 1."""
+    """Counts every sending of a packet of this class, those that are sent again too; the first is 1.
+
+    At least `sequence`, because each packet is sent once or more.
+    """
     start: int
     """Where this part begins in the message as it is sent."""
     whole: int
@@ -191,8 +196,7 @@ def _unpack_data(header: bytes) -> Data:
     ) = _DATA_FIELDS.unpack_from(header)  # fmt: skip
     if (
         flags & ~_KNOWN_FLAGS
-        or not 0 < oldest <= sequence
-        or not sending
+        or not 0 < oldest <= sequence <= sending <= MAX_SEQUENCE
         or (start >= whole if start else whole and not version)
         or (start and version)
         or (size and not version)
@@ -209,7 +213,8 @@ def _unpack_report(header: bytes) -> Report:
     fields = _REPORT_FIELDS.unpack_from(header)
     _, _, traffic, misses, session, about, following, handled, newest, count = fields
     end = _REPORT_FIELDS.size + count * _COUNT.size
-    if count > MAX_COUNTS or misses > 1 or not 0 < handled <= following or end > len(header):
+    is_possible = 0 < handled <= following <= MAX_SEQUENCE + 1 and newest <= MAX_SEQUENCE
+    if count > MAX_COUNTS or misses > 1 or not is_possible or end > len(header):
         raise _Malformed
     counts = tuple(_COUNT.iter_unpack(header[_REPORT_FIELDS.size : end]))
     robot, _, _ = _names(header[end:], 0)

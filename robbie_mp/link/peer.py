@@ -88,7 +88,8 @@ class Peer:
 
     Attributes:
         stale: packets of sessions that are over.
-        strange: reports about no session of this link.
+        uncounted: messages thrown away: their session has more channels than a report can tell about.
+        strange: reports of what this link has never sent.
     """
 
     def __init__(
@@ -108,6 +109,7 @@ class Peer:
         """How many sessions of the other link there have been."""
         self.stale = 0
         self.strange = 0
+        self.uncounted = 0
         self.window = Window()
         self.clock = ClockOffset()
         self.newest_state_ns = 0
@@ -238,6 +240,7 @@ class Peer:
         if self.is_up(now_ns):
             for stream in self.streams.values():
                 stream.look_after(now_ns)
+            self.streams[TrafficClass.STATE].repeat_newest(now_ns, self._state_limit(now_ns))
         self.pump(now_ns)
 
     def _beat(self, now_ns: int) -> None:
@@ -276,8 +279,7 @@ class Peer:
         self._is_greeted = True
         if beat.knows == self._own_session:
             for stream in self.streams.values():
-                stream.under_way.forget()  # its new process throws away what was for the last one
-                stream.rewind()
+                stream.continue_with_next()
             return False
         for stream in self.streams.values():
             stream.start_again()
@@ -344,7 +346,8 @@ class Peer:
         """Take note of what the other link has received."""
         if report.about == self._own_session:
             if report.session == self.session and self._is_greeted:
-                self.streams[report.traffic].take_report(report, self._channels, now_ns)
+                stream = self.streams[report.traffic]
+                self.strange += not stream.take_report(report, self._channels, now_ns)
             return
         counts = {number: (received, refused) for number, received, refused in report.counts}
         self._books.settle_past(self.name, report.about, counts)
@@ -405,6 +408,9 @@ class Peer:
 
     def _handle(self, message: Arrived) -> Fate:
         row = self._row(message)
+        if row is None:  # it is in no report, so its sender counts it as lost
+            self.uncounted += 1
+            return Fate.REFUSED
         fate = self._handle_arrived(message)
         if fate is Fate.NO_ROOM and not MANNERS[message.traffic].is_resent:
             fate = Fate.REFUSED
@@ -414,11 +420,14 @@ class Peer:
             row.add(REFUSED)
         return fate
 
-    def _row(self, message: Arrived) -> Row:
+    def _row(self, message: Arrived) -> Row | None:
+        """Return the row of a message's channel; None if its session has more than can be counted."""
         number = (message.traffic, message.number)
         name, row = self._rows.get(number, (None, None))
         if row is None or name != message.name:
             key = Key("in", self.name, message.session, message.traffic, message.number, *message.name)
+            if not self._books.has_room_for(key):
+                return None
             row = self._books.row(key)
             if len(self._rows) >= MAX_ROWS_REMEMBERED:
                 self._rows.clear()

@@ -7,7 +7,7 @@ from enum import Enum, auto
 import zstandard
 
 from robbie_mp.link.books import HANDLING, NEXT, Row
-from robbie_mp.link.header import COMPRESSED, LATCHED, MAX_PARTS, ChannelId, Data
+from robbie_mp.link.header import COMPRESSED, LATCHED, MAX_COUNTS, MAX_PARTS, ChannelId, Data
 from robbie_mp.link.traffic import MANNERS, TrafficClass
 
 
@@ -58,7 +58,7 @@ class ReceiveStream:
         max_bytes: size of the largest message, before it was compressed.
 
     Attributes:
-        duplicates: packets that had been taken already, or that came after newer ones.
+        duplicates: packets that had been taken already, or that came after newer ones of their channel.
         damaged: messages that could not be put together.
         is_told: whether the sender knows of everything that has been taken.
         told_ns: when it was last told.
@@ -83,12 +83,16 @@ class ReceiveStream:
         self.misses = False
         """Whether the newest packet could not be taken, because one before it is missing."""
         if row[HANDLING]:  # a process was killed while it published this message: not again
-            row[NEXT] = row[HANDLING] + 1
+            row[NEXT] = max(row[NEXT], row[HANDLING] + 1)
             row[HANDLING] = 0
         elif not row[NEXT]:
             row[NEXT] = 1
         self.next = row[NEXT]
         self.newest = 0
+        self._overtaken_from = self.next
+        """Packets with a lower sequence are never taken."""
+        self._newest_of: dict[int, int] = {}
+        """Sequence of the newest packet taken of each channel, where none is sent again in order."""
 
     @property
     def handled(self) -> int:
@@ -96,13 +100,20 @@ class ReceiveStream:
         return self._row[NEXT]
 
     def take(self, header: Data, payload: bytes) -> None:
-        """Take a packet, if it is the next one or, where packets are not sent again, a newer one."""
+        """Take a packet, if it is the next one.
+
+        Where the newest counts, take it if it is newer than all of its channel. Other channels may have
+        overtaken it, if the network has changed the order, or if it is sent again.
+        """
         self.is_told = False
         self.untold_bytes += len(payload)
         self.newest = max(self.newest, header.sending)
         self.misses = False
         if header.sequence < self.next:
-            self.duplicates += 1
+            if self._is_overtaken(header, payload):
+                self._take_overtaken(header, payload)
+            else:
+                self.duplicates += 1
             return
         if header.sequence > self.next:
             if self._is_in_order and header.oldest <= self.next:
@@ -111,8 +122,11 @@ class ReceiveStream:
             self._parts = None
             if self._is_in_order and header.sequence != header.oldest:
                 self._skip_to(header.oldest)
+                self.misses = True
                 return
             self._skip_to(header.sequence)
+        if not self._is_in_order and not header.is_mark:
+            self._note(header)
         if header.is_mark or not self._add(header, payload):
             self._skip_to(header.sequence + 1)
             return
@@ -120,6 +134,30 @@ class ReceiveStream:
             self.next = header.sequence + 1
             return
         self._finish(header.sequence)
+
+    def _is_overtaken(self, header: Data, payload: bytes) -> bool:
+        """Whether a packet is a whole message, newer than all of its channel, that others have overtaken."""
+        return (
+            not self._is_in_order
+            and not header.is_mark
+            and header.start == 0
+            and len(payload) == header.whole
+            and header.sequence >= self._overtaken_from
+            and header.sequence > self._newest_of.get(header.channel, 0)
+        )
+
+    def _take_overtaken(self, header: Data, payload: bytes) -> None:
+        begun, self._parts = self._parts, None
+        self._note(header)
+        if self._add(header, payload):
+            self._finish(header.sequence)
+        self._parts = begun
+
+    def _note(self, header: Data) -> None:
+        if header.channel not in self._newest_of and len(self._newest_of) >= MAX_COUNTS:
+            self._newest_of.clear()
+            self._overtaken_from = self.next
+        self._newest_of[header.channel] = header.sequence
 
     def _skip_to(self, sequence: int) -> None:
         self._row[NEXT] = self.next = sequence
@@ -157,7 +195,7 @@ class ReceiveStream:
                 parts.size -= len(parts.payloads.pop())  # its last part will be sent again
                 return
         self._parts = None
-        self._skip_to(sequence + 1)
+        self._skip_to(max(self.next, sequence + 1))
         self._row[HANDLING] = 0
 
     def _put_together(self, parts: _Parts) -> Arrived | None:

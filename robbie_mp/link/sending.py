@@ -1,7 +1,7 @@
 """The sending end of a stream: what waits, what is under way, and what must be sent again."""
 
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from robbie_mp.link.books import (
     TAKEN,
     Row,
 )
-from robbie_mp.link.congestion import Window
+from robbie_mp.link.congestion import MAX_WINDOW_BYTES, Window
 from robbie_mp.link.header import (
     COMPRESSED,
     DATAGRAM_BYTES,
@@ -42,7 +42,19 @@ MAX_AGAIN_NS = 4_000_000_000
 MAX_URGENT_AGAIN_NS = 200_000_000
 """Most time between two repetitions of what is urgent: they must not fill a network that is slow."""
 MAX_URGENT = 64
-"""Urgent messages that may wait."""
+"""Urgent messages that may wait, and packets with others that may be without an acknowledgement."""
+MAX_UNREPORTED = 1024
+"""Packets that are not sent again of which the link waits for a report."""
+STATE_AGAIN_NS = 20_000_000
+"""A state is sent again if its report takes this much longer than a round trip,"""
+LATE_AGAIN_NS = 40_000_000
+"""or this long, while a queue stands on the way in which datagrams are lost."""
+MAX_REPEATS = 3
+"""So often at most."""
+
+
+HEADER_BYTES = 100
+"""The size that a header counts in the window."""
 
 
 @dataclass
@@ -92,6 +104,21 @@ class Packet:
     def __post_init__(self) -> None:
         self.is_last = self.item is not None and self.start + len(self.payload) == self.whole
         """Whether it ends its message."""
+        self.size = HEADER_BYTES + len(self.payload)
+        """Bytes that it counts in the window."""
+
+
+@dataclass
+class Newest:
+    """The newest state of a channel, until it is known to have arrived."""
+
+    packet: Packet
+    payload: memoryview | bytes
+    sent_ns: int
+    """When it was last sent; 0: send it again at once."""
+    repeats: int = 0
+    is_lost: bool = False
+    """Whether a report has told that it, or one before it, has not arrived."""
 
 
 @dataclass
@@ -122,10 +149,6 @@ class Address:
     session: int
     to: int = 0
     """The session of the other one."""
-
-
-HEADER_BYTES = 100
-"""The size that a header counts in the window."""
 
 
 @dataclass
@@ -160,12 +183,18 @@ class SendStream:
     """Of the last packet made."""
     resent: int = 0
     """Packets sent more than once."""
+    unsettled_bytes: int = 0
+    """Of packets that have been cut and are not settled."""
     _running: int = 0
     _progress_ns: int = 0
     """When the last packet was sent for the first time, or acknowledged."""
     _again_ns: int = 0
     _rewound_at: int = 0
     """The number of the last sending when everything was last to be sent again."""
+    _told: tuple[int, int, int] = (0, 0, 0)
+    """What the newest report says: the newest sending, the next packet, and the next to be handled."""
+    _newest: dict[int, Newest] = field(default_factory=dict)
+    """States by number of their channel."""
 
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
@@ -227,10 +256,17 @@ class SendStream:
         if self.pending:
             self._send(self.pending.popleft(), now_ns)
             return True
-        if self.begun is None and not self._begin(now_ns):
+        if self.begun is None and (self._is_full or not self._begin(now_ns)):
             return False
         self._send(self._cut(), now_ns)
         return True
+
+    @property
+    def _is_full(self) -> bool:
+        """Whether too much is unsettled to send more: the other link handles nothing that it takes."""
+        if self.traffic is TrafficClass.URGENT:
+            return len(self.sent) + len(self.pending) >= MAX_URGENT
+        return self.manners.is_resent and self.unsettled_bytes > max(self.limits.bytes, MAX_WINDOW_BYTES)
 
     def _begin(self, now_ns: int) -> bool:
         """Begin with the next message; False if there is none that may be sent now."""
@@ -266,7 +302,9 @@ class SendStream:
         if begun.start >= len(data):
             self.begun = None
         self.sequence += 1
-        return Packet(self.sequence, begun.item, start, len(data), payload, begun.flags)
+        packet = Packet(self.sequence, begun.item, start, len(data), payload, begun.flags)
+        self.unsettled_bytes += packet.size
+        return packet
 
     def _send(self, packet: Packet, now_ns: int) -> None:
         if packet.is_again:
@@ -274,13 +312,47 @@ class SendStream:
         else:
             packet.is_again = True
             self._progress_ns = now_ns
-        number = self.under_way.add(packet.sequence, HEADER_BYTES + len(packet.payload), now_ns)
+        number = self.under_way.add(packet.sequence, packet.size, now_ns)
         self.sent.append(packet)
         oldest = self.sent[0].sequence if self.manners.is_resent else packet.sequence
         header = self._header(packet, oldest, number)
         self.transmit(header, packet.payload)
-        if not self.manners.is_resent:
-            packet.payload = b""
+        if self.manners.is_resent:
+            return
+        if self.traffic is TrafficClass.STATE and packet.item is not None:
+            self._note_newest(packet.item.channel, packet, now_ns)
+        packet.payload = b""
+        if len(self.sent) > MAX_UNREPORTED:
+            self._settle(self.sent.popleft())
+
+    def _note_newest(self, channel: SendChannel, packet: Packet, now_ns: int) -> None:
+        """Remember a state until it has arrived, if it is one packet: parts are not sent again."""
+        if packet.start == 0 and packet.is_last:
+            self._newest[channel.number] = Newest(packet, packet.payload, now_ns)
+        else:
+            self._newest.pop(channel.number, None)
+
+    def repeat_newest(self, now_ns: int, max_bytes: int) -> None:
+        """Send the newest state of each channel again if it has probably been lost.
+
+        Args:
+            now_ns: the present time.
+            max_bytes: how many bytes of states may be under way.
+        """
+        is_late = self.window.is_late(now_ns)
+        wait_ns = LATE_AGAIN_NS if is_late else self.window.round_trip_ns * 5 // 4 + STATE_AGAIN_NS
+        for number, newest in list(self._newest.items()):
+            if now_ns - newest.sent_ns < wait_ns:
+                continue
+            if newest.repeats >= MAX_REPEATS:
+                del self._newest[number]
+            elif self.under_way.bytes <= max_bytes:
+                newest.repeats += 1
+                newest.sent_ns = now_ns
+                self.resent += 1
+                packet = newest.packet
+                sending = self.under_way.add(packet.sequence, packet.size, now_ns)
+                self.transmit(self._header(packet, packet.sequence, sending), newest.payload)
 
     def _header(self, packet: Packet, oldest: int, number: int) -> Data:
         item, own = packet.item, self.address
@@ -309,10 +381,14 @@ class SendStream:
 
     # -- what has become of it -------------------------------------------------------------------------
 
-    def take_report(self, report: Report, channels: dict[int, SendChannel], now_ns: int) -> None:
-        """Take note of what the receiver has taken."""
+    def take_report(self, report: Report, channels: dict[int, SendChannel], now_ns: int) -> bool:
+        """Take note of what the receiver has taken; False if the report tells of what was never sent."""
+        told = (report.newest, report.next, report.handled)
+        if told < self._told:
+            return True  # a newer one has overtaken it
         if report.next > self.sequence + 1 or report.newest > self.under_way.number:
-            return  # about no stream of ours
+            return False  # about no stream of ours
+        self._told = told
         settled = report.handled if self.manners.is_resent else report.next
         if self.under_way.report(report.newest, report.next, now_ns):
             self._progress_ns = now_ns
@@ -326,9 +402,17 @@ class SendStream:
             else:
                 self.sent.append(packet)
         self._take_counts(report, channels)
+        self._forget_arrived(report.next)
         # What was already under way when everything was to be sent again is missed once more.
         if report.misses and report.newest > self._rewound_at:
             self.rewind()
+        return True
+
+    def _forget_arrived(self, following: int) -> None:
+        """Forget the states that have arrived; `following` is `Report.next`."""
+        for number, newest in list(self._newest.items()):
+            if newest.packet.sequence < following and not newest.is_lost:
+                del self._newest[number]
 
     def _take_counts(self, report: Report, channels: dict[int, SendChannel]) -> None:
         counts = {number: (received, refused) for number, received, refused in report.counts}
@@ -340,9 +424,15 @@ class SendStream:
                 row = channel.row
                 row[RECEIVED] = row[RECEIVED_BEFORE] + received
                 row[REFUSED] = row[REFUSED_BEFORE] + refused
-                row[LOST] = channel.lost_before + channel.settled - received - refused
+                lost = channel.lost_before + channel.settled - received - refused
+                newest = self._newest.get(number)
+                if newest is not None and lost != row[LOST]:
+                    newest.is_lost = lost > row[LOST]
+                    newest.sent_ns = 0 if newest.is_lost else newest.sent_ns
+                row[LOST] = lost
 
     def _settle(self, packet: Packet) -> None:
+        self.unsettled_bytes -= packet.size
         if packet.is_last and packet.item is not None:
             packet.item.channel.settled += 1
 
@@ -361,7 +451,9 @@ class SendStream:
             self._send(self.pending.popleft(), now_ns)
         else:
             self.sequence += 1
-            self._send(Packet(self.sequence, None, 0, 0, b""), now_ns)
+            mark = Packet(self.sequence, None, 0, 0, b"")
+            self.unsettled_bytes += mark.size
+            self._send(mark, now_ns)
 
     def rewind(self) -> None:
         """Send everything again that no report says has been handled."""
@@ -370,9 +462,18 @@ class SendStream:
             self.pending.extendleft(reversed(self.sent))
             self.sent.clear()
 
+    def continue_with_next(self) -> None:
+        """Go on with a new process of the other link, which has the last one's books."""
+        self.under_way.forget()  # it throws away what was for the last one
+        self._told = (0, 0, 0)
+        self.rewind()
+
     def start_again(self) -> None:
         """Begin with a robot that knows nothing of this stream: what was under way counts as lost."""
         self.under_way.forget()
+        self._told = (0, 0, 0)
+        self._newest.clear()
+        self.unsettled_bytes = 0
         begun = [packet.item for packet in (*self.sent, *self.pending) if packet.is_last]
         begun.append(self.begun.item if self.begun else None)
         self.sent.clear()
@@ -391,14 +492,6 @@ class SendStream:
         if self.traffic is TrafficClass.URGENT:
             return self._again_ns
         return max(self._again_ns, 3 * self.window.round_trip_ns)
-
-    def next_due_ns(self, now_ns: int) -> Iterator[int]:
-        """Yield times at which this stream has something to do, however little arrives."""
-        if self.sent or self.under_way.bytes:
-            yield self._progress_ns + self._wait_ns
-        for item in self.waiting.values():
-            if item.channel.not_before_ns > now_ns:
-                yield item.channel.not_before_ns
 
 
 def start_counting(channel: SendChannel) -> None:

@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 from robbie_mp.link.congestion import Window
 
+MAX_SENDINGS = 1 << 16
+"""Sendings that may be under way; older ones count as lost."""
+
 
 class Sending(NamedTuple):
     """One sending of one packet. Times in ns."""
@@ -58,8 +61,11 @@ class UnderWay:
         self.bytes += size
         delivered, load = self._window.sent(size, now_ns)
         self._sendings.append(Sending(self.number, sequence, size, now_ns, delivered, load))
-        if not self.oldest_ns:
-            self.oldest_ns = now_ns
+        if len(self._sendings) > MAX_SENDINGS:
+            oldest = self._sendings.popleft()
+            self.bytes -= oldest.size
+            self._window.given_up(oldest.size)
+        self.oldest_ns = self._sendings[0].sent_ns
         return self.number
 
     def report(self, newest: int, following: int, now_ns: int) -> bool:

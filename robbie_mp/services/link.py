@@ -47,6 +47,7 @@ from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.transport import names
 from robbie_mp.transport.blocks import MessageTooLarge
+from robbie_mp.transport.endpoint import NameTooLong, TooManyDeclarations
 from robbie_mp.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.views.image_pixels import JPEG_ENCODINGS, NoPicture, jpeg, pixels_of
 
@@ -363,7 +364,7 @@ class Link(Module):
             done = self.publish_encoded(
                 name.type_name, name.version, data, topic=topic, latched=message.is_latched
             )
-        except (MessageError, MessageTooLarge) as error:
+        except (MessageError, MessageTooLarge, NameTooLong, TooManyDeclarations) as error:
             self.log.warning("a message of %s cannot be published: %s", message.robot, error)
             return Fate.REFUSED
         return Fate.PUBLISHED if done else Fate.NO_ROOM
@@ -521,11 +522,12 @@ class Link(Module):
             now_ns: the module's time.
         """
         node, wire = self.node, self.wire
+        impossible = sum(peer.strange + peer.uncounted for peer in node.peers.values())
         return LinkState(
             stamp=Time.from_nanoseconds(self.clock.now_ns()),
             robot=self.robot,
             session=node.session,
-            malformed=node.malformed + wire.oversized,
+            malformed=node.malformed + wire.oversized + impossible,
             strangers=node.strangers,
             overflowed=wire.overflowed,
             refused=self.access.refused_total,

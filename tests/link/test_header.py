@@ -7,6 +7,7 @@ from robbie_mp.link.header import (
     MAGIC,
     MAX_COUNTS,
     MAX_HOPS,
+    MAX_SEQUENCE,
     MAX_WORD,
     ROBOT_NAME,
     VERSION,
@@ -28,7 +29,7 @@ TOPICS = st.text(st.characters(codec="utf-8"), max_size=24)
 
 @st.composite
 def data_headers(draw: st.DrawFn) -> Data:
-    sequence = draw(st.integers(1, MAX_WORD))
+    sequence = draw(st.integers(1, MAX_SEQUENCE))
     whole = draw(st.integers(0, (1 << 32) - 1))
     header = Data(
         draw(ROBOTS),
@@ -39,7 +40,7 @@ def data_headers(draw: st.DrawFn) -> Data:
         draw(WORDS),
         sequence,
         draw(st.integers(1, sequence)),
-        draw(st.integers(1, MAX_WORD)),
+        draw(st.integers(sequence, MAX_SEQUENCE)),
         draw(st.integers(0, max(0, whole - 1))),
         whole,
         draw(TIMES),
@@ -60,9 +61,9 @@ REPORTS = st.builds(
     st.sampled_from(CLASSES),
     WORDS,
     WORDS,
-    st.just(MAX_WORD),
-    st.integers(1, MAX_WORD),
-    WORDS,
+    st.just(MAX_SEQUENCE + 1),
+    st.integers(1, MAX_SEQUENCE + 1),
+    st.integers(0, MAX_SEQUENCE),
     st.lists(st.tuples(st.integers(0, 65535), WORDS, WORDS), max_size=20).map(tuple),
     st.booleans(),
 )
@@ -116,7 +117,8 @@ def test_a_header_that_names_too_much_is_refused() -> None:
         good._replace(start=5),
         good._replace(name=None, size=0, sources=()),
         good._replace(start=10, name=None, size=0, sources=()),
-        good._replace(sending=0),
+        good._replace(sending=4),
+        good._replace(sending=MAX_SEQUENCE + 1),
         good._replace(oldest=6),
         good._replace(oldest=0),
         good._replace(flags=4),
@@ -126,6 +128,8 @@ def test_a_header_that_names_too_much_is_refused() -> None:
         Report("red", CLASSES[0], 1, 2, 3, 3, 0, ((0, 0, 0),) * (MAX_COUNTS + 1)),
         Report("red", CLASSES[0], 1, 2, 3, 0, 0, ()),
         Report("red", CLASSES[0], 1, 2, 3, 4, 0, ()),
+        Report("red", CLASSES[0], 1, 2, MAX_SEQUENCE + 2, 3, 0, ()),
+        Report("red", CLASSES[0], 1, 2, 3, 3, MAX_SEQUENCE + 1, ()),
     ]
     assert [unpack(pack(packet)) for packet in bad] == [None] * len(bad)
 
