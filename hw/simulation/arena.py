@@ -11,6 +11,7 @@ from hw.simulation.arena_contents import (
     AppearingObstacle,
     HazardSign,
     NumberSign,
+    Person,
     Sheet,
     StandingObject,
     Table,
@@ -38,6 +39,7 @@ class Arena:
         sheet: a sheet with an order of digits, held up at the start.
         tables: tables; their sides are in `segments`.
         objects: what stands on the tables at the start.
+        people: people who walk; their legs are not in `circles`, because they move.
     """
 
     segments: Array
@@ -53,6 +55,7 @@ class Arena:
     sheet: Sheet | None = None
     tables: tuple[Table, ...] = ()
     objects: tuple[StandingObject, ...] = ()
+    people: tuple[Person, ...] = ()
 
     def with_obstacles(self, indices: Iterable[int]) -> "Arena":
         """Return this arena with some of its temporary obstacles present.
@@ -76,8 +79,15 @@ class Arena:
         """
         if not len(places):
             return self
-        robots = np.column_stack([places, np.full(len(places), radius_m)])
-        return replace(self, circles=np.concatenate([self.circles, robots]))
+        return self.with_circles(np.column_stack([places, np.full(len(places), radius_m)]))
+
+    def with_circles(self, circles: Array) -> "Arena":
+        """Return this arena with more round obstacles.
+
+        Args:
+            circles: (N, 3), m: x, y, radius.
+        """
+        return replace(self, circles=np.concatenate([self.circles, circles])) if len(circles) else self
 
     def clearance_m(self, points: Array) -> Array:
         """Return the distance from points to the nearest surface of a wall or obstacle.

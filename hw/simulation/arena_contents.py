@@ -1,4 +1,4 @@
-"""The contents of an arena besides walls: victims and signs on walls, boards, temporary obstacles."""
+"""The contents of an arena besides walls: victims and signs, boards, temporary obstacles, people."""
 
 import math
 from dataclasses import dataclass
@@ -11,6 +11,9 @@ from hw.simulation.box_segments import box_segments
 
 POST_RADIUS_M = 0.05
 """Radius of the posts that carry boards."""
+
+Colour = tuple[int, int, int]
+"""Red, green, blue; 0 to 255."""
 
 
 class VictimKind(StrEnum):
@@ -240,3 +243,28 @@ class StandingObject:
     y_m: float
     base_m: float
     yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Person:
+    """Somebody who walks along a way.
+
+    Attributes:
+        name: the person's name.
+        way: x (m), y (m) and how long the person stands there (s), of each way point; arena frame.
+        speed_m_per_s: speed of walking.
+        from_s: the person stands at the first point until this time of the simulation.
+        is_loop: whether the first point follows the last one; otherwise the person walks back.
+        crosses: whether the person, at each way point, waits until it can pass close behind the first person.
+        shirt: its colour.
+        trousers: their colour.
+    """
+
+    name: str
+    way: tuple[tuple[float, float, float], ...]
+    speed_m_per_s: float = 0.6
+    from_s: float = 0.0
+    is_loop: bool = False
+    crosses: bool = False
+    shirt: Colour = (190, 40, 40)
+    trousers: Colour = (50, 60, 110)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from hw.simulation.arena_contents import (
     POST_RADIUS_M,
     AppearingObstacle,
     BoardFont,
+    Colour,
     Figure,
     HazardSign,
     NumberSign,
+    Person,
     Sheet,
     SignKind,
     StandingObject,
@@ -46,14 +49,18 @@ KEYS = (
     "sheet",
     "tables",
     "objects",
+    "people",
 )
 OBJECT_KEYS = ("name", "box", "can", "x_m", "y_m", "yaw_rad")
 NUMBER_KEYS = ("text", "x_m", "y_m", "facing_rad", "height_m", "edge_m", "font", "light", "shadow")
+PERSON_KEYS = ("name", "way", "speed_m_per_s", "from_s", "walks", "shirt", "trousers")
 SPOT_KEYS = ("x_m", "y_m", "height_m", "facing_rad")
 # Maximum distance of victims and signs from their wall.
 MAX_FROM_WALL_M = 0.05
 # Brighter paper than this would be white all over.
 MAX_LIGHT = 1.05
+# A person's way keeps this far from walls and obstacles; it is checked at points this far apart.
+PERSON_ROOM_M, PERSON_STEP_M = 0.2, 0.1
 # A point this far in front of a victim or sign must be free.
 IN_FRONT_M = 0.2
 
@@ -85,12 +92,24 @@ def read_arena(path: Path | str) -> Arena:
       `height_m` of the top.
     - `objects`: what stands on them, a list of maps: `name`, `box: [x, y, z]` or `can: [diameter, height]`,
       `x_m`, `y_m`, and `yaw_rad` if it is turned.
+    - `people`: people who walk, a list of maps: `name`; `way`, a list of way points `[x, y, pause_s]`;
+      `speed_m_per_s` (0.6 if absent); `from_s`, when the person begins to walk (0 if absent); `walks`:
+      `to_and_fro` (if absent), `in_a_loop`, or `across`: to and fro, close behind the first person; `shirt`
+      and `trousers`: colours, `[red, green, blue]`.
 
     Raises:
         ArenaError: the file is invalid; the message names the line.
         OSError: the file cannot be read.
     """
     return _ArenaReader(read_yaml_map(Path(path), "an arena", KEYS)).arena()
+
+
+class Walk(StrEnum):
+    """How a person walks."""
+
+    TO_AND_FRO = "to_and_fro"
+    LOOP = "in_a_loop"
+    ACROSS = "across"
 
 
 class _ArenaReader:
@@ -121,6 +140,7 @@ class _ArenaReader:
             sheet=_sheet(self._file),
             tables=self._tables,
             objects=_objects(self._file, self._tables),
+            people=self._people(),
         )
 
     def _solid(self) -> Arena:
@@ -170,6 +190,41 @@ class _ArenaReader:
             HazardSign(entry.name("kind", SignKind, SignKind.EXPLOSIVE), self._spot(entry))
             for entry in entries
         )
+
+    def _people(self) -> tuple[Person, ...]:
+        people: dict[str, Person] = {}
+        for entry in self._file.maps("people", "a person", PERSON_KEYS):
+            name = entry.text("name")
+            if name in people:
+                entry.fail(entry.node("name"), f"another person is called {name!r} already")
+            walks = entry.name("walks", Walk, Walk.TO_AND_FRO)
+            people[name] = Person(
+                name,
+                self._way(entry, walks is Walk.LOOP),
+                entry.positive("speed_m_per_s", 0.6),
+                entry.number("from_s", 0.0),
+                walks is Walk.LOOP,
+                walks is Walk.ACROSS,
+                _colour(entry, "shirt", (190, 40, 40)),
+                _colour(entry, "trousers", (50, 60, 110)),
+            )
+        return tuple(people.values())
+
+    def _way(self, entry: YamlMap, is_loop: bool) -> tuple[tuple[float, float, float], ...]:
+        """Read the way points of a person; check that the person fits everywhere between them."""
+        way, nodes = entry.rows("way", 3)
+        if len(way) < 2:
+            entry.fail(entry.node("way"), "a way needs at least two points [x, y, pause_s]")
+        ends = [*way[1:], way[0]] if is_loop else way[1:]
+        for begin, end, node in zip(way, ends, nodes, strict=False):
+            count = max(2, int(math.dist(begin[:2], end[:2]) / PERSON_STEP_M) + 1)
+            points = np.linspace(begin[:2], end[:2], count)
+            inside = [self._in_box(*point) or self._in_circle(*point) for point in points]
+            tight = np.flatnonzero((self._walls.clearance_m(points) < PERSON_ROOM_M) | inside)
+            if len(tight):
+                x, y = points[tight[0]]
+                entry.fail(node, f"on the way from here, there is no room for a person at ({x:.2f}, {y:.2f})")
+        return tuple((float(x), float(y), float(pause_s)) for x, y, pause_s in way)
 
     def _spot(self, entry: YamlMap) -> WallSpot:
         """Read a place on a wall; check that the wall is there and that the space in front is free."""
@@ -287,6 +342,15 @@ def _numbers(file: YamlMap) -> tuple[NumberSign, ...]:
             )
         )
     return tuple(signs)
+
+
+def _colour(entry: YamlMap, key: str, default: Colour) -> Colour:
+    if key not in entry:
+        return default
+    red, green, blue = (round(value) for value in entry.row(key, 3))
+    if not all(0 <= value <= 255 for value in (red, green, blue)):
+        entry.fail(entry.node(key), f"{key} must be [red, green, blue], each from 0 to 255")
+    return red, green, blue
 
 
 def _sheet(file: YamlMap) -> Sheet | None:

@@ -13,6 +13,7 @@ from hw.simulation.arena_contents import NumberSign, Sheet, VictimKind
 from hw.simulation.hanging import Hanging
 from hw.simulation.number_board import back_texture, board_texture, sheet_texture
 from hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat, victim_textures
+from hw.simulation.people import person_hanging
 from hw.simulation.renderer import Paint, Renderer
 
 WAVE_S = 0.5
@@ -54,6 +55,8 @@ class SimulatedCamera(Camera):
         self._noise = _Noise(noise, self._geometry, seed)
         self._placed: tuple[Pose, float] | None = None
         self._direction = (0.0, 0.0)
+        self.people: NDArray[np.float64] = np.empty((0, 5))
+        """Where people are: (P, 5), as `hw.simulation.people.PersonState.shown`; set it before `capture`."""
 
     @property
     def geometry(self) -> CameraGeometry:
@@ -85,6 +88,8 @@ class SimulatedCamera(Camera):
         pictures = self._pictures[int(stamp_s / WAVE_S) % 2]
         if self._sheet is not None and math.dist(robot[:2], self.arena.start[:2]) < SHEET_UNTIL_M:
             pictures = [*pictures, self._sheet]
+        x, y, _ = self._geometry.mount_m
+        pictures = [*pictures, *self._figures(robot.plus(Pose(x, y, 0.0)))]
         image = self._renderer.render(self.arena, robot, self._direction, pictures)
         return CameraFrame(stamp_s, self._noise.added(image))
 
@@ -97,6 +102,13 @@ class SimulatedCamera(Camera):
         victims = [Hanging(victim.spot, victim_textures(victim)[phase]) for victim in self.arena.victims]
         return [*signs, *boards, *victims]
 
+    def _figures(self, eye: Pose) -> list[Hanging]:
+        """Return the pictures of people as they are seen from the eye."""
+        return [
+            person_hanging(person, shown, eye)
+            for person, shown in zip(self.arena.people, self.people.tolist(), strict=False)
+        ]
+
     def _hang_sheet(self, sheet: Sheet) -> Hanging | None:
         return Hanging(sheet.spot, sheet_texture(sheet.text, sheet.height_m))
 
@@ -105,6 +117,7 @@ class SimulatedThermalCamera(SimulatedCamera):
     """A thermal camera that sees walls, floor and warm victims, in hundredths of a kelvin.
 
     The unit is that of FLIR's Lepton cameras in their mode TLinear. The noise is in hundredths of a kelvin.
+    It does not see people who walk.
     """
 
     def _paint(self) -> Paint:
@@ -113,6 +126,9 @@ class SimulatedThermalCamera(SimulatedCamera):
     def _hang(self, phase: int) -> list[Hanging]:
         warm = [victim for victim in self.arena.victims if victim.kind is not VictimKind.COLD]
         return [Hanging(victim.spot, victim_heat(victim)[phase]) for victim in warm]
+
+    def _figures(self, eye: Pose) -> list[Hanging]:
+        return []
 
     def _hang_sheet(self, sheet: Sheet) -> Hanging | None:
         return None

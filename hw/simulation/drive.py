@@ -11,6 +11,7 @@ from hw.pose import ORIGIN, Pose
 from hw.simulation.arena import Arena
 from hw.simulation.changing_arena import ChangingArena
 from hw.simulation.differential_drive import DifferentialDrive
+from hw.simulation.people import People, leg_circles
 from hw.simulation.wheel import SimulatedWheel, WheelErrors
 
 STEP_S = 0.01
@@ -30,6 +31,8 @@ class WorldState:
         emergency_stopped: whether the emergency stop is engaged.
         elapsed_s: simulated time.
         obstacles: indices of the temporary obstacles that are present.
+        people: where people are on their ways, as `hw.simulation.people.PersonState`.
+        touches: number of times that the robot drove against a person; each is a collision, too.
     """
 
     true_pose: Pose
@@ -39,6 +42,8 @@ class WorldState:
     emergency_stopped: bool = False
     elapsed_s: float = 0.0
     obstacles: tuple[int, ...] = ()
+    people: tuple[tuple[float, ...], ...] = ()
+    touches: int = 0
 
 
 class SimulatedDrive(Drive):
@@ -78,7 +83,9 @@ class SimulatedDrive(Drive):
         self.collisions = world.collisions
         self.expired_commands = world.expired_commands
         self._emergency_stopped = world.emergency_stopped
+        self.touches = world.touches
         self._surroundings = ChangingArena(arena, self._body.body_radius_m, world.obstacles)
+        self._people = People(arena.people, world.people)
         tick_m, slip = self._body.tick_m, errors.slip_m_per_sqrt_m
         self._left = SimulatedWheel(tick_m, errors.left_scale, slip, (seed, 0))
         self._right = SimulatedWheel(tick_m, errors.right_scale, slip, (seed, 1))
@@ -131,6 +138,11 @@ class SimulatedDrive(Drive):
         """Return the indices of the arena's temporary obstacles that are present."""
         return self._surroundings.obstacles
 
+    @property
+    def people(self) -> NDArray[np.float64]:
+        """Return where people are: (P, 5), as `hw.simulation.people.PersonState.shown`."""
+        return self._people.shown
+
     def ground_truth(self) -> DriveState:
         """Return the robot's true state (arena frame)."""
         self._advance()
@@ -147,6 +159,8 @@ class SimulatedDrive(Drive):
             self._emergency_stopped,
             self._time_s - self._began_s,
             self.obstacles,
+            tuple(tuple(state) for state in self._people.states),
+            self.touches,
         )
 
     def _advance(self) -> None:
@@ -161,6 +175,7 @@ class SimulatedDrive(Drive):
                 self._step()
                 self._time_s += STEP_S
             self._surroundings.change(self._time_s - self._began_s, self._true_pose)
+            self._people.walk_until(self._time_s - self._began_s, self._true_pose)
 
     def _expire(self) -> None:
         if self._time_s >= self._expires_s and self._wanted != (0.0, 0.0):
@@ -187,10 +202,14 @@ class SimulatedDrive(Drive):
         """Return whether the robot can go there; count the start of a contact."""
         positions = np.array([self._true_pose[:2], there[:2]])
         around = self._surroundings.arena.with_robots(self._others, self._body.body_radius_m)
-        before_m, after_m = around.clearance_m(positions)
+        legs = leg_circles(self._people.shown)
+        before_m, after_m = around.with_circles(legs).clearance_m(positions)
         if after_m >= self._body.body_radius_m or after_m > before_m:
             self._touching = self._touching and after_m < self._body.body_radius_m + RELEASE_M
             return True
-        self.collisions += not self._touching
+        if not self._touching:
+            self.collisions += 1
+            to_legs_m = np.hypot(*(legs[:, :2] - positions[1]).T) - legs[:, 2]
+            self.touches += bool(to_legs_m.min(initial=np.inf) < self._body.body_radius_m)
         self._touching = True
         return False

@@ -56,7 +56,7 @@ class SimulatedCameraModule(SimulatedDevice):
         if truth is None:
             self.status = "waiting for the simulated base"
             return
-        self.camera.arena = self.world.arena
+        self.camera.arena, self.camera.people = self.world.arena, self.world.people
         self.camera.place(truth.pose, truth.stamp_s)
         self.camera.look(*self.direction_at(truth.stamp_s))
         pixels = self.camera.capture().pixels
@@ -104,6 +104,12 @@ class SimulatedRearCameraModule(SimulatedCameraModule):
     def direction_at(self, stamp_s: float) -> tuple[float, float]:
         """Return pan and tilt, rad."""
         return math.pi, self.tilt_rad
+
+
+class SimulatedHeadCameraModule(SimulatedCameraModule):
+    """A simulated camera on a pan-tilt unit at the height of a table and more; for `hw/robots/home.yaml`."""
+
+    mount_m = (0.05, 0.0, 1.1)
 
 
 class SimulatedThermalCameraModule(SimulatedCameraModule):

@@ -8,6 +8,7 @@ import numpy as np
 from hw.laser import LaserGeometry
 from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
+from hw.simulation.people import leg_circles
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, setting
 from robbie_mp.messages import LaserScan
@@ -58,7 +59,7 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
         if truth is None:
             self.status = "waiting for the simulated base"
             return
-        self.laser.arena = self.world.arena
+        self.laser.arena = self.world.arena.with_circles(leg_circles(self.world.people))
         if self.places is not None:
             self.laser.arena = self.laser.arena.with_robots(self.places.others(), ROBOT_RADIUS_M)
         self.laser.place(truth.pose, truth.stamp_s)

@@ -5,13 +5,35 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hw.drive import DriveState
 from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.arena_file import ArenaError, read_arena
 from hw.simulation.robot_places import RobotPlaces
-from robbie_mp import REQUIRED, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp import (
+    DEFAULT,
+    REQUIRED,
+    Array,
+    Header,
+    Message,
+    MessageHandling,
+    Module,
+    SettingError,
+    Time,
+    float64,
+    setting,
+)
 from robbie_mp.messages import Odometry, SimulatedWorld
+
+
+class SimulatedPeople(Message, name="home_msgs/msg/SimulatedPeople", version=1):
+    """Where the people of a simulated world truly are. Published by the simulated base."""
+
+    header: Header = DEFAULT  # frame_id: arena
+    shown: Array[float64] = DEFAULT  # (5 * people,): x (m), y (m), heading (rad), phase (rad), stride of each
 
 
 class SimulatedDevice(Module):
@@ -63,6 +85,8 @@ class SharedWorld:
         self._whole = module.read_arena()
         self._on_truth = on_truth
         self.arena = self._whole
+        self.people: NDArray[np.float64] = np.empty((0, 5))
+        """Where people are: (P, 5), as `hw.simulation.people.PersonState.shown`."""
         self.truth: DriveState | None = None
         """The robot's true state, pose in the arena frame; None before the base's first message."""
         self.stamp = Time()
@@ -71,6 +95,8 @@ class SharedWorld:
         module.subscribe(Odometry, self._on_odometry, handling, topic="ground_truth")
         if self._whole.appearing:
             module.subscribe(SimulatedWorld, self._on_world, topic="ground_truth")
+        if self._whole.people:
+            module.subscribe(SimulatedPeople, self._on_people, handling, topic="ground_truth")
 
     def _on_odometry(self, message: Odometry) -> None:
         pose, twist = message.pose.pose, message.twist.twist
@@ -83,3 +109,6 @@ class SharedWorld:
 
     def _on_world(self, message: SimulatedWorld) -> None:
         self.arena = self._whole.with_obstacles(message.obstacles.tolist())
+
+    def _on_people(self, message: SimulatedPeople) -> None:
+        self.people = message.shown.reshape(-1, 5)

@@ -12,7 +12,7 @@ from hw.pose import Pose as Pose2D
 from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.drive import SimulatedDrive, WorldState
 from modules.devices.commanded_base import odometry
-from modules.devices.simulated_world import SimulatedDevice
+from modules.devices.simulated_world import SimulatedDevice, SimulatedPeople
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import SimulatedWorld
 from workers.planar_pose import relative
@@ -51,9 +51,16 @@ class TrueBase(SimulatedDevice):
         )
 
     def publish_truth(self, truth: DriveState, stamp: Time) -> None:
-        """Publish the true state and, if the arena has temporary obstacles, which of them are present."""
+        """Publish the true state; first the arena's people and temporary obstacles, if it has any.
+
+        So a device that hears of a state knows where people were at its time.
+        """
         if self.places is not None:
             self.places.tell(truth.pose)
+        if self.world.people:
+            rows = self.drive.people.ravel()
+            people = SimulatedPeople(header=Header(stamp=stamp, frame_id="arena"), shown=rows)
+            self.publish(people, topic="ground_truth")
         truth = replace(truth, pose=Pose2D(*relative(self.world.start, truth.pose)))
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
         if self.true_path:
@@ -64,12 +71,15 @@ class TrueBase(SimulatedDevice):
             self.publish(SimulatedWorld(header=header, obstacles=obstacles), topic="ground_truth")
 
     def write_results(self) -> None:
-        """Write collisions, expired commands and distance from the start to `base.json`; leave the arena.
+        """Write what was counted and the distance from the start to `base.json`; leave the arena.
+
+        Counted are collisions, those with people (`touches`), and expired commands.
 
         Write the true path to `truth.txt`, in the map's frame, if a setting says so.
         """
         counted = {
             "collisions": self.drive.collisions,
+            "touches": self.drive.touches,
             "expired_commands": self.drive.expired_commands,
             "from_start_m": math.dist(self.drive.ground_truth().pose[:2], self.world.start[:2]),
         }
