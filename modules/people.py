@@ -1,0 +1,220 @@
+"""People around the robot: legs in the laser's scans, and clothes in the camera's pictures."""
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.people_messages import People, PeopleClothes, Person
+from modules.planar_messages import map_cells
+from robbie_mp import Header, MessageHandling, Module, setting
+from robbie_mp.messages import (
+    CameraInfo,
+    Image,
+    LaserScan,
+    OccupancyGrid,
+    Point,
+    PointOfInterest,
+    PointsOfInterest,
+    Pose,
+)
+from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from workers.people.clothes import View, clothes_in
+from workers.people.leg_classifier import LegClassifier
+from workers.people.leg_segments import find_segments
+from workers.people.map_things import MapThings
+from workers.people.person_tracker import PersonTracker, TrackedPerson, TrackerSettings
+from workers.planar_pose import transform_points
+
+SCANS = 5
+HIDES_M = 0.3
+"""Something hides a place from the laser if it is nearer by this."""
+SEEN_S = 0.3
+"""The clothes of a person whose legs were not seen for this time are not looked at."""
+
+
+class PeopleFinder(Module):
+    """Finds persons by their legs; publishes `People` and, if there is a camera, `PeopleClothes`.
+
+    Needs `LaserScan` and the transforms of the scene graph; uses `OccupancyGrid`, so that what is on the map
+    counts as a person only once it moves. The page shows the persons as `PointsOfInterest` on topic `people`.
+    Persons keep their names over a restart.
+    """
+
+    period_s: float = setting(0.1, "time between looks at new scans and pictures", minimum=0.02)
+    max_range_m: float = setting(6.0, "farther legs are not looked for", minimum=1.0)
+    max_persons: int = setting(40, "tracks kept; beyond that, the least likely end", minimum=1, maximum=500)
+
+    def setup(self) -> None:
+        """Create the workers; subscribe to laser, camera and map."""
+        self.classifier = LegClassifier.from_file()
+        self.tracker = PersonTracker(TrackerSettings(max_tracks=self.max_persons))
+        if self.restored is not None:
+            self.tracker.remember(self.restored)
+        self.things: MapThings | None = None
+        self.scans: deque[LaserScan] = deque(maxlen=SCANS)
+        self.camera: CameraInfo | None = None
+        self.image: Image | None = None
+        self.seen = self.pictures = self.unplaced = 0
+        self.scene = SceneGraphListener(self)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(LaserScan, self.scans.append)
+        self.subscribe(OccupancyGrid, self.on_map, newest, optional=True)
+        self.subscribe(CameraInfo, self.on_camera, newest, topic="camera", optional=True)
+        self.subscribe(Image, self.on_image, newest, topic="camera", optional=True)
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Take what the newest map shows."""
+        self.things = MapThings(*map_cells(grid))
+
+    def on_camera(self, camera: CameraInfo) -> None:
+        """Store the camera's projection."""
+        self.camera = camera
+
+    def on_image(self, image: Image) -> None:
+        """Keep the newest picture until the camera's pose at its stamp is known."""
+        self.image = image
+
+    def tick(self) -> None:
+        """Track the persons in all scans whose poses are known, and look at the newest picture."""
+        was_seen = self.seen
+        while self.scans and self._take_scan(self.scans[0]):
+            self.scans.popleft()
+        if self.seen != was_seen:
+            self._tell()
+            self.checkpoint(self.tracker.memory())
+        if self.image is not None and self.camera is not None:
+            self._look(self.image, self.camera)
+        persons = self.tracker.persons
+        self.status = (
+            f"{sum(one.unseen_s <= SEEN_S for one in persons)} persons seen; {self.seen} scans, "
+            f"{self.unplaced} without a pose, {self.pictures} pictures, {self.tracker.dropped} tracks dropped"
+        )
+
+    def _take_scan(self, scan: LaserScan) -> bool:
+        """Track the persons in a scan; return False if its pose is not known yet."""
+        stamp = scan.header.stamp
+        try:
+            X_ML = self.scene.pose("map", scan.header.frame_id, stamp.nanoseconds)
+        except TooNew:
+            return False
+        except SceneGraphError as error:
+            self.log.debug("could not place a scan: %s", error)
+            self.unplaced += 1
+            return True
+        laser = _planar(X_ML)
+        segments = find_segments(
+            scan.ranges, scan.angle_min, scan.angle_increment, min(self.max_range_m, scan.range_max)
+        )
+        legs = transform_points(laser, segments.centres_m)
+        on_map = np.zeros(len(legs), np.bool_) if self.things is None else self.things.at(legs)
+        likely = self.classifier.probabilities(segments.features)
+
+        def is_hidden(xy_m: NDArray[np.float64]) -> bool:
+            return hides(scan, laser, xy_m)
+
+        self.tracker.see(stamp.nanoseconds / 1e9, legs, likely, on_map, is_hidden)
+        self.stamp = stamp
+        self.seen += 1
+        return True
+
+    def _tell(self) -> None:
+        """Publish all persons."""
+        header = Header(stamp=self.stamp, frame_id="map")
+        persons = self.tracker.persons
+        self.publish(People(header=header, people=[message_of(one) for one in persons]))
+        points = [
+            PointOfInterest(name=f"person {one.number}", pose=Pose(position=_point(one.xy_m)))
+            for one in persons
+            if one.unseen_s <= SEEN_S
+        ]
+        self.publish(PointsOfInterest(header=header, points=points), topic="people")
+
+    def _look(self, image: Image, camera: CameraInfo) -> None:
+        """Publish how the persons in a picture are dressed, as soon as the camera's pose is known."""
+        stamp_ns = image.header.stamp.nanoseconds
+        try:
+            X_MC = self.scene.pose("map", image.header.frame_id, stamp_ns)
+        except TooNew:
+            return
+        except SceneGraphError as error:
+            self.log.debug("could not use a picture: %s", error)
+            self.image = None
+            return
+        self.image = None
+        self.pictures += 1
+        persons = [one for one in self.tracker.persons if one.unseen_s <= SEEN_S]
+        if not persons:
+            return
+        ahead_s = stamp_ns / 1e9 - self.stamp.nanoseconds / 1e9
+        places = np.array([one.xy_m + ahead_s * one.velocity_m_per_s for one in persons])
+        pixels = image.data.reshape(image.height, image.step)[:, : 3 * image.width]
+        view = View(
+            pixels.reshape(image.height, image.width, 3),
+            float(camera.k[0]),
+            (float(camera.k[2]), float(camera.k[5])),
+            X_MC.matrix[:3, :3].T,
+            X_MC.translation,
+        )
+        worn = [
+            (str(one.number), clothes)
+            for one, clothes in zip(persons, clothes_in(view, places), strict=True)
+            if clothes is not None
+        ]
+        if worn:
+            self.publish(
+                PeopleClothes(
+                    header=image.header,
+                    names=[name for name, _ in worn],
+                    clothes=np.concatenate([clothes for _, clothes in worn]).astype(np.float32),
+                )
+            )
+
+
+def hides(scan: LaserScan, laser: NDArray[np.float64], xy_m: NDArray[np.float64]) -> bool:
+    """Return whether a scan shows something in front of a place.
+
+    Args:
+        scan: the scan.
+        laser: (3,), pose of the laser, map frame.
+        xy_m: (2,), m, map frame.
+    """
+    x, y = xy_m - laser[:2]
+    bearing = math.remainder(math.atan2(y, x) - laser[2] - scan.angle_min, math.tau) % math.tau
+    beam = round(bearing / scan.angle_increment)
+    if beam >= len(scan.ranges):
+        return True  # the laser does not look there
+    seen_m = float(scan.ranges[beam])
+    return math.isfinite(seen_m) and seen_m < math.hypot(x, y) - HIDES_M
+
+
+def message_of(person: TrackedPerson) -> Person:
+    """Return the message for a person."""
+    return Person(
+        name=str(person.number),
+        position=_point(person.xy_m),
+        velocity=_point(person.velocity_m_per_s),
+        reliability=person.confidence,
+        tagnames=["unseen_s", "has_moved"],
+        tags=[f"{person.unseen_s:.3f}", str(int(person.has_moved))],
+    )
+
+
+def unseen_s(person: Person) -> float:
+    """Return for how long a person of a message was not seen; inf if the message does not say."""
+    tags = dict(zip(person.tagnames, person.tags, strict=False))
+    try:
+        return float(tags["unseen_s"])
+    except (KeyError, ValueError):
+        return math.inf
+
+
+def _point(xy: NDArray[np.float64]) -> Point:
+    return Point(x=float(xy[0]), y=float(xy[1]))
+
+
+def _planar(X_ML: RigidTransform) -> NDArray[np.float64]:
+    """Return the laser's x, y (m) and heading (rad), map frame."""
+    ahead = X_ML.apply((1.0, 0.0, 0.0)) - X_ML.translation
+    return np.array([X_ML.x, X_ML.y, math.atan2(ahead[1], ahead[0])])

@@ -1,0 +1,165 @@
+"""Segments of a laser scan, and the features by which legs differ from other things.
+
+The features are a choice of those of Arras, Mozos and Burgard, "Using boosted features for the detection of
+people in 2D range data" (ICRA 2007).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+FEATURES = (
+    "points",
+    "width_m",
+    "apparent_width_m",
+    "spread_m",
+    "thickness_m",
+    "roundness",
+    "circle_radius_m",
+    "circle_residual_m",
+    "convexity_m",
+    "boundary_ratio",
+    "boundary_deviation_m",
+    "range_m",
+    "jump_before_m",
+    "jump_after_m",
+)
+GAP_M = 0.12
+"""Neighbouring returns that are farther apart belong to different segments."""
+MAX_WIDTH_M = 0.5
+"""Wider segments are no legs."""
+FEWEST_POINTS = 3
+MAX_JUMP_M, MAX_RADIUS_M = 1.0, 1.0
+
+
+class Segments(NamedTuple):
+    """Parts of a scan that are as wide as legs or less.
+
+    Attributes:
+        centres_m: (N, 2), where the middle of a leg would be, in the laser's frame.
+        features: (N, len(FEATURES)).
+    """
+
+    centres_m: Array
+    features: Array
+
+
+def find_segments(
+    ranges_m: ArrayLike, angle_min_rad: float, angle_increment_rad: float, max_range_m: float
+) -> Segments:
+    """Cut a scan into segments.
+
+    Args:
+        ranges_m: (B,); +inf or NaN: no return; -inf: something too near to measure (REP 117).
+        angle_min_rad: direction of the first beam.
+        angle_increment_rad: from beam to beam.
+        max_range_m: farther returns are not used.
+    """
+    ranges = np.asarray(ranges_m, np.float64)
+    angles = angle_min_rad + angle_increment_rad * np.arange(len(ranges))
+    if len(ranges) * angle_increment_rad > 2 * np.pi - 1.5 * angle_increment_rad:
+        shift = _cut(ranges)  # so that no segment is cut at the scan's ends
+        ranges, angles = np.roll(ranges, -shift), np.roll(angles, -shift)
+    returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < max_range_m)
+    beams = np.flatnonzero(returned)
+    if len(beams) < FEWEST_POINTS:
+        return Segments(np.empty((0, 2)), np.empty((0, len(FEATURES))))
+    points = ranges[beams, None] * np.column_stack([np.cos(angles[beams]), np.sin(angles[beams])])
+    apart = np.hypot(*np.diff(points, axis=0).T)
+    first = np.concatenate([[0], np.flatnonzero((apart > GAP_M) | (np.diff(beams) > 2)) + 1])
+    last = np.concatenate([first[1:], [len(beams)]]) - 1
+    chord = np.hypot(*(points[last] - points[first]).T)
+    kept = (last - first + 1 >= FEWEST_POINTS) & (chord <= MAX_WIDTH_M)
+    background = np.where(np.isnan(ranges), np.inf, ranges)
+    return _described(points, first, last, kept, _jumps(background, beams, first, last), angle_increment_rad)
+
+
+def _cut(ranges: Array) -> int:
+    """Return the beam that begins after the largest jump of range."""
+    filled = np.where(np.isfinite(ranges), ranges, 100.0)
+    return int(np.argmax(np.abs(filled - np.roll(filled, 1))))
+
+
+def _jumps(background: Array, beams: Places, first: Places, last: Places) -> tuple[Array, Array]:
+    """Return how much farther the beams before and after each segment reach; negative: something hides it."""
+    before = background[beams[first] - 1] - background[beams[first]]
+    after = background[(beams[last] + 1) % len(background)] - background[beams[last]]
+    return np.clip(before, -MAX_JUMP_M, MAX_JUMP_M), np.clip(after, -MAX_JUMP_M, MAX_JUMP_M)
+
+
+def _described(
+    points: Array,
+    first: Places,
+    last: Places,
+    kept: NDArray[np.bool_],
+    jumps: tuple[Array, Array],
+    increment_rad: float,
+) -> Segments:
+    """Compute the features of the segments that are kept, all at once."""
+    count = (last - first + 1).astype(np.float64)
+
+    def sums(values: Array) -> Array:
+        total: Array = np.add.reduceat(values, first, axis=0)
+        return total
+
+    def means(values: Array) -> Array:
+        return sums(values) / count.reshape(-1, *[1] * (values.ndim - 1))
+
+    centroid = means(points)
+    number = np.repeat(np.arange(len(first)), count.astype(np.intp))
+    offset = points - centroid[number]
+    xx, yy, xy = means(offset[:, 0] ** 2), means(offset[:, 1] ** 2), means(offset[:, 0] * offset[:, 1])
+    half, root = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    small, large = np.maximum(half - root, 0.0), half + root
+    middle, radius, residual = _circles(offset, number, means)
+    distance = np.hypot(*centroid.T)
+    toward = -centroid / np.maximum(distance, 1e-6)[:, None]
+    ends = (points[first] + points[last]) / 2
+    convexity = ((centroid - ends) * toward).sum(axis=1)
+    steps = np.append(np.hypot(*np.diff(points, axis=0).T), 0.0)
+    steps[last] = 0.0
+    inner = np.maximum(count - 1, 1)
+    step = sums(steps) / inner
+    deviation = np.sqrt(np.maximum(sums(steps**2) / inner - step**2, 0.0))
+    chord = np.hypot(*(points[last] - points[first]).T)
+    features = np.column_stack(
+        [
+            count,
+            chord,
+            count * increment_rad * distance,
+            np.sqrt(xx + yy),
+            np.sqrt(small),
+            np.sqrt(small / np.maximum(large, 1e-9)),
+            radius,
+            residual,
+            convexity,
+            np.minimum(sums(steps) / np.maximum(chord, 1e-3), 10.0),
+            deviation,
+            distance,
+            *jumps,
+        ]
+    )
+    # The laser sees the front of a leg: its middle lies behind the returns.
+    fits = (radius < 0.12)[:, None] & (np.hypot(*middle.T) < 0.12)[:, None]
+    centres = centroid + np.where(fits, middle, -0.03 * toward)
+    return Segments(centres[kept], features[kept])
+
+
+def _circles(offset: Array, number: Places, means: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
+    """Fit a circle to each segment (Kåsa 1976): its middle from the centroid, radius, and residual."""
+    x, y = offset.T
+    square = x**2 + y**2
+    a, b, c = means(x * x), means(x * y), means(y * y)
+    d, e = means(square * x) / 2, means(square * y) / 2
+    # A little is added to the diagonal, so that a straight segment gets a large circle instead of none.
+    a, c = a + 1e-7, c + 1e-7
+    area = np.maximum(a * c - b * b, 1e-14)
+    middle = np.column_stack([(d * c - e * b) / area, (e * a - d * b) / area])
+    radius = np.sqrt(means(square) + (middle**2).sum(axis=1))
+    off = np.hypot(*(offset - middle[number]).T) - radius[number]
+    return middle, np.minimum(radius, MAX_RADIUS_M), np.minimum(np.sqrt(means(off**2)), 1.0)
