@@ -9,7 +9,7 @@ from hw.camera import CameraGeometry
 from hw.laser import LaserGeometry
 from hw.pan_tilt import PanTiltLimits
 from modules.devices.base import SimulatedBase
-from modules.devices.camera import SimulatedRearCameraModule
+from modules.devices.camera import SimulatedHeadCameraModule, SimulatedRearCameraModule
 from modules.devices.pan_tilt import SimulatedPanTiltModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
@@ -31,6 +31,14 @@ def test_devices_are_mounted_and_turn_as_in_the_scene_graph() -> None:
     assert (place.x, place.y, place.yaw) == laser.mount
     assert graph.joint("pan").limits == (-limits.pan_rad, limits.pan_rad)
     assert graph.joint("tilt").limits == (-limits.tilt_up_rad, limits.tilt_down_rad)
+
+
+def test_head_camera_of_the_household_robot_is_mounted_as_in_its_scene_graph() -> None:
+    graph = SceneGraph(read_scene(HW / "robots" / "home.yaml"))
+    for joint in ("pan", "tilt"):
+        graph.set_joint(joint, 0, 0.0)
+    place = graph.pose("base_link", "camera_optical")
+    assert place.translation == pytest.approx(SimulatedHeadCameraModule.mount_m)
 
 
 def test_rear_camera_looks_back_and_down_as_in_the_scene_graph() -> None:

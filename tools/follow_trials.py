@@ -1,0 +1,213 @@
+"""Has the household robot follow a person through the apartment, judged by the ground truth.
+
+    python -m tools.follow_trials --seeds 20 [--first 0] [--minutes 2] [--kill] [--profile NAME] [--json FILE]
+
+Each seed dresses the four people of `apartment.yaml` anew, lets the first one walk through the lower rooms
+(even seeds) or the upper ones (odd seeds) at another speed, and makes other noise. Two people cross her way
+close behind her. A seed is right if the robot never went after another person, touched nobody, and follows
+at the end. With `--kill`, the tool kills every module once, at a random moment; in lockstep,
+as in the profile `home-fast`, the robot waits for a restarting module.
+"""
+
+import argparse
+import json
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robbie_mp.profile.load import load_profile
+from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.mission_kills import Kills, watch
+
+APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
+NOISY = ("base", "laser", "camera")
+RUN_LIMIT_S = 3600.0
+BEGIN_S, KILL_SHARE = 12.0, 0.8
+"""Modules are killed between this time of the run and this share of it."""
+SHIRTS = ((190, 40, 40), (40, 120, 60), (230, 200, 60), (60, 90, 190), (240, 240, 240), (120, 50, 130))
+TROUSERS = ((50, 60, 110), (30, 30, 32), (120, 110, 100), (90, 80, 60))
+LOWER = "[[2.3, 4.1, 0], [8.0, 4.1, 0], [8.0, 1.8, 2], [4.9, 1.8, 0], [1.7, 1.8, 3], [1.7, 4.1, 0]]"
+UPPER = "[[2.3, 4.1, 0], [8.9, 4.1, 0], [8.9, 6.2, 2], [5.0, 6.2, 0], [2.5, 6.2, 3], [2.5, 4.1, 0]]"
+CROSSING = "[[5.0, 2.6, 0], [5.0, 5.4, 0]]"
+LOWER_CROSSING, UPPER_CROSSING = "[[3.3, 0.65, 0], [3.3, 2.9, 0]]", "[[6.0, 5.2, 0], [6.0, 7.3, 0]]"
+LOWER_ROOM, UPPER_ROOM = (
+    "[[1.7, 1.6, 4], [4.6, 2.2, 3]]",
+    "[[2.5, 5.4, 4], [2.5, 6.4, 0], [6.0, 6.2, 3], [8.8, 6.2, 5]]",
+)
+
+
+@dataclass
+class Outcome:
+    """The result of one run, by the ground truth.
+
+    Attributes:
+        is_right: see above.
+        near_share: share of the time in which the person was within 3 m.
+        wrong_s: time in which the robot was after another person.
+        wrong_times: how often that began.
+        touches: contacts of the robot with people.
+        collisions: all contacts.
+        crossings: how often somebody walked between the robot and its person.
+        losses: how often the robot lost the person.
+        questions: how often it asked.
+        farthest_m: the largest distance from the person.
+        state: what the robot did at the end.
+        task_s: simulated time that counts.
+        wall_s: duration of the run in real time.
+        restarts: number of restarts of killed modules.
+        trouble: why the run itself failed; '' if it did not.
+    """
+
+    seed: int
+    is_right: bool = False
+    near_share: float = 0.0
+    wrong_s: float = 0.0
+    wrong_times: int = 0
+    touches: int = 0
+    collisions: int = 0
+    crossings: int = 0
+    losses: int = 0
+    questions: int = 0
+    farthest_m: float = 0.0
+    state: str = ""
+    task_s: float = 0.0
+    wall_s: float = 0.0
+    restarts: dict[str, int] = field(default_factory=dict)
+    trouble: str = ""
+
+
+def apartment(seed: int) -> str:
+    """Return the apartment with other people, as the text of an arena file."""
+    chance = random.Random(seed)
+    shirts = chance.sample(SHIRTS, 4)
+    is_upper = bool(seed % 2)
+    walks = [
+        (
+            "Anna",
+            UPPER if is_upper else LOWER,
+            chance.uniform(0.45, 0.6),
+            chance.uniform(12, 16),
+            "in_a_loop",
+        ),
+        ("Ben", CROSSING, chance.uniform(0.6, 0.8), 0.0, "across"),
+        ("Clara", UPPER_CROSSING if is_upper else LOWER_CROSSING, chance.uniform(0.6, 0.8), 0.0, "across"),
+        ("David", LOWER_ROOM if is_upper else UPPER_ROOM, chance.uniform(0.5, 0.7), 5.0, "to_and_fro"),
+    ]
+    people = [
+        f"  - {{name: {name}, way: {way}, speed_m_per_s: {speed:.3f}, from_s: {from_s:.2f}, walks: {how}, "
+        f"shirt: {list(shirt)}, trousers: {list(chance.choice(TROUSERS))}}}"
+        for (name, way, speed, from_s, how), shirt in zip(walks, shirts, strict=True)
+    ]
+    rooms, _, _ = APARTMENT.read_text().partition("people:\n")
+    return rooms + "people:\n" + "\n".join(people) + "\n"
+
+
+def run(outcome: Outcome, folder: Path, profile: str, minutes: float, kills: bool) -> None:
+    """Run the task once and judge it.
+
+    Args:
+        outcome: seed of people, noise and kills; takes the results.
+        folder: new folder for the run.
+        profile: the profile to run.
+        minutes: duration in the robot's time.
+        kills: whether every module is killed once.
+    """
+    file = folder / "apartment.yaml"
+    file.write_text(apartment(outcome.seed))
+    settings = [f"referee.ends_after_s={60 * minutes}"]
+    for spec in load_profile(profile, REPOSITORY).modules:
+        if "arena" in spec.settings:
+            settings += [f"{spec.name}.arena={file}"]
+            settings += [f"{spec.name}.seed={outcome.seed}"] if spec.name in NOISY else []
+    words = [profile, *(word for setting in settings for word in ("--set", setting))]
+    began_s = time.monotonic()
+    robot = Robot(folder / "run", REPOSITORY, *words)
+    try:
+        robot.wait_until_running(limit_s=300.0)
+        until_s = KILL_SHARE * 60 * minutes
+        watch(robot, Kills(robot, outcome.seed, BEGIN_S, until_s) if kills else None, RUN_LIMIT_S)
+        summary = robot.wait_for_end()
+        outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
+        judge(outcome, robot.output)
+    except (RobotTrouble, OSError) as trouble:
+        outcome.trouble = str(trouble)
+    finally:
+        robot.close()
+    outcome.wall_s = round(time.monotonic() - began_s, 1)
+
+
+def judge(outcome: Outcome, output: Path) -> None:
+    """Take the referee's judgement, the base's contacts, and what the task has counted."""
+    referee, base, task = (
+        json.loads((output / f"{name}.json").read_text()) for name in ("referee", "base", "follow")
+    )
+    outcome.near_share, outcome.task_s = round(referee["near_share"], 3), round(referee["task_s"], 1)
+    outcome.wrong_s, outcome.wrong_times = round(referee["wrong_s"], 1), referee["wrong_times"]
+    outcome.crossings, outcome.farthest_m = referee["crossings"], round(referee["farthest_m"], 2)
+    outcome.touches, outcome.collisions = base["touches"], base["collisions"]
+    outcome.losses, outcome.questions, outcome.state = task["losses"], task["questions"], task["state"]
+    follows = outcome.state in ("FOLLOW", "STAND", "LOST") and outcome.task_s > 0
+    outcome.is_right = follows and not outcome.wrong_times and not outcome.touches
+
+
+def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+    """Return the figures of all runs together."""
+    minutes = sum(one.task_s for one in outcomes) / 60
+    return {
+        "runs": len(outcomes),
+        "right": sum(one.is_right for one in outcomes),
+        "near_share_mean": round(sum(one.near_share for one in outcomes) / len(outcomes), 3),
+        "near_share_least": min(one.near_share for one in outcomes),
+        "minutes": round(minutes, 1),
+        "crossings_per_minute": round(sum(one.crossings for one in outcomes) / minutes, 2)
+        if minutes
+        else 0.0,
+        "wrong_times": sum(one.wrong_times for one in outcomes),
+        "wrong_s": round(sum(one.wrong_s for one in outcomes), 1),
+        "touches": sum(one.touches for one in outcomes),
+        "collisions": sum(one.collisions for one in outcomes),
+        "losses": sum(one.losses for one in outcomes),
+        "questions": sum(one.questions for one in outcomes),
+        "ended_alone": sum(one.state in ("IDLE", "ASK", "LOOK", "HALT") for one in outcomes),
+        "trouble": sum(bool(one.trouble) for one in outcomes),
+    }
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the command line. The exit code is 0 if every run was right, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m tools.follow_trials", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20, help="number of runs")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--minutes", type=float, default=2.0, help="duration of a run in the robot's time")
+    parser.add_argument("--profile", default="home-fast")
+    parser.add_argument("--kill", action="store_true", help="kill every module once")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    options = parser.parse_args(words)
+    folder = Path(tempfile.mkdtemp(prefix="robbie-follow-"))
+    outcomes: list[Outcome] = []
+    try:
+        for seed in range(options.first, options.first + options.seeds):
+            place = folder / str(seed)
+            place.mkdir()
+            outcome = Outcome(seed)
+            run(outcome, place, options.profile, options.minutes, options.kill)
+            outcomes.append(outcome)
+            print(json.dumps(asdict(outcome)), flush=True)
+            report = {"summary": summary(outcomes), "runs": [asdict(each) for each in outcomes]}
+            if options.json:
+                options.json.write_text(json.dumps(report, indent=2) + "\n")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    print(json.dumps(summary(outcomes), indent=2))
+    return int(not all(outcome.is_right for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
+    sys.exit(main())
