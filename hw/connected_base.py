@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.battery import BatteryReading
+from hw.connection.clock import RegularClock
 from hw.connection.device import PluggableDevice
 from hw.connection.port import Port
 from hw.connection.stop_guard import StopGuard
 from hw.drive import Drive, DriveState, check_command
 from hw.odometry import Odometer, OdometryNoise
+
+# Start bit, eight data bits, stop bit.
+BITS_PER_BYTE = 10
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,15 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
     and after each connection the robot stands until the next command. A port without a descriptor
     (`rfc2217://`) has no guard.
 
+    A base reports at a regular period but does not tell when. The stamps of its reports are estimated as by
+    `RegularClock`, without the time that a report takes on the line.
+
     Args:
         url: the port: see `hw.connection.port.Port`.
         bit_rate: bit/s at the start, on a serial line.
         limits: faster commands are clamped to these.
         noise: how much the wheels slip.
+        period_s: from report to report.
         clock: the time for stamps, s.
         silence_s: see `PluggableDevice`.
         monotonic: likewise.
@@ -74,6 +82,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         limits: BaseLimits,
         noise: OdometryNoise | None = None,
         *,
+        period_s: float,
         clock: Callable[[], float] = time.time,
         silence_s: float = 0.5,
         monotonic: Callable[[], float] = time.monotonic,
@@ -87,6 +96,8 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         self.ignored_commands = 0
         """How many commands came while it was disconnected or its emergency stop was engaged."""
         self._clock = clock
+        self._stamps = RegularClock(period_s)
+        self._gaps = 0
         self._valid_until_s: float | None = None
         self._is_emergency_stopped = False
         self._guard: StopGuard | None = None
@@ -170,6 +181,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
     def _reset(self) -> None:
         self._valid_until_s = None
         self._speeds = (0.0, 0.0)
+        self._stamps.forget()
         if self._guard is not None:
             self._guard.close()
             self._guard = None
@@ -177,12 +189,27 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
     def _stop(self) -> None:
         self.stop()
 
-    def _moved(self, distance_m: float, turn_rad: float, speeds: tuple[float, float]) -> DriveState:
+    def _report_stamp_s(self, arrived_s: float, report_bytes: int) -> float:
+        """Return when the newest report was made. Call it once for each, with the counters up to date.
+
+        Args:
+            arrived_s: when its last byte was here.
+            report_bytes: its length.
+        """
+        gaps = self.counters.damaged + self.counters.skipped_bytes
+        has_gap, self._gaps = gaps != self._gaps, gaps
+        # A base that is simulated elsewhere is at a TCP port, on which bytes take no time.
+        sent_s = 0.0 if self.url.startswith("socket://") else report_bytes * BITS_PER_BYTE / self.bit_rate
+        return self._stamps.stamp_s(arrived_s - sent_s, has_gap=has_gap)
+
+    def _moved(
+        self, stamp_s: float, distance_m: float, turn_rad: float, speeds: tuple[float, float]
+    ) -> DriveState:
         """Add a motion to the odometry; return the state after it."""
         if distance_m or turn_rad:
             self.odometer.add(distance_m, turn_rad)
         self._speeds = speeds
-        return self.read()
+        return DriveState(stamp_s, self.odometer.pose, *speeds)
 
 
 def difference(newer: int, older: int, modulus: int) -> int:

@@ -2,7 +2,7 @@
 
     python -m tools.replug_trial [--rounds 50] [--load 2] [--calm 60] [--json FILE]
 
-The robot explores a maze with an emulated Pioneer (whose watchdog is set to 0.2 s), Hokuyo and Xsens. The
+The robot explores a maze with an emulated Pioneer (whose watchdog is set to 0.15 s), Hokuyo and Xsens. The
 tool pulls one plug after another while other processes compute. For each it measures how long the robot
 drove on (base only), when the robot was told of the loss, when the device's measurements were back after the
 plug was plugged in again, and when the robot drove on. The times begin when the tool sends its wish to the
@@ -34,7 +34,6 @@ from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 
 PROFILE = "rescue-emulated"
 SETTINGS = {
-    "base_emulator.watchdog_s": 0.2,
     "mission.time_limit_s": 3000.0,
     "navigation.max_recoveries": 100,
 }

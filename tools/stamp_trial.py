@@ -1,11 +1,11 @@
-"""Stamps of the lasers' drivers, on emulated lasers in simulated time.
+"""Stamps of the drivers of lasers and bases, on emulated devices in simulated time.
 
-    python -m tools.stamp_trial [--seconds 120] [--seeds 5] [LASER ...]
+    python -m tools.stamp_trial [--seconds 120] [--seeds 5] [DEVICE ...]
 
 The line has 2 ms of jitter, 3 % of its frames are late by 30 ms more, and each byte takes its time. A stamp
 should name the time at which the first beam of the sweep was measured (Hokuyo: the one moment at which the
-emulated laser measures). In simulated time a busy machine adds nothing: the error is the driver's. The
-laser's clock runs 0.01 % too fast.
+emulated laser measures), or at which the base read its encoders. In simulated time a busy machine adds
+nothing: the error is the driver's. The device's clock runs 0.01 % too fast.
 """
 
 import argparse
@@ -13,20 +13,27 @@ import math
 import sys
 from collections.abc import Callable
 from contextlib import closing
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.connected_base import BaseReading
+from hw.connection.device import PluggableDevice
+from hw.emulation.body import ObedientBody
 from hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner, ScannerModel
+from hw.emulation.create import EmulatedCreate
 from hw.emulation.device import EmulatedClock, EmulatedDevice
 from hw.emulation.faults import Faults
 from hw.emulation.lms2xx import EmulatedLms2xx
+from hw.emulation.p2os import Base, EmulatedPioneer
 from hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
 from hw.emulation.scip import URG_04LX, UTM_30LX, EmulatedHokuyo, LaserModel
 from hw.emulation.stepped_line import SimulatedTime, SteppedLine
 from hw.hokuyo.laser import HokuyoLaser
-from hw.pluggable_laser import PluggableLaser
+from hw.irobot.create import CreateBase
+from hw.laser import LaserSweep
+from hw.pioneer.base import PioneerBase
 from hw.rplidar.laser import RpLidar
 from hw.sick.cola import Dialect
 from hw.sick.cola_laser import SickColaLaser
@@ -40,10 +47,15 @@ SETTLED_S = 5.0
 STAMP_S = 0.001
 # Sweeps are told apart by their ranges.
 FIRST_M, STEP_M, DIFFERENT = 1.0, 0.01, 300
+# The number of the packet that numbers a Create's reports.
+VOLTAGE = 22
 
 
 class Measured:
-    """The ranges of a wall that moves with each sweep, and when each sweep began, by the true time."""
+    """The ranges of a wall that moves with each sweep, and when each sweep began, by the true time.
+
+    Of a base: the numbers of its reports, and when each was made.
+    """
 
     def __init__(self, clock: SimulatedTime) -> None:
         self.began_s: dict[int, float] = {}
@@ -60,22 +72,29 @@ class Measured:
         self._numbered = getattr(self, "_numbered", -1) + 1
         return self.range_m(self._numbered)
 
-    def error_s(self, stamp_s: float, ranges_m: NDArray[np.float32]) -> float:
-        """Return how late a stamp is."""
-        seen = float(np.median(ranges_m[np.isfinite(ranges_m)]))
-        return stamp_s - self.began_s[round((seen - FIRST_M) / STEP_M)]
+    def next_number(self) -> int:
+        """Return the number of a report that is made now."""
+        self.next_range_m()
+        return self._numbered % DIFFERENT
+
+
+def _sweep(sweep: LaserSweep) -> tuple[float, int]:
+    seen_m = float(np.median(sweep.ranges_m[np.isfinite(sweep.ranges_m)]))
+    return sweep.stamp_s, round((seen_m - FIRST_M) / STEP_M)
 
 
 class Subject(NamedTuple):
-    """A laser and its driver.
+    """A device and its driver.
 
     Attributes:
-        emulated: makes the laser.
+        emulated: makes the device.
         driver: makes the driver.
+        seen: returns stamp, s, and number of what the driver measured.
     """
 
     emulated: Callable[[Measured, EmulatedClock], EmulatedDevice]
-    driver: Callable[[SimulatedTime], PluggableLaser]
+    driver: Callable[[SimulatedTime], PluggableDevice[Any]]
+    seen: Callable[[Any], tuple[float, int]] = _sweep
 
 
 def _hokuyo(model: LaserModel) -> Subject:
@@ -127,7 +146,56 @@ def _rplidar(model: RpLidarModel, mode: str) -> Subject:
     return Subject(emulated, lambda clock: RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode))
 
 
+class NumberingBody(ObedientBody):
+    """A body that has the base number its reports: it is moved before each of them.
+
+    Args:
+        number: sets the number.
+    """
+
+    def __init__(self, number: Callable[[], None]) -> None:
+        self._number = number
+
+    def move(self, *told: float) -> tuple[float, float]:
+        """Number the next report."""
+        self._number()
+        return super().move(*told)
+
+
+def _create() -> Subject:
+    def emulated(measured: Measured, clock: EmulatedClock) -> EmulatedCreate:
+        def number() -> None:
+            device.sensors[VOLTAGE] = measured.next_number()
+
+        device = EmulatedCreate(clock, NumberingBody(number))
+        return device
+
+    def seen(reading: BaseReading) -> tuple[float, int]:
+        assert reading.battery is not None
+        return reading.state.stamp_s, round(1000 * reading.battery.voltage_v)
+
+    return Subject(emulated, lambda clock: CreateBase("simulated", clock=clock, monotonic=clock), seen)
+
+
+def _pioneer(bit_rate: int) -> Subject:
+    def emulated(measured: Measured, clock: EmulatedClock) -> EmulatedPioneer:
+        def number() -> None:
+            device.base.sonars_mm[0] = measured.next_number()
+
+        device = EmulatedPioneer(clock, Base(bit_rate=bit_rate), NumberingBody(number))
+        return device
+
+    return Subject(
+        emulated,
+        lambda clock: PioneerBase("simulated", bit_rate, clock=clock, monotonic=clock),
+        lambda reading: (reading.state.stamp_s, round(1000 * reading.sonar_m[0])),
+    )
+
+
 SUBJECTS = {
+    "Create 2": _create(),
+    "Pioneer, 9600": _pioneer(9_600),
+    "Pioneer, 57600": _pioneer(57_600),
     "URG-04LX": _hokuyo(URG_04LX),
     "UTM-30LX": _hokuyo(UTM_30LX),
     "TiM561, CoLa B": _cola(TIM_561, Dialect.B),
@@ -155,17 +223,18 @@ def stamp_errors(subject: Subject, seconds: float, seed: int = 0, faults: Faults
     device = subject.emulated(measured, EmulatedClock(start_s=7.0, drift=DRIFT, monotonic=clock))
     line = SteppedLine(device, clock, faults, seed)
     errors = []
-    with closing(subject.driver(clock)) as laser:
-        laser._open_port = line.opened
-        # Silence is measured in real time, of which a busy machine may take any amount.
-        laser.silence_s = math.inf
-        while not laser.poll(0.5):
+    with closing(subject.driver(clock)) as driver:
+        driver._open_port = line.opened
+        # Silence of a laser is measured in real time, of which a busy machine may take any amount.
+        driver.silence_s = math.inf
+        while not driver.poll(0.5):
             pass
         settled_s = clock.now_s + SETTLED_S
         while clock.now_s < settled_s + seconds:
-            for sweep in laser.poll(0.5):
+            for value in driver.poll(0.5):
                 if clock.now_s >= settled_s:
-                    errors.append(measured.error_s(sweep.stamp_s, sweep.ranges_m))
+                    stamp_s, number = subject.seen(value)
+                    errors.append(stamp_s - measured.began_s[number])
     return np.array(errors)
 
 
@@ -185,13 +254,13 @@ def main(arguments: list[str] | None = None) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("lasers", nargs="*", metavar="LASER", help=f"of {'; '.join(SUBJECTS)}; default: all")
+    parser.add_argument("devices", nargs="*", metavar="DEVICE", help=f"of {'; '.join(SUBJECTS)}")
     parser.add_argument("--seconds", type=float, default=120.0, help="simulated time for each seed")
     parser.add_argument("--seeds", type=int, default=5, help="runs with other random delays")
     options = parser.parse_args(arguments)
-    if unknown := set(options.lasers) - set(SUBJECTS):
-        parser.error(f"unknown laser {', '.join(sorted(unknown))}; there are {'; '.join(SUBJECTS)}")
-    for name in options.lasers or SUBJECTS:
+    if unknown := set(options.devices) - set(SUBJECTS):
+        parser.error(f"unknown device {', '.join(sorted(unknown))}; there are {'; '.join(SUBJECTS)}")
+    for name in options.devices or SUBJECTS:
         errors = [stamp_errors(SUBJECTS[name], options.seconds, seed) for seed in range(options.seeds)]
         print(told(name, np.concatenate(errors)), flush=True)
     return 0

@@ -195,6 +195,11 @@ class RegularClock:
         self._clock = DeviceClock(latency_s=latency_s, max_drift=max_drift)
         self.forget()
 
+    def set_period(self, period_s: float) -> None:
+        """Start anew with another period, because the device has told it."""
+        self._period_s = period_s
+        self.forget()
+
     def forget(self) -> None:
         """Start anew, for example because the device was connected again."""
         self._clock.forget()

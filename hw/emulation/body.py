@@ -16,13 +16,16 @@ class Body(ABC):
     """A body on two driven wheels."""
 
     @abstractmethod
-    def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
+    def move(
+        self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float, late_s: float = 0.0
+    ) -> tuple[float, float]:
         """Turn the wheels at these speeds from now on, and tell what the encoders have counted.
 
         Args:
             linear_m_per_s: speed forward that the motors were told.
             angular_rad_per_s: turn rate that the motors were told, positive to the left.
             passed_s: time since the last call.
+            late_s: how long ago the encoders should have been read: they tell what they had counted then.
 
         Returns:
             The way forward, m, and the turn, rad, since the last call, by the encoders.
@@ -32,7 +35,9 @@ class Body(ABC):
 class ObedientBody(Body):
     """A body without mass in a world without walls."""
 
-    def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
+    def move(
+        self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float, late_s: float = 0.0
+    ) -> tuple[float, float]:
         """Move exactly as told."""
         return linear_m_per_s * passed_s, angular_rad_per_s * passed_s
 
@@ -51,7 +56,9 @@ class SimulatedBody(Body):
         self._counted = drive.ticks
         self._ahead = (0.0, 0.0)
 
-    def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
+    def move(
+        self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float, late_s: float = 0.0
+    ) -> tuple[float, float]:
         """Move as the motors, the wheels and the walls let it."""
         with self._lock:
             state = self._drive.read()
@@ -60,8 +67,9 @@ class SimulatedBody(Body):
                 (now - before) * self._shape.tick_m for now, before in zip(ticks, self._counted, strict=True)
             )
             self._counted = ticks
-            # The drive moves in steps, real wheels do not: up to now they have turned a little farther.
-            since_s = max(0.0, self._clock() - state.stamp_s)
+            # The drive moves in steps, real wheels do not: up to now they have turned a little farther. An
+            # emulator that a busy machine let wait reads them too late: then they had turned less.
+            since_s = max(0.0, self._clock() - state.stamp_s) - late_s
             before, self._ahead = (
                 self._ahead,
                 (state.linear_m_per_s * since_s, state.angular_rad_per_s * since_s),

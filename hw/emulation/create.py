@@ -6,7 +6,7 @@ Source: iRobot, Create 2 Open Interface (OI) Specification based on the Roomba 6
 import math
 
 from hw.emulation.body import Body, ObedientBody
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from hw.emulation.device import EmulatedClock, EmulatedDevice, next_after
 
 BIT_RATES = (300, 600, 1200, 2400, 4800, 9600, 14_400, 19_200, 28_800, 38_400, 57_600, 115_200)
 STREAM_HEADER = 19
@@ -94,14 +94,16 @@ class EmulatedCreate(EmulatedDevice):
     def step(self) -> float | None:
         """Turn the wheels, and send the stream every 15 ms."""
         now_s = self.clock.now_s()
-        self._move(now_s)
         if not (self.is_streaming and self.mode):
+            self._move(now_s)
             return None
         if now_s >= self._next_s:
+            self._move(self._next_s)
             ids = b"".join(bytes([one]) + self._packet(one) for one in self._stream)
             frame = bytes([STREAM_HEADER, len(ids)]) + ids
             self.send(frame + bytes([-sum(frame) & 0xFF]))
-            self._next_s = max(self._next_s + STREAM_PERIOD_S, now_s)
+            self._next_s = next_after(self._next_s, STREAM_PERIOD_S, now_s)
+        self._move(now_s)
         return self._next_s
 
     def press(self, bumps_and_drops: int) -> None:
@@ -200,12 +202,15 @@ class EmulatedCreate(EmulatedDevice):
             self._move(self.clock.now_s())
             self.speeds_mm_per_s = (0.0, 0.0)
 
-    def _move(self, now_s: float) -> None:
-        passed_s, self._moved_s = max(0.0, now_s - self._moved_s), now_s
-        if not passed_s:
+    def _move(self, until_s: float) -> None:
+        """Turn the wheels up to a time that is not over for longer than a busy machine makes it."""
+        if until_s <= self._moved_s:
             return
+        passed_s, self._moved_s = until_s - self._moved_s, until_s
+        late_s = max(0.0, self.clock.now_s() - until_s)
         right, left = (speed / 1000 for speed in self.speeds_mm_per_s)
-        way_m, turn_rad = self._body.move((left + right) / 2, (right - left) / WHEEL_BASE_M, passed_s)
+        speeds = (left + right) / 2, (right - left) / WHEEL_BASE_M
+        way_m, turn_rad = self._body.move(*speeds, passed_s, late_s)
         half_m = turn_rad * WHEEL_BASE_M / 2
         self._counts[0] += (way_m - half_m) * COUNTS_PER_M
         self._counts[1] += (way_m + half_m) * COUNTS_PER_M

@@ -1,5 +1,6 @@
 """Base of all emulated devices: power, a clock, and bytes in and out."""
 
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -35,6 +36,17 @@ class EmulatedClock:
     def true_s(self, shown_s: float) -> float:
         """Return the true time at which the clock shows `shown_s`."""
         return self._since_s + (shown_s - self._shown_s) / self._rate
+
+
+def next_after(due_s: float, period_s: float, now_s: float) -> float:
+    """Return the next time of a regular beat that is not over; one that was missed is left out.
+
+    Args:
+        due_s: the beat that is done.
+        period_s: from beat to beat.
+        now_s: the time now.
+    """
+    return due_s + period_s * max(1, math.ceil((now_s - due_s) / period_s))
 
 
 class EmulatedDevice(ABC):

@@ -19,6 +19,8 @@ MAX_WAITING_BYTES = 65_536
 SLOW_PIECE_BYTES = 8
 # UARTs understand each other up to about this difference of their bit rates.
 MAX_RATE_DIFFERENCE = 0.03
+# Start bit, eight data bits, stop bit.
+BITS_PER_BYTE = 10
 
 
 class EmulatedLine:

@@ -4,10 +4,11 @@ Source: ActivMedia Robotics, Pioneer 2 / PeopleBot Operations Manual.
 """
 
 import math
+import struct
 from dataclasses import dataclass, field
 
 from hw.emulation.body import Body, ObedientBody
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from hw.emulation.device import EmulatedClock, EmulatedDevice, next_after
 
 HEADER = b"\xfa\xfb"
 SIP_PERIOD_S = 0.1
@@ -19,8 +20,13 @@ RADIANS_PER_COUNT = 2 * math.pi / 4096
 DIFF_CONV = 0.0034
 SPEED_STEP_MM_PER_S = 20
 MAX_MM_PER_S, MAX_DEG_PER_S = 1200, 300
+# The greatest accelerations, mm/s^2 and degrees/s^2, and those of a robot as it is delivered.
+TOP_ACCELERATIONS = (2000, 300)
+DELIVERED_ACCELERATIONS = (300, 100)
+# Speeds change in steps of this time.
+RAMP_STEP_S = 0.01
 
-PULSE, OPEN, CLOSE, ENABLE, RESET_ORIGIN = 0, 1, 2, 4, 7
+PULSE, OPEN, CLOSE, ENABLE, SETA, RESET_ORIGIN, SETRA = 0, 1, 2, 4, 5, 7, 23
 VEL, CONFIG, RVEL, SONAR, STOP, VEL2, HOST_BAUD, ESTOP = 11, 18, 21, 28, 29, 32, 50, 55
 
 
@@ -37,6 +43,7 @@ class Base:
         stalls: of the left and the right wheel.
         bumpers: bits of the front and of the rear bumpers.
         watchdog_s: its parameter WatchDog: it stops when the host is silent for this time.
+        bit_rate: its parameter HostBaud, bit/s.
     """
 
     subclass: str = "p3at"
@@ -47,10 +54,14 @@ class Base:
     stalls: tuple[bool, bool] = (False, False)
     bumpers: tuple[int, int] = (0, 0)
     watchdog_s: float = WATCHDOG_S
+    bit_rate: int = BIT_RATES[0]
 
 
 class EmulatedPioneer(EmulatedDevice):
     """A robot that drives as it is told, and stops when it has heard nothing for some time.
+
+    It speeds up and brakes within its accelerations, which a host may change until it disconnects. Only an
+    emergency stop brakes harder.
 
     Args:
         clock: its clock.
@@ -58,6 +69,9 @@ class EmulatedPioneer(EmulatedDevice):
         body: moves as the wheels are told; by default exactly so.
 
     Attributes:
+        velocity: forward, mm/s, and to the left, degrees/s.
+        wanted: what it was told.
+        accelerations: forward, mm/s^2, and to the left, degrees/s^2; `decelerations` likewise.
         watchdog_stops: how often it stopped because the host fell silent.
     """
 
@@ -70,12 +84,12 @@ class EmulatedPioneer(EmulatedDevice):
         super().__init__(clock)
         self.base = base or Base()
         self._body = body or ObedientBody()
-        self.velocity = (0.0, 0.0)
+        self.velocity = self.wanted = (0.0, 0.0)
         self.power_on()
 
     def power_on(self) -> None:
-        """Wait for a host at 9600 bit/s, motors off, at the origin."""
-        self.bit_rate = BIT_RATES[0]
+        """Wait for a host, motors off, at the origin."""
+        self.bit_rate = self.base.bit_rate
         self.watchdog_stops = 0
         self._received = bytearray()
         self._synced, self.is_open = 0, False
@@ -107,16 +121,23 @@ class EmulatedPioneer(EmulatedDevice):
     def step(self) -> float | None:
         """Drive, stop when the host is silent, and send a report every 100 ms."""
         now_s = self.clock.now_s()
-        self._move(now_s)
         if not self.is_open:
+            self._move(now_s)
             return None
-        if now_s - self._heard_s >= self.base.watchdog_s and any(self.velocity):
-            self.velocity = (0.0, 0.0)
+        bites_s = self._heard_s + self.base.watchdog_s
+        if now_s >= bites_s and any(self.wanted):
+            self._move(bites_s)
+            self.wanted = (0.0, 0.0)
             self.watchdog_stops += 1
         if now_s >= self._next_s:
+            self._move(self._next_s)
             self._send(self._report())
-            self._next_s = max(self._next_s + SIP_PERIOD_S, now_s)
-        return min(self._next_s, self._heard_s + self.base.watchdog_s) if any(self.velocity) else self._next_s
+            self._next_s = next_after(self._next_s, SIP_PERIOD_S, now_s)
+        self._move(now_s)
+        due = [self._next_s]
+        due += [bites_s] if any(self.wanted) else []
+        due += [now_s + RAMP_STEP_S] if self.velocity != self.wanted else []
+        return min(due)
 
     def _obey(self, command: int, body: bytes) -> None:
         if not self.is_open:
@@ -129,11 +150,17 @@ class EmulatedPioneer(EmulatedDevice):
             self._rest()
         elif command == ENABLE:
             self.are_motors_on = bool(value)
-            self.velocity = (0.0, 0.0)
+            self.velocity = self.wanted = (0.0, 0.0)
         elif command == RESET_ORIGIN:
             self._origin()
-        elif command in (STOP, ESTOP):
-            self.velocity = (0.0, 0.0)
+        elif command == STOP:
+            self.wanted = (0.0, 0.0)
+        elif command == ESTOP:
+            self.velocity = self.wanted = (0.0, 0.0)
+        elif command in (SETA, SETRA):
+            kind = int(command == SETRA)
+            changed = self.accelerations if value > 0 else self.decelerations
+            changed[kind] = min(abs(value), TOP_ACCELERATIONS[kind])
         elif command == SONAR:
             self.are_sonars_on = bool(value)
         elif command == HOST_BAUD and 0 <= value < len(BIT_RATES):
@@ -144,7 +171,7 @@ class EmulatedPioneer(EmulatedDevice):
             self._drive(command, value)
 
     def _drive(self, command: int, value: int) -> None:
-        forward, turn = self.velocity
+        forward, turn = self.wanted
         if command == VEL:
             forward = float(value)
         elif command == RVEL:
@@ -153,7 +180,7 @@ class EmulatedPioneer(EmulatedDevice):
             # The first of the two signed bytes is the left wheel's, the low one the right wheel's.
             left, right = (_signed_byte(value >> shift & 0xFF) * SPEED_STEP_MM_PER_S for shift in (8, 0))
             forward, turn = (left + right) / 2, math.degrees((right - left) / 2 * DIFF_CONV)
-        self.velocity = (
+        self.wanted = (
             min(max(forward, -MAX_MM_PER_S), MAX_MM_PER_S),
             min(max(turn, -MAX_DEG_PER_S), MAX_DEG_PER_S),
         )
@@ -173,18 +200,36 @@ class EmulatedPioneer(EmulatedDevice):
             self._obey(command, body)
 
     def _rest(self) -> None:
-        self.velocity = (0.0, 0.0)
+        self.velocity = self.wanted = (0.0, 0.0)
+        self.accelerations, self.decelerations = list(DELIVERED_ACCELERATIONS), list(DELIVERED_ACCELERATIONS)
         self.are_motors_on, self.are_sonars_on = False, True
 
     def _origin(self) -> None:
         self._x_mm = self._y_mm = self._heading_rad = 0.0
 
-    def _move(self, now_s: float) -> None:
-        passed_s, self._moved_s = max(0.0, now_s - self._moved_s), now_s
-        if not passed_s:
-            return
+    def _move(self, until_s: float) -> None:
+        """Drive up to a time that is not over for longer than a busy machine makes it."""
+        while until_s > self._moved_s:
+            passed_s = until_s - self._moved_s
+            if self.velocity != self.wanted:
+                passed_s = min(passed_s, RAMP_STEP_S)
+                self._ramp(passed_s)
+            self._moved_s = min(until_s, self._moved_s + passed_s)
+            self._drive_for(passed_s)
+
+    def _ramp(self, passed_s: float) -> None:
+        """Come nearer to the wanted speeds."""
+        nearer = []
+        for kind, (now, wanted) in enumerate(zip(self.velocity, self.wanted, strict=True)):
+            brakes = abs(wanted) < abs(now) or now * wanted < 0
+            most = (self.decelerations if brakes else self.accelerations)[kind] * passed_s
+            nearer.append(now + min(max(wanted - now, -most), most))
+        self.velocity = (nearer[0], nearer[1])
+
+    def _drive_for(self, passed_s: float) -> None:
         forward, turn = self.velocity
-        way_m, turned_rad = self._body.move(forward / 1000, math.radians(turn), passed_s)
+        late_s = max(0.0, self.clock.now_s() - self._moved_s)
+        way_m, turned_rad = self._body.move(forward / 1000, math.radians(turn), passed_s, late_s)
         middle = self._heading_rad + turned_rad / 2
         self._x_mm += 1000 * way_m * math.cos(middle)
         self._y_mm += 1000 * way_m * math.sin(middle)
@@ -213,7 +258,22 @@ class EmulatedPioneer(EmulatedDevice):
         return body + round(10 * turn).to_bytes(2, "little", signed=True) + bytes(2)
 
     def _configuration(self) -> bytes:
-        return b"\x20" + b"Pioneer\0" + self.base.subclass.encode() + b"\0" + b"0001\0"
+        """Return the contents of the packet CONFIG: bytes, integers of two bytes, and texts."""
+        base, (top, turn_top) = self.base, TOP_ACCELERATIONS
+        body = b"\x20Pioneer\0" + base.subclass.encode() + b"\0" + b"0001\0"
+        # Four motors; the greatest speeds and accelerations, turning first; the greatest duty of the motors.
+        body += struct.pack("<B5H", 1, MAX_DEG_PER_S, MAX_MM_PER_S, turn_top, top, 500) + b"Robot\0"
+        # Cycle of the reports, bit rates, gripper, sonars, low battery, encoder counts a turn.
+        body += struct.pack(
+            "<BBBHHBHH", round(1000 * SIP_PERIOD_S), BIT_RATES.index(base.bit_rate), 0, 0, 1, 1, 110, 32550
+        )
+        # Watchdog, alternative packets, stall, joystick.
+        body += struct.pack("<HB4H", round(1000 * base.watchdog_s), 0, 500, 200, 750, 50)
+        # Speeds, then accelerations, decelerations and gains of the controllers of turns and of the way.
+        (speed_up, turn_up), (brake, turn_brake) = self.accelerations, self.decelerations
+        body += struct.pack("<HH5H5H", 100, 750, turn_up, turn_brake, 40, 20, 0, speed_up, brake, 40, 30, 0)
+        # Bumpers at the front and at the rear, charger, sonar cycle, automatic bit rate, gyroscope.
+        return body + bytes([5, 5, 0, 40, 0, 0])
 
     def _send(self, body: bytes) -> None:
         self.send(packet(body))

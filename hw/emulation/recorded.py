@@ -96,9 +96,11 @@ class RecordedBody(Body):
         self._drive, self._since_start_s = drive, since_start_s
         self._told = (0.0, 0.0)
 
-    def move(self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float) -> tuple[float, float]:
+    def move(
+        self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float, late_s: float = 0.0
+    ) -> tuple[float, float]:
         """Tell how far the wheels have turned since the last call."""
-        now_s, drive = self._since_start_s(), self._drive
+        now_s, drive = self._since_start_s() - late_s, self._drive
         here = (
             float(np.interp(now_s, drive.times_s, drive.ways_m)),
             float(np.interp(now_s, drive.times_s, drive.turns_rad)),

@@ -5,10 +5,7 @@ from collections import deque
 from hw.connection.port import Port
 from hw.emulation.device import EmulatedDevice
 from hw.emulation.faults import Faults, FaultyWay
-from hw.emulation.line import MAX_RATE_DIFFERENCE
-
-# Start bit, eight data bits, stop bit.
-BITS_PER_BYTE = 10
+from hw.emulation.line import BITS_PER_BYTE, MAX_RATE_DIFFERENCE
 
 
 class SimulatedTime:
@@ -64,6 +61,11 @@ class SteppedLine(Port):
         """Return the port: what a driver calls to open it."""
         self._host_rate = bit_rate
         return self
+
+    @property
+    def descriptor(self) -> int | None:
+        """Return None: no second process can write to it."""
+        return None
 
     def read(self, wait_s: float) -> bytes:
         """Return what has arrived; let up to `wait_s` pass until something has."""

@@ -21,7 +21,10 @@ MAX_WHEEL_M_PER_S = oi.MAX_SPEED_MM_PER_S / 1000
 MAX_COUNTS_AT_ONCE = 2_000
 # Speeds are the mean over these frames, because encoders count whole steps.
 FRAMES_OF_SPEED = 8
+STREAM_PERIOD_S = 0.015
 STREAM = (7, 9, 10, 11, 12, 14, 21, 22, 23, 24, 25, 26, 34, 35, 43, 44)
+# Header, length and checksum, and each packet with its number.
+FRAME_BYTES = 3 + sum(1 + oi.struct_of(number).size for number in STREAM)
 # The robot needs this time after a change of its mode.
 MODE_CHANGE_S = 0.02
 _CLIFFS = {
@@ -58,7 +61,16 @@ class CreateBase(ConnectedBase):
     ) -> None:
         limits = BaseLimits(MAX_WHEEL_M_PER_S, 2 * MAX_WHEEL_M_PER_S / WHEEL_BASE_M)
         noise = OdometryNoise()
-        super().__init__(url, bit_rate, limits, noise, clock=clock, monotonic=monotonic, open_port=open_port)
+        super().__init__(
+            url,
+            bit_rate,
+            limits,
+            noise,
+            period_s=STREAM_PERIOD_S,
+            clock=clock,
+            monotonic=monotonic,
+            open_port=open_port,
+        )
         self._decoder = FrameDecoder(oi.StreamFraming(STREAM))
         self._encoders: tuple[int, int] | None = None
         self._recent: deque[tuple[float, float, float]] = deque(maxlen=FRAMES_OF_SPEED)
@@ -108,13 +120,14 @@ class CreateBase(ConnectedBase):
         self.mode = oi.Mode.OFF
 
     def _take(self, data: bytes) -> list[BaseReading]:
-        readings = [self._reading(values) for values in self._decoder.feed(data)]
+        arrived_s, frames = self._clock(), self._decoder.feed(data)
         self.counters.damaged = self._decoder.damaged
         self.counters.skipped_bytes = self._decoder.skipped_bytes
-        return readings
+        return [self._reading(values, self._report_stamp_s(arrived_s, FRAME_BYTES)) for values in frames]
 
-    def _reading(self, values: dict[str, int]) -> BaseReading:
-        state = self._moved(*self._motion_since((values["left_encoder"], values["right_encoder"])))
+    def _reading(self, values: dict[str, int], stamp_s: float) -> BaseReading:
+        encoders = values["left_encoder"], values["right_encoder"]
+        state = self._moved(stamp_s, *self._motion_since(encoders, stamp_s))
         bumps = oi.Bumps(values["bumps_and_wheel_drops"] & 0xF)
         self.mode = oi.Mode(values["mode"] & 3)
         return BaseReading(
@@ -137,7 +150,9 @@ class CreateBase(ConnectedBase):
             sonar_m={},
         )
 
-    def _motion_since(self, encoders: tuple[int, int]) -> tuple[float, float, tuple[float, float]]:
+    def _motion_since(
+        self, encoders: tuple[int, int], stamp_s: float
+    ) -> tuple[float, float, tuple[float, float]]:
         """Return distance, turn and speeds since the last frame."""
         before, self._encoders = self._encoders or encoders, encoders
         left, right = (
@@ -147,7 +162,7 @@ class CreateBase(ConnectedBase):
             left = right = 0
         distance_m = (left + right) / 2 * M_PER_COUNT
         turn_rad = (right - left) * M_PER_COUNT / WHEEL_BASE_M
-        self._recent.append((self._monotonic(), distance_m, turn_rad))
+        self._recent.append((stamp_s, distance_m, turn_rad))
         passed_s = self._recent[-1][0] - self._recent[0][0]
         if passed_s <= 0:
             return distance_m, turn_rad, self._speeds

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from hw.battery import BatteryReading
@@ -16,10 +17,17 @@ from hw.pioneer.p2os import Command, PacketId
 
 BIT_RATE = 9_600
 HEADING_MODULUS = 4_096
-# The robot's own watchdog waits 2 s unless it was set otherwise; this leaves room for one of 0.2 s. A pulse
+# The robot's own watchdog waits 2 s unless it was set otherwise; this leaves room for one of 0.15 s. A pulse
 # has six bytes: an eighth of the slowest line.
 PULSE_PERIOD_S = 0.05
 HANDSHAKE_TIMEOUT_S = 0.5
+# A damaged answer is asked for again.
+CONFIGURATION_ATTEMPTS = 2
+# The robot's period of reports before it has told it.
+REPORT_PERIOD_S = 0.1
+# What a stop takes beside watchdog and brakes: the controller's cycles, and the wheels behind its speeds.
+STOP_RESERVE_S = 0.05
+STANDS_WITHIN_S = 0.4
 # A robot that is still connected to a host that has died sends other packets first.
 MAX_OTHER_PACKETS = 20
 # A robot cannot move farther between two packets: its controller was restarted, or its origin was set.
@@ -38,6 +46,8 @@ class PioneerModel:
         position_modulus: the position's counts wrap at this: 32,768 with ARCOS, 4,096 with some P2OS.
         half_track: the controller's factor from the difference of the wheels' speeds, mm/s, to rad/s.
         limits: greatest speeds.
+        acceleration_m_per_s2: how it speeds up. It brakes as hard as its controller can.
+        turn_acceleration_rad_per_s2: likewise, when it turns.
         sonar_max_mm: a sonar that sees nothing tells this or more.
     """
 
@@ -45,6 +55,8 @@ class PioneerModel:
     position_modulus: int = 32_768
     half_track: float = 0.0034
     limits: BaseLimits = P3AT_LIMITS
+    acceleration_m_per_s2: float = 1.0
+    turn_acceleration_rad_per_s2: float = 5.0
     sonar_max_mm: int = 4_335
 
 
@@ -57,13 +69,19 @@ class PioneerBase(ConnectedBase):
     """A Pioneer robot.
 
     Its own watchdog stops it when the line breaks or the host dies: after 2 s as delivered. Set the robot's
-    parameter WatchDog to 200 (ms) with the maker's tool, so that it is told to stand at most 0.2 s after the
-    last command arrived. When this process dies or hangs, the guard stops it at once.
+    parameter WatchDog to 150 (ms) with the maker's tool. When this process dies or hangs, the guard stops it
+    at once.
+
+    The robot stands `stands_within_s` after its cable was pulled: the driver lets it brake as hard as its
+    controller can, reads its watchdog and deceleration, and drives no faster than it can brake from in the
+    time that the watchdog leaves. If that is none, it limits nothing, and its problems say how long the robot
+    would drive on.
 
     Args:
         url: the port: see `hw.connection.port.Port`; the maker's simulator is at "socket://HOST:8101".
         bit_rate: bit/s.
         model: None: the one that the robot names, or a P3-AT.
+        stands_within_s: how long after the loss of its line the robot may move; 0: as long as it takes.
         clock: the time for stamps, s.
         monotonic: see `PluggableDevice`.
         open_port: likewise.
@@ -75,6 +93,7 @@ class PioneerBase(ConnectedBase):
         bit_rate: int = BIT_RATE,
         model: PioneerModel | None = None,
         *,
+        stands_within_s: float = STANDS_WITHIN_S,
         clock: Callable[[], float] = time.time,
         monotonic: Callable[[], float] = time.monotonic,
         open_port: Callable[[str, int], Port] = Port,
@@ -82,11 +101,24 @@ class PioneerBase(ConnectedBase):
         # A robot that is steered by the speeds of its two sides slips when it turns.
         noise = OdometryNoise(distance=0.001, heading=0.02, heading_for_distance=0.001)
         limits = (model or P3AT).limits
-        super().__init__(url, bit_rate, limits, noise, clock=clock, monotonic=monotonic, open_port=open_port)
+        super().__init__(
+            url,
+            bit_rate,
+            limits,
+            noise,
+            period_s=REPORT_PERIOD_S,
+            clock=clock,
+            monotonic=monotonic,
+            open_port=open_port,
+        )
         self.name: p2os.RobotName | None = None
         """The robot's name for itself in the handshake."""
         self.model = model or P3AT
+        self.configuration: p2os.Configuration | None = None
+        """What the robot told of its parameters; None: nothing."""
         self._wanted_model = model
+        self._stands_within_s = stands_within_s
+        self._stop_problem: tuple[str, ...] = ()
         self._decoder = FrameDecoder(p2os.P2osFraming())
         self._unreadable = 0
         self._last: p2os.ServerInformation | None = None
@@ -119,6 +151,49 @@ class PioneerBase(ConnectedBase):
             (Command.ENABLE, 1),
         ):
             port.write(p2os.command(number, argument))
+        self._set_accelerations(port, decoder)
+
+    def _set_accelerations(self, port: Port, decoder: FrameDecoder[p2os.Packet]) -> None:
+        """Let the robot brake as hard as it can, and limit its speed so that it stands in time."""
+        self.configuration = told = self._ask_configuration(port, decoder)
+        model = self.model
+        speed_up = round(1000 * model.acceleration_m_per_s2)
+        turn_up = round(math.degrees(model.turn_acceleration_rad_per_s2))
+        port.write(p2os.command(Command.ACCELERATION, speed_up))
+        port.write(p2os.command(Command.TURN_ACCELERATION, turn_up))
+        if told is not None:
+            self._stamps.set_period(told.report_period_s or REPORT_PERIOD_S)
+            port.write(p2os.command(Command.ACCELERATION, -told.top_acceleration_mm_per_s2))
+            port.write(p2os.command(Command.TURN_ACCELERATION, -told.top_turn_acceleration_deg_per_s2))
+        self._limit_speed(told)
+
+    def _limit_speed(self, told: p2os.Configuration | None) -> None:
+        self.limits, self._stop_problem = self.model.limits, ()
+        if not self._stands_within_s:
+            return
+        if told is None:
+            self._stop_problem = ("does not tell whether its watchdog stops it",)
+            return
+        if not told.watchdog_s:
+            self._stop_problem = ("its watchdog is off: it drives on when it loses its line",)
+            return
+        brake_s = self._stands_within_s - STOP_RESERVE_S - told.watchdog_s
+        if brake_s <= 0:
+            self._stop_problem = (f"brakes only {told.watchdog_s:g} s after the loss of its line",)
+            return
+        most = told.top_acceleration_mm_per_s2 / 1000, math.radians(told.top_turn_acceleration_deg_per_s2)
+        self.limits = BaseLimits(
+            min(self.limits.linear_m_per_s, most[0] * brake_s),
+            min(self.limits.angular_rad_per_s, most[1] * brake_s),
+        )
+
+    def _ask_configuration(self, port: Port, decoder: FrameDecoder[p2os.Packet]) -> p2os.Configuration | None:
+        """Return the robot's parameters; None: its firmware does not tell them."""
+        for _ in range(CONFIGURATION_ATTEMPTS):
+            port.write(p2os.command(Command.CONFIG))
+            with suppress(DeviceSilent, DamagedFrame):
+                return p2os.configuration(self._answer(port, decoder, PacketId.CONFIG))
+        return None
 
     def _answer(self, port: Port, decoder: FrameDecoder[p2os.Packet], step: int) -> p2os.Packet:
         end_s = self._monotonic() + HANDSHAKE_TIMEOUT_S
@@ -155,23 +230,23 @@ class PioneerBase(ConnectedBase):
         self._pulse_s = -math.inf
 
     def _take(self, data: bytes) -> list[BaseReading]:
-        readings = []
+        arrived_s, told = self._clock(), []
         for packet in self._decoder.feed(data):
             if packet.number in (PacketId.STANDING, PacketId.MOVING):
                 try:
-                    readings.append(self._reading(p2os.server_information(packet)))
+                    told.append((p2os.server_information(packet), p2os.PACKET_BYTES + len(packet.data)))
                 except DamagedFrame:
                     self._unreadable += 1
         self.counters.damaged = self._decoder.damaged + self._unreadable
         self.counters.skipped_bytes = self._decoder.skipped_bytes
-        return readings
+        return [self._reading(one, self._report_stamp_s(arrived_s, length)) for one, length in told]
 
-    def _reading(self, told: p2os.ServerInformation) -> BaseReading:
+    def _reading(self, told: p2os.ServerInformation, stamp_s: float) -> BaseReading:
         distance_m, turn_rad = self._motion_since(self._last or told, told)
         self._last = told
         linear = (told.left_mm_per_s + told.right_mm_per_s) / 2000
         angular = (told.right_mm_per_s - told.left_mm_per_s) / 2 * self.model.half_track
-        state = self._moved(distance_m, turn_rad, (linear, angular))
+        state = self._moved(stamp_s, distance_m, turn_rad, (linear, angular))
         # Which bit is which bumper differs between models: a contact counts for both sides.
         pressed = (("front_left", "front_right") if told.front_bumpers else ()) + (
             ("back_left", "back_right") if told.rear_bumpers else ()
@@ -207,7 +282,7 @@ class PioneerBase(ConnectedBase):
         return distance_mm / 1000, turn_rad
 
     def _problems(self, told: p2os.ServerInformation) -> tuple[str, ...]:
-        problems = []
+        problems = list(self._stop_problem)
         if told.left_stalled:
             problems.append("left wheels stalled")
         if told.right_stalled:

@@ -12,6 +12,8 @@ from hw.framing import DamagedFrame, Framing
 
 HEADER = b"\xfa\xfb"
 MAX_PACKET_BYTES = 200
+# Header, length, number and checksum.
+PACKET_BYTES = 6
 MAX_TEXT_BYTES = 190
 # A sonar's distance when it has seen nothing.
 SONAR_NOTHING_MM = 5_000
@@ -182,6 +184,54 @@ class ServerInformation:
     motors_enabled: bool
     sonar_mm: dict[int, int]
     charging: int | None
+
+
+class Configuration(NamedTuple):
+    """The robot's parameters that matter to the driver.
+
+    Attributes:
+        top_acceleration_mm_per_s2: no acceleration or deceleration may be greater.
+        top_turn_acceleration_deg_per_s2: likewise, of turns.
+        report_period_s: a standard packet comes at this interval.
+        watchdog_s: the robot stops when it has heard nothing for this time; 0: never.
+        deceleration_mm_per_s2: how it brakes.
+        turn_deceleration_deg_per_s2: likewise, when it turns.
+    """
+
+    top_acceleration_mm_per_s2: int
+    top_turn_acceleration_deg_per_s2: int
+    report_period_s: float
+    watchdog_s: float
+    deceleration_mm_per_s2: int
+    turn_deceleration_deg_per_s2: int
+
+
+# Behind the kind, the model and the number of the robot: motors; the greatest speeds (turns first), the
+# greatest accelerations (likewise) and the greatest duty of the motors. Then the robot's name.
+_CONFIG_START = struct.Struct("<B5H")
+# Period of the reports, two bit rates, gripper, sonars at both ends, low battery, counts, watchdog, kind of
+# packets, stall, joystick, greatest speeds; accelerations, decelerations and gains: of turns, then ahead.
+_CONFIG_END = struct.Struct("<BBBHHBHHHB4HHH5H5H")
+
+
+def configuration(sent: Packet) -> Configuration:
+    """Return the robot's parameters in the answer to `Command.CONFIG`.
+
+    Raises:
+        DamagedFrame: it is another packet, or it is too short.
+    """
+    end = -1
+    for _ in range(3):
+        end = sent.data.find(b"\0", end + 1)
+        if sent.number != PacketId.CONFIG or end < 0:
+            raise DamagedFrame(f"packet {sent.number} does not tell the robot's parameters")
+    at = end + 1
+    named = sent.data.find(b"\0", at + _CONFIG_START.size)
+    if named < 0 or len(sent.data) < named + 1 + _CONFIG_END.size:
+        raise DamagedFrame(f"the robot's parameters end after {len(sent.data)} bytes")
+    _, _, _, top_turn, top, _ = _CONFIG_START.unpack_from(sent.data, at)
+    values = _CONFIG_END.unpack_from(sent.data, named + 1)
+    return Configuration(top, top_turn, values[0] / 1000, values[8] / 1000, values[22], values[17])
 
 
 _SIP_START = struct.Struct("<HHhhhBBBhHBB")

@@ -6,7 +6,7 @@ from hw.connected_base import BaseReading, ConnectedBase
 from hw.irobot.create import BIT_RATE as CREATE_BIT_RATE
 from hw.irobot.create import CreateBase
 from hw.pioneer.base import BIT_RATE as PIONEER_BIT_RATE
-from hw.pioneer.base import PioneerBase
+from hw.pioneer.base import STANDS_WITHIN_S, PioneerBase
 from modules.devices.commanded_base import CommandedBase, odometry
 from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import Header, Time, setting
@@ -88,10 +88,15 @@ class PioneerModule(ConnectedBaseModule):
     """A Pioneer robot: see `ConnectedBaseModule`."""
 
     bit_rate: int = setting(PIONEER_BIT_RATE, "bit/s of the robot's port", minimum=300)
+    stands_within_s: float = setting(
+        STANDS_WITHIN_S,
+        "drive no faster than lets the robot stand this long after the loss of its line; 0: drive freely",
+        minimum=0.0,
+    )
 
     def open_device(self) -> PioneerBase:
         """Return the driver."""
-        return PioneerBase(self.url, self.bit_rate, clock=self.time_s)
+        return PioneerBase(self.url, self.bit_rate, stands_within_s=self.stands_within_s, clock=self.time_s)
 
 
 def battery_state(value: BaseReading, header: Header) -> BatteryState:

@@ -6,6 +6,7 @@ crosses a serial line as bytes.
 
 import math
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from hw.emulation.carrier import PseudoTerminal
 from hw.emulation.create import EmulatedCreate
 from hw.emulation.device import EmulatedDevice
 from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
-from hw.emulation.p2os import Base, EmulatedPioneer
+from hw.emulation.line import BITS_PER_BYTE, EmulatedLine
+from hw.emulation.p2os import BIT_RATES, Base, EmulatedPioneer
 from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
 from hw.laser import LaserGeometry
 from hw.simulation.bumper import SimulatedBumper
@@ -27,7 +28,7 @@ from hw.simulation.laser import SimulatedLaser
 from modules.devices.offered_port import offered_port
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from modules.devices.true_base import TrueBase, state_of
-from robbie_mp import Module, Time, setting
+from robbie_mp import Module, SettingError, Time, setting
 
 FRONT = ("front_left", "front_right")
 REAR = ("back_left", "back_right")
@@ -46,12 +47,17 @@ class EmulatedDeviceModule(Module):
     bit_error_rate: float = setting(0.0, "share of bits that arrive wrong", minimum=0.0, maximum=0.1)
     virtual_plug: bool = setting(True, "whether the device is plugged in", changeable=True)
 
-    def plug_in(self, device: EmulatedDevice) -> None:
-        """Switch the device on and offer its port."""
+    def plug_in(self, device: EmulatedDevice, bytes_per_s: float | None = None) -> None:
+        """Switch the device on and offer its port.
+
+        Args:
+            device: the device.
+            bytes_per_s: speed of its line; None: bytes take no time.
+        """
         link = offered_port(self.output_directory, self.name)
         link.parent.mkdir(exist_ok=True)
         link.unlink(missing_ok=True)  # a killed predecessor has left it
-        faults = Faults(jitter_s=self.jitter_s, bit_error_rate=self.bit_error_rate)
+        faults = Faults(jitter_s=self.jitter_s, bit_error_rate=self.bit_error_rate, bytes_per_s=bytes_per_s)
         self.line = EmulatedLine(device, PseudoTerminal(link), faults)
         self.line.__enter__()
         self.setting_changed("virtual_plug")
@@ -90,7 +96,9 @@ class EmulatedBase(TrueBase, EmulatedDeviceModule):
         self.enter_arena(shape)
         self.body = SimulatedBody(self.drive, shape, lambda: self.clock.monotonic_ns() / 1e9)
         self.bumper = SimulatedBumper(self.world, shape.body_radius_m)
-        self.plug_in(self.create_device(self.body))
+        device = self.create_device(self.body)
+        # The driver takes off the time that a frame takes on the line.
+        self.plug_in(device, device.bit_rate / BITS_PER_BYTE if device.bit_rate else None)
 
     @abstractmethod
     def shape(self) -> DifferentialDrive:
@@ -146,19 +154,36 @@ class EmulatedCreateBase(EmulatedBase):
 
 
 class EmulatedPioneerBase(EmulatedBase):
-    """A base with a Pioneer's controller and the stock robot's body: see `EmulatedBase`."""
+    """A base with a Pioneer's controller and the stock robot's body: see `EmulatedBase`.
 
+    The controller limits accelerations, as its host tells it; the body's own limits are those of its grip.
+    """
+
+    bit_rate: int = setting(BIT_RATES[0], "the controller's parameter HostBaud, bit/s")
     watchdog_s: float = setting(
         2.0, "the controller stops when the host is silent for this time", minimum=0.05, maximum=60.0
     )
 
     def shape(self) -> DifferentialDrive:
         """Return the stock robot's geometry: a Pioneer's controller tells poses, not turns of its wheels."""
-        return DifferentialDrive()
+        stock = DifferentialDrive()
+        return replace(
+            stock,
+            max_linear_m_per_s2=stock.max_linear_m_per_s2 * stock.emergency_braking,
+            max_angular_rad_per_s2=stock.max_angular_rad_per_s2 * stock.emergency_braking,
+            emergency_braking=1.0,
+        )
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Refuse a bit rate that the controller does not know."""
+        if settings["bit_rate"] not in BIT_RATES:
+            raise SettingError(f"must be one of {', '.join(map(str, BIT_RATES))}", "bit_rate")
 
     def create_device(self, body: SimulatedBody) -> EmulatedPioneer:
         """Return the controller."""
-        self.pioneer = EmulatedPioneer(base=Base(watchdog_s=self.watchdog_s), body=body)
+        base = Base(watchdog_s=self.watchdog_s, bit_rate=self.bit_rate)
+        self.pioneer = EmulatedPioneer(base=base, body=body)
         return self.pioneer
 
     def press(self, parts: tuple[str, ...]) -> None:

@@ -1,5 +1,7 @@
 """A line without a device: a test plays the device."""
 
+from collections.abc import Callable
+
 LIMIT_S = 10.0
 
 
@@ -12,12 +14,16 @@ class ScriptedDevice:
         self.answers = answers or {}
         self.written = b""
         self.is_broken = False
+        self.wait: Callable[[float], None] = lambda wait_s: None
+        """Passes the time for which a read without data waits."""
         self._to_read = b""
 
     def read(self, wait_s: float) -> bytes:
         if self.is_broken:
             raise OSError("pulled out")
         data, self._to_read = self._to_read, b""
+        if not data:
+            self.wait(wait_s)
         return data
 
     def write(self, data: bytes) -> None:
@@ -50,3 +56,6 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now_s
+
+    def pass_time(self, passed_s: float) -> None:
+        self.now_s += max(0.0, passed_s)

@@ -10,10 +10,11 @@ import pytest
 from hw.connected_base import BaseReading, ConnectedBase
 from hw.emulation.carrier import PseudoTerminal
 from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import EmulatedDevice
+from hw.emulation.device import EmulatedClock, EmulatedDevice
 from hw.emulation.faults import Faults
 from hw.emulation.line import EmulatedLine
-from hw.emulation.p2os import EmulatedPioneer
+from hw.emulation.p2os import Base, EmulatedPioneer
+from hw.emulation.stepped_line import SimulatedTime, SteppedLine
 from hw.irobot.create import CreateBase
 from hw.pioneer.base import PioneerBase
 
@@ -93,3 +94,24 @@ def test_base_on_a_line_with_faults_still_tells_where_it_is(
         for _ in range(20):
             reading = until(base, lambda _: True)
             assert abs(reading.state.pose.x_m) < 0.01
+
+
+@pytest.mark.parametrize("wanted", [(1.2, 0.0), (0.0, 3.0), (-0.8, 1.0)])
+def test_pioneer_stands_within_0_4_s_after_its_line_broke(wanted: tuple[float, float]) -> None:
+    clock = SimulatedTime()
+    device = EmulatedPioneer(EmulatedClock(monotonic=clock), Base(bit_rate=57_600, watchdog_s=0.15))
+    line = SteppedLine(device, clock)
+    with closing(PioneerBase("simulated", 57_600, clock=clock, monotonic=clock)) as base:
+        base._open_port = line.opened
+        began_s = clock.now_s
+        while clock.now_s < began_s + 3.0:
+            base.command(*wanted, 0.3)
+            base.poll(0.02)
+        driven = device.velocity
+        # From here on the robot hears nothing.
+        broke_s = clock.now_s
+        while device.velocity != (0.0, 0.0):
+            line.read(0.001)
+            assert clock.now_s - broke_s <= 0.4
+    # It drove as fast as it may.
+    assert max(abs(driven[0]) / 400, abs(driven[1]) / 60) == pytest.approx(1.0, abs=0.02)

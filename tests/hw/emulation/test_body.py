@@ -58,3 +58,19 @@ def test_body_that_has_stopped_counts_no_more() -> None:
         now[0] += 0.013
         last = body.move(0.0, 0.0, 0.013)
     assert last == (0.0, 0.0)
+
+
+def test_encoders_that_are_read_late_tell_what_they_had_counted_in_time() -> None:
+    now = [0.0]
+    prompt, late = body_in_room(lambda: now[0]), body_in_room(lambda: now[0])
+    ways_m = [0.0, 0.0]
+    for number in range(300):
+        now[0] = number * 0.015
+        ways_m[0] += prompt.move(SPEED_M_PER_S, 0.0, 0.015)[0]
+        # A busy machine lets every other report wait for 8 ms.
+        late_s = 0.008 * (number % 2)
+        now[0] += late_s
+        ways_m[1] += late.move(SPEED_M_PER_S, 0.0, 0.015, late_s)[0]
+        if number > 100:
+            # A tick is 0.15 mm; in 8 ms it drives 4.8 mm.
+            assert ways_m[0] == pytest.approx(ways_m[1], abs=0.002)

@@ -125,6 +125,8 @@ def opened(clock: Clock) -> EmulatedPioneer:
 def test_pioneer_reports_where_it_drives_and_its_watchdog_stops_it() -> None:
     clock = Clock()
     robot = opened(clock)
+    heard(robot, p2os.packet(bytes.fromhex("05 3B D0 07")).hex())
+    heard(robot, p2os.packet(bytes.fromhex("05 1B D0 07")).hex())
     heard(robot, "FA FB 06 0B 3B C8 00 D3 3B")
     reports = after(robot, clock, 1.0)
     assert 9 <= len(reports) <= 11
@@ -135,6 +137,65 @@ def test_pioneer_reports_where_it_drives_and_its_watchdog_stops_it() -> None:
     assert (left, right) == (200, 200)
     after(robot, clock, 1.5)
     assert (robot.velocity, robot.watchdog_stops) == ((0.0, 0.0), 1)
+
+
+def test_pioneer_as_delivered_speeds_up_and_brakes_with_0_3_m_per_s2() -> None:
+    clock = Clock()
+    robot = opened(clock)
+    heard(robot, "FA FB 06 0B 3B C8 00 D3 3B")
+    after(robot, clock, 0.33)
+    assert robot.velocity[0] == pytest.approx(100, abs=3)
+    after(robot, clock, 0.5)
+    assert robot.velocity == (200.0, 0.0)
+    heard(robot, "FA FB 03 1D 00 1D")
+    after(robot, clock, 0.33)
+    assert robot.velocity[0] == pytest.approx(100, abs=3)
+    heard(robot, "FA FB 03 37 00 37")
+    assert robot.velocity == (0.0, 0.0)
+
+
+def test_pioneer_tells_its_watchdog_and_accelerations_until_the_host_goes() -> None:
+    clock = Clock()
+    robot = opened(clock)
+
+    def told() -> tuple[int, ...]:
+        answer = bytes.fromhex(heard(robot, "FA FB 03 12 00 12"))
+        assert answer[3] == 0x20
+        behind = answer[4:].split(b"\0", 3)[3]
+        numbers = struct.unpack_from("<B5H", behind)
+        rest = behind[behind.index(b"\0", struct.calcsize("<B5H")) + 1 :]
+        return (
+            *numbers[3:5],
+            *struct.unpack_from("<H", rest, 12),
+            *struct.unpack_from("<10H", rest, 27)[::5],
+        )
+
+    assert told() == (300, 2000, 2000, 100, 300)
+    heard(robot, p2os.packet(bytes.fromhex("05 3B E8 03")).hex())
+    heard(robot, p2os.packet(bytes.fromhex("17 3B FF 7F")).hex())  # more than it can
+    assert told() == (300, 2000, 2000, 300, 1000)
+    heard(robot, "FA FB 03 02 00 02")
+    for sync in ("00 00 00", "01 00 01", "02 00 02"):
+        heard(robot, f"FA FB 03 {sync}")
+    heard(robot, "FA FB 03 01 00 01")
+    assert told() == (300, 2000, 2000, 100, 300)
+
+
+@pytest.mark.parametrize("make", [EmulatedCreate, EmulatedPioneer])
+def test_base_that_was_late_keeps_the_beat_of_its_reports(make: Callable[[Clock], EmulatedDevice]) -> None:
+    clock = Clock()
+    robot = make(clock)
+    if isinstance(robot, EmulatedPioneer):
+        robot = opened(clock)
+        period_s = p2os.SIP_PERIOD_S
+    else:
+        heard(robot, "80 94 01 07")
+        period_s = create.STREAM_PERIOD_S
+    began_s = clock.true
+    clock.true = began_s + 3.6 * period_s
+    due_s = robot.step()
+    assert len(robot.taken()) == 1
+    assert due_s == pytest.approx(began_s + 4 * period_s)
 
 
 def test_pioneer_ignores_a_command_with_a_wrong_checksum() -> None:

@@ -11,10 +11,20 @@ from hw.pioneer.base import PioneerBase
 from hw.pioneer.p2os import Command, command
 from tests.hw._support.line import Clock, ScriptedDevice
 
+
+def parameters(watchdog_ms: int = 150, report_ms: int = 100) -> bytes:
+    """Return a robot's answer to CONFIG: it may brake with 2 m/s^2 and 300 degrees/s^2."""
+    body = b"\x20Pioneer\0p3at\0SN1\0" + struct.pack("<B5H", 4, 360, 1500, 300, 2000, 500) + b"Robbie\0"
+    body += struct.pack("<BBBHHBHHHB4H", report_ms, 0, 0, 0, 1, 1, 110, 32550, watchdog_ms, 0, 1, 2, 3, 4)
+    body += struct.pack("<HH5H5H", 100, 750, 100, 100, 40, 20, 0, 300, 300, 40, 30, 0)
+    return p2os.packet(body + bytes(6))
+
+
 HANDSHAKE = {
     command(Command.PULSE): command(0),
     command(Command.OPEN): command(1),
     command(Command.CLOSE): p2os.packet(b"\x02Robbie\0Pioneer\0p3at-sh\0"),
+    command(Command.CONFIG): parameters(),
 }
 
 
@@ -28,11 +38,14 @@ def sip(
 class Robot:
     """A driver and its scripted robot."""
 
-    def __init__(self, answers: dict[bytes, bytes] = HANDSHAKE) -> None:
+    def __init__(self, answers: dict[bytes, bytes] = HANDSHAKE, stands_within_s: float = 0.4) -> None:
         self.clock = Clock()
         self.device = ScriptedDevice(answers)
+        # A port that has nothing to read takes time.
+        self.device.wait = self.clock.pass_time
         self.base = PioneerBase(
             "scripted",
+            stands_within_s=stands_within_s,
             clock=self.clock,
             monotonic=self.clock,
             open_port=lambda url, rate: self.device,  # type: ignore[arg-type, return-value]
@@ -49,7 +62,8 @@ def robot() -> Robot:
 def test_handshake_opens_the_robot_with_motors_and_sonars(robot: Robot) -> None:
     assert robot.base.state is ConnectionState.CONNECTED
     assert robot.base.name == ("Robbie", "Pioneer", "p3at-sh")
-    assert robot.started.endswith(command(Command.ENABLE, 1) + command(Command.STOP))
+    assert robot.started.endswith(command(Command.STOP))
+    assert command(Command.ENABLE, 1) in robot.started
     assert command(Command.SONAR, 1) in robot.started
 
 
@@ -137,3 +151,50 @@ def test_emergency_stop_is_the_robots_own(robot: Robot) -> None:
 def test_closing_disables_the_motors(robot: Robot) -> None:
     robot.base.close()
     assert robot.device.taken().endswith(command(Command.ENABLE, 0) + command(Command.CLOSE))
+
+
+def test_robot_brakes_as_hard_as_it_can_and_drives_no_faster_than_it_can_brake_from(robot: Robot) -> None:
+    assert command(Command.ACCELERATION, -2000) in robot.started
+    assert command(Command.TURN_ACCELERATION, -300) in robot.started
+    # 0.15 s for the watchdog, 0.05 s for what is late, 0.2 s to brake.
+    assert robot.base.limits.linear_m_per_s == pytest.approx(0.4)
+    assert robot.base.limits.angular_rad_per_s == pytest.approx(math.radians(60))
+    robot.base.command(0.8, 0.5, 0.3)
+    assert robot.device.taken() == command(Command.SPEED, 400) + command(Command.TURN_RATE, 14)
+
+
+@pytest.mark.parametrize(
+    ("answer", "problem"),
+    [
+        (parameters(watchdog_ms=2000), "brakes only 2 s after the loss of its line"),
+        (parameters(watchdog_ms=0), "its watchdog is off: it drives on when it loses its line"),
+        (b"", "does not tell whether its watchdog stops it"),
+        (p2os.packet(b"\x20Pioneer\0p3at\0SN1\0\x04"), "does not tell whether its watchdog stops it"),
+        (p2os.packet(b"\x20Pioneer"), "does not tell whether its watchdog stops it"),
+    ],
+)
+def test_robot_that_cannot_stand_in_time_says_so_and_drives_freely(answer: bytes, problem: str) -> None:
+    robot = Robot({**HANDSHAKE, command(Command.CONFIG): answer})
+    assert robot.base.is_connected
+    assert robot.base.limits.linear_m_per_s == 1.2
+    robot.device.send(sip())
+    (reading,) = robot.base.poll()
+    assert reading.problems == (problem,)
+
+
+def test_speed_is_not_limited_if_nobody_asks_for_it() -> None:
+    robot = Robot(stands_within_s=0.0)
+    assert robot.base.limits.linear_m_per_s == 1.2
+
+
+def test_reports_that_jitter_are_stamped_at_their_period() -> None:
+    robot = Robot({**HANDSHAKE, command(Command.CONFIG): parameters(report_ms=50)})
+    began_s, errors = robot.clock.now_s, []
+    sent_s = len(sip()) * 10 / 9_600
+    for number in range(200):
+        made_s = began_s + 0.05 * number
+        robot.clock.now_s = made_s + sent_s + (0.03 if number % 30 == 7 else 0.002 * (number * 7 % 11) / 10)
+        robot.device.send(sip())
+        (reading,) = robot.base.poll()
+        errors.append(reading.state.stamp_s - made_s)
+    assert max(map(abs, errors[20:])) < 0.001
