@@ -22,6 +22,7 @@ from hw.sick import cola, lms2xx_telegrams
 from hw.sick.cola import Dialect
 from hw.sick.cola_laser import SickColaLaser
 from hw.sick.lms2xx import SickLms2xx
+from hw.video.huffman import with_huffman_tables
 from hw.xsens import xbus
 from tools.fuzz_decoders.fuzz import Decoder, Subject
 
@@ -60,6 +61,21 @@ def _sip(random: Random) -> bytes:
     sonars = random.randint(0, 8)
     start = random.randbytes(18) + bytes([sonars])
     return p2os.packet(b"\x32" + start + random.randbytes(3 * sonars + random.choice((0, 12))))
+
+
+def _parameters(random: Random) -> bytes:
+    names = b"".join(b"Robbie"[: random.randint(0, 6)] + b"\0" for _ in range(3))
+    numbers = bytes(random.randrange(256) for _ in range(11)) + b"Robot\0"
+    return p2os.packet(b"\x20" + names + numbers + random.randbytes(53))
+
+
+def _p2os_packet(random: Random) -> bytes:
+    return _sip(random) if random.getrandbits(2) else _parameters(random)
+
+
+def _p2os_contents(packet: p2os.Packet) -> object:
+    is_parameters = packet.number == p2os.PacketId.CONFIG
+    return p2os.configuration(packet) if is_parameters else p2os.server_information(packet)
 
 
 def _mtdata2(random: Random) -> bytes:
@@ -199,7 +215,44 @@ def _nodes(random: Random) -> bytes:
     )
 
 
+class JpegImages:
+    """What a camera's driver does with each image: the usual Huffman tables go into one without tables.
+
+    An image that comes out must be the one that went in, but for the tables.
+    """
+
+    _TABLES = 420
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take an image, or what is left of one; return it with tables."""
+        image = with_huffman_tables(data)
+        added = len(image) - len(data)
+        at = next(
+            (at for at, (old, new) in enumerate(zip(data, image, strict=False)) if old != new), len(data)
+        )
+        if added not in (0, self._TABLES) or data != image[:at] + image[at + added :]:
+            raise AssertionError(f"{added} bytes were added, or others changed")
+        return [image]
+
+
+def _segment(mark: int, contents: bytes) -> bytes:
+    return bytes([0xFF, mark]) + (len(contents) + 2).to_bytes(2, "big") + contents
+
+
+def _jpeg_image(random: Random) -> bytes:
+    """Return an image of 16 by 16 pixels, mostly without Huffman tables, with noise for its coefficients."""
+    image = (
+        b"\xff\xd8" + _segment(0xE0, b"AVI1" + bytes(10)) + _segment(0xDB, bytes([0]) + random.randbytes(64))
+    )
+    image += _segment(0xC0, bytes.fromhex("08 0010 0010 03 01 22 00 02 11 00 03 11 00"))
+    if not random.getrandbits(3):
+        image += _segment(0xC4, bytes(17))
+    image += _segment(0xDA, bytes.fromhex("03 01 00 02 11 03 11 00 3f 00"))
+    return image + random.randbytes(random.randrange(200)).replace(b"\xff", b"\xff\0") + b"\xff\xd9"
+
+
 SUBJECTS = {
+    "jpeg": Subject(JpegImages, _jpeg_image),
     "rplidar": Subject(lambda: RpLidarTurns(streams.NodeReader), _nodes),
     "rplidar-express": Subject(
         lambda: RpLidarTurns(streams.CapsuleReader), lambda random: _capsule(random, 80)
@@ -214,7 +267,7 @@ SUBJECTS = {
     ),
     "cola-b": Subject(lambda: LaserSweeps(SickColaLaser("nowhere", lambda: 0.0)), _cola_scan),
     "irobot": Subject(_framed(lambda: open_interface.StreamFraming(STREAM)), _create_frame),
-    "p2os": Subject(_framed(p2os.P2osFraming, p2os.server_information), _sip),
+    "p2os": Subject(_framed(p2os.P2osFraming, _p2os_contents), _p2os_packet),
     "xsens": Subject(_framed(xbus.XbusFraming, xbus.data2), _mtdata2),
     "mip": Subject(_framed(mip.MipFraming, mip.sensor_values), _mip_packet),
     "nmea": Subject(_framed(nmea.NmeaFraming, nmea.position_fix), _gga),
