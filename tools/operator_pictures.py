@@ -19,6 +19,7 @@ from pathlib import Path
 
 from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from robbie_mp.observe import RunObserver
 from robbie_mp.run.operator_link import read_link
@@ -28,7 +29,7 @@ from tools.operator_trials.chromium import chromium
 
 FOLDER = Path("docs/images")
 SIZE: ViewportSize = {"width": 1280, "height": 800}
-COLOURS = 128
+COLOURS = 256
 ROBBIE = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 SETTINGS = (
     "operator.port=0",
@@ -51,6 +52,7 @@ SIZES = (LARGE, UPRIGHT, SIZE)
 SETTLED_S = 5.0
 """Time for which a panel is open before the tool takes its picture."""
 LAYOUT_SETTLED_S = 2.0
+KEY_LIMIT_MS = 5000
 PLOTS = (
     ("odom: nav_msgs/Odometry", "twist.twist.linear.x"),
     ("odom: nav_msgs/Odometry", "twist.twist.angular.z"),
@@ -103,9 +105,9 @@ def running(*words: str, output: str) -> Iterator[None]:
 
 @contextmanager
 def recording(folder: str) -> Iterator[None]:
-    """Record the running robot, without its images."""
+    """Record the running robot."""
     (run,) = own_runs()
-    words = ["record", "--run", run.run_id, "--exclude", "sensor_msgs/msg/Image", "--output", folder]
+    words = ["record", "--run", run.run_id, "--output", folder]
     process = subprocess.Popen([*ROBBIE, *words], stdout=subprocess.DEVNULL)
     try:
         yield
@@ -192,16 +194,28 @@ def take_layouts(page: Page, layouts: Sequence[str]) -> None:
     for size in SIZES:
         page.set_viewport_size(size)
         for layout in layouts:
-            page.keyboard.press(f"{1 + NAMES.index(layout)}")
-            page.wait_for_selector(f"#layouts:has-text('{layout}')")
+            choose(page, layout)
             wide = "" if size is SIZE else f"-{size['width']}"
             take(page, f"layout-{layout.lower()}{wide}", LAYOUT_SETTLED_S)
     page.set_viewport_size(SIZE)
 
 
+def choose(page: Page, layout: str) -> None:
+    """Show a layout. A page that is just being loaded again on a busy machine does not hear the key."""
+
+    def is_shown() -> str:
+        page.keyboard.press(f"{1 + NAMES.index(layout)}")
+        with suppress(PlaywrightTimeout):
+            page.wait_for_selector(f"#layouts:has-text('{layout}')", timeout=KEY_LIMIT_MS)
+            return layout
+        return ""
+
+    wait_for(is_shown)
+
+
 def take_light(page: Page) -> None:
     """Take a picture of the first layout in the light look."""
-    page.keyboard.press("1")
+    choose(page, NAMES[0])
     page.click("#look")
     take(page, "light", LAYOUT_SETTLED_S)
     page.click("#look")
@@ -235,6 +249,7 @@ def take_playback(page: Page, *, only_layouts: bool) -> None:
 
 def take(page: Page, name: str, settled_s: float = SETTLED_S) -> None:
     """Take a picture of the page, small enough for a repository."""
+    page.wait_for_selector("#emergency-stop-state:has-text('ready')")  # on a busy machine, a link may be lost
     page.wait_for_timeout(1000 * settled_s)
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     path = FOLDER / f"operator-{name}.png"

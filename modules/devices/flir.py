@@ -3,16 +3,18 @@
 import numpy as np
 
 from hw.flir.ptu import BIT_RATE, FlirPanTilt
-from hw.pan_tilt import PanTiltError, PanTiltState
+from hw.pan_tilt import PanTiltState
+from modules.devices.pan_tilt import JOINTS, TOPIC, PanTiltByHand
 from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import Header, Time, setting
-from robbie_mp.messages import JointState, PanTiltCommand
+from robbie_mp.messages import JointState
 
 
 class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):
     """A PTU on a serial line: follows `PanTiltCommand`, publishes `JointState` on topic `pan_tilt`.
 
-    The joints are `pan` and `tilt`. Also publishes `DeviceState`, on a topic named after the module.
+    The joints are `pan` and `tilt`, and can also be moved by hand: see `PanTiltByHand`. Also publishes
+    `DeviceState`, on a topic named after the module.
     """
 
     # Commands wait for the end of a look at the device.
@@ -26,7 +28,7 @@ class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):
         super().setup()
         assert isinstance(self.device, FlirPanTilt)
         self.unit = self.device
-        self.subscribe(PanTiltCommand, self.on_command, optional=True)
+        self.by_hand = PanTiltByHand(self, self.unit)
 
     def open_device(self) -> FlirPanTilt:
         """Return the driver."""
@@ -34,21 +36,16 @@ class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):
             self.url, self.rate_rad_per_s, self.bit_rate, clock=self.time_s, silence_s=self.silence_s
         )
 
-    def on_command(self, command: PanTiltCommand) -> None:
-        """Start moving to a direction."""
-        try:
-            self.unit.look(command.pan_rad, command.tilt_rad)
-        except PanTiltError as error:
-            self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
-
     def on_value(self, value: PanTiltState) -> None:
-        """Publish the direction."""
+        """Publish the direction, and the unit's limits once it has told them."""
+        self.by_hand.offer(self.unit.limits)
+        self.by_hand.tick()
         self.publish(
             JointState(
                 header=Header(stamp=Time.from_nanoseconds(round(value.stamp_s * 1e9))),
-                name=["pan", "tilt"],
+                name=JOINTS,
                 position=np.array([value.pan_rad, value.tilt_rad]),
                 velocity=np.array([value.pan_rad_per_s, value.tilt_rad_per_s]),
             ),
-            topic="pan_tilt",
+            topic=TOPIC,
         )

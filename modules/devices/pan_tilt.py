@@ -1,17 +1,93 @@
 """The robot's pan-tilt unit."""
 
+import math
+
 import numpy as np
 
-from hw.pan_tilt import PanTiltError, PanTiltLimits
+from hw.pan_tilt import PanTiltError, PanTiltLimits, PanTiltUnit
 from hw.simulation.pan_tilt import SimulatedPanTilt
 from robbie_mp import Header, Module, Time, setting
-from robbie_mp.messages import JointState, PanTiltCommand
+from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
+
+TOPIC = "pan_tilt"
+JOINTS = ["pan", "tilt"]
+
+
+class PanTiltByHand:
+    """Lets operators move a module's pan-tilt unit as they move other joints.
+
+    The module follows `JointCommand` on the topic `pan_tilt`, besides `PanTiltCommand`; the newest counts.
+    When a `JointCommand` expires, the unit stops where it is.
+
+    Args:
+        module: the module.
+        unit: the unit.
+    """
+
+    def __init__(self, module: Module, unit: PanTiltUnit):
+        self._module = module
+        self._unit = unit
+        self._until_ns: float = math.inf
+        self._offered: PanTiltLimits | None = None
+        module.subscribe(PanTiltCommand, self._on_direction, optional=True)
+        module.subscribe(JointCommand, self._on_joints, topic=TOPIC, optional=True)
+
+    def offer(self, limits: PanTiltLimits) -> None:
+        """Publish the limits of the joints, if they have changed."""
+        if limits != self._offered:
+            self._offered = limits
+            self._module.publish(
+                JointLimits(
+                    name=JOINTS,
+                    lower=np.array([-limits.pan_rad, -limits.tilt_up_rad]),
+                    upper=np.array([limits.pan_rad, limits.tilt_down_rad]),
+                ),
+                topic=TOPIC,
+                latched=True,
+            )
+
+    def tick(self) -> None:
+        """Stop the unit if the last `JointCommand` has expired."""
+        if self._module.clock.monotonic_ns() >= self._until_ns:
+            self._until_ns = math.inf
+            now = self._unit.read()
+            self._unit.look(now.pan_rad, now.tilt_rad)
+
+    def _on_direction(self, command: PanTiltCommand) -> None:
+        if self._look(command.pan_rad, command.tilt_rad):
+            self._until_ns = math.inf
+
+    def _on_joints(self, command: JointCommand) -> None:
+        # The age counts from publication: the module may have been stopped while the command waited.
+        until_ns = self._module.envelope.published_ns + command.valid_for.nanoseconds
+        if until_ns <= self._module.clock.monotonic_ns():
+            return
+        goals = dict(zip(command.name, command.position.tolist(), strict=False))
+        if len(goals) != len(command.position) or not set(goals) <= set(JOINTS):
+            self._module.log.error(
+                "ignored a command from %s: its joints are not pan and tilt", self._module.envelope.sender
+            )
+            return
+        now = self._unit.read()
+        if self._look(goals.get("pan", now.pan_rad), goals.get("tilt", now.tilt_rad)):
+            self._until_ns = until_ns
+
+    def _look(self, pan_rad: float, tilt_rad: float) -> bool:
+        try:
+            self._unit.look(pan_rad, tilt_rad)
+        except PanTiltError as error:
+            self._module.log.error(
+                "ignored an invalid command from %s: %s", self._module.envelope.sender, error
+            )
+            return False
+        return True
 
 
 class SimulatedPanTiltModule(Module):
     """A simulated pan-tilt unit: follows `PanTiltCommand`, publishes `JointState` on topic `pan_tilt`.
 
-    The joints are `pan` and `tilt`. A restarted unit keeps the direction of the last tick.
+    The joints are `pan` and `tilt`, and can also be moved by hand: see `PanTiltByHand`. A restarted unit
+    keeps the direction of the last tick.
     """
 
     rate_rad_per_s: float = setting(2.0, "speed of each joint", minimum=0.01)
@@ -22,26 +98,21 @@ class SimulatedPanTiltModule(Module):
         limits = PanTiltLimits(rate_rad_per_s=self.rate_rad_per_s)
         pan_rad, tilt_rad = (0.0, 0.0) if self.restored is None else self.restored["direction"]
         self.unit = SimulatedPanTilt(self._time_s, limits, (pan_rad, tilt_rad))
-        self.subscribe(PanTiltCommand, self.on_command, optional=True)
-
-    def on_command(self, command: PanTiltCommand) -> None:
-        """Start moving to a direction."""
-        try:
-            self.unit.look(command.pan_rad, command.tilt_rad)
-        except PanTiltError as error:
-            self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
+        self.by_hand = PanTiltByHand(self, self.unit)
+        self.by_hand.offer(limits)
 
     def tick(self) -> None:
         """Publish and checkpoint the unit's direction."""
+        self.by_hand.tick()
         state = self.unit.read()
         self.publish(
             JointState(
                 header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
-                name=["pan", "tilt"],
+                name=JOINTS,
                 position=np.array([state.pan_rad, state.tilt_rad]),
                 velocity=np.array([state.pan_rad_per_s, state.tilt_rad_per_s]),
             ),
-            topic="pan_tilt",
+            topic=TOPIC,
         )
         self.checkpoint({"direction": (state.pan_rad, state.tilt_rad)})
         self.status = f"pan {state.pan_rad:.2f} rad, tilt {state.tilt_rad:.2f} rad"

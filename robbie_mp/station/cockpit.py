@@ -61,6 +61,7 @@ class Cockpit:
         self._single = single
         self._plays_log = plays_log
         self._is_chosen = True
+        self._is_upright = False
         self._name = ""
         self._layout: Layout = ()
         self._alone = single
@@ -95,8 +96,8 @@ class Cockpit:
         if self._layouts.get(layout) is None:
             layout = self.names[0]
             self._is_chosen = False
-            self._grid.on("arrived", self._on_arrived)
             self._page.always(LOOK_S, self._turn_to_playback)
+        self._grid.on("turned", self._on_turned)
         self._alone = alone if alone in self._panels else ""
         self._name, self._layout = layout, self._layouts.get(layout) or ()
         self._show()
@@ -151,7 +152,7 @@ class Cockpit:
 
     def choose(self, name: str) -> None:
         """Show a layout."""
-        layout = self._layouts.get(name)
+        layout = self._layouts.get(name, upright=self._is_upright)
         if layout is not None and not self._single:
             self._is_chosen = True
             self._name, self._layout, self._alone = name, layout, ""
@@ -195,7 +196,7 @@ class Cockpit:
         if self._page.role is not Role.OPERATOR:
             return
         try:
-            self._layouts.save(self._name, self._layout)
+            self._layouts.save(self._name, self._layout, upright=self._is_upright)
         except LayoutError as error:
             ui.notify(str(error), type="negative")
 
@@ -204,7 +205,7 @@ class Cockpit:
             return
         name = str(self._field.value or "").strip()
         try:
-            self._layouts.save(name, self._layout)
+            self._layouts.save(name, self._layout, upright=self._is_upright)
         except LayoutError as error:
             ui.notify(str(error), type="negative")
             return
@@ -228,9 +229,18 @@ class Cockpit:
             self._keep()
             self._grid.show(self._layout, self._alone)
 
-    def _on_arrived(self, event: GenericEventArguments) -> None:
-        if isinstance(event.args, dict) and event.args.get("portrait") is True:
+    def _on_turned(self, event: GenericEventArguments) -> None:
+        """Show the layout for the shape of the window, which the page tells at first and when it changes."""
+        if not isinstance(event.args, dict):
+            return
+        self._is_upright = event.args.get("portrait") is True
+        self._grid.turn(upright=self._is_upright)
+        if self._is_upright and not self._is_chosen:
             self._begin_with(PORTRAIT)
+        layout = self._layouts.get(self._name, upright=self._is_upright)
+        if layout is not None and layout != self._layout:
+            self._layout = layout
+            self._show()
 
     def _turn_to_playback(self) -> None:
         if not self._is_chosen and self._plays_log():
@@ -238,7 +248,7 @@ class Cockpit:
 
     def _begin_with(self, name: str) -> None:
         """Show a layout on a page where nobody has chosen one yet."""
-        layout = self._layouts.get(name)
+        layout = self._layouts.get(name, upright=self._is_upright)
         if layout is not None and not self._is_chosen:
             self._is_chosen = True
             self._name, self._layout = name, layout

@@ -5,6 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from robbie_mp.station.goals import GoalList, Placement
+from robbie_mp.station.tool_button import tool_button
 
 
 class GoalMenu:
@@ -17,18 +18,16 @@ class GoalMenu:
     def __init__(self, goals: GoalList):
         self._goals = goals
         self._shown: list[Placement] | None = None
-        label = "Goals that wait"
-        button = ui.button(icon="format_list_numbered").props(
-            f'id=map-goals aria-label="{label}" title="{label}"'
-        )
+        self._button = button = tool_button("format_list_numbered", "map-goals", "Goals that wait")
         with button, ui.menu().props("id=map-goal-list"):
             self._list = ui.column().classes("q-pa-sm gap-0")
 
     def tick(self) -> None:
-        """List the goals, if they have changed."""
+        """List the goals, if they have changed. The button is there while goals wait."""
         if self._goals.waiting == self._shown:
             return
         self._shown = [*self._goals.waiting]
+        self._button.set_visibility(bool(self._shown))
         self._list.clear()
         with self._list:
             if not self._shown:

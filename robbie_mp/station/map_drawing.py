@@ -21,6 +21,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.station.context import Page
 from robbie_mp.station.latest import Latest
+from robbie_mp.station.tool_button import tool_button
 
 NO_GO, PLACE = "no_go", "place"
 DRAWN = {NO_GO: "Draw a no-go area", PLACE: "Name a place"}
@@ -44,10 +45,7 @@ class MapDrawing:
         self._annotations = annotations
         self._shown = 0
         self._keep: Callable[[str], None] = lambda _name: None
-        label = "No-go areas and places"
-        self._button = ui.button(icon="edit_location_alt").props(
-            f'id=map-draw aria-label="{label}" title="{label}"'
-        )
+        self._button = tool_button("edit_location_alt", "map-draw", "No-go areas and places")
         with self._button, ui.menu().props("id=map-drawings"):
             for what, text in DRAWN.items():
                 item = ui.menu_item(text, on_click=lambda what=what: draw(what))

@@ -55,32 +55,34 @@ class PlaybackBar:
 
     def build(self, page: Page) -> None:
         """Build the bar for a page. Observers only see the position."""
-        with ui.card().classes("w-full playback-bar no-shadow").props("id=playback") as bar:
-            text = ui.label("").props("id=playback-text role=status")
-            with ui.row().classes("w-full items-center no-wrap"):
-                if page.role is Role.OPERATOR:
-                    page.add_key("k", "Playback: pause or resume", lambda: self._turn(page))
-                    page.add_key(".", "Playback: one step", lambda: self.order(page, "step"))
-                    pause = ui.button(icon="pause", on_click=lambda: self.order(page, "pause"))
-                    pause.props('id=playback-pause aria-label="Pause"')
-                    play = ui.button(icon="play_arrow", on_click=lambda: self.order(page, "resume"))
-                    play.props('id=playback-resume aria-label="Resume"')
-                    step = ui.button(icon="skip_next", on_click=lambda: self.order(page, "step"))
-                    step.props('id=playback-step aria-label="Step" title="One message"')
-                    rate = ui.select(RATES, label="rate").classes("w-20").props("id=playback-rate")
-                    rate.on_value_change(lambda event: choose_rate(event.value))
-                with ui.column().classes("w-full gap-0"):
-                    marks = EventMarks(self, page)
-                    place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
-                place.set_enabled(page.role is Role.OPERATOR)
-                if page.role is Role.OPERATOR:
-                    # Only the operator causes these two; a new position does not. The position may change
-                    # between them, and then the slider's own value is not what the operator has chosen.
-                    chosen: deque[object] = deque(maxlen=1)
-                    place.on("update:model-value", lambda event: chosen.append(event.args))
-                    place.on("change", lambda event: self._seek(page, chosen.pop() if chosen else event.args))
-                held: list[bool] = []
-                place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
+        with (
+            ui.card().classes("w-full playback-bar no-shadow").props("id=playback") as bar,
+            ui.row().classes("w-full items-center no-wrap"),
+        ):
+            if page.role is Role.OPERATOR:
+                page.add_key("k", "Playback: pause or resume", lambda: self._turn(page))
+                page.add_key(".", "Playback: one step", lambda: self.order(page, "step"))
+                pause = ui.button(icon="pause", on_click=lambda: self.order(page, "pause"))
+                pause.props('id=playback-pause aria-label="Pause"')
+                play = ui.button(icon="play_arrow", on_click=lambda: self.order(page, "resume"))
+                play.props('id=playback-resume aria-label="Resume"')
+                step = ui.button(icon="skip_next", on_click=lambda: self.order(page, "step"))
+                step.props('id=playback-step aria-label="Step" title="One message"')
+                rate = ui.select(RATES, label="rate").classes("w-20").props("id=playback-rate dense")
+                rate.on_value_change(lambda event: choose_rate(event.value))
+            with ui.column().classes("w-full gap-0"):
+                text = ui.label("").props("id=playback-text role=status")
+                marks = EventMarks(self, page)
+                place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
+            place.set_enabled(page.role is Role.OPERATOR)
+            if page.role is Role.OPERATOR:
+                # Only the operator causes these two; a new position does not. The position may change
+                # between them, and then the slider's own value is not what the operator has chosen.
+                chosen: deque[object] = deque(maxlen=1)
+                place.on("update:model-value", lambda event: chosen.append(event.args))
+                place.on("change", lambda event: self._seek(page, chosen.pop() if chosen else event.args))
+            held: list[bool] = []
+            place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
         bar.set_visibility(False)
         shown = [0]
         shown_rate: list[float | None] = [None]

@@ -73,8 +73,10 @@ def layouts_of(station: StationContext, panels: Sequence[str]) -> LayoutCollecti
     own = [name for name in panels if name not in FRAMEWORK_PANELS]
     given = {name: check_layout(name, places, panels) for name, places in station.layouts.items()}
     layouts = {name: layout for name, layout in (default_layouts(panels, own) | given).items() if layout}
+    upright = default_layouts(panels, own, upright=True)
+    upright = {name: layout for name, layout in upright.items() if name not in given}
     file = station.layouts_file or station.known_run.folder / LAYOUTS_FILE
-    return LayoutCollection(layouts, panels, file, station.log)
+    return LayoutCollection(layouts, panels, file, station.log, upright)
 
 
 class Website:

@@ -4,11 +4,12 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page
+from playwright.sync_api import Error as PlaywrightError
 
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.tool.tool import Tool
@@ -27,7 +28,7 @@ PROFILE = """
 modules:
   operator:
     class: robbie_mp.station:OperatorStation
-    settings: {port: 0, max_linear_m_per_s: 0.4}
+    settings: {port: 0, max_linear_m_per_s: 0.4, tabs: {drive: "", system: ""}}
   base: {class: "modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
   witness: {class: "zoo.witness:Witness"}
 """
@@ -119,7 +120,9 @@ def test_robot_stops_when_key_page_or_server_fails_and_the_page_reconnects(
                 other.keyboard.press("KeyW")
                 other.click("#take-over")
                 assert len(journal.rows("command")) == commands
-                stops(journal, other, other.close)
+                stops(journal, other, lambda: crash(other))
+                # Long before the last command has expired, the station has told the base to stop.
+                wait_until(lambda: journal.rows("command")[-1][1:] == (0.0, 0.0))
         with page_of(started, address, may_say=RECONNECTING) as page:
             page.wait_for_selector("#drive-pad")
             stopped_server_delivers_nothing_late(robot, journal, page)
@@ -147,6 +150,12 @@ def let_go_elsewhere(page: Page) -> None:
     page.focus("body > input")
     page.keyboard.up("KeyW")
     page.evaluate("document.querySelector('body > input').remove()")
+
+
+def crash(page: Page) -> None:
+    """End the page without a chance to say anything."""
+    with suppress(PlaywrightError):  # there is no answer
+        page.context.new_cdp_session(page).send("Page.crash")
 
 
 def server(robot: Robot) -> int:
@@ -211,7 +220,7 @@ def attached_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     """Start a page for a run that has none; it is given with its address."""
     (robot.folder / "zoo" / "own_panel.py").write_text((HERE / "_support" / "own_panel.py").read_text())
     options = ["--attach", robot.known_run().run_id, "--port", "0", "--set", "max_linear_m_per_s=0.4"]
-    panels = ["--set", "panels=['zoo.own_panel:FriendsPanel']"]
+    panels = ["--set", "panels=['zoo.own_panel:FriendsPanel']", "--set", "tabs={drive: ''}"]
     command = [*COMMAND, "gui", *options, *panels]
     with subprocess.Popen(command, cwd=robot.folder.parent, stdout=subprocess.PIPE, text=True) as program:
         try:

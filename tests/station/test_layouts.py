@@ -38,12 +38,16 @@ def cells(layout: Layout) -> int:
 
 
 def test_own_layouts_fill_the_page_with_the_panels_there_are() -> None:
-    for name, layout in default_layouts([*FRAMEWORK_PANELS, "mission"], ["mission"]).items():
-        assert {tile.panel for tile in layout} == {"mission" if one == OWN else one for one in DEFAULTS[name]}
-        assert cells(layout) == COLUMNS * ROWS
     without = [name for name in FRAMEWORK_PANELS if name != "map"]
-    for layout in default_layouts(without, []).values():
-        assert cells(layout) == COLUMNS * ROWS
+    for upright in (False, True):
+        found = default_layouts([*FRAMEWORK_PANELS, "mission"], ["mission"], upright=upright)
+        assert [*found] == [*DEFAULTS]
+        for name, layout in found.items():
+            expected = {"mission" if one == OWN else one for one in DEFAULTS[name]}
+            assert {tile.panel for tile in layout} == expected
+            assert cells(layout) == COLUMNS * ROWS
+        for layout in default_layouts(without, [], upright=upright).values():
+            assert cells(layout) == COLUMNS * ROWS
     assert list(default_layouts(["system", "drive"], [])) == ["All"]
 
 
@@ -83,6 +87,24 @@ def test_changed_layouts_outlive_a_restart_and_can_be_reset(tmp_path: Path) -> N
     wait_until(lambda: not LayoutCollection(given, panels, file, LOG).is_changed("Mine"))
 
 
+def test_layout_for_upright_pages_is_changed_by_itself(tmp_path: Path) -> None:
+    file, panels = tmp_path / "layouts.json", ["map", "drive"]
+    wide = check_layout("Mine", {"map": [0, 0, 12, 24], "drive": [12, 0, 12, 24]}, panels)
+    upright = check_layout("Mine", {"map": [0, 0, 24, 12], "drive": [0, 12, 24, 12]}, panels)
+    changed = check_layout("Mine", {"map": [0, 0, 24, 18], "drive": [0, 18, 24, 6]}, panels)
+    layouts = LayoutCollection({"Mine": wide, "Wide": wide}, panels, file, LOG, {"Mine": upright})
+    assert [layouts.get("Mine"), layouts.get("Mine", upright=True)] == [wide, upright]
+    assert layouts.get("Wide", upright=True) == wide
+    layouts.save("Mine", changed, upright=True)
+    layouts.save("Upright", changed, upright=True)
+    wait_until(lambda: LayoutCollection({"Mine": wide}, panels, file, LOG).names == ["Mine", "Upright"])
+    restarted = LayoutCollection({"Mine": wide}, panels, file, LOG, {"Mine": upright})
+    assert [restarted.get("Mine"), restarted.get("Mine", upright=True)] == [wide, changed]
+    assert restarted.get("Upright") == changed
+    restarted.forget("Mine")
+    assert restarted.get("Mine", upright=True) == upright
+
+
 def test_number_and_names_of_saved_layouts_are_bounded(tmp_path: Path) -> None:
     layouts = LayoutCollection({}, ["map"], tmp_path / "layouts.json", LOG)
     for number in range(MAX_SAVED):
@@ -97,6 +119,6 @@ def test_damaged_file_of_layouts_is_reported_and_not_used(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = tmp_path / "layouts.json"
-    file.write_text('{"Mine": {"map": [0, 0, 99, 1]}}')
+    file.write_text('{"wide": {"Mine": {"map": [0, 0, 99, 1]}}, "upright": {}}')
     assert LayoutCollection({}, ["map"], file, LOG).names == []
     assert "the saved layouts cannot be used: Mine: map at [0, 0, 99, 1] does not fit" in caplog.text

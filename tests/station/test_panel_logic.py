@@ -1,12 +1,15 @@
 """How panels process their data: the trace, messages as trees, goals and paths."""
 
 from collections import deque
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from robbie_mp.messages import LaserScan, Path, Point, Pose, PoseStamped
+from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.station.goals import checked
+from robbie_mp.station.panels import plots
 from robbie_mp.station.panels.map import MAX_PATH_POINTS, way_points
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.station.topic_watch import nodes_of
@@ -50,6 +53,25 @@ def test_message_is_a_tree_whose_long_arrays_are_abbreviated() -> None:
     assert ranges["label"] == "ranges: 100 elements"
     assert [node["label"] for node in ranges["children"][-2:]] == ["…: 92 more", "[99]: 99.0"]
     assert len({node["id"] for node in ranges["children"]}) == 9
+
+
+def test_page_that_is_opened_later_shows_the_same_plots_and_unused_ones_are_bounded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plots, "types_of_run", lambda _run: KnownTypes())
+    panel = plots.PlotsPanel(Mock())
+    names = [f"scan {number}" for number in range(2 * plots.MAX_KEPT)]
+    monkeypatch.setattr(panel, "channels", lambda: dict.fromkeys(names, (LaserScan.type_name, "")))
+    shown = panel.take((names[0], "angle_min"))
+    assert panel.take((names[0], "angle_min")) is shown
+    for _ in range(2):
+        panel.give_back(shown)
+    assert panel.take((names[0], "angle_min")) is shown, "its values are still there"
+    for name in names[1:]:
+        panel.give_back(panel.take((name, "angle_min")))
+    assert panel.take((names[0], "angle_min")) is shown
+    assert panel.take((names[-1], "angle_min")).pages == 1
+    assert len(panel._lines) == 1 + plots.MAX_KEPT
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from robbie_mp.trace.kinds import Kind, read_recorded
 from tests._support.robot import Robot, wait_until
 from tests.recording._support.logs import LogFile
-from tests.station._support.browser import TABLET, browser, needs_chromium, page_of
+from tests.station._support.browser import LAPTOP, TABLET, browser, needs_chromium, page_of
 from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of
 
@@ -37,6 +37,14 @@ modules:
   arm: {class: "modules.devices.joints:SimulatedJointsModule", settings: {names: [wrist], period_s: 0.1}}
 """
 
+DRIVING_KEYS = ("KeyW", "KeyA", "ArrowUp", "ArrowDown")
+IN_MENU = "document.querySelector('#map-drawings')?.contains(document.activeElement)"
+COUNT = """() => {
+  window.driven = 0;
+  const count = ({ detail: { linear, angular } }) => (window.driven += linear || angular ? 1 : 0);
+  addEventListener("robbie-driven", count);
+}"""
+"""Counts how often the page asks for motion."""
 FITS = """panel => [document.documentElement, document.getElementById(panel)].every(
   one => one.scrollWidth <= one.clientWidth)"""
 """Once its letters have been loaded: before, icons are words."""
@@ -89,14 +97,16 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
     with browser() as started, page_of(started, address) as page:
         log_in(page, "opens-everything")
         page.wait_for_selector("#layouts:has-text('Playback')")  # because a log plays
-        page.keyboard.press("1")
-        page.wait_for_selector("#layouts:has-text('Drive')")
+        # Tablet has the pad and the map, and no 3-D view, which takes both processors.
+        page.keyboard.press("4")
+        page.wait_for_selector("#layouts:has-text('Tablet')")
         everything_is_reached_by_keys(page)
+        keys_do_not_drive_in_a_menu_and_the_map_has_the_focus_while_one_places(page)
         with page_of(started, address) as other:
             nothing_is_shown_without_a_token(other, address)
             log_in(other, "opens-all-our-eyes")
             observer_sees_and_does_not_steer(other)
-        layout_is_changed_and_comes_back(page, page.context.new_page(), address)
+        layout_is_changed_and_comes_back(page)
         playback_is_steered(page, told)
         map_is_shown_and_goal_is_set(page, told)
         walls_are_raised_and_goal_is_set_on_the_floor(page, told)
@@ -108,9 +118,9 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
         crash_is_reported(page)
         wishes = messages_are_sent_at_a_rate_until_the_page_goes(page, told, robot)
         everything_fits(page)
-        with page_of(started, address, TABLET) as tablet:
-            log_in(tablet, "opens-everything")
-            everything_fits(tablet)
+        page_is_held_upright(page)
+        everything_fits(page)
+        page.set_viewport_size(LAPTOP["viewport"])
         assert told.count("wish") == wishes, "it went on without its page"
         image_of_a_silent_camera_shows_its_age(page, robot)
         page.click("#tab-drive")  # and nothing is attached to the robot any more
@@ -153,15 +163,11 @@ def nothing_is_shown_without_a_token(page: Page, address: str) -> None:
         assert page.request.get(address + path).status == 401
 
 
-def layout_is_changed_and_comes_back(page: Page, other: Page, address: str) -> None:
-    """Tiles are moved, removed and added; a page that is loaded later has them there."""
-    page.goto(f"{address}?layout=Drive")
-    head = page.locator("#tile-drive .tile-head .title")
+def layout_is_changed_and_comes_back(page: Page) -> None:
+    """Tiles are moved and removed; a page that is loaded later has them there."""
     page.click("#close-map")
     page.wait_for_selector("#tile-map", state="hidden")
-    page.click("#close-view")
-    page.wait_for_selector("#tile-view", state="hidden")
-    box = head.bounding_box()
+    box = page.locator("#tile-drive .tile-head .title").bounding_box()
     assert box
     page.mouse.move(box["x"] + 5, box["y"] + 5)
     page.mouse.down()
@@ -172,12 +178,10 @@ def layout_is_changed_and_comes_back(page: Page, other: Page, address: str) -> N
     at = f"#tile-drive[gs-x='{page.get_attribute('#tile-drive', 'gs-x')}']"
     page.reload()
     page.wait_for_selector(at)
-    assert page.locator("#tile-map, #tile-view").locator("visible=true").count() == 0
-    other.goto(f"{address}?layout=Drive")
-    other.wait_for_selector(at)
-    other.click("#layouts")
-    other.click("#layout-reset")
-    other.wait_for_selector("#tile-map", state="visible")
+    assert not page.locator("#tile-map").is_visible()
+    page.click("#layouts")
+    page.click("#layout-reset")
+    page.wait_for_selector("#tile-map", state="visible")
     page.click("#layouts")
     page.click("[data-layout=Engineer]")
     page.wait_for_selector("#panel-system", state="visible")
@@ -188,8 +192,39 @@ def layout_is_changed_and_comes_back(page: Page, other: Page, address: str) -> N
     assert opened.value.locator("#panels, #tile-system").count() == 0
     opened.value.click("#emergency-stop", trial=True)
     opened.value.close()
-    other.close()
     page.bring_to_front()
+
+
+def page_is_held_upright(page: Page) -> None:
+    """The layout for pages that are higher than wide is another one."""
+    page.keyboard.press("4")
+    page.wait_for_selector("#tile-map[gs-x='15']")
+    page.set_viewport_size(TABLET["viewport"])
+    page.wait_for_selector("#tile-map[gs-y='9']")
+
+
+def keys_do_not_drive_in_a_menu_and_the_map_has_the_focus_while_one_places(page: Page) -> None:
+    page.evaluate(COUNT)
+    page.click("#map-draw")
+    page.wait_for_function(IN_MENU)
+    for key in DRIVING_KEYS:
+        page.keyboard.down(key)
+        page.keyboard.up(key)
+    assert page.evaluate(IN_MENU)
+    assert page.evaluate("window.driven") == 0
+    page.click("#map-draw-place")
+    map_has_the_focus(page, "place")
+    page.click("#map-mode >> text=Set goal")
+    map_has_the_focus(page, "goal")
+    page.click("#map-mode >> text=Move")
+    page.keyboard.down("KeyW")  # which shows that keys drive, and are counted
+    page.wait_for_function("window.driven > 0")
+    page.keyboard.up("KeyW")
+
+
+def map_has_the_focus(page: Page, what: str) -> None:
+    page.wait_for_selector(f"#map-view[data-placing={what}]")
+    page.wait_for_function("document.activeElement.id == 'map-view'")
 
 
 def observer_sees_and_does_not_steer(page: Page) -> None:

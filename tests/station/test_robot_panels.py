@@ -83,6 +83,7 @@ def view_shows_what_there_is(page: Page) -> None:
         page.wait_for_selector(f"#view-scene >> text={text}")
     page.wait_for_function(MODEL)
     assert not page.locator("#view-scene >> text=laser").is_visible()
+    page.click("#view-layers")
     page.click("#view-names")
     page.wait_for_selector("#view-scene >> text=laser")
     page.click("#tab-map")
@@ -136,7 +137,11 @@ def virtual_devices_obey(page: Page, robot: Robot) -> None:
 
 def plots_draw_chosen_numbers(page: Page) -> None:
     page.click("#tab-plots")
-    page.wait_for_selector("#plot-channel-offered option[value^=odom]", state="attached")
+    # Until an operator has chosen something: speed and turn rate.
+    page.wait_for_selector("#plot-lines:has-text('odom.twist.twist.angular.z: 0')")
+    page.click("#plot-lines [aria-label=remove] >> nth=0")
+    page.click("#plot-lines [aria-label=remove] >> nth=0")
+    page.wait_for_selector("#plot-lines:has-text('odom')", state="detached")
     plot(page, "odom: nav_msgs/Odometry", "pose.pose.position.x")
     page.wait_for_selector("#plot-lines:has-text('odom.pose.pose.position.x: 2.5')")
     plot(page, "(no topic): sensor_msgs/LaserScan", "ranges[3]")

@@ -28,7 +28,9 @@ from workers.taught import Box
 HERE = Path(__file__).parent
 PROFILE = """
 modules:
-  operator: {class: "robbie_mp.station:OperatorStation", settings: {port: 0}}
+  operator:
+    class: robbie_mp.station:OperatorStation
+    settings: {port: 0, tabs: {camera: "", drive: ""}}
   camera: {class: "zoo.print_camera:PrintCamera"}
   objects:
     class: modules.taught_recognition:TaughtObjects
@@ -47,9 +49,6 @@ def test_object_is_taught_with_a_box_on_the_camera_and_forgotten(robot: Robot) -
     robot.write_profile(PROFILE)
     robot.start()
     with browser() as started, page_of(started, address_of(robot)) as page:
-        # Tablet has no 3-D view, which would take both processors.
-        page.goto(f"{page.url.partition('?')[0]}?layout=Tablet")
-        page.wait_for_selector("#layouts:has-text('Tablet')")
         wall_cannot_be_taught(page)
         teach(page, "tea", box)
         page.wait_for_selector(".q-notification:has-text('tea is learnt')")

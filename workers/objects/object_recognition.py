@@ -46,6 +46,8 @@ MIN_INLIERS = 12
 MIN_INLIERS_AFFINE = 10
 MIN_SHARE = 0.3
 """Minimum share of an object's matches that the map from its picture to the image must explain."""
+MAX_TRIES = 700
+"""Maximum number of samples of matches. With this share, 650 find four right ones with probability 0.995."""
 MIN_SPREAD = 0.15
 """Minimum share of the taught picture on which these matches lie: one equal letter is not enough."""
 MIN_AREA_PX = 300.0
@@ -247,12 +249,14 @@ class ObjectRecognizer:
         return None
 
     def _homography(self, taught: Places, places: Places) -> Fit:
-        found, mask = self._cv2.findHomography(taught, places, self._cv2.RANSAC, TOLERANCE_PX, maxIters=2000)
+        found, mask = self._cv2.findHomography(
+            taught, places, self._cv2.USAC_PROSAC, TOLERANCE_PX, maxIters=MAX_TRIES
+        )
         return found, _agreeing(mask, len(taught))
 
     def _affine(self, taught: Places, places: Places) -> Fit:
         found, mask = self._cv2.estimateAffine2D(
-            taught, places, method=self._cv2.RANSAC, ransacReprojThreshold=TOLERANCE_PX, maxIters=2000
+            taught, places, method=self._cv2.RANSAC, ransacReprojThreshold=TOLERANCE_PX, maxIters=MAX_TRIES
         )
         whole = None if found is None else np.vstack([found, [0.0, 0.0, 1.0]])
         return whole, _agreeing(mask, len(taught))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import TYPE_CHECKING, Any
 
+from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.messages import DriveCommand
@@ -44,7 +46,10 @@ class Driver:
         self._control = HeldControl(station, page, "driving")
         self.linear_m_per_s = station.max_linear_m_per_s / 2
         self.angular_rad_per_s = station.max_angular_rad_per_s / 2
+        self._last = DriveCommand()
+        self._last_s = -math.inf
         DriverKeys().props("id=driver").on("drive", self._on_drive)
+        ui.context.client.on_disconnect(self._stop_without_page)
 
     @property
     def stale(self) -> int:
@@ -87,8 +92,22 @@ class Driver:
             angular_rad_per_s=angular * self.angular_rad_per_s,
             valid_for=VALID_FOR,
         )
+        self._last, self._last_s = command_message, time.monotonic()
         self._page.publish(command_message, "the command", MANUAL_TOPIC)
         self._station.motion.command(command_message)
+
+    def _stop_without_page(self) -> None:
+        """Stop the robot at once if the page's connection ends while it drives.
+
+        The last command would expire a little later. A page that connects again drives on.
+        """
+        moves = self._last.linear_m_per_s or self._last.angular_rad_per_s
+        is_valid = time.monotonic() - self._last_s < VALID_FOR.nanoseconds / 1e9
+        if moves and is_valid and self._station.drivers_seat.holder == self._page.key:
+            stop = DriveCommand(header=header_of_now(self._station, "base_link"), valid_for=VALID_FOR)
+            # Not by `Page.publish`: the session may have ended, and everyone may stop the robot.
+            self._station.publish(stop, topic=MANUAL_TOPIC)
+            self._station.motion.command(stop)
 
 
 def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:

@@ -15,7 +15,10 @@ STYLES = (HERE / "scripts" / "gridstack.min.css", HERE / "tiles.css")
 
 
 class TileGrid(Element, component="tile_grid.js", esm=SCRIPTS):
-    """Lays out its children, which are tiles. It emits `arranged` when the visitor has moved a tile.
+    """Lays out its children, which are tiles.
+
+    It emits `arranged` when the visitor has moved a tile, and `turned` with the shape of the browser's window
+    until `turn` has been called with it: events of a page that is just being connected may be lost.
 
     Args:
         is_fixed: whether tiles cannot be moved.
@@ -26,6 +29,12 @@ class TileGrid(Element, component="tile_grid.js", esm=SCRIPTS):
         self._props["fixed"] = is_fixed
         self._props["places"] = {}
         self._props["alone"] = ""
+        self._props["upright"] = None
+
+    def turn(self, *, upright: bool) -> None:
+        """Confirm whether the window is higher than wide."""
+        self._props["upright"] = upright
+        self.update()
 
     def show(self, layout: Layout, alone: str) -> None:
         """Show the tiles of a layout.

@@ -2,11 +2,13 @@ import { GridStack } from "robbie-gridstack";
 
 const CELLS = 24; // in each direction, so that the grid fills its place, whatever size that has
 const GAP = 3;
+const CONFIRMED_MS = 1000; // the station confirms the shape of the window within this time; otherwise it is told again
 
-// The tiles of a layout. It emits "arranged", with x, y, width and height of each, when the visitor has moved some.
+// The tiles of a layout. It emits "arranged", with x, y, width and height of each, when the visitor has
+// moved some, and "turned" when the window is higher than wide or not, until the station confirms that.
 export default {
   template: `<div class="tile-grid" :class="{ 'has-alone': alone, 'is-portrait-page': portrait }"><div class="grid-stack" ref="stack"><slot></slot></div></div>`,
-  props: { places: Object, alone: String, fixed: Boolean },
+  props: { places: Object, alone: String, fixed: Boolean, upright: { type: Boolean, default: null } },
   data() {
     return { portrait: innerHeight > innerWidth };
   },
@@ -31,15 +33,20 @@ export default {
       this.$refs.stack,
     );
     this.grid.on("dragstop resizestop", () => this.tell());
-    this.observer = new ResizeObserver(() => this.grid.cellHeight(this.cell()));
+    this.observer = new ResizeObserver(() => {
+      this.grid.cellHeight(this.cell());
+      this.turn();
+    });
     this.observer.observe(this.$el);
     this.lay();
-    this.$nextTick(() => this.$emit("arrived", { portrait: this.portrait }));
+    this.$nextTick(() => this.turn());
+    this.timer = setInterval(() => this.turn(), CONFIRMED_MS);
   },
   updated() {
     this.lay();
   },
   unmounted() {
+    clearInterval(this.timer);
     this.observer.disconnect();
     this.grid.destroy(false);
   },
@@ -48,6 +55,10 @@ export default {
     alone: { handler: "lay", flush: "post" },
   },
   methods: {
+    turn() {
+      this.portrait = innerHeight > innerWidth;
+      if (this.upright !== this.portrait) this.$emit("turned", { portrait: this.portrait });
+    },
     cell() {
       return Math.max(8, this.$el.clientHeight / CELLS);
     },

@@ -49,8 +49,8 @@ Layout = tuple[Tile, ...]
 DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
     "Drive": {
         "camera": (0, 0, 14, 15),
-        "map": (14, 0, 10, 12),
-        "view": (14, 12, 10, 12),
+        "map": (14, 0, 10, 13),
+        "view": (14, 13, 10, 11),
         "drive": (0, 15, 7, 9),
         OWN: (7, 15, 7, 9),
     },
@@ -62,24 +62,58 @@ DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
     },
     "Engineer": {
         "system": (0, 0, 14, 13),
-        "plots": (14, 0, 10, 9),
+        "plots": (14, 0, 10, 11),
         "trace": (0, 13, 14, 11),
-        "messages": (14, 9, 10, 15),
+        "messages": (14, 11, 10, 13),
     },
     "Tablet": {
-        "camera": (0, 0, 24, 8),
-        "map": (0, 8, 24, 7),
-        "drive": (0, 15, 24, 9),
+        "camera": (0, 0, 15, 15),
+        "map": (15, 0, 9, 24),
+        "drive": (0, 15, 15, 9),
     },
     "Playback": {
-        "map": (0, 0, 10, 15),
-        "camera": (10, 0, 14, 15),
-        "view": (0, 15, 10, 9),
-        "plots": (10, 15, 7, 9),
-        "trace": (17, 15, 7, 9),
+        "map": (0, 0, 9, 24),
+        "camera": (9, 0, 8, 13),
+        "view": (17, 0, 7, 13),
+        "plots": (9, 13, 8, 11),
+        "trace": (17, 13, 7, 11),
     },
 }
 """The station's own layouts: x, y, width and height of each panel."""
+UPRIGHT_DEFAULTS: Mapping[str, Mapping[str, Sequence[int]]] = {
+    "Drive": {
+        "camera": (0, 0, 24, 9),
+        "map": (0, 9, 12, 8),
+        "view": (12, 9, 12, 8),
+        "drive": (0, 17, 12, 7),
+        OWN: (12, 17, 12, 7),
+    },
+    "Mission": {
+        "map": (0, 0, 24, 10),
+        "camera": (0, 10, 12, 7),
+        OWN: (12, 10, 12, 7),
+        "trace": (0, 17, 24, 7),
+    },
+    "Engineer": {
+        "system": (0, 0, 24, 9),
+        "plots": (0, 9, 12, 8),
+        "messages": (12, 9, 12, 8),
+        "trace": (0, 17, 24, 7),
+    },
+    "Tablet": {
+        "camera": (0, 0, 24, 9),
+        "map": (0, 9, 24, 8),
+        "drive": (0, 17, 24, 7),
+    },
+    "Playback": {
+        "camera": (0, 0, 24, 9),
+        "map": (0, 9, 12, 9),
+        "view": (12, 9, 12, 9),
+        "plots": (0, 18, 12, 6),
+        "trace": (12, 18, 12, 6),
+    },
+}
+"""The same layouts for a page that is higher than wide, such as that of a tablet held upright."""
 MAX_OF_ALL = 4
 """Number of panels that a layout shows if none of the layouts fits the page."""
 PORTRAIT = "Tablet"
@@ -136,7 +170,9 @@ def _tile(name: str, panel: str, place: object) -> Tile:
     return tile
 
 
-def default_layouts(available: Sequence[str], own: Sequence[str]) -> dict[str, Layout]:
+def default_layouts(
+    available: Sequence[str], own: Sequence[str], *, upright: bool = False
+) -> dict[str, Layout]:
     """Return the station's layouts for the panels that a page has.
 
     A tile without a panel is left out, and its neighbours grow into the gap. A layout of which a page
@@ -145,10 +181,11 @@ def default_layouts(available: Sequence[str], own: Sequence[str]) -> dict[str, L
     Args:
         available: names of the page's panels.
         own: names of the robot's own panels; the first one that is available gets the tile for them.
+        upright: for a page that is higher than wide.
     """
     first = next((name for name in own if name in available), None)
     found: dict[str, Layout] = {}
-    for name, places in DEFAULTS.items():
+    for name, places in (UPRIGHT_DEFAULTS if upright else DEFAULTS).items():
         tiles = [Tile(first if panel == OWN and first else panel, *place) for panel, place in places.items()]
         kept = [tile for tile in tiles if tile.panel in available]
         if 2 * len(kept) >= sum(panel != OWN for panel in places):

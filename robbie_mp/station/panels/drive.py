@@ -34,7 +34,7 @@ class DrivePanel(Panel):
             if page.driver is not None:
                 DrivePad().props("id=drive-pad")
             with ui.element("div").classes("drive-side"):
-                shown = ui.label("").classes("text-lg").props("id=velocity")
+                shown = ui.label("").classes("drive-speed").props("id=velocity")
                 if page.driver is not None:
                     self._build_controls(page, page.driver)
 

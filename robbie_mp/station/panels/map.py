@@ -33,6 +33,7 @@ from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
 from robbie_mp.station.scene_view.surroundings import MAP, other_robots, pose_for_picture
+from robbie_mp.station.tool_button import tool_button
 from robbie_mp.station.trail import Trail
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ GROUP = "marks"
 """Group of live parts with the marks on the map."""
 MAX_PATH_POINTS = 500
 """Maximum number of points. Longer paths are drawn with every second, third … point."""
-MODES = {"": "Move map", GOAL: "Set goal", NEXT_GOAL: "Add goal", INITIAL_POSE: "Set pose"}
+MODES = {"": "Move", GOAL: "Set goal", NEXT_GOAL: "Add goal", INITIAL_POSE: "Set pose"}
 """The effect of a press on the map."""
 FOLLOWS = {"stay": "Stay", "follow": "Follow", "heading": "Heading up"}
 LAYERS = {
@@ -99,18 +100,19 @@ class MapPanel(Panel):
         with ui.row().classes("items-center map-tools"):
             mode = ui.toggle(MODES, value="").props("id=map-mode")
             mode.set_visibility(page.role is Role.OPERATOR)
-            undo = ui.button(icon="undo").props(
-                'id=map-undo aria-label="Undo" title="Take back the last goal"'
-            )
+            undo = tool_button("undo", "map-undo", "Undo: take back the last goal")
             undo.set_visibility(page.role is Role.OPERATOR)
-            cancel = ui.button("Cancel goal", icon="wrong_location").props("id=map-cancel")
+            cancel = tool_button("wrong_location", "map-cancel", "Cancel goal")
+            cancel.set_text("Cancel goal")
             cancel.set_visibility(page.role is Role.OPERATOR)
             drawing_tools = ui.row().classes("items-center")
-            view_tools = ui.row().classes("items-center")
-        view = MapView().props("id=map-view")
-        view.style("width: 100%; height: 60vh; touch-action: none; display: block")
-        with view_tools:
-            self._build_view_tools(view)
+            follows = ui.toggle(FOLLOWS, value="stay").props("id=map-follow")
+        with ui.element("div").classes("map-stage fills"):
+            view = MapView().props("id=map-view")
+            view.style("width: 100%; height: 100%; touch-action: none; display: block")
+            with ui.element("div").classes("map-view-tools"):
+                self._build_view_tools(view)
+        follows.on_value_change(lambda event: view.set(follows=str(event.value)))
         text = ui.label("").props("id=map-text")
         goals = GoalList(lambda goal: place(page, self.station, goal, self._pose.message))
 
@@ -166,8 +168,6 @@ class MapPanel(Panel):
 
     def _build_view_tools(self, view: MapView) -> None:
         """Build what changes only how this page shows the map."""
-        follows = ui.toggle(FOLLOWS, value="stay").props("id=map-follow")
-        follows.on_value_change(lambda event: view.set(follows=str(event.value)))
         for name, icon, label in (
             ("in", "zoom_in", "Zoom in"),
             ("out", "zoom_out", "Zoom out"),
@@ -176,7 +176,7 @@ class MapPanel(Panel):
             ("save", "save", "Save as picture"),
             ("layers", "layers", "Layers"),
         ):
-            button = ui.button(icon=icon).props(f'id=map-{name} aria-label="{label}" title="{label}"')
+            button = tool_button(icon, f"map-{name}", label)
             match name:
                 case "in":
                     button.on_click(lambda: view.run_method("zoom", 1.5))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from nicegui import ui
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
+from robbie_mp.station.access import Role
 from robbie_mp.station.charts import History, chart_options, fill
 from robbie_mp.station.context import Page
 from robbie_mp.station.latest import Latest
@@ -27,10 +29,22 @@ HISTORY = 600
 """Number of values of a line: those of one minute at the highest stored rate."""
 MAX_LINES = 8
 """Maximum number of lines on a page."""
+MAX_KEPT = 16
+"""Maximum number of lines that are kept although no page shows them."""
+Key = tuple[str, str]
+"""Name of the messages in this panel, and path of the number: what an operator chooses."""
+FIRST: tuple[Key, ...] = (
+    ("odom: nav_msgs/Odometry", "twist.twist.linear.x"),
+    ("odom: nav_msgs/Odometry", "twist.twist.angular.z"),
+)
+"""What pages show until an operator has chosen something: the robot's speed and turn rate."""
 
 
 class PlotsPanel(Panel):
-    """Shows charts of chosen numbers."""
+    """Shows charts of chosen numbers.
+
+    A page that is opened later begins with what an operator has chosen last, and with the values of that.
+    """
 
     name = "plots"
     title = "Plots"
@@ -40,6 +54,9 @@ class PlotsPanel(Panel):
         super().__init__(station)
         self._known = types_of_run(station.known_run)
         self._wishes: SimpleQueue[Line] = SimpleQueue()
+        self._lines: dict[Key, Line] = {}
+        self.chosen: tuple[Key, ...] = FIRST
+        """What an operator has chosen last."""
 
     def tick(self) -> None:
         """Subscribe to the messages that pages have requested."""
@@ -73,13 +90,31 @@ class PlotsPanel(Panel):
         """
         return self._known.get(name)
 
-    def wish(self, line: Line) -> None:
-        """Request the values of a line. Any thread may call this."""
-        self._wishes.put(line)
+    def take(self, key: Key) -> Line:
+        """Return a line for a page to show; other pages may show it, too.
+
+        Raises:
+            RobbieError: there are no such messages, or no such number in them.
+        """
+        line = self._lines.pop(key, None)
+        if line is None:
+            type_name, topic = self.channels()[key[0]]
+            line = Line(self.station, self.type_of(type_name), topic, key[1])
+            self._wishes.put(line)
+        self._lines[key] = line
+        line.pages += 1
+        return line
+
+    def give_back(self, line: Line) -> None:
+        """Note that a page shows a line no more. Close the lines that no page has shown for longest."""
+        line.pages -= 1
+        unused = [key for key, one in self._lines.items() if not one.pages]
+        for key in unused[: max(0, len(unused) - MAX_KEPT)]:
+            self._lines.pop(key).close()
 
     def build(self, page: Page) -> None:
         """Build the choice of fields, and the chart."""
-        chart = PageChart(self)
+        chart = PageChart(self, chooses=page.role is Role.OPERATOR)
         page.every(PERIOD_S, self.name, chart.update)
         ui.context.client.on_delete(chart.close)
 
@@ -98,6 +133,8 @@ class Line:
     def __init__(self, station: StationContext, message_type: type[Message], topic: str, path: str):
         self.message_type, self.topic = message_type, topic
         self.name = f"{topic or message_type.__name__}.{path}"
+        self.pages = 0
+        """Number of pages that show it."""
         self.history = History(HISTORY)
         self.newest: float | None = None
         self.error = ""
@@ -147,8 +184,8 @@ class Choice:
     """
 
     def __init__(self, label: str, name: str, on_change: Callable[[], None] | None = None):
-        self.input = ui.input(label, on_change=on_change).classes("w-80")
-        self.input.props(f"for={name} list={name}-offered debounce=0")
+        self.input = ui.input(label, on_change=on_change).classes("plot-choice")
+        self.input.props(f"for={name} list={name}-offered debounce=0 dense")
         self._offered = ui.element("datalist").props(f"id={name}-offered")
 
     @property
@@ -169,18 +206,22 @@ class PageChart:
 
     Args:
         panel: source of the values.
+        chooses: whether pages that are opened later begin with what is chosen here.
     """
 
-    def __init__(self, panel: PlotsPanel):
+    def __init__(self, panel: PlotsPanel, *, chooses: bool):
         self._panel = panel
-        self._lines: dict[Line, ui.label] = {}
+        self._chooses = chooses
+        self._lines: dict[Key, tuple[Line, ui.label]] = {}
+        self._waiting = [*panel.chosen]
+        """What is shown as soon as it is published."""
         self._offered: list[str] = []
-        with ui.row().classes("items-start"):
+        with ui.row().classes("items-start w-full"):
             self._channel = Choice("messages", "plot-channel", self._offer_fields)
             self._path = Choice("field, such as ranges[90]", "plot-field")
             ui.button("Plot", on_click=self._add).props("id=plot-add").classes("q-mt-sm")
         self._list = ui.column().classes("gap-0").props("id=plot-lines")
-        self._chart = ui.echart(chart_options([]), renderer="svg").classes("w-full h-96")
+        self._chart = ui.echart(chart_options([]), renderer="svg").classes("w-full fills")
 
     def update(self) -> None:
         """Show the newest values, and suggest newly published channels."""
@@ -188,15 +229,19 @@ class PageChart:
         if offered != self._offered:
             self._offered = offered
             self._channel.offer(offered)
-        for line, label in self._lines.items():
+        for key in [key for key in self._waiting if key[0] in offered]:
+            self._waiting.remove(key)
+            with suppress(RobbieError):  # the type has changed since it was chosen
+                self._show(key)
+        for line, label in self._lines.values():
             label.set_text(line.text)
         if self._lines:
             self._fill()
 
     def close(self) -> None:
-        """Release all lines."""
-        for line in self._lines:
-            line.close()
+        """Give all lines back."""
+        for line, _ in self._lines.values():
+            self._panel.give_back(line)
 
     def _offer_fields(self) -> None:
         chosen = self._chosen()
@@ -213,41 +258,48 @@ class PageChart:
         return chosen
 
     def _add(self) -> None:
-        chosen = self._chosen()
-        if chosen is None:
+        if self._chosen() is None:
             return
+        key = (self._channel.text, self._path.text)
         self._path.input.error = None
+        if key in self._lines:
+            self._path.input.error = "it is there already"
+            return
         if len(self._lines) >= MAX_LINES:
             self._path.input.error = f"at most {MAX_LINES} lines; remove one first"
             return
         try:
-            line = Line(self._panel.station, *chosen, self._path.text)
+            self._show(key)
         except RobbieError as error:
             self._path.input.error = str(error)
             return
-        self._add_line(line)
+        self._keep()
 
-    def _add_line(self, line: Line) -> None:
-        if any(line.name == other.name for other in self._lines):
-            self._path.input.error = "it is there already"
-            return
+    def _show(self, key: Key) -> None:
+        line = self._panel.take(key)
         with self._list, ui.row().classes("items-center") as row:
-            self._lines[line] = ui.label(line.text)
-            ui.button(icon="close", on_click=lambda: self._remove(line, row)).props(
+            label = ui.label(line.text)
+            ui.button(icon="close", on_click=lambda: self._remove(key, row)).props(
                 "flat dense aria-label=remove"
             )
-        self._panel.wish(line)
+        self._lines[key] = (line, label)
         self._draw_anew()
 
-    def _remove(self, line: Line, row: ui.row) -> None:
-        line.close()
-        del self._lines[line]
+    def _remove(self, key: Key, row: ui.row) -> None:
+        line, _ = self._lines.pop(key)
+        self._panel.give_back(line)
         row.delete()
         self._draw_anew()
+        self._keep()
+
+    def _keep(self) -> None:
+        """Let pages that are opened later begin with what this one shows."""
+        if self._chooses:
+            self._panel.chosen = (*self._lines, *self._waiting)
 
     def _draw_anew(self) -> None:
-        self._chart.options.update(chart_options(line.name for line in self._lines))
+        self._chart.options.update(chart_options(line.name for line, _ in self._lines.values()))
         self._fill()
 
     def _fill(self) -> None:
-        fill(self._chart.options, {line.name: line.history for line in self._lines})
+        fill(self._chart.options, {line.name: line.history for line, _ in self._lines.values()})

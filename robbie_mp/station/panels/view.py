@@ -15,6 +15,7 @@ from robbie_mp.station.goals import GOAL, checked, place
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.drawing import Drawing, Moving
 from robbie_mp.station.scene_view.surroundings import Surroundings, Surveyor
+from robbie_mp.station.tool_button import tool_button
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
@@ -56,16 +57,25 @@ class ViewPanel(Panel):
     def build(self, page: Page) -> None:
         """Build the scene."""
         with ui.row().classes("items-center view-tools"):
-            follows = ui.switch("follow the robot", value=True).props("id=view-follow")
+            follows = ui.switch("follow", value=True).props('id=view-follow title="Follow the robot"')
             presets = {
-                name: ui.button(title).props(f"id=view-{name} flat dense")
-                for name, title in (("behind", "Behind"), ("above", "Above"))
+                name: tool_button(icon, f"view-{name}", title)
+                for name, icon, title in (
+                    ("behind", "smart_toy", "Look from behind the robot"),
+                    ("above", "vertical_align_bottom", "Look from above"),
+                )
             }
-            colours = ui.select(COLOURS, value="plain", label="points").props("id=view-colours dense")
-            walls = ui.switch("walls", value=True).props("id=view-walls")
-            names = ui.switch("frame names").props("id=view-names")
             sets_goal = ui.switch("set goal").props("id=view-goal")
             sets_goal.set_visibility(page.role is Role.OPERATOR)
+            with (
+                tool_button("layers", "view-layers", "What is drawn"),
+                ui.menu(),
+                ui.column().classes("q-pa-sm gap-0"),
+            ):
+                colours = ui.select(COLOURS, value="plain", label="points").classes("w-full")
+                colours.props("id=view-colours dense")
+                walls = ui.checkbox("walls", value=True).props("id=view-walls")
+                names = ui.checkbox("frame names").props("id=view-names")
         with Moving().classes("w-full").props("id=view-moving") as moving:
             scene = ui.scene(grid=False, background_color="#1d232a", fps=FRAMES_PER_S, click_events=[])
             scene.style("width: 100%; height: 65vh").props("id=view-scene")

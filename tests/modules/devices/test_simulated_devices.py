@@ -32,6 +32,8 @@ from robbie_mp.messages import (
     EmergencyStop,
     Image,
     Imu,
+    JointCommand,
+    JointLimits,
     JointState,
     LaserScan,
     Odometry,
@@ -288,6 +290,28 @@ def test_restarted_pan_tilt_unit_keeps_its_direction() -> None:
         again.advance(0.0)
         (joints,) = again.take(JointState)
     assert joints.position.tolist() == pytest.approx([0.5, -0.1])
+
+
+def test_pan_tilt_unit_is_moved_by_hand_and_stops_when_the_command_expires() -> None:
+    with ModuleHarness(SimulatedPanTiltModule) as unit:
+        (limits,) = unit.take(JointLimits, "pan_tilt")
+        assert (limits.name, limits.lower.tolist(), limits.upper.tolist()) == (
+            ["pan", "tilt"],
+            [-2.6, -0.8],
+            [2.6, 0.8],
+        )
+        held = JointCommand(
+            name=["pan"], position=np.array([2.0]), valid_for=Duration.from_nanoseconds(220_000_000)
+        )
+        unit.send(held, topic="pan_tilt")
+        unit.advance(2.0)
+        stopped = unit.take(JointState, "pan_tilt")[-1].position.tolist()
+        assert stopped == pytest.approx([2.0 * 0.22, 0.0], abs=2.0 * 0.06)
+        unit.send(PanTiltCommand(pan_rad=-0.5, tilt_rad=0.3))  # which does not expire
+        unknown = JointCommand(name=["arm"], position=np.array([1.0]), valid_for=held.valid_for)
+        unit.send(unknown, topic="pan_tilt")
+        unit.advance(2.0)
+        assert unit.take(JointState, "pan_tilt")[-1].position.tolist() == pytest.approx([-0.5, 0.3])
 
 
 def command(base: ModuleHarness[SimulatedBase], linear: float, topic: str = "", valid_s: float = 0.3) -> None:
