@@ -3,6 +3,8 @@
 ROLES = ("operator", "observer")
 TILES, LIVE = "tiles", "Live"
 """A page with a layout instead of a tab, and the name of that layout."""
+HIDDEN = "hidden"
+"""The same page, which then shows another panel instead."""
 
 
 def token_of(role: str) -> str:

@@ -4,7 +4,8 @@ An operator and five observers watch a robot with a map of 1000 x 1000 cells, tw
 points at 5 Hz. The robot's modules also exchange 500 small messages a second. The tool measures the latency
 of messages without a station, with a station without pages, with pages, and with one more observer whose link
 carries little or no data. Then it measures how often the map and the 3-D view are drawn while a mouse drags
-and zooms there. The session `tiles` is one operator with a layout of six live things.
+and zooms there. The session `tiles` is one operator with a layout of six live things, and `hidden` the
+same after another panel has taken their place.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from pathlib import Path
 
 from tools.bench.machine import describe_machine
 from tools.bench.table import render, short_number
-from tools.operator_load import TILES
+from tools.operator_load import HIDDEN, TILES
 from tools.operator_load.measure import KINDS, Result, Session, measure, own_mb, updates_hz
 
 TABS = ("view", "map", "cameras", "view", "map", "cameras")
@@ -41,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(render(list(HEADINGS), [row(result) for result in results]))
     for result in results:
         for page in result.get("pages", ()):
-            if page["tab"] == TILES:
+            if page["tab"] in (TILES, HIDDEN):
                 print(f"{result['session']}: updates a second: {page}")
         for dragged in result.get("dragged", ()):
             page, scene = dragged["page"], dragged["scene"]
@@ -62,6 +63,7 @@ def sessions_of(kind: str, tabs: tuple[str, ...]) -> dict[str, Session]:
         Session("stopped", kind=kind, tabs=tabs, slow_bytes_per_s=0.0),
         Session("slow", kind=kind, tabs=tabs, slow_bytes_per_s=SLOW_BYTES_PER_S),
         Session("tiles", kind="browser", tabs=(TILES,)),
+        Session("hidden", kind="browser", tabs=(HIDDEN,)),
         Session("drag-map", kind="browser", tabs=("map",), is_dragged=True),
         Session("drag-view", kind="browser", tabs=("view",), is_dragged=True),
     )

@@ -14,7 +14,7 @@ from typing import Any
 
 from playwright.sync_api import Page
 
-from tools.operator_load import LIVE, TILES, token_of
+from tools.operator_load import HIDDEN, LIVE, TILES, token_of
 from tools.operator_trials.chromium import chromium
 
 LOAD_LIMIT_MS = 180_000
@@ -53,11 +53,14 @@ def open_page(page: Page, address: str, role: str, tab: str) -> None:
     page.goto(address, wait_until="commit")
     page.fill("#token", token_of(role))
     page.press("#token", "Enter")
-    if tab == TILES:
+    if tab in (TILES, HIDDEN):
         page.wait_for_selector("#layouts")
         page.goto(f"{address}?layout={LIVE}", wait_until="commit")
         page.wait_for_selector("#map-view")
         page.wait_for_function(f"() => {{ const now = ({COUNTS})(); return now.view > 0 && now.map > 0; }}")
+        if tab == HIDDEN:
+            page.click("#tab-parameters")
+            page.wait_for_selector("#map-view", state="hidden")
         return
     page.wait_for_selector(f"#tab-{tab}")
     page.goto(f"{address}?tab={tab}", wait_until="commit")  # while fonts load, a click may miss the tab
