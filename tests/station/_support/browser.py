@@ -21,8 +21,8 @@ DRIVER = "GL Driver Message (OpenGL, Performance"
 """The warning of a browser that draws without a graphics card."""
 GIVEN_UP = "/emergency-stop' failed: WebSocket is closed before the connection is established"
 """Its message when the page drops a connection that takes too long, as on a busy machine, for another."""
-TABLET = {"viewport": {"width": 768, "height": 1024}, "has_touch": True}
-LAPTOP = {"viewport": {"width": 1280, "height": 800}}
+TABLET: dict[str, Any] = {"viewport": {"width": 768, "height": 1024}, "has_touch": True}
+LAPTOP: dict[str, Any] = {"viewport": {"width": 1280, "height": 800}}
 COMPLAINTS = ("error", "warning")
 MAX_SHOWN = 2000
 """Maximum number of characters that a failed test says of a page."""
