@@ -106,6 +106,7 @@ class Tabletop:
         self._states = {one.name: _State(one.pose) for one in objects}
         self._grip: _Grip | None = None
         self._gripped_at: Floats | None = None
+        self._last_half_m = 0.0
         self.knocked: list[str] = []
         """Objects that fell over, in order."""
         self.slips = 0
@@ -148,6 +149,7 @@ class Tabletop:
             self._carry(self._grip, hand, half_opening_m)
         if self._grip is None:
             self._close_around(hand, half_opening_m)
+        self._last_half_m = half_opening_m
         self._touch(arm)
         return self._grip.half_m if self._grip is not None else 0.0
 
@@ -177,7 +179,9 @@ class Tabletop:
             shift_m = max(0.0, -half_opening_m - least) - max(0.0, most - half_opening_m)
             if half_opening_m <= half_m + 0.0005:
                 shift_m = -(least + most) / 2
-            if abs(shift_m) > SHIFT_M or half_m > half_opening_m + DEEP_M:
+            # Between two looks, pads may close farther than the object allows.
+            was_around = self._last_half_m >= half_m
+            if abs(shift_m) > SHIFT_M or (half_m > half_opening_m + DEEP_M and not was_around):
                 continue  # that is no push: `_touch` sees it
             if shift_m:
                 state.pose = state.pose.copy()

@@ -1,5 +1,6 @@
 """A simulated arm with a gripper, and the objects that it moves."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +32,8 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
     position is half of the opening, in m, and stops at what is between the fingers. Its effort in
     `JointState` is then that of the fingers, in N, as servos measure it.
 
-    Where the objects truly are goes out as `TabletopTruth` on `ground_truth`. Joints and objects survive
-    a restart.
+    Where the objects truly are goes out as `TabletopTruth` on `ground_truth`, and at the end into
+    `arm.json`. Joints and objects survive a restart.
     """
 
     robot: Path = setting(REQUIRED, "the robot's URDF", must_exist=True)
@@ -110,6 +111,28 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         self.checkpoint({"joints": self._positions(), "objects": self.objects.memory()})
         held = f"holds {self.objects.held}" if self.objects.held else "holds nothing"
         self.status = f"{held}, {self.simulated.expired_commands} expired commands"
+
+    def teardown(self) -> None:
+        """Write where the objects truly are, and what the arm touched, to `arm.json`."""
+        objects = self.objects
+        result = {
+            "objects": {
+                one.name: {"on": self._below(one.name), "lies": objects.lies(one.name)}
+                for one in objects.objects
+            },
+            "held": objects.held,
+            "slips": objects.slips,
+            "contacts": objects.contacts,
+            "expired_commands": self.simulated.expired_commands,
+        }
+        (self.output_directory / "arm.json").write_text(json.dumps(result) + "\n")
+
+    def _below(self, name: str) -> str:
+        """Return the name of the table on which an object stands or lies; 'hand' or 'floor' otherwise."""
+        if name == self.objects.held:
+            return "hand"
+        x, y, _ = self.objects.pose(name)[:3, 3].tolist()
+        return next((table.name for table in self.world.arena.tables if table.is_below(x, y)), "floor")
 
     def _positions(self) -> dict[str, float]:
         return dict(zip(self.names, self.simulated.read().positions_rad, strict=True))

@@ -56,6 +56,8 @@ class ArmModel:
     Attributes:
         lower, upper: limits of the arm's joints, (joints,) rad.
         max_speed: their greatest speeds, (joints,) rad/s.
+        shoulder: the place of its second joint in the base's frame, where the first one does not move it:
+            (3,), m.
         opening_m: greatest position of the gripper, half of its opening.
     """
 
@@ -88,6 +90,8 @@ class ArmModel:
         pin.framesForwardKinematics(self.model, self.data, pin.neutral(self.model))
         # The base is fixed to the root of the model.
         self.X_UB = self.data.oMf[self._base].homogeneous.copy()
+        second = self.model.getJointId(self.joints[min(1, len(joints) - 1)])
+        self.shoulder = (np.linalg.inv(self.X_UB) @ self.data.oMi[second].homogeneous)[:3, 3]
 
     def link(self, name: str) -> int:
         """Return the number of a link's frame."""

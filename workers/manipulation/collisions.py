@@ -48,8 +48,9 @@ class Surroundings:
         margin_m: the arm keeps this far from obstacles.
         held: what is in the hand.
         held_margin_m: what is held keeps this far from obstacles; less than 0: it may stand on them.
-        touchable: names of obstacles that hand and fingers may touch.
-        hand: the links of hand and fingers, which may also touch what is held.
+        touchable: names of obstacles that the fingers may touch.
+        fingers: the links of the fingers.
+        palm: the link between them; it may touch what is held, as the fingers may.
 
     Attributes:
         checks: number of positions that were checked.
@@ -64,13 +65,15 @@ class Surroundings:
         held: Shape | None = None,
         held_margin_m: float = 0.01,
         touchable: Collection[str] = (),
-        hand: Collection[str] = ("hand", "left_finger", "right_finger"),
+        fingers: Collection[str] = ("left_finger", "right_finger"),
+        palm: str = "hand",
     ) -> None:
         self.arm = arm
         self.checks = 0
         pin, model = arm.pin, arm.model
         self._geometry = geometry = pin.buildGeomFromUrdf(model, str(arm.file), pin.COLLISION)
-        hand_frames = {arm.link(name) for name in hand}
+        finger_frames = {arm.link(name) for name in fingers}
+        hand_frames = finger_frames | {arm.link(palm)}
         own = list(range(geometry.ngeoms))
         margins = [SELF_MARGIN_M] * self._pair_own(own, hand_frames)
         moving = [one for one in own if geometry.geometryObjects[one].parentJoint > 0]
@@ -83,8 +86,8 @@ class Surroundings:
         for shape in obstacles:
             place = self._add(shape, 0, arm.X_UB)
             for one in moving:
-                is_hand = geometry.geometryObjects[one].parentFrame in hand_frames
-                if not (is_hand and shape.name in touchable):
+                is_finger = geometry.geometryObjects[one].parentFrame in finger_frames
+                if not (is_finger and shape.name in touchable):
                     geometry.addCollisionPair(pin.CollisionPair(one, place))
                     margins.append(margin_m)
             if held_place is not None:

@@ -42,6 +42,13 @@ def test_gripper_stops_at_the_objects_width_and_carries_it_along() -> None:
     assert (top.knocked, top.slips, top.contacts) == ([], 0, 0)
 
 
+def test_gripper_that_closes_fast_does_not_pass_through_the_object() -> None:
+    top = Tabletop([CAN], [TABLE])
+    assert top.step(hand_at(0.4, 0.0, 0.45), 0.045, []) == 0.0
+    assert top.step(hand_at(0.4, 0.0, 0.45), 0.01, []) == pytest.approx(0.03, abs=0.002)
+    assert top.held == "can"
+
+
 def test_empty_hand_closes_and_holds_nothing() -> None:
     top = Tabletop([CAN], [TABLE])
     assert closed(top, hand_at(0.4, 0.2, 0.45)) == 0.0

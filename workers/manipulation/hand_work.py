@@ -1,0 +1,488 @@
+"""Picks up objects from a table and puts them down, step by step."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.state_machine import StateMachine
+from workers.manipulation.arm_model import ArmModel
+from workers.manipulation.collisions import Shape, Surroundings
+from workers.manipulation.errors import ManipulationError, Unreachable
+from workers.manipulation.grasps import grasps, moved_along, places
+from workers.manipulation.hand_work_states import TIME_OUTS, TRANSITIONS, HandSettings, HandState, Task
+from workers.manipulation.planning import plan, reach, straight_line
+from workers.manipulation.table_view import TableView
+from workers.manipulation.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+MARGINS_M = (0.01, 0.003, 0.0)
+"""Distances from obstacles, tried in this order: the arm may stand nearer to one than the first allows."""
+GRASP_RESTARTS = 6
+ARRIVED_RAD = 0.02
+HOLDING = {HandState.CLOSE, HandState.LIFT, HandState.STOW}
+MAX_GRASPS = 60
+"""Poses of the hand that are tried for one object or place."""
+
+
+class Order(NamedTuple):
+    """Where the joints should be now: (joints,) rad, and half of the gripper's opening."""
+
+    positions: Floats
+    half_opening_m: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an order ended: done, or why not."""
+
+    is_done: bool
+    text: str
+
+
+class HandWork:
+    """Carries out one order at a time; `step` says where the joints should be.
+
+    Args:
+        arm: the arm.
+        clock: returns the time in s, of the stamps that it is given.
+        settings: how to work.
+        on_change: called with each new state.
+        seed: of random choices.
+
+    Attributes:
+        machine: its state.
+        held: what is in the hand, with X_TO as its pose; None: nothing.
+        outcome: how the last order ended; None while it works, and before the first one.
+        tries: number of grasps that the order has taken.
+    """
+
+    def __init__(
+        self,
+        arm: ArmModel,
+        clock: Callable[[], float],
+        settings: HandSettings | None = None,
+        on_change: Callable[[HandState], None] = lambda _state: None,
+        seed: int = 0,
+    ) -> None:
+        self._arm, self._clock, self.settings = arm, clock, settings or HandSettings()
+        self._chance = np.random.default_rng(seed)
+        self.machine = StateMachine(HandState.REST, TRANSITIONS, clock, TIME_OUTS, on_change)
+        self.task: Task | None = None
+        self.target = ""
+        self.held: Shape | None = None
+        self.outcome: Outcome | None = None
+        self.tries = 0
+        self.view: TableView | None = None
+        self._grasp: Shape | None = None
+        """What the gripper closes, or has closed, around."""
+        self._positions: Floats | None = None
+        self._half_m = 0.0
+        self._heard_s = -math.inf
+        self._halves: deque[tuple[float, float]] = deque(maxlen=200)
+        self._opening_m = arm.opening_m
+        self._way: Trajectory | None = None
+        self._way_began_s = 0.0
+        self._line: Floats | None = None
+
+    # -- what it is told ---------------------------------------------------------------------------------
+
+    def see_joints(self, positions: Floats, half_opening_m: float, stamp_s: float) -> None:
+        """Take where the joints are."""
+        self._positions, self._half_m, self._heard_s = positions, half_opening_m, stamp_s
+        self._halves.append((stamp_s, half_opening_m))
+
+    def see_table(self, view: TableView) -> None:
+        """Take what the camera sees; it counts only while the arm is out of its view and stands."""
+        since_s = self._clock() - self.machine.time_in_state_s
+        if self.machine.state is HandState.LOOK and view.stamp_s >= since_s + self.settings.settle_s:
+            self.view = view
+
+    @property
+    def half_opening_m(self) -> float:
+        """Return half of the gripper's opening."""
+        return self._half_m
+
+    def pick_up(self, name: str) -> None:
+        """Begin to pick up an object; an order before ends."""
+        self._begin(Task.PICK_UP, name)
+
+    def put_down(self) -> None:
+        """Begin to put down what is held; an order before ends."""
+        self._begin(Task.PUT_DOWN, self.held.name if self.held is not None else "")
+
+    def stop(self, reason: str) -> None:
+        """End the order; the arm stands still."""
+        if self.task is not None:
+            self._end(False, reason)
+
+    def _begin(self, task: Task, target: str) -> None:
+        self.task, self.target, self.tries, self.outcome = task, target, 0, None
+        self.view = None if self.view is None else replace(self.view, stamp_s=-math.inf)
+        self._go(HandState.RECOVER, f"{task} {target}")
+
+    # -- steps -------------------------------------------------------------------------------------------
+
+    def step(self) -> Order | None:
+        """Return where the joints should be now; None while it is not known where they are."""
+        if self._positions is None:
+            return None
+        if self._clock() - self._heard_s > self.settings.stale_s:
+            if self.task is not None and self.machine.state is not HandState.RECOVER:
+                self._go(HandState.RECOVER, "the joints are silent")
+            return None
+        if self.task is not None:
+            try:
+                self._work()
+            except ManipulationError as error:
+                self._try_again(str(error))
+        if self._way is None:
+            self._way = self._standing()
+        passed_s = self._clock() - self._way_began_s
+        return Order(self._way.at(passed_s), self._opening_m)
+
+    def _work(self) -> None:
+        state = self.machine.state
+        if self._has_lost(state):
+            self.held = self._grasp = None
+            raise Unreachable(f"{self.target} slipped out of the hand")
+        if self.machine.expire():
+            if self.machine.state is HandState.REST:
+                self._try_again(f"sees no {self.target} on a table" if self.view else "sees no table")
+            else:
+                self._enter(self.machine.state)
+            return
+        following = getattr(self, f"_in_{state.name.lower()}")()
+        if following is not None:
+            self._go(*following)
+
+    def _has_lost(self, state: HandState) -> bool:
+        """Return whether what was held is not there any more."""
+        is_holding = self.held is not None and state not in (HandState.OPEN, HandState.WITHDRAW)
+        return is_holding and self._half_m <= self.settings.empty_m
+
+    def _go(self, state: HandState, reason: str) -> None:
+        self.machine.go(state, reason)
+        self._enter(state)
+
+    def _enter(self, state: HandState) -> None:
+        """Stop where the arm is, and begin what the state does."""
+        self._way = self._standing() if self._positions is not None else None
+        begin = getattr(self, f"_begin_{state.name.lower()}", None)
+        if begin is not None:
+            begin()
+
+    def _end(self, is_done: bool, text: str) -> None:
+        self.outcome, self.task = Outcome(is_done, text), None
+        if self.machine.state is not HandState.REST:
+            self._go(HandState.REST, text)
+
+    def _try_again(self, reason: str) -> None:
+        """Begin the order anew, unless it was tried too often."""
+        self.tries += 1
+        has_nothing = self.task is Task.PUT_DOWN and self.held is None
+        if self.tries >= self.settings.max_tries or has_nothing:
+            self._end(False, reason)
+            return
+        if self.machine.state is HandState.RECOVER:
+            self.machine.go(HandState.REST, reason)
+        self._go(HandState.RECOVER, reason)
+
+    # -- what each state does ------------------------------------------------------------------------------
+
+    def _begin_recover(self) -> None:
+        self._opening_m = 0.0 if self._grasp is not None else self._arm.opening_m
+        self._halves.clear()
+
+    def _in_recover(self) -> tuple[HandState, str] | None:
+        if not self._gripper_stands():
+            return None
+        if self._grasp is None:
+            return HandState.FREE, "holds nothing"
+        if self._half_m <= self.settings.empty_m:
+            self.held = self._grasp = None
+            if self.task is Task.PUT_DOWN:
+                self._end(False, "there is nothing in the hand")
+                return None
+            return HandState.FREE, "holds nothing"
+        self.held = self._grasp
+        if self.task is Task.PICK_UP and self.held.name != self.target:
+            self._end(False, f"the hand holds {self.held.name}")
+            return None
+        return HandState.LIFT, f"holds {self.held.name}"
+
+    def _begin_free(self) -> None:
+        self._opening_m = self._arm.opening_m
+        goal = moved_along(self._arm.pose(self._here()), ahead_m=-self.settings.back_m)
+        self._follow_if_possible(goal)
+
+    def _in_free(self) -> tuple[HandState, str] | None:
+        return (HandState.ASIDE, "the hand is free") if self._has_arrived() else None
+
+    def _begin_aside(self) -> None:
+        self._follow(self._plan_to(np.array(self.settings.aside)), self.settings.speed)
+
+    def _in_aside(self) -> tuple[HandState, str] | None:
+        return (HandState.LOOK, "out of view") if self._has_arrived() else None
+
+    def _begin_look(self) -> None:
+        self.view = None
+
+    def _in_look(self) -> tuple[HandState, str] | None:
+        if self.view is None:
+            return None
+        if self.task is Task.PICK_UP:
+            shape = self.view.named(self.target)
+            if shape is None:
+                self.view = None if self.machine.time_in_state_s < 3.0 else self.view
+                return None
+            self._choose_grasp(self.view, shape)
+            return HandState.APPROACH, f"sees {self.target}"
+        self._choose_place(self.view)
+        return HandState.APPROACH, "sees a free place"
+
+    def _in_approach(self) -> tuple[HandState, str] | None:
+        return (HandState.REACH, "near") if self._has_arrived() else None
+
+    def _begin_approach(self) -> None:
+        assert self._line is not None
+        self._follow(self._plan_to(self._line[0]), self.settings.speed)
+
+    def _begin_reach(self) -> None:
+        assert self._line is not None
+        self._follow(self._line, self.settings.line_speed)
+
+    def _in_reach(self) -> tuple[HandState, str] | None:
+        if not self._has_arrived():
+            return None
+        return (HandState.CLOSE if self.task is Task.PICK_UP else HandState.OPEN), "there"
+
+    def _begin_close(self) -> None:
+        assert self.view is not None
+        shape = self.view.named(self.target)
+        assert shape is not None
+        self._grasp = replace(shape, pose=np.linalg.inv(self._arm.pose(self._here())) @ shape.pose)
+        self._opening_m = 0.0
+        self._halves.clear()
+
+    def _in_close(self) -> tuple[HandState, str] | None:
+        if not self._gripper_stands():
+            return None
+        if self._half_m <= self.settings.empty_m:
+            self._grasp = None
+            return HandState.OPEN, "the gripper is empty"
+        self.held = self._grasp
+        return HandState.LIFT, f"holds something {2 * self._half_m:.3f} m wide"
+
+    def _begin_lift(self) -> None:
+        goal = moved_along(self._arm.pose(self._here()), up_m=self.settings.lift_m)
+        self._follow_if_possible(goal)
+
+    def _in_lift(self) -> tuple[HandState, str] | None:
+        if not self._has_arrived():
+            return None
+        return (HandState.STOW if self.task is Task.PICK_UP else HandState.ASIDE), "lifted"
+
+    def _begin_open(self) -> None:
+        if self.task is Task.PUT_DOWN and self.held is not None and self.view is not None:
+            # From now on, the arm must keep away from it.
+            there = replace(self.held, pose=self._arm.pose(self._here()) @ self.held.pose)
+            self.view = replace(self.view, objects=(*self.view.objects, there))
+        self._opening_m = self._arm.opening_m
+        self._grasp = None
+        self._halves.clear()
+
+    def _in_open(self) -> tuple[HandState, str] | None:
+        if not self._gripper_stands():
+            return None
+        return HandState.WITHDRAW, "open"
+
+    def _begin_withdraw(self) -> None:
+        goal = moved_along(self._arm.pose(self._here()), ahead_m=-self.settings.back_m)
+        self._follow_if_possible(goal)
+
+    def _in_withdraw(self) -> tuple[HandState, str] | None:
+        if not self._has_arrived():
+            return None
+        if self.task is Task.PICK_UP:
+            raise Unreachable(f"the gripper closed, but {self.target} was not in it")
+        self.held = None
+        return HandState.STOW, "free"
+
+    def _begin_stow(self) -> None:
+        self._follow(self._plan_to(np.array(self.settings.stow)), self.settings.speed)
+
+    def _in_stow(self) -> tuple[HandState, str] | None:
+        if self._has_arrived():
+            self._end(True, f"holds {self.target}" if self.held else f"has put down {self.target}")
+        return None
+
+    # -- planning ------------------------------------------------------------------------------------------
+
+    def _around(self, margin_m: float, touchable: Collection[str] = ()) -> Surroundings:
+        """Return what the arm must not touch; without what it holds."""
+        obstacles = [] if self.view is None else [self.view.table, *self.view.objects]
+        held = self.held if self._opening_m == 0.0 else None
+        if held is not None:
+            obstacles = [one for one in obstacles if one.name != held.name]
+        held_margin_m = margin_m if touchable == () else -0.006
+        return Surroundings(
+            self._arm,
+            obstacles,
+            margin_m=margin_m,
+            held=held,
+            held_margin_m=held_margin_m,
+            touchable=touchable,
+        )
+
+    def _plan_to(self, goal: Floats) -> Floats:
+        """Return a way around everything, as far from obstacles as the ends allow."""
+        for margin_m in MARGINS_M:
+            try:
+                return plan(self._around(margin_m), self._here(), goal, self._chance)
+            except Unreachable:
+                if margin_m == MARGINS_M[-1]:
+                    raise
+        raise AssertionError("unreachable")
+
+    def _follow_if_possible(self, goal: Floats) -> None:
+        """Move the hand straight to a pose; if it cannot, the arm stays where it is."""
+        names = () if self.view is None else tuple(one.name for one in self.view.objects)
+        around = self._around(0.0, (*names, ""))
+        try:
+            line = straight_line(self._arm, around, self._here(), goal, self._opening_m)
+        except Unreachable:
+            return
+        self._follow(line, self.settings.line_speed)
+
+    def _choose_grasp(self, view: TableView, shape: Shape) -> None:
+        """Choose a grasp that the arm reaches, from which it can lift the object."""
+        free, touching = self._around(0.01), self._around(0.003, (shape.name,))
+        problem = Unreachable(f"{shape.name} is too wide for the gripper")
+        tried = grasps(shape, view.top_m, self._arm.shoulder, self._arm.opening_m)
+        for _, grasp in zip(range(MAX_GRASPS), tried, strict=False):
+            try:
+                line = self._line_to(moved_along(grasp, -self.settings.back_m), grasp, free, touching)
+                held = replace(shape, pose=np.linalg.inv(grasp) @ shape.pose)
+                others = [view.table, *(one for one in view.objects if one is not shape)]
+                lifting = Surroundings(self._arm, others, margin_m=0.0, held=held, held_margin_m=-0.006)
+                raised = moved_along(grasp, up_m=self.settings.lift_m)
+                straight_line(self._arm, lifting, line[-1], raised, 0.0)
+            except Unreachable as error:
+                problem = error
+                continue
+            self._line = line
+            return
+        raise problem
+
+    def _choose_place(self, view: TableView) -> None:
+        """Choose a place that the arm reaches with what it holds."""
+        assert self.held is not None
+        free, lowering = self._around(0.01), self._around(0.003, ("",))
+        problem = Unreachable("there is no free place on the table")
+        for _, pose in zip(range(MAX_GRASPS), places(view, self.held, self._arm.shoulder), strict=False):
+            try:
+                above = moved_along(pose, up_m=self.settings.lift_m)
+                line = self._line_to(above, pose, free, lowering)
+                there = replace(self.held, pose=pose @ self.held.pose)
+                around = [view.table, *view.objects, there]
+                leaving = Surroundings(self._arm, around, margin_m=0.0, touchable=(there.name,))
+                straight_line(self._arm, leaving, line[-1], moved_along(pose, -self.settings.back_m))
+            except Unreachable as error:
+                problem = error
+                continue
+            self._line = line
+            return
+        raise problem
+
+    def _line_to(self, begin: Floats, end: Floats, free: Surroundings, near: Surroundings) -> Floats:
+        """Return a straight way of the hand between two poses."""
+        aside = np.array(self.settings.stow)
+        first = reach(self._arm, free, begin, aside, self._chance, GRASP_RESTARTS)
+        return straight_line(self._arm, near, first, end, self._opening_m)
+
+    # -- moving --------------------------------------------------------------------------------------------
+
+    def _here(self) -> Floats:
+        assert self._positions is not None
+        return self._positions
+
+    def _standing(self) -> Trajectory:
+        self._way_began_s = self._clock()
+        speed = self._arm.max_speed
+        return Trajectory(self._here()[None], speed, np.full(len(speed), 1.0))
+
+    def _follow(self, way: Floats, share: float) -> None:
+        """Begin to follow a way."""
+        acceleration = np.full(len(self._arm.max_speed), self.settings.acceleration_rad_per_s2 * share)
+        self._way = Trajectory(way, self._arm.max_speed * share, acceleration)
+        self._way_began_s = self._clock()
+
+    def _has_arrived(self) -> bool:
+        """Return whether the arm is at the end of its way.
+
+        Raises:
+            Unreachable: it does not follow.
+        """
+        assert self._way is not None
+        passed_s = self._clock() - self._way_began_s
+        lag_rad = float(np.abs(self._way.at(passed_s) - self._here()).max())
+        if lag_rad > self.settings.lag_rad:
+            raise Unreachable(f"the arm does not follow: a joint is {lag_rad:.2f} rad behind")
+        return passed_s >= self._way.duration_s and lag_rad < ARRIVED_RAD
+
+    def _gripper_stands(self) -> bool:
+        """Return whether the gripper has not moved for a while."""
+        since_s = self._clock() - self.settings.still_s
+        recent = [half for stamp_s, half in self._halves if stamp_s >= since_s]
+        is_long = bool(self._halves) and self._halves[0][0] < since_s and self.machine.time_in_state_s > 0.4
+        return is_long and len(recent) > 2 and max(recent) - min(recent) < 0.0005
+
+    # -- restarts ------------------------------------------------------------------------------------------
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the next process needs to go on, as plain data."""
+        return {
+            "task": None if self.task is None else str(self.task),
+            "target": self.target,
+            "tries": self.tries,
+            "grasp": None if self._grasp is None else _plain(self._grasp),
+            "held": self.held is not None,
+            "view": None
+            if self.view is None
+            else [_plain(one) for one in (self.view.table, *self.view.objects)],
+        }
+
+    def remember(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` returned: find out what the hand holds, and begin the order anew."""
+        self.target, self.tries = memory["target"], memory["tries"]
+        self._grasp = None if memory["grasp"] is None else _shape(memory["grasp"])
+        self.held = self._grasp if memory["held"] else None
+        self._opening_m = 0.0 if self._grasp is not None else self._arm.opening_m
+        if memory["view"] is not None:
+            table, *objects = (_shape(one) for one in memory["view"])
+            self.view = TableView(-math.inf, table, tuple(objects))
+        if memory["task"] is not None:
+            self.task = Task(memory["task"])
+            self._go(HandState.RECOVER, "after a restart")
+
+
+def _plain(shape: Shape) -> dict[str, Any]:
+    return {
+        "name": shape.name,
+        "size": list(shape.size_m),
+        "pose": shape.pose.tolist(),
+        "is_round": shape.is_round,
+    }
+
+
+def _shape(plain: Mapping[str, Any]) -> Shape:
+    x, y, z = plain["size"]
+    return Shape(plain["name"], (x, y, z), np.array(plain["pose"]), plain["is_round"])

@@ -1,0 +1,223 @@
+"""Finds a table and what stands on it in a depth image."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from workers.manipulation.collisions import Shape
+
+Floats = NDArray[np.float64]
+
+PLANE_TRIES = 60
+PLANE_M = 0.008
+"""Points this near to the plane belong to the table."""
+LEVEL_RAD = 0.1
+MIN_TABLE_POINTS = 400
+ABOVE_M = 0.012
+MIN_POINTS = 25
+CELL_M = 0.01
+TOP_M = 0.012
+"""Points at most this far below an object's highest ones show its outline."""
+TABLE = "table"
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class KnownObject:
+    """An object that the robot can name by its shape.
+
+    Attributes:
+        name: its name.
+        size_m: extent in x, y and z when it stands; the x and y of a can are its diameter.
+        is_round: whether it is an upright cylinder.
+    """
+
+    name: str
+    size_m: tuple[float, float, float]
+    is_round: bool
+
+
+@dataclass(frozen=True)
+class Region:
+    """The space in front of the robot in which it looks for a table: least and greatest x, y, z; m."""
+
+    least_m: tuple[float, float, float] = (0.2, -0.7, 0.15)
+    most_m: tuple[float, float, float] = (1.3, 0.7, 0.95)
+
+
+@dataclass(frozen=True)
+class TableView:
+    """A table and what stands on it, in the base's frame.
+
+    Attributes:
+        stamp_s: when the image was taken.
+        table: a box from the floor to the table's top; it covers what was seen of the table.
+        objects: what stands there; names that are not known begin with UNKNOWN.
+    """
+
+    stamp_s: float
+    table: Shape
+    objects: tuple[Shape, ...]
+
+    @property
+    def top_m(self) -> float:
+        """Return the height of the table's top."""
+        return float(self.table.pose[2, 3]) + self.table.size_m[2] / 2
+
+    def named(self, name: str) -> Shape | None:
+        """Return the object of a name."""
+        return next((shape for shape in self.objects if shape.name == name), None)
+
+
+class TableFinder:
+    """Finds a level plane by RANSAC (Fischler and Bolles, 1981), and clusters what is above it.
+
+    Args:
+        known: objects that it can name.
+        region: where it looks.
+        tolerance_m: largest difference between the measured and the known size.
+        seed: random seed of the planes that it tries.
+    """
+
+    def __init__(
+        self,
+        known: Sequence[KnownObject],
+        region: Region | None = None,
+        tolerance_m: float = 0.015,
+        seed: int = 0,
+    ) -> None:
+        self._known = tuple(known)
+        self._region = region or Region()
+        self._tolerance_m = tolerance_m
+        self._chance = np.random.default_rng(seed)
+
+    def find(self, points: Floats, stamp_s: float, pixel_rad: float, eye: Floats) -> TableView | None:
+        """Return the table and its objects; None without a table.
+
+        Args:
+            points: (N, 3), m, base's frame: what the camera measured.
+            stamp_s: when.
+            pixel_rad: angle between neighbouring pixels.
+            eye: (3,), m, base's frame: where the camera is.
+        """
+        within = ((points > self._region.least_m) & (points < self._region.most_m)).all(axis=1)
+        points = points[within]
+        top_m = self._top(points)
+        if top_m is None:
+            return None
+        flat = points[np.abs(points[:, 2] - top_m) < PLANE_M]
+        table = _table_box(flat, top_m)
+        inside = (np.abs(points[:, :2] - table.pose[:2, 3]) < np.array(table.size_m[:2]) / 2).all(axis=1)
+        above = points[inside & (points[:, 2] > top_m + ABOVE_M)]
+        objects: list[Shape] = []
+        for cluster in _clusters(above):
+            spacing_m = pixel_rad * float(np.linalg.norm(cluster.mean(axis=0) - eye))
+            objects.append(self._fit(cluster, top_m, spacing_m, len(objects), {one.name for one in objects}))
+        return TableView(stamp_s, table, tuple(objects))
+
+    def _top(self, points: Floats) -> float | None:
+        """Return the height of the level plane with the most points."""
+        if len(points) < MIN_TABLE_POINTS:
+            return None
+        best, best_count = None, MIN_TABLE_POINTS - 1
+        for _ in range(PLANE_TRIES):
+            a, b, c = points[self._chance.integers(len(points), size=3)]
+            normal = np.cross(b - a, c - a)
+            length = float(np.linalg.norm(normal))
+            if length < 1e-5 or abs(normal[2]) < math.cos(LEVEL_RAD) * length:
+                continue
+            near = np.abs((points - a) @ (normal / length)) < PLANE_M
+            if np.count_nonzero(near) > best_count:
+                best, best_count = near, int(np.count_nonzero(near))
+        return None if best is None else float(np.median(points[best, 2]))
+
+    def _fit(self, cluster: Floats, top_m: float, spacing_m: float, number: int, taken: set[str]) -> Shape:
+        """Return the shape of a cluster, and its name if its size is known."""
+        height_m = float(np.percentile(cluster[:, 2], 98)) - top_m
+        outline = cluster[cluster[:, 2] > top_m + height_m - TOP_M, :2]
+        (x, y), (long_m, short_m), yaw_rad = smallest_rectangle(outline)
+        long_m, short_m = long_m + spacing_m, short_m + spacing_m
+        known = self._named((long_m, short_m, height_m), taken)
+        if known is None:
+            size, is_round = (long_m, short_m, height_m), False
+        else:
+            size, is_round = known.size_m, known.is_round
+            if size[0] < size[1]:
+                yaw_rad += math.pi / 2  # its x is the short one
+        pose = np.eye(4)
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+        pose[:2, :2] = [[cos, -sin], [sin, cos]]
+        pose[:3, 3] = (x, y, top_m + size[2] / 2)
+        return Shape(known.name if known is not None else f"{UNKNOWN} {number}", size, pose, is_round)
+
+    def _named(self, size_m: tuple[float, float, float], taken: set[str]) -> KnownObject | None:
+        """Return the known object whose size is most like this one (long, short, height)."""
+        best, best_m = None, self._tolerance_m
+        for known in self._known:
+            x, y, z = known.size_m
+            wanted = (max(x, y), min(x, y), z)
+            worst_m = max(abs(one - other) for one, other in zip(size_m, wanted, strict=True))
+            if worst_m <= best_m and known.name not in taken:
+                best, best_m = known, worst_m
+        return best
+
+
+def points_of(depth_mm: NDArray[np.uint16], focal_px: float, centre_px: tuple[float, float]) -> Floats:
+    """Return what a depth image shows: (N, 3), m, in the camera's frame (z ahead, x right, y down)."""
+    rows, columns = np.nonzero(depth_mm)
+    depths = depth_mm[rows, columns] / 1000.0
+    x = (columns - centre_px[0]) / focal_px * depths
+    y = (rows - centre_px[1]) / focal_px * depths
+    return np.column_stack([x, y, depths])
+
+
+def smallest_rectangle(points: Floats) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Return the middle, the long and the short side, and the long side's direction, of the rectangle.
+
+    It is the one with the smallest area, of those in steps of one degree.
+
+    Args:
+        points: (N, 2), m.
+    """
+    angles = np.radians(np.arange(0.0, 90.0, 1.0))
+    along = points @ np.stack([np.cos(angles), np.sin(angles)])
+    across = points @ np.stack([-np.sin(angles), np.cos(angles)])
+    lengths, widths = np.ptp(along, axis=0), np.ptp(across, axis=0)
+    best = int((lengths * widths).argmin())
+    angle = float(angles[best])
+    u = (along[:, best].min() + along[:, best].max()) / 2
+    v = (across[:, best].min() + across[:, best].max()) / 2
+    middle = (u * math.cos(angle) - v * math.sin(angle), u * math.sin(angle) + v * math.cos(angle))
+    length, width = float(lengths[best]), float(widths[best])
+    if width > length:
+        return middle, (width, length), angle + math.pi / 2
+    return middle, (length, width), angle
+
+
+def _table_box(flat: Floats, top_m: float) -> Shape:
+    """Return a box under the points of a table's top."""
+    # Single points beyond the edge, at the side of an object or far away, do not count.
+    least, most = np.percentile(flat[:, :2], 0.5, axis=0), np.percentile(flat[:, :2], 99.5, axis=0)
+    pose = np.eye(4)
+    pose[:2, 3], pose[2, 3] = (least + most) / 2, top_m / 2
+    x, y = (most - least).tolist()
+    return Shape(TABLE, (x, y, top_m), pose)
+
+
+def _clusters(points: Floats) -> list[Floats]:
+    """Return the points of each group, seen from above, the nearest first."""
+    if not len(points):
+        return []
+    cells = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / CELL_M).astype(np.intp)
+    grid = np.zeros(cells.max(axis=0) + 1, bool)
+    grid[cells[:, 0], cells[:, 1]] = True
+    labels, count = ndimage.label(grid, np.ones((3, 3)))
+    of_point = labels[cells[:, 0], cells[:, 1]]
+    groups = [points[of_point == label] for label in range(1, count + 1)]
+    return sorted((one for one in groups if len(one) >= MIN_POINTS), key=lambda one: float(one[:, 0].min()))
