@@ -108,6 +108,7 @@ class Follow:
         self._clothes: Array | None = None
         self._likeness: dict[str, deque[float]] = {}
         self._unlike = 0
+        self._sure: tuple[tuple[float, float], tuple[float, float], float] | None = None
         self._is_here_s = -math.inf
         self._asked_s = -math.inf
 
@@ -236,7 +237,7 @@ class Follow:
     def _take(self, person: PersonReport, reason: str, saying: str) -> None:
         """Follow this person from now on."""
         assert self._pose is not None
-        self.person, self._unlike = person.name, 0
+        self.person, self._unlike, self._sure = person.name, 0, None
         self._likeness = {}
         self._trail.clear()
         self._trail.append((float(self._pose[0]), float(self._pose[1])))
@@ -260,13 +261,18 @@ class Follow:
         if alike is not None and alike < self.settings.wrong:
             self._unlike += 1
             if self._unlike >= self.settings.looks:
+                if self._sure is not None:  # since then, it has followed somebody else
+                    self.last_xy_m, self._last_velocity, self._seen_s = self._sure
                 self._lose(f"that is somebody else: clothes only {alike:.2f} alike")
             return
         if self._clothes is None:
             self._clothes = worn
-        elif alike is None or alike >= self.settings.sure:
-            self._unlike = 0
-            self._clothes = blended(self._clothes, worn, LEARN_SHARE)
+        elif alike is None or alike < self.settings.sure:
+            return
+        self._unlike = 0
+        self._clothes = blended(self._clothes, worn, LEARN_SHARE)
+        if self.last_xy_m is not None:
+            self._sure = self.last_xy_m, self._last_velocity, self._seen_s
 
     def _lose(self, reason: str) -> None:
         self.losses += 1

@@ -43,10 +43,12 @@ class Segments(NamedTuple):
     Attributes:
         centres_m: (N, 2), where the middle of a leg would be, in the laser's frame.
         features: (N, len(FEATURES)).
+        beams: (N, 2), the first and the last beam; in a full scan, the last one may come first.
     """
 
     centres_m: Array
     features: Array
+    beams: Places
 
 
 def find_segments(
@@ -62,13 +64,14 @@ def find_segments(
     """
     ranges = np.asarray(ranges_m, np.float64)
     angles = angle_min_rad + angle_increment_rad * np.arange(len(ranges))
+    shift = 0
     if len(ranges) * angle_increment_rad > 2 * np.pi - 1.5 * angle_increment_rad:
         shift = _cut(ranges)  # so that no segment is cut at the scan's ends
         ranges, angles = np.roll(ranges, -shift), np.roll(angles, -shift)
     returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < max_range_m)
     beams = np.flatnonzero(returned)
     if len(beams) < FEWEST_POINTS:
-        return Segments(np.empty((0, 2)), np.empty((0, len(FEATURES))))
+        return Segments(np.empty((0, 2)), np.empty((0, len(FEATURES))), np.empty((0, 2), np.intp))
     points = ranges[beams, None] * np.column_stack([np.cos(angles[beams]), np.sin(angles[beams])])
     apart = np.hypot(*np.diff(points, axis=0).T)
     first = np.concatenate([[0], np.flatnonzero((apart > GAP_M) | (np.diff(beams) > 2)) + 1])
@@ -76,7 +79,10 @@ def find_segments(
     chord = np.hypot(*(points[last] - points[first]).T)
     kept = (last - first + 1 >= FEWEST_POINTS) & (chord <= MAX_WIDTH_M)
     background = np.where(np.isnan(ranges), np.inf, ranges)
-    return _described(points, first, last, kept, _jumps(background, beams, first, last), angle_increment_rad)
+    jumps = _jumps(background, beams, first, last)
+    centres, features = _described(points, first, last, kept, jumps, angle_increment_rad)
+    ends = (np.column_stack([beams[first], beams[last]])[kept] + shift) % len(ranges)
+    return Segments(centres, features, ends)
 
 
 def _cut(ranges: Array) -> int:
@@ -99,8 +105,8 @@ def _described(
     kept: NDArray[np.bool_],
     jumps: tuple[Array, Array],
     increment_rad: float,
-) -> Segments:
-    """Compute the features of the segments that are kept, all at once."""
+) -> tuple[Array, Array]:
+    """Compute middles and features of the segments that are kept, all at once."""
     count = (last - first + 1).astype(np.float64)
 
     def sums(values: Array) -> Array:
@@ -147,7 +153,7 @@ def _described(
     # The laser sees the front of a leg: its middle lies behind the returns.
     fits = (radius < 0.12)[:, None] & (np.hypot(*middle.T) < 0.12)[:, None]
     centres = centroid + np.where(fits, middle, -0.03 * toward)
-    return Segments(centres[kept], features[kept])
+    return centres[kept], features[kept]
 
 
 def _circles(offset: Array, number: Places, means: Callable[[Array], Array]) -> tuple[Array, Array, Array]:

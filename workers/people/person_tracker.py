@@ -201,7 +201,9 @@ class PersonTracker:
             reach = (squared <= settings.gate_sigmas**2) & (np.hypot(*offset.T) <= settings.gate_m)
             # A thing on the map is rather that thing than the leg of somebody who walks past.
             wrong = 4.0 * (on_map & (not track.is_on_map))
-            own = np.where(reach, squared - 2 * np.log(chances) + wrong, FAR)
+            # Without the spread's size, a hidden person, who may be anywhere, would take the legs of others.
+            size = float(np.log(np.linalg.det(spread) / settings.one_leg_m**4))
+            own = np.where(reach, squared + size - 2 * np.log(chances) + wrong, FAR)
             cost[2 * index], cost[2 * index + 1] = own, np.where(reach, own + 0.5, FAR)
         for row, leg in zip(*linear_sum_assignment(cost), strict=True):
             if cost[row, leg] < FAR:

@@ -199,9 +199,13 @@ def test_it_asks_and_gives_up_in_the_end(scene: Scene) -> None:
 
 def test_it_notices_that_its_track_went_over_to_somebody_else(scene: Scene) -> None:
     scene.begin()
+    scene.persons["1"] = (1.6, 0.0)
+    scene.run(0.3)
     scene.worn["1"] = clothes(40)  # the tracker has taken another person's legs
+    scene.persons["1"] = (1.6, 0.7)
     scene.run(0.5)
     assert scene.task.state is FollowState.LOST
+    assert scene.task.last_xy_m == (1.6, 0.0)  # there, not where the other person is
     scene.run(1.0)
     assert scene.task.state is FollowState.LOST  # the track is there, but it is another person's
     scene.persons["2"], scene.worn["2"] = (1.5, 0.5), clothes(1)

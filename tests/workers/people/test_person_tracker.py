@@ -82,6 +82,21 @@ def test_person_hidden_for_a_moment_keeps_its_number_and_one_who_left_does_not()
     assert [one.number for one in watch(gone, scene, 1.0, begin_s=3.8)] != [first]
 
 
+def test_hidden_person_does_not_take_a_leg_of_the_one_in_front() -> None:
+    def scene(t: float) -> Array:
+        crosser = legs_of(2.0, 0.7 * t - 2.1, math.pi / 2, 0.7 * t)
+        return crosser if 2.6 <= t < 4.0 else np.concatenate([crosser, legs_of(2.35, 0.0)])
+
+    tracker = PersonTracker()
+    before = {round(float(one.xy_m[1])): one.number for one in watch(tracker, scene, 2.0)}
+    assert len(before) == 2
+    hidden = {one.number: one for one in watch(tracker, scene, 1.9, begin_s=2.0, hidden=True)}
+    assert hidden[before[-1]].unseen_s == 0.0
+    assert hidden[before[0]].unseen_s > 1.0
+    after = {one.number: one for one in watch(tracker, scene, 0.5, begin_s=4.0)}
+    np.testing.assert_allclose(after[before[0]].xy_m, (2.35, 0.0), atol=0.15)
+
+
 def test_thing_on_the_map_is_no_person_until_it_moves() -> None:
     tracker = PersonTracker()
     assert watch(tracker, lambda _t: legs_of(1.0, 1.0), 2.0, on_map=True) == []
