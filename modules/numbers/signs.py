@@ -33,7 +33,8 @@ from workers.numbers.sign_map import SheetVotes, Sign, SignMap
 from workers.numbers.sign_placing import View, distances_m, posts_on
 
 TURNED_S, TURNED_RAD = 0.1, 0.03
-"""An image does not count as a look if the camera has turned by more than this angle in this time."""
+"""An image is not used if the camera has turned by more than this angle in this time: its direction is not
+known exactly, so a board might be placed on another post; and images of real cameras are blurred then."""
 SCANS = 8
 
 
@@ -119,13 +120,15 @@ class NumberSignFinder(Module):
             self.image = None
             return
         self.image = None
+        eye = (X_MC.x, X_MC.y, _heading(X_MC))
+        if abs(math.remainder(eye[2] - _heading(before), math.tau)) > TURNED_RAD:
+            return
         self.images += 1
         pixels = image.data.reshape(image.height, image.step)[:, : 3 * image.width]
         pixels = np.ascontiguousarray(pixels).reshape(image.height, image.width, 3)
         sightings = self.reader.read(pixels)
         detections = [detection(image.header, one) for one in sightings]
         self.publish(Detection2DArray(header=image.header, detections=detections), topic="camera")
-        eye = (X_MC.x, X_MC.y, _heading(X_MC))
         half_width_rad = math.atan(camera.width / 2 / float(camera.k[0]))
         view = View(eye, half_width_rad, self._points(scan, X_ML))
         for sighting in sightings:
@@ -133,10 +136,9 @@ class NumberSignFinder(Module):
                 self.sheet.see(sighting.text)
             else:
                 self._place(sighting, view, X_MC, camera)
-        if abs(math.remainder(eye[2] - _heading(before), math.tau)) <= TURNED_RAD:
-            for sign in self.signs.signs:
-                if view.shows(sign.xy_m, self.near_m, self.far_m):
-                    self.signs.look(sign, eye)
+        for sign in self.signs.signs:
+            if view.shows(sign.xy_m, self.near_m, self.far_m):
+                self.signs.look(sign, eye)
         self._remember()
 
     def _place(self, sighting: BoardSighting, view: View, X_MC: RigidTransform, camera: CameraInfo) -> None:
@@ -146,7 +148,8 @@ class NumberSignFinder(Module):
         column, row = quadrangle.middle_px
         ray = X_MC.apply(((column - centre_px[0]) / focal_px, (row - centre_px[1]) / focal_px, 1.0))
         x, y = (ray - X_MC.translation)[:2].tolist()
-        post = view.post_along(math.atan2(y, x), *distances_m(quadrangle.height_px, focal_px))
+        near_m, far_m = distances_m(quadrangle.height_px, focal_px)
+        post = view.post_along(math.atan2(y, x), near_m, far_m, self.signs.posts_m)
         if post is None:
             return
         if sighting.text:

@@ -27,7 +27,7 @@ MAX_ATTEMPTS = 4
 MOVED_M = 0.3
 LOOK_M = (1.5, 3.4)
 """On its way, the robot looks at posts between these distances."""
-WANTED_WORTH, OTHER_WORTH = 5.0, 0.4
+WANTED_WORTH, OTHER_WORTH = 15.0, 1.0
 """A post is worth this if it seems to carry the next number, or another digit; otherwise it is worth 1."""
 CONFIRM_RAD = 0.9
 """A digit that is not sure is looked at from this far to both sides of its front."""

@@ -27,6 +27,7 @@ ASIDE_M_PER_RAD = 1.5
 """The robot drives this much farther to stand straight in front of a sign."""
 SLANT_RAD = 0.9
 """A board whose front is known is looked at from at most this far beside it."""
+CONFIRM_RAD = 0.27
 STEP_M = 0.2
 """Places to look from are this far apart."""
 BOARD_M, BEFORE_M = 0.1, 0.3
@@ -76,11 +77,16 @@ class Wish:
     worth: float = 1.0
     facing_rad: float = math.nan
 
+    @property
+    def reach_rad(self) -> float:
+        """Return how far beside it a look covers; little if the digit must be read from elsewhere, too."""
+        return LOOK_RAD if math.isnan(self.facing_rad) else CONFIRM_RAD
+
     def seen_from(self, place: Sequence[float] | Points) -> int:
         """Return which of its bits a look from a place covers, whatever stands between."""
         direction_rad = math.atan2(float(place[1]) - self.xy_m[1], float(place[0]) - self.xy_m[0])
         beside_rad = math.remainder(direction_rad - self.facing_rad, math.tau)
-        return 0 if abs(beside_rad) > SLANT_RAD else self.bits & covered(direction_rad)
+        return 0 if abs(beside_rad) > SLANT_RAD else self.bits & covered(direction_rad, self.reach_rad)
 
 
 @dataclass(frozen=True)
@@ -217,7 +223,7 @@ class NumbersTargets:
         count = np.zeros(len(places), np.int64)
         for number in range(SECTORS):
             if wish.bits >> number & 1:
-                count += np.abs(wrap_angle(direction_rad - sector_rad(number))) <= LOOK_RAD
+                count += np.abs(wrap_angle(direction_rad - sector_rad(number))) <= wish.reach_rad
         good = (count > 0) & (distance_m >= between_m[0]) & (distance_m <= between_m[1])
         if not math.isnan(wish.facing_rad):
             good &= np.abs(wrap_angle(direction_rad - wish.facing_rad)) <= SLANT_RAD

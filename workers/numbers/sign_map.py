@@ -21,6 +21,8 @@ LOOK_RAD = math.radians(36)
 """A look covers the directions that are this near to that of the camera."""
 MIN_VIEWS, MIN_PLACES = 3, 2
 """A sign is sure after this many views of it, from this many places."""
+SURE_M = 3.4
+"""Views from farther away do not make a sign sure: the board may be on another post."""
 APART_M = 0.4
 """Views from places that are nearer than this to one another may all show the same wrong thing."""
 OTHER = ""
@@ -92,6 +94,8 @@ class Sign:
         self.votes[text] = self.votes.get(text, 0) + 1
         eyes = self.eyes.setdefault(text, [])
         x, y = float(eye_xy_m[0]), float(eye_xy_m[1])
+        if math.dist((x, y), self.xy_m) > SURE_M:
+            return
         if len(eyes) < MIN_PLACES and all(math.dist((x, y), eye) >= APART_M for eye in eyes):
             eyes.append((x, y))
 
@@ -150,6 +154,11 @@ class SignMap:
                 sign.xy_m = np.asarray(post)
         self.signs = [sign for sign in self.signs if sign.is_on_map or sign.votes]
 
+    @property
+    def posts_m(self) -> Points:
+        """Return the posts (N, 2), m, that the newest map shows."""
+        return np.array([sign.xy_m for sign in self.signs if sign.is_on_map]).reshape(-1, 2)
+
     def look(self, sign: Sign, eye_xy_m: Sequence[float]) -> None:
         """Record that the camera has looked at a sign from a place where it can be read."""
         x, y = (np.asarray(eye_xy_m, float)[:2] - sign.xy_m).tolist()
@@ -192,11 +201,11 @@ def sector_rad(number: int) -> float:
     return number * math.tau / SECTORS
 
 
-def covered(direction_rad: float) -> int:
+def covered(direction_rad: float, within_rad: float = LOOK_RAD) -> int:
     """Return which directions a look covers, from the side of a post to which a direction points: bits."""
     bits = 0
     for number in range(SECTORS):
-        if abs(math.remainder(direction_rad - sector_rad(number), math.tau)) <= LOOK_RAD:
+        if abs(math.remainder(direction_rad - sector_rad(number), math.tau)) <= within_rad:
             bits |= 1 << number
     return bits
 

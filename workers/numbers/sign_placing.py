@@ -46,18 +46,24 @@ class View:
         beside_rad = abs(math.remainder(direction_rad - self.eye[2], math.tau))
         if not min_m <= distance_m <= max_m or beside_rad > 0.85 * self.half_width_rad:
             return False
-        along, across = self._seen_along(direction_rad)
+        along, across = self._along(self.points_m, direction_rad)
         before = (along > 0.05) & (along < distance_m - BEFORE_M) & (across < ASIDE_M)
         return not before.any()
 
-    def post_along(self, direction_rad: float, min_m: float, max_m: float) -> Points | None:
+    def post_along(
+        self, direction_rad: float, min_m: float, max_m: float, known_m: Points | None = None
+    ) -> Points | None:
         """Return the post (2,), m, map frame, in a direction and between two distances.
 
-        None if there is none, or another one behind it: then it is not known which of them carries the board.
+        None if there is none, or another one that may carry the board as well.
+
+        Args:
+            direction_rad: map frame.
+            min_m: distance.
+            max_m: distance.
+            known_m: (N, 2), posts on the map, m; beams may miss a far one.
         """
-        along, across = self._seen_along(direction_rad)
-        beside = across < ASIDE_M + ASIDE_PER_M * np.maximum(along, 0.0)
-        chosen = np.flatnonzero(beside & (along > min_m) & (along < max_m))
+        chosen, along = self._between(self.points_m, direction_rad, min_m, max_m)
         found: Points | None = None
         for number in chosen[np.argsort(along[chosen])]:
             if found is not None and math.dist(found, self.points_m[number]) < APART_M:
@@ -68,11 +74,23 @@ class View:
                 if found is not None:
                     return None
                 found = np.asarray(around.mean(axis=0))
+        if found is not None and known_m is not None:
+            beside, _ = self._between(known_m, direction_rad, min_m, max_m)
+            if (np.hypot(*(known_m[beside] - found).T) > APART_M).any():
+                return None
         return found
 
-    def _seen_along(self, direction_rad: float) -> tuple[Points, Points]:
-        """Return how far along a ray the laser's points are, and how far beside it."""
-        offset = self.points_m - self.eye[:2]
+    def _between(
+        self, points_m: Points, direction_rad: float, min_m: float, max_m: float
+    ) -> tuple[NDArray[np.intp], Points]:
+        """Return which points are near a ray and between two distances, and how far along it all are."""
+        along, across = self._along(points_m, direction_rad)
+        beside = across < ASIDE_M + ASIDE_PER_M * np.maximum(along, 0.0)
+        return np.flatnonzero(beside & (along > min_m) & (along < max_m)), along
+
+    def _along(self, points_m: Points, direction_rad: float) -> tuple[Points, Points]:
+        """Return how far along a ray points are, and how far beside it."""
+        offset = points_m - self.eye[:2]
         cos, sin = math.cos(direction_rad), math.sin(direction_rad)
         along: Points = offset[:, 0] * cos + offset[:, 1] * sin
         across: Points = np.abs(offset[:, 1] * cos - offset[:, 0] * sin)

@@ -12,10 +12,25 @@ from modules.numbers.messages import NumberSigns, SignsReached
 from modules.numbers.mission import Numbers
 from modules.numbers.referee import Referee
 from modules.numbers.signs import NumberSignFinder
-from robbie_mp import ModuleHarness, SettingError
-from robbie_mp.messages import Odometry, Point, Pose, PoseWithCovariance, Quaternion
+from robbie_mp import Header, ModuleHarness, SettingError, Time
+from robbie_mp.messages import (
+    CameraInfo,
+    Image,
+    LaserScan,
+    Odometry,
+    Point,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    TFMessage,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
 from tests._support.places import ARENAS
+from workers.numbers.board_reader import BoardSighting
 from workers.numbers.digit_reader import ReaderMissing
+from workers.numbers.quadrangles import Quadrangle
 
 SMALL = ARENAS / "numbers_small.yaml"
 
@@ -52,6 +67,77 @@ def test_missing_reader_is_named_before_anything_starts(monkeypatch: pytest.Monk
     monkeypatch.setattr(signs_module, "BoardReader", missing)
     with pytest.raises(SettingError, match="extra 'digits'"):
         NumberSignFinder.check({})
+
+
+class Watcher:
+    """A camera on a pan joint, at (0, 0); a post stands at (2.5, 0), and each image shows a board."""
+
+    def __init__(self, harness: ModuleHarness[NumberSignFinder]) -> None:
+        self.harness = harness
+        self.harness.send(CameraInfo(k=np.array([554.0, 0, 320, 0, 554, 200, 0, 0, 1])), topic="camera")
+        self.tell(0.0)
+
+    def tell(self, pan_rad: float) -> None:
+        """Tell where the camera looks."""
+        optical, places = Quaternion(x=-0.5, y=0.5, z=-0.5, w=0.5), []
+        for parent, child, turn in (
+            ("map", "laser", Quaternion.from_yaw(0.0)),
+            ("laser", "pan", Quaternion.from_yaw(pan_rad)),
+            ("pan", "camera_optical", optical),
+        ):
+            transform = Transform(translation=Vector3(), rotation=turn)
+            places.append(
+                TransformStamped(header=self.header(parent), child_frame_id=child, transform=transform)
+            )
+        self.harness.send(TFMessage(transforms=places), topic="tf")
+
+    def header(self, frame: str) -> Header:
+        return Header(stamp=Time.from_nanoseconds(self.harness.clock.now_ns()), frame_id=frame)
+
+    def watch(self, pan_rad: float) -> None:
+        """Turn the camera for 0.2 s, and take an image at the end of the turn."""
+        self.harness.advance(0.2)
+        self.tell(pan_rad)
+        ranges = np.full(360, np.inf, np.float32)
+        ranges[180] = 2.5
+        self.harness.send(
+            LaserScan(
+                header=self.header("laser"),
+                angle_min=-math.pi,
+                angle_increment=math.tau / 360,
+                range_max=10.0,
+                ranges=ranges,
+            )
+        )
+        header, data = self.header("camera_optical"), np.zeros(3840, np.uint8)
+        image = Image(header=header, height=2, width=640, step=1920, data=data)
+        self.harness.send(image, topic="camera")
+        self.harness.advance(0.2)
+
+
+class Reader:
+    """Reads a 7 in the middle of every image."""
+
+    def read(self, _pixels: np.ndarray) -> list[BoardSighting]:
+        corners = np.array([[270, 150], [370, 150], [370, 250], [270, 250]], np.float32)
+        return [BoardSighting(Quadrangle(corners), "7", 0.9, 66.0)]
+
+
+def test_image_from_a_turning_camera_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The direction of the camera is not known exactly then: the board might be that of another post."""
+    monkeypatch.setattr(signs_module, "BoardReader", Reader)
+    with ModuleHarness(NumberSignFinder) as finder:
+        watcher = Watcher(finder)
+        for pan_rad in (0.4, -0.4, 0.0):
+            watcher.watch(pan_rad)
+        assert finder.module.images == 0
+        assert finder.module.signs.signs == []
+        for _ in range(2):
+            watcher.watch(0.0)
+        assert finder.module.images == 2
+        [sign] = finder.module.signs.signs
+        assert sign.votes == {"7": 2}
+        assert sign.xy_m == pytest.approx([2.5, 0.0], abs=0.01)
 
 
 def test_mission_takes_signs_and_writes_its_results(tmp_path: Path) -> None:

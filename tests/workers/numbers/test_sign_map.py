@@ -39,6 +39,14 @@ def test_digit_is_sure_only_when_it_was_read_from_two_places() -> None:
     assert sign.text == "7"
 
 
+def test_views_from_far_away_make_a_digit_likely_but_not_sure() -> None:
+    signs = SignMap()
+    for number in range(20):
+        signs.see("7", POST, math.pi, (-1.0 - 0.2 * number, 1.0), 30.0)
+    [sign] = signs.signs
+    assert (sign.text, sign.likely, sign.is_open) == (None, "7", True)
+
+
 def test_board_is_not_refused_by_what_was_seen_from_one_place() -> None:
     """In one light and slant, a digit may be overlooked in every image."""
     signs = SignMap()

@@ -45,6 +45,14 @@ def test_board_is_placed_nowhere_if_two_posts_may_carry_it() -> None:
     assert view([*POST, *behind]).post_along(0.0, 1.0, 4.0) == pytest.approx([2.98, 0.01], abs=0.02)
 
 
+def test_board_is_placed_nowhere_if_the_map_shows_another_post_that_the_beams_have_missed() -> None:
+    behind, beside = np.array([[4.5, 0.0]]), np.array([[4.5, 1.0]])
+    assert view(POST).post_along(0.0, 1.0, 6.0, behind) is None
+    assert view(POST).post_along(0.0, 1.0, 4.0, behind) is not None
+    assert view(POST).post_along(0.0, 1.0, 6.0, beside) is not None
+    assert view(POST).post_along(0.0, 1.0, 6.0, np.array([[2.98, 0.01]])) is not None
+
+
 def test_height_in_the_image_bounds_the_distance() -> None:
     near_m, far_m = distances_m(0.45 * 550 / 3.0, 550.0)
     assert near_m < 3.0 < far_m
