@@ -11,6 +11,7 @@ moment; in lockstep, as in the profile `numbers-fast`, the robot waits for a res
 
 import argparse
 import json
+import math
 import shutil
 import signal
 import sys
@@ -20,6 +21,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hw.pose import Pose
+from hw.simulation.arena import Arena
 from hw.simulation.arena_file import read_arena
 from hw.simulation.number_ground import generate_ground
 from robbie_mp.profile.load import load_profile
@@ -28,6 +31,7 @@ from tools.mission_kills import Kills, watch
 
 NOISY = ("base", "laser", "camera")
 RUN_LIMIT_S = 2400.0
+SAME_M = 0.6
 BEGIN_S = 2.0
 """The tool kills no module before this time of the run."""
 
@@ -41,7 +45,11 @@ class Outcome:
         wrong: number of other visits.
         is_right: whether all signs were visited in order and nothing was touched.
         farthest_m: largest distance from a sign at a visit that counts.
+        most_beside_deg: largest angle beside the front of a sign at a visit that counts; 60 is too much.
         touches: number of collisions.
+        wrong_visits: those visits, in words.
+        signs: number of signs whose digit the robot believed in the end.
+        false_signs: those that carry something else, in words.
         reason: why the task ended.
         simulated_s: duration of the task in simulated time.
         wall_s: duration of the run in real time.
@@ -55,7 +63,11 @@ class Outcome:
     wrong: int = 0
     is_right: bool = False
     farthest_m: float = 0.0
+    most_beside_deg: float = 0.0
     touches: int = 0
+    wrong_visits: list[str] = field(default_factory=list)
+    signs: int = 0
+    false_signs: list[str] = field(default_factory=list)
     reason: str = ""
     simulated_s: float = 0.0
     wall_s: float = 0.0
@@ -88,6 +100,8 @@ def run_ground(outcome: Outcome, folder: Path, profile: str, file: Path, kill_un
         summary = robot.wait_for_end()
         outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
         judge(outcome, robot.output)
+        task = json.loads((robot.output / "numbers.json").read_text())
+        outcome.signs, outcome.false_signs = len(task["signs"]), false_signs(task["signs"], read_arena(file))
     except (RobotTrouble, OSError) as trouble:
         outcome.trouble = str(trouble)
     finally:
@@ -101,10 +115,39 @@ def judge(outcome: Outcome, output: Path) -> None:
     task = json.loads((output / "numbers.json").read_text())
     right = [visit for visit in referee["visits"] if visit["counts"]]
     outcome.right, outcome.wrong = len(right), len(referee["visits"]) - len(right)
+    outcome.wrong_visits = [
+        f"{visit['digit']}: {visit['distance_m']:.2f} m away, {_beside_deg(visit):.0f}° beside, "
+        f"{'' if visit['is_in_order'] else 'not '}in order"
+        for visit in referee["visits"]
+        if not visit["counts"]
+    ]
+    outcome.most_beside_deg = round(max(map(_beside_deg, right), default=0.0), 1)
     outcome.farthest_m = round(max((visit["distance_m"] for visit in right), default=0.0), 3)
     outcome.touches = json.loads((output / "base.json").read_text())["collisions"]
     outcome.is_right = referee["is_right"] and not outcome.touches
     outcome.reason, outcome.simulated_s = task["reason"], round(task["used_s"], 1)
+
+
+def _beside_deg(visit: dict[str, Any]) -> float:
+    return abs(math.degrees(visit["aside_rad"]))
+
+
+def false_signs(believed: list[dict[str, Any]], arena: Arena) -> list[str]:
+    """Return which believed signs (digit, x_m and y_m in the map frame) are none, in words.
+
+    The map's frame is where the robot started.
+    """
+    found = []
+    for sign in believed:
+        place = arena.start.plus(Pose(sign["x_m"], sign["y_m"], 0.0))
+        away_m, board = min(
+            (math.dist(place[:2], (board.x_m, board.y_m)), board.text) for board in arena.numbers
+        )
+        if away_m > SAME_M:
+            found.append(f"nothing as {sign['digit']}")
+        elif board != str(sign["digit"]):
+            found.append(f"{board} as {sign['digit']}")
+    return found
 
 
 def summary(outcomes: list[Outcome]) -> dict[str, Any]:
@@ -116,6 +159,8 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
         "touches": sum(outcome.touches for outcome in outcomes),
         "farthest_m": max(outcome.farthest_m for outcome in outcomes),
         "simulated_s_mean": round(sum(outcome.simulated_s for outcome in outcomes) / len(outcomes), 1),
+        "signs": sum(outcome.signs for outcome in outcomes),
+        "false_signs": [text for outcome in outcomes for text in outcome.false_signs],
         "trouble": sum(bool(outcome.trouble) for outcome in outcomes),
     }
 

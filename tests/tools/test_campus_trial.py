@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tools.campus_trial import MOST_END_ERROR_M, Campus, Result, trial
+from tools.campus_trial import MOST_END_ERROR_M, MOST_GRID_MEGABYTES, Campus, Result, grid_trial, trial
 
 
 @pytest.fixture(scope="module")
@@ -36,3 +36,13 @@ def test_course_drives_every_loop_and_returns_to_the_start() -> None:
     steps = np.diff(course, axis=0)
     assert (np.minimum(*np.abs(steps).T) == 0).all()
     assert 2500 < np.abs(steps).sum() < 3500
+
+
+def test_grid_takes_memory_for_the_corridors_and_not_for_what_lies_between() -> None:
+    small, large = grid_trial(20, 15, 1, seed=0), grid_trial(60, 15, 1, seed=0)
+    assert large.sweeps > 2 * small.sweeps
+    # 5 bytes for each cell of 5 cm, in tiles of which some are empty.
+    assert 5 * large.seen_m2 / 0.05**2 < 1e6 * large.grid_megabytes
+    assert large.map_m[0] > 60
+    assert not large.violations()
+    assert replace(large, grid_megabytes=2 * MOST_GRID_MEGABYTES).violations()

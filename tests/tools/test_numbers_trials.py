@@ -3,11 +3,17 @@
 import json
 from pathlib import Path
 
-from tools.numbers_trials import Outcome, judge, summary
+from hw.simulation.arena_file import read_arena
+from tests._support.places import ARENAS
+from tools.numbers_trials import Outcome, false_signs, judge, summary
 
 
 def judged(folder: Path, *, collisions: int = 0, is_right: bool = True) -> Outcome:
-    visits = [{"distance_m": 0.8, "counts": True}, {"distance_m": 1.1, "counts": is_right}]
+    more = {"aside_rad": 0.5, "is_in_order": True}
+    visits = [
+        {"digit": 3, "distance_m": 0.8, "counts": True, **more},
+        {"digit": 7, "distance_m": 1.1, "counts": is_right, **more},
+    ]
     files = {
         "referee": {"visits": visits, "is_right": is_right},
         "numbers": {"reason": "has reached all numbers", "used_s": 200.04},
@@ -30,5 +36,15 @@ def test_touch_or_wrong_visit_spoils_a_ground(tmp_path: Path) -> None:
     touching, wrong = judged(tmp_path, collisions=1), judged(tmp_path, is_right=False)
     assert not touching.is_right
     assert (wrong.is_right, wrong.right, wrong.wrong, wrong.farthest_m) == (False, 1, 1, 0.8)
+    assert wrong.wrong_visits == ["7: 1.10 m away, 29° beside, in order"]
     total = summary([touching, wrong, judged(tmp_path)])
     assert (total["grounds"], total["right"], total["touches"], total["wrong_visits"]) == (3, 1, 1, 1)
+
+
+def test_believed_digit_is_false_where_the_ground_has_another_board_or_none() -> None:
+    """The robot starts at (3.5, 3.5); there are 7, 4, 1 and A."""
+    arena = read_arena(ARENAS / "numbers_small.yaml")
+    right = {"digit": 4, "x_m": 3.1, "y_m": 2.2}
+    false = [{"digit": 4, "x_m": -1.5, "y_m": -1.6}, {"digit": 1, "x_m": 0.0, "y_m": 0.0}]
+    assert false_signs([right], arena) == []
+    assert false_signs([right, *false], arena) == ["A as 4", "nothing as 1"]
