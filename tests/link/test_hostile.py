@@ -1,6 +1,7 @@
 """A peer that is broken or hostile: what it sends raises nothing, fills no memory, and spoils no books."""
 
 import random
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -327,3 +328,23 @@ def test_states_of_several_channels_are_repeated_alone_and_in_order() -> None:
         assert len(found) > 190
         account = red.account(name)
         assert account.sent == 200 == account.received + account.replaced + account.lost
+
+
+def test_a_state_for_a_robot_that_was_restarted_since_is_not_sent_again(tmp_path: Path) -> None:
+    network, red, blue = two_robots(5, folder=tmp_path)
+    network.conditions.loss = 1.0
+    red.offer(ODOM, TrafficClass.STATE, b"lost")
+    network.run(0.02)
+    blue.kill()
+    blue.forget()
+    network.conditions.loss = 0.0
+    blue.start()
+    network.run(1.0)
+    assert blue.received(ODOM) == []
+    account = red.account(ODOM)
+    assert (account.sent, account.lost, account.received) == (1, 1, 0)
+    red.offer(ODOM, TrafficClass.STATE, b"next")
+    network.run(0.2)
+    assert blue.received(ODOM) == [b"next"]
+    for robot in (red, blue):
+        robot.kill()

@@ -23,11 +23,13 @@ from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, open_session
 from robbie_mp.messages import CompressedImage, Image, LinkState, Message, Odometry, String, replace
 from robbie_mp.services.link import Link
+from robbie_mp.transport.endpoint import NameTooLong, TooManyDeclarations
 
 LINK_ALONE = """
 import json, sys
 from robbie_mp import ModuleHarness
 from robbie_mp.services.link import Link
+from robbie_mp.transport.endpoint import NameTooLong, TooManyDeclarations
 with ModuleHarness(Link, json.loads(sys.argv[1])):
     print("ready", flush=True)
     sys.stdin.read()
@@ -169,3 +171,22 @@ def test_link_puts_the_robots_name_before_topics_and_frames(message: Message) ->
     assert arrive(message, prefix_topics=True) == (message, "red/odom")
     found = arrive(message, prefix_topics=True, prefix_frames=True)
     assert found == (prefixed(message, "red/"), "red/odom")
+
+
+@pytest.mark.parametrize("error", [NameTooLong("topic"), TooManyDeclarations("topics")])
+def test_a_topic_that_the_bus_does_not_take_is_refused_and_ends_nothing(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> bool:
+        raise error
+
+    settings = {"robot": "red", "listen": [], "accept": {"blue": ["*"]}, "prefix_topics": True}
+    with ModuleHarness(Link, settings) as harness:
+        link = harness.module
+        link.node.meet("blue")
+        monkeypatch.setattr(link, "publish_encoded", refuse)
+        name = ChannelId(String.type_name, 1, "x" * 96)
+        message = Arrived(
+            "blue", 1, TrafficClass.RELIABLE, 0, name, String(data="x").encode(), 0, 0, False, ("blue",)
+        )
+        assert link.on_arrived(message) is Fate.REFUSED
