@@ -18,7 +18,7 @@ from robbie_mp.profile.load import load_profile
 REPOSITORY = Path(__file__).parents[1]
 PAGE = REPOSITORY / "docs" / "robots.md"
 ROOMS = ("modules", "workers", "hw")
-CANDIDATES = ("rescue", "home", "parcours", "numbers", "spoken", "objects", "demo")
+CANDIDATES = ("rescue", "home", "arm", "parcours", "numbers", "spoken", "objects", "demo")
 """The robots, in the order of the page; those without a profile are left out."""
 TEXT = """\
 # The same modules, different robots

@@ -1,7 +1,7 @@
 """Messages that only the robot with the arm knows."""
 
-from robbie_mp import DEFAULT, Header, Message, uint32
-from robbie_mp.messages import Pose
+from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Result, float64, uint32
+from robbie_mp.messages import Pose, Vector3
 
 
 class TabletopTruth(Message, name="manipulation_msgs/msg/TabletopTruth", version=1):
@@ -14,3 +14,81 @@ class TabletopTruth(Message, name="manipulation_msgs/msg/TabletopTruth", version
     held: str = DEFAULT  # what is in the hand; '': nothing
     slips: uint32 = DEFAULT  # how often something slipped out of the hand
     contacts: uint32 = DEFAULT  # how often the arm, or what it holds, began to touch a table or the floor
+
+
+class SeenShape(Message, name="manipulation_msgs/msg/SeenShape", version=1):
+    """A box, or an upright cylinder."""
+
+    name: str = DEFAULT
+    pose: Pose = DEFAULT  # of its middle
+    size: Vector3 = DEFAULT  # m, extent in its own x, y and z
+    is_round: bool = DEFAULT
+
+
+class TableObjects(Message, name="manipulation_msgs/msg/TableObjects", version=1):
+    """A table and what stands on it, as a camera sees them; sent for each image that shows a table."""
+
+    header: Header = DEFAULT  # stamp: of the image; frame_id: base_link
+    table: SeenShape = DEFAULT  # a box from the floor to the table's top, of the part that is seen
+    objects: list[SeenShape] = DEFAULT  # names that are not known begin with "unknown"
+
+
+class PickUpFeedback(Feedback, name="manipulation_msgs/action/PickUp_Feedback", version=1):
+    """What the arm does; sent on each change."""
+
+    state: str = DEFAULT  # such as LOOK, APPROACH, CLOSE
+    reason: str = DEFAULT  # why it is in that state, for people
+
+
+class PickUpResult(Result, name="manipulation_msgs/action/PickUp_Result", version=1):
+    """The hand holds the object above the robot."""
+
+    duration_s: float64 = DEFAULT
+    width_m: float64 = DEFAULT  # of the gripper's opening
+    tries: uint32 = DEFAULT  # grasps that failed before
+
+
+class PickUp(Goal[PickUpFeedback, PickUpResult], name="manipulation_msgs/action/PickUp_Goal", version=1):
+    """Pick up an object from the table in front of the robot. A newer goal replaces the older one."""
+
+    object: str = DEFAULT  # its name
+
+
+class PutDownFeedback(Feedback, name="manipulation_msgs/action/PutDown_Feedback", version=1):
+    """What the arm does; sent on each change."""
+
+    state: str = DEFAULT  # as in PickUpFeedback
+    reason: str = DEFAULT  # why it is in that state, for people
+
+
+class PutDownResult(Result, name="manipulation_msgs/action/PutDown_Result", version=1):
+    """The object stands on the table, and the hand is empty."""
+
+    duration_s: float64 = DEFAULT
+
+
+class PutDown(Goal[PutDownFeedback, PutDownResult], name="manipulation_msgs/action/PutDown_Goal", version=1):
+    """Put down what is in the hand on the table in front of the robot, where there is room."""
+
+    object: str = DEFAULT  # its name; '': whatever it is
+
+
+class BringFeedback(Feedback, name="manipulation_msgs/action/Bring_Feedback", version=1):
+    """How far the robot is; sent on each change."""
+
+    state: str = DEFAULT  # such as FETCH, PICK, CARRY, PUT
+    reason: str = DEFAULT  # why it is in that state, for people
+
+
+class BringResult(Result, name="manipulation_msgs/action/Bring_Result", version=1):
+    """The object is where it should be."""
+
+    duration_s: float64 = DEFAULT
+
+
+class Bring(Goal[BringFeedback, BringResult], name="manipulation_msgs/action/Bring_Goal", version=1):
+    """Bring an object from one place to another. One order is carried out at a time; others are refused."""
+
+    object: str = DEFAULT  # its name
+    source: str = DEFAULT  # name of the place where it is
+    target: str = DEFAULT  # name of the place where it should be

@@ -15,11 +15,12 @@ from hw.simulation.joints import SimulatedJoints
 from hw.simulation.solid import Solid, pose_at
 from hw.simulation.tabletop import TableObject, Tabletop
 from modules.manipulation.robot_shapes import RobotShapes, table_solids
-from tests._support.places import ARENAS, PROJECT
+from robbie_mp.state_machine import mermaid
+from tests._support.places import ARENAS, DOCS, PROJECT
 from workers.manipulation.arm_model import ArmModel
 from workers.manipulation.collisions import Shape
 from workers.manipulation.hand_work import HandWork, Outcome
-from workers.manipulation.hand_work_states import HandSettings, HandState
+from workers.manipulation.hand_work_states import TIME_OUTS, TRANSITIONS, HandSettings, HandState
 from workers.manipulation.table_view import TableView
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
@@ -184,3 +185,8 @@ def test_arm_stands_still_while_its_joints_are_silent_and_then_goes_on() -> None
     world.is_silent = False
     assert world.run() == Outcome(True, "holds soup")
     assert world.is_unharmed
+
+
+def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
+    page = (DOCS / "manipulation.md").read_text()
+    assert mermaid(HandState.REST, TRANSITIONS, TIME_OUTS) in page

@@ -1,0 +1,222 @@
+"""Picks up objects and puts them down with the robot's arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modules.manipulation.messages import (
+    PickUp,
+    PickUpFeedback,
+    PickUpResult,
+    PutDown,
+    PutDownFeedback,
+    PutDownResult,
+    TableObjects,
+)
+from modules.manipulation.shape_messages import view_of
+from robbie_mp import (
+    REQUIRED,
+    ActiveGoal,
+    CallRefused,
+    Duration,
+    Header,
+    MessageHandling,
+    Module,
+    SettingError,
+    Time,
+    setting,
+)
+from robbie_mp.messages import JointCommand, JointState
+from workers.manipulation.arm_model import ArmModel
+from workers.manipulation.errors import ManipulationError
+from workers.manipulation.hand_work import HandWork, Outcome
+from workers.manipulation.hand_work_states import Task
+
+PickUpGoal = ActiveGoal[PickUp, PickUpFeedback, PickUpResult]
+PutDownGoal = ActiveGoal[PutDown, PutDownFeedback, PutDownResult]
+
+
+class Manipulation(Module):
+    """Serves `PickUp` and `PutDown`: moves the arm by what the depth camera and the joints tell.
+
+    It publishes `JointCommand`, which expires, on topic `arm` while it has an order or holds something. The
+    order survives a restart: the arm stands still meanwhile, and its client notices nothing.
+    """
+
+    robot: Path = setting(REQUIRED, "the robot's URDF", must_exist=True)
+    joints: list[str] = setting(
+        ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll"],
+        "the arm's joints, from the base to the hand",
+    )
+    fingers: list[str] = setting(
+        ["gripper", "right_finger"], "joints of the fingers in the URDF; the first one is commanded"
+    )
+    period_s: float = setting(0.05, "time between commands", minimum=0.01)
+    command_valid_for_s: float = setting(0.3, "the arm stands when no newer command arrives", minimum=0.05)
+    seed: int = setting(0, "random seed of the planner")
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Read the robot, so that a mistake, or a missing library, is reported before anything starts."""
+        file, joints, fingers = settings["robot"], settings["joints"], settings["fingers"]
+        assert isinstance(file, Path) and isinstance(joints, list) and isinstance(fingers, list)
+        if not joints or not fingers:
+            raise SettingError("the arm needs joints and fingers", "joints" if not joints else "fingers")
+        try:
+            ArmModel(file, joints, fingers)
+        except ManipulationError as error:
+            raise SettingError(str(error)) from error
+
+    def setup(self) -> None:
+        """Create the worker; continue the order of the process before."""
+        arm = ArmModel(self.robot, self.joints, self.fingers)
+        self.work = HandWork(arm, self._time_s, on_change=self.show_state, seed=self.seed)
+        self.active: PickUpGoal | PutDownGoal | None = None
+        self.accepted_s = self._time_s()
+        self.put_down = ""
+        self.fed_back = ""
+        if self.restored is not None:
+            self._restore(self.restored)
+        self.show_state(self.work.machine.state)
+        self.serve_goals(PickUp, self.on_pick_up, self.on_cancel)
+        self.serve_goals(PutDown, self.on_put_down, self.on_cancel)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(JointState, self.on_joints, newest, topic="arm")
+        self.subscribe(TableObjects, self.on_table, newest)
+
+    def _restore(self, kept: dict[str, Any]) -> None:
+        self.put_down, self.accepted_s = kept["put_down"], kept["accepted_s"]
+        if kept["goal"] is not None:
+            if kept["task"] == Task.PICK_UP:
+                self.active = self.resume_goal(PickUp, kept["goal"])
+            else:
+                self.active = self.resume_goal(PutDown, kept["goal"])
+        self.work.remember(kept["work"])
+
+    def on_joints(self, state: JointState) -> None:
+        """Pass the joints to the worker."""
+        at = dict(zip(state.name, state.position.tolist(), strict=True))
+        wanted = [*self.joints, self.fingers[0]]
+        if all(name in at for name in wanted):
+            positions = np.array([at[name] for name in self.joints])
+            self.work.see_joints(positions, at[self.fingers[0]], self._stamp_s(state.header))
+
+    def on_table(self, message: TableObjects) -> None:
+        """Pass what the camera sees to the worker."""
+        self.work.see_table(view_of(message, self._stamp_s(message.header)))
+
+    def on_pick_up(self, active: PickUpGoal) -> None:
+        """Pick up an object from now on."""
+        if not active.goal.object:
+            raise CallRefused("which object? Its name is empty")
+        is_same = self.work.task is Task.PICK_UP and self.work.target == active.goal.object
+        self._take(active)
+        if not is_same:
+            self.work.pick_up(active.goal.object)
+        self._keep()
+
+    def on_put_down(self, active: PutDownGoal) -> None:
+        """Put down what is held from now on."""
+        wanted, held = active.goal.object, self.work.held
+        is_same = self.work.task is Task.PUT_DOWN and wanted in ("", self.work.target)
+        if not is_same and held is None:
+            if wanted and wanted == self.put_down and self.work.task is None:
+                # Its client's last process asked for the same, and did not hear of the end.
+                active.succeed(PutDownResult())
+                return
+            raise CallRefused("there is nothing in the hand")
+        if not is_same and held is not None and wanted not in ("", held.name):
+            raise CallRefused(f"the hand holds {held.name}, not {wanted!r:.80}")
+        self._take(active)
+        if not is_same:
+            self.work.put_down()
+        self._keep()
+
+    def on_cancel(self, active: PickUpGoal | PutDownGoal, reason: str) -> None:
+        """Stand still, and end the goal."""
+        if active is self.active:
+            self.active = None
+            self.work.stop(reason)
+            self._keep()
+        active.cancelled(reason)
+
+    def tick(self) -> None:
+        """Send the joints where they should be now."""
+        order = self.work.step()
+        if self.active is not None and self.work.outcome is not None and self.work.task is None:
+            self._end(self.active, self.work.outcome)
+        elif self.active is not None:
+            self._feed_back(self.active)
+        if order is not None and (self.work.task is not None or self.work.held is not None):
+            self.publish(
+                JointCommand(
+                    header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
+                    name=[*self.joints, self.fingers[0]],
+                    position=np.append(order.positions, order.half_opening_m),
+                    valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+                ),
+                topic="arm",
+            )
+        self._keep()
+        held = f"holds {self.work.held.name}" if self.work.held is not None else "holds nothing"
+        self.status = f"{held}; {self.work.machine.state.value} ({self.work.machine.reason})"
+
+    def _take(self, active: PickUpGoal | PutDownGoal) -> None:
+        """Work for a new goal, in place of the one before."""
+        before, self.active = self.active, active
+        self.accepted_s, self.fed_back = self._time_s(), ""
+        if before is not None:
+            before.preempt(f"{active.client} has sent another goal")
+
+    def _end(self, active: PickUpGoal | PutDownGoal, outcome: Outcome) -> None:
+        """Tell the goal's client how it ended."""
+        self.log.info("%s", outcome.text)
+        self.active = None
+        duration_s = self._time_s() - self.accepted_s
+        if outcome.is_done and isinstance(active.goal, PutDown):
+            self.put_down = self.work.target
+        elif outcome.is_done:
+            self.put_down = ""
+        self._keep()
+        if not outcome.is_done:
+            active.abort(outcome.text)
+        elif isinstance(active.goal, PutDown):
+            active.succeed(PutDownResult(duration_s=duration_s))
+        else:
+            width_m = 2 * self.work.half_opening_m
+            active.succeed(PickUpResult(duration_s=duration_s, width_m=width_m, tries=self.work.tries))
+
+    def _feed_back(self, active: PickUpGoal | PutDownGoal) -> None:
+        state, reason = self.work.machine.state.name, self.work.machine.reason
+        if self.fed_back == f"{state} {reason}":
+            return
+        self.fed_back = f"{state} {reason}"
+        self.log.info("%s (%s)", state, reason)
+        if isinstance(active.goal, PutDown):
+            active.feedback(PutDownFeedback(state=state, reason=reason))
+        else:
+            active.feedback(PickUpFeedback(state=state, reason=reason))
+
+    def _keep(self) -> None:
+        """Keep what the next process needs."""
+        active = self.active
+        self.checkpoint(
+            {
+                "goal": None if active is None else active.memory,
+                "task": None if self.work.task is None else str(self.work.task),
+                "accepted_s": self.accepted_s,
+                "put_down": self.put_down,
+                "work": self.work.memory(),
+            }
+        )
+
+    def _stamp_s(self, header: Header) -> float:
+        """Return the time of a message on this module's clock, which need not begin with the epoch."""
+        age_s = (self.clock.now_ns() - header.stamp.nanoseconds) / 1e9
+        return self._time_s() - age_s
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9

@@ -1,0 +1,111 @@
+"""A simulated depth camera that sees tables, objects and the robot's own arm."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hw.camera import CameraGeometry
+from hw.simulation.arena import Arena
+from hw.simulation.box_segments import box_segments
+from hw.simulation.depth_camera import SimulatedDepthCamera
+from hw.simulation.solid import Placed, Solid, pose_at
+from modules.devices.camera import intrinsic_matrix
+from modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from modules.manipulation.messages import TabletopTruth
+from modules.manipulation.robot_shapes import RobotShapes, table_solids
+from robbie_mp import REQUIRED, Header, MessageHandling, setting
+from robbie_mp.messages import CameraInfo, Image, JointState
+from robbie_mp.scene_graph.conversion import from_pose
+
+FRAME = "depth_optical"
+WALL_M = 0.02
+
+
+class SimulatedDepthCameraModule(SimulatedDevice):
+    """A depth camera on the robot; publishes `Image` (16UC1, mm; 0: nothing) and `CameraInfo` on `depth`."""
+
+    robot: Path = setting(REQUIRED, "the robot's URDF, with the frame depth_optical", must_exist=True)
+    width: int = setting(200, "columns of an image", minimum=16, maximum=640)
+    height: int = setting(150, "rows of an image", minimum=16, maximum=480)
+    field_of_view_rad: float = setting(1.0, "horizontal field of view", minimum=0.1, maximum=2.0)
+    noise_m: float = setting(
+        0.002, "standard deviation of a depth of 1 m; it grows with its square", minimum=0.0
+    )
+    seed: int = setting(0, "random seed of the noise")
+    period_s: float = setting(1.0, "time between images", minimum=0.05)
+
+    def setup(self) -> None:
+        """Create the camera; it takes no image until the base and the arm have said where they are."""
+        geometry = CameraGeometry(self.width, self.height, self.field_of_view_rad)
+        self.world = SharedWorld(self)
+        self.shapes = RobotShapes(self.robot)
+        self.camera = SimulatedDepthCamera(geometry, self.noise_m, seed=self.seed)
+        self.intrinsics = intrinsic_matrix(geometry)
+        arena = self.world.arena
+        self.walls = [*table_solids(arena), *_walls(arena)]
+        self.sizes = {one.name: Solid(one.size_m, one.is_round) for one in arena.objects}
+        self.truth: TabletopTruth | None = None
+        self.images = 0
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(TabletopTruth, self.on_truth, newest, topic="ground_truth")
+        self.subscribe(JointState, self.on_joints, newest)
+
+    def on_truth(self, truth: TabletopTruth) -> None:
+        """Take where the objects are."""
+        self.truth = truth
+
+    def on_joints(self, state: JointState) -> None:
+        """Take where the arm is."""
+        self.shapes.move(dict(zip(state.name, state.position.tolist(), strict=True)))
+
+    def tick(self) -> None:
+        """Publish an image."""
+        if self.world.truth is None or self.truth is None:
+            self.status = "waiting for the simulated base and arm"
+            return
+        robot = self.world.truth.pose
+        objects = [
+            Placed(self.sizes[name], from_pose(pose).matrix)
+            for name, pose in zip(self.truth.names, self.truth.poses, strict=True)
+        ]
+        seen = [*self.walls, *objects, *self.shapes.all(robot)]
+        depths = self.camera.capture(self.shapes.pose(FRAME, robot), seen)
+        header = Header(stamp=self.world.stamp, frame_id=FRAME)
+        k = self.intrinsics
+        info = CameraInfo(
+            header=header,
+            height=self.height,
+            width=self.width,
+            distortion_model="plumb_bob",
+            k=k.ravel(),
+            r=np.eye(3).ravel(),
+            p=np.hstack([k, np.zeros((3, 1))]).ravel(),
+        )
+        self.publish(info, topic="depth", latched=True)
+        self.publish(
+            Image(
+                header=header,
+                height=self.height,
+                width=self.width,
+                encoding="16UC1",
+                step=2 * self.width,
+                data=depths.view(np.uint8).ravel(),
+            ),
+            topic="depth",
+        )
+        self.images += 1
+        self.status = f"{self.images} images"
+
+
+def _walls(arena: Arena) -> list[Placed]:
+    """Return the walls of an arena without the sides of its tables, which are lower."""
+    corners = np.array([table.corners_m for table in arena.tables]).reshape(-1, 4)
+    sides = {tuple(side) for side in box_segments(corners).tolist()}
+    placed = []
+    for x1, y1, x2, y2 in arena.segments.tolist():
+        if (x1, y1, x2, y2) in sides:
+            continue
+        length, yaw = float(np.hypot(x2 - x1, y2 - y1)), float(np.arctan2(y2 - y1, x2 - x1))
+        middle = ((x1 + x2) / 2, (y1 + y2) / 2, arena.wall_height_m / 2)
+        placed.append(Placed(Solid((length, WALL_M, arena.wall_height_m)), pose_at(middle, yaw)))
+    return placed

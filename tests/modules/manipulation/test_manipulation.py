@@ -1,0 +1,296 @@
+"""The modules that see, grasp and bring: what they serve, refuse, publish, and keep over a restart."""
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modules.manipulation.bring import Bringer, parsed
+from modules.manipulation.manipulation import Manipulation
+from modules.manipulation.messages import (
+    Bring,
+    BringFeedback,
+    BringResult,
+    PickUp,
+    PickUpFeedback,
+    PickUpResult,
+    PutDown,
+    PutDownResult,
+    TableObjects,
+    TabletopTruth,
+)
+from modules.manipulation.simulated_arm import SimulatedArm
+from modules.manipulation.simulated_depth_camera import SimulatedDepthCameraModule
+from modules.manipulation.table_objects import TableObjectFinder, read_objects
+from robbie_mp import GoalAborted, Header, ModuleHarness, SettingError, Time
+from robbie_mp.messages import (
+    CallRefusal,
+    CameraInfo,
+    GoalEnd,
+    Image,
+    JointCommand,
+    JointState,
+    NavigateTo,
+    NavigationResult,
+    Odometry,
+    Point,
+    PointsOfInterest,
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    TFMessage,
+)
+from robbie_mp.services.scene_graph import SceneGraphService
+from tests._support.places import ARENAS, PROJECT
+
+pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
+
+ROBOT = str(PROJECT / "hw/robots/home_arm.urdf")
+OBJECTS = PROJECT / "hw/robots/home_objects.yaml"
+NAMES = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll", "gripper"]
+STOWED = [0.0, -0.8, -0.3, 0.0, 1.1, 0.0, 0.045]
+PLACES = {"places": ["table", "counter"], "x_m": [0.6, -0.7], "y_m": [0.0, 1.2], "heading_rad": [0.0, 1.5]}
+
+
+# -- manipulation ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def hand() -> Iterator[ModuleHarness[Manipulation]]:
+    with ModuleHarness(Manipulation, {"robot": ROBOT}) as harness:
+        yield harness
+
+
+def hear_joints(hand: ModuleHarness[Manipulation], seconds: float, positions: list[float] = STOWED) -> None:
+    """Let the module work, and hear that the joints are always at the same positions."""
+    for _ in range(round(seconds / 0.1)):
+        stamp = Time.from_nanoseconds(hand.clock.now_ns())
+        hand.send(
+            JointState(header=Header(stamp=stamp), name=NAMES, position=np.array(positions)), topic="arm"
+        )
+        hand.advance(0.1)
+
+
+def test_orders_that_make_no_sense_are_refused(hand: ModuleHarness[Manipulation]) -> None:
+    hand.send_goal(PickUp())
+    hand.send_goal(PutDown(object="soup"))
+    reasons = [refusal.reason for refusal in hand.take(CallRefusal)]
+    assert reasons == ["which object? Its name is empty", "there is nothing in the hand"]
+
+
+def test_arm_is_commanded_only_with_an_order_and_where_it_is_known(hand: ModuleHarness[Manipulation]) -> None:
+    hear_joints(hand, 1.0)
+    assert not hand.take(JointCommand)
+    hand.send_goal(PickUp(object="soup"))
+    hear_joints(hand, 1.0)
+    commands = hand.take(JointCommand, "arm")
+    assert commands[0].name == NAMES
+    assert commands[0].valid_for.nanoseconds == 300_000_000
+    assert commands[0].position.tolist() == pytest.approx(STOWED)
+    assert [told.state for told in hand.take(PickUpFeedback)][:2] == ["RECOVER", "FREE"]
+    hand.advance(1.0)  # the joints are silent
+    hand.take(JointCommand, "arm")
+    hand.advance(0.5)
+    assert not hand.take(JointCommand, "arm")
+
+
+def test_newer_order_takes_the_place_of_another_one_and_a_cancelled_one_ends(
+    hand: ModuleHarness[Manipulation],
+) -> None:
+    hand.send_goal(PickUp(object="soup"), client="first")
+    hear_joints(hand, 0.5)
+    sent = hand.send_goal(PickUp(object="tea"), client="second")
+    (end,) = hand.take(GoalEnd, "first")
+    assert (end.outcome, end.reason) == (GoalEnd.PREEMPTED, "second has sent another goal")
+    hand.cancel_goal(sent, "enough", client="second")
+    (end,) = hand.take(GoalEnd, "second")
+    assert (end.outcome, end.reason) == (GoalEnd.CANCELLED, "enough")
+    hear_joints(hand, 0.2)
+    hand.take(JointCommand)
+    hear_joints(hand, 0.5)
+    assert not hand.take(JointCommand)
+
+
+def test_order_survives_a_restart_and_is_told_to_its_client(hand: ModuleHarness[Manipulation]) -> None:
+    hand.send_goal(PickUp(object="soup"), client="mission")
+    hear_joints(hand, 0.5)
+    with ModuleHarness(Manipulation, {"robot": ROBOT}, restored=hand.checkpoint) as again:
+        assert (again.module.work.task, again.module.work.target) == ("pick up", "soup")
+        hear_joints(again, 1.0)
+        assert again.take(JointCommand, "arm")
+        assert again.take(PickUpFeedback, "mission")[-1].state == "FREE"
+        # The same order of its client's next process goes on; it does not begin anew.
+        again.send_goal(PickUp(object="soup"), client="next")
+        assert again.module.work.machine.state.name == "FREE"
+
+
+def test_mistakes_in_the_robot_are_named_before_anything_starts() -> None:
+    for settings, problem in (
+        ({"joints": ["wasit"]}, "no joint 'wasit'"),
+        ({"joints": []}, "needs joints and fingers"),
+    ):
+        with (
+            pytest.raises(SettingError, match=problem),
+            ModuleHarness(Manipulation, {"robot": ROBOT, **settings}),
+        ):
+            pass
+
+
+# -- what the camera sees --------------------------------------------------------------------------------
+
+
+def test_depth_images_become_a_table_with_named_objects_on_the_map() -> None:
+    arena = str(ARENAS / "arm.yaml")
+    # The robot stands 0.3 m before the table, with the arm aside.
+    place = Pose(position=Point(x=0.65, y=0.05))
+    truth = Odometry(pose=PoseWithCovariance(pose=place))
+    aside = [1.9, 0.3, 0.9, 0.0, -1.2, 0.0, 0.0]
+    arm_settings = {"arena": arena, "robot": ROBOT, "names": NAMES, "rest": aside}
+    with (
+        ModuleHarness(SimulatedArm, arm_settings, name="arm") as arm,
+        ModuleHarness(SimulatedDepthCameraModule, {"arena": arena, "robot": ROBOT}) as camera,
+        ModuleHarness(SceneGraphService, {"file": str(PROJECT / "hw/robots/home_arm.yaml")}) as scene,
+        ModuleHarness(TableObjectFinder, {"objects": str(OBJECTS)}) as finder,
+    ):
+        arm.send(truth, topic="ground_truth")
+        camera.send(truth, topic="ground_truth")
+        arm.advance(0.1)
+        camera.send(arm.take(TabletopTruth)[-1], topic="ground_truth")
+        camera.send(arm.take(JointState)[-1], topic="arm")
+        camera.advance(1.1)
+        stamp = Header(stamp=Time.from_nanoseconds(1_000), frame_id="odom")
+        odometry = Odometry(header=stamp, child_frame_id="base_link", pose=PoseWithCovariance(pose=place))
+        scene.send(odometry, topic="odom")
+        scene.send(
+            PoseStamped(header=Header(stamp=stamp.stamp, frame_id="map"), pose=place), topic="map_pose"
+        )
+        scene.advance(1.0)
+        for topic in ("tf_static", "tf"):
+            for message in scene.take(TFMessage, topic):
+                finder.send(message, topic=topic)
+        finder.send(camera.take(CameraInfo, "depth")[-1], topic="depth")
+        finder.send(camera.take(Image, "depth")[-1], topic="depth")
+        (seen,) = finder.take(TableObjects)
+        (shown,) = finder.take(PointsOfInterest, "objects")
+    assert seen.table.size.z == pytest.approx(0.4, abs=0.005)
+    # The arena's (3.82, 1.80) lies (1.07, 0.05) from the robot's start, so 0.42 m ahead.
+    by_name = {one.name: one.pose.position for one in seen.objects}
+    assert set(by_name) == {"soup", "tea", "cola"}
+    assert (by_name["soup"].x, by_name["soup"].y) == pytest.approx((0.42, 0.0), abs=0.01)
+    on_map = {point.name: point.pose.position for point in shown.points}
+    assert (on_map["soup"].x, on_map["soup"].y) == pytest.approx((1.07, 0.05), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[1]", "soup: {can: [0.1]}", "soup: {ball: [0.1]}", "soup: {box: [1, 2, -3]}", "soup: ["],
+)
+def test_invalid_file_of_objects_is_an_error_of_the_setting(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "objects.yaml"
+    file.write_text(text)
+    with pytest.raises(SettingError, match=r"objects\.yaml"):
+        TableObjectFinder.check({"objects": file})
+
+
+def test_stock_objects_are_those_of_the_random_rooms() -> None:
+    sizes = {known.name: (known.size_m, known.is_round) for known in read_objects(OBJECTS)}
+    assert sizes == {
+        "soup": ((0.066, 0.066, 0.1), True),
+        "tea": ((0.06, 0.04, 0.12), False),
+        "cola": ((0.052, 0.052, 0.14), True),
+    }
+
+
+# -- bringing --------------------------------------------------------------------------------------------
+
+
+def test_bringer_drives_picks_drives_and_puts_down(tmp_path: Path) -> None:
+    with ModuleHarness(Bringer, PLACES, output_directory=tmp_path) as bring:
+        bring.send(PoseStamped(), topic="map_pose")
+        bring.send_goal(Bring(object="soup", source="table", target="counter"), client="cook")
+        bring.send_goal(Bring(object="tea", source="table", target="counter"), client="other")
+        assert bring.take(CallRefusal, "other")[0].reason == "the robot has another order"
+        bring.advance(0.5)
+        (drive,) = bring.take(NavigateTo)
+        assert drive.pose.pose.position.x == 0.6
+        bring.end_goal(drive, NavigationResult())
+        bring.advance(0.5)
+        (pick,) = bring.take(PickUp)
+        assert pick.object == "soup"
+        bring.end_goal(pick, PickUpResult())
+        bring.advance(0.5)
+        drive = bring.take(NavigateTo)[-1]
+        assert (drive.pose.pose.position.x, drive.pose.pose.orientation.yaw) == pytest.approx((-0.7, 1.5))
+        bring.end_goal(drive, NavigationResult())
+        bring.advance(0.5)
+        (put,) = bring.take(PutDown)
+        bring.end_goal(put, PutDownResult())
+        bring.advance(0.5)
+        states = [told.state for told in bring.take(BringFeedback, "cook")]
+        assert states == ["FETCH", "PICK", "CARRY", "PUT"]
+        assert len(bring.take(BringResult, "cook")) == 1
+        bring.module.teardown()
+        (end,) = json.loads((tmp_path / "bring.json").read_text())
+        assert (end["object"], end["target"], end["is_done"]) == ("soup", "counter", True)
+
+
+def test_bringer_repeats_what_an_accident_ended_and_gives_up_what_the_arm_cannot_do() -> None:
+    with ModuleHarness(Bringer, {**PLACES, "orders": ["soup: table -> counter"]}) as bring:
+        bring.send(PoseStamped(), topic="map_pose")
+        bring.advance(0.5)
+        for _ in range(3):
+            bring.end_goal(bring.take(NavigateTo)[-1], NavigationResult())
+            bring.advance(1.5)
+            (pick,) = bring.take(PickUp)
+            bring.kill_server()
+            bring.advance(2.0)
+            pick = bring.take(PickUp)[-1]
+            bring.end_goal(pick, GoalAborted("sees no soup on a table"))
+            bring.advance(2.5)
+        assert bring.module.stop_requested
+        (end,) = bring.module.mission.ends
+        assert (end.is_done, end.reason) == (False, "sees no soup on a table")
+
+
+def test_restarted_bringer_repeats_the_step_for_the_same_client() -> None:
+    with ModuleHarness(Bringer, PLACES) as bring:
+        bring.send(PoseStamped(), topic="map_pose")
+        bring.send_goal(Bring(object="soup", source="table", target="counter"), client="cook")
+        bring.advance(0.5)
+        bring.end_goal(bring.take(NavigateTo)[-1], NavigationResult())
+        bring.advance(0.5)
+        kept = bring.checkpoint
+    with ModuleHarness(Bringer, PLACES, restored=kept) as again:
+        again.send(PoseStamped(), topic="map_pose")
+        again.advance(0.5)
+        (pick,) = again.take(PickUp)
+        assert pick.object == "soup"
+        assert again.take(BringFeedback, "cook")[-1].state == "PICK"
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"x_m": [1.0]}, "a finite number for each of the 2 places"),
+        ({"y_m": [1.0, math.inf]}, "a finite number for each"),
+        ({"places": ["table", "table"]}, "a name that no other has"),
+        ({"orders": ["soup: table -> shelf"]}, "there is no place 'shelf'"),
+        ({"orders": ["soup to counter"]}, "an order is written as"),
+    ],
+)
+def test_mistakes_in_places_and_orders_are_named(change: dict[str, object], problem: str) -> None:
+    with pytest.raises(SettingError, match=problem):
+        Bringer.check({"orders": [], **PLACES, **change})
+
+
+def test_orders_that_name_nothing_or_no_place_are_refused() -> None:
+    with ModuleHarness(Bringer, PLACES) as bring:
+        bring.send_goal(Bring(object="", source="table", target="counter"))
+        bring.send_goal(Bring(object="soup", source="table", target="shelf"))
+        reasons = [refusal.reason for refusal in bring.take(CallRefusal)]
+        assert reasons[1] == "there is no place 'shelf'; there are: table, counter"
+        assert len(reasons) == 2
+    assert parsed(" soup:table->counter") == ("soup", "table", "counter")
