@@ -6,11 +6,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, FloatRect, Page
+from playwright.sync_api import FloatRect, Page
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from tests._support.robot import Robot, kill
-from tests.station._support.browser import RECONNECTING, TABLET, browser, needs_chromium, page_of
+from tests.station._support.browser import LAPTOP, RECONNECTING, TABLET, browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(600)]
@@ -42,7 +42,7 @@ def test_emergency_stop_is_always_reachable_and_no_press_is_lost(robot: Robot) -
         page.wait_for_function(IS_CONNECTED)
         request_that_the_base_misses_is_repeated_until_it_is_confirmed(page, robot)
         button_is_in_one_place_whatever_the_state(page)
-        button_is_there_on_a_tablet(started, address)
+        button_is_there_on_a_tablet(page)
         first_press_stops_the_robot_while_a_dialog_is_open(page, robot)
         silent_base_is_grey_with_its_age_and_gets_the_stop_when_it_is_back(page, robot)
         press_while_the_server_stands_still_is_kept_and_delivered(page, robot)
@@ -118,11 +118,10 @@ def button_is_in_one_place_whatever_the_state(page: Page) -> None:
     assert box_of(page, "#emergency-stop") == box
 
 
-def button_is_there_on_a_tablet(started: Browser, address: str) -> None:
-    with page_of(started, address, TABLET) as tablet:
-        tablet.wait_for_selector(f"{STATE}:text-is('ready')")
-        tablet.wait_for_function(IS_CONNECTED)
-        button_is_in_one_place_whatever_the_state(tablet)
+def button_is_there_on_a_tablet(page: Page) -> None:
+    page.set_viewport_size(TABLET["viewport"])
+    button_is_in_one_place_whatever_the_state(page)
+    page.set_viewport_size(LAPTOP["viewport"])
 
 
 def first_press_stops_the_robot_while_a_dialog_is_open(page: Page, robot: Robot) -> None:

@@ -9,6 +9,10 @@ const DARKEST_WALL = 90; // of 255: occupied with 65 % or more
 const HIGHEST_M = 2.0; // where the colours of heights end
 const LOWEST_VIEW_RAD = Math.PI / 2 - 0.03; // the camera stays above the floor
 const PRESETS = { behind: [-3, 0, 2.2], above: [-0.01, 0, 12] };
+const SLOW_MS = 80; // a picture that takes longer keeps the other tiles from being drawn
+const SLOW_PICTURES = 8; // after these, the scene gets coarser
+const LEAST_RATIO = 0.5; // computed pixels for each pixel of the screen, in each direction
+const GIVEN_UP_MS = 3000;
 const LINES = { "view/path": "#40c4ff", "view/trail": "#ff9100" };
 
 // Holds a scene and draws what moves there: follows live parts, and moves the scene's nodes and camera.
@@ -94,13 +98,39 @@ export default {
     // The scene is drawn again and again, in sight or not, and that is most of what a page costs.
     draw_only_changes(renderer, controls) {
       const render = renderer.render;
+      const gl = renderer.getContext();
+      this.effort = { fence: null, begun_ms: 0, rests_until_ms: 0, slow: 0 };
       renderer.render = (...what) => {
-        if (!this.live.in_sight || !this.has_changed) return;
+        if (!this.live.in_sight || !this.has_changed || !this.is_rested(renderer, gl)) return;
         this.has_changed = false;
+        const ratio = renderer.getPixelRatio();
+        if (this.effort.slow > SLOW_PICTURES && ratio > LEAST_RATIO) {
+          renderer.setPixelRatio(Math.max(LEAST_RATIO, 0.7 * ratio)); // which empties the picture
+          this.effort.slow = 0;
+        }
         render.apply(renderer, what);
+        if (!gl.fenceSync) return;
+        this.effort.begun_ms = performance.now();
+        this.effort.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+        gl.flush();
       };
       controls.addEventListener("change", () => (this.has_changed = true));
       this.renderer = renderer;
+    },
+    // Whether the last picture is complete. Where pictures take long, as without a graphics card, the scene gets coarser, and
+    // rests between two pictures, so that the other tiles go on.
+    is_rested(renderer, gl) {
+      const { effort } = this;
+      const now_ms = performance.now();
+      if (effort.fence) {
+        const took_ms = now_ms - effort.begun_ms;
+        if (took_ms < GIVEN_UP_MS && gl.getSyncParameter(effort.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
+        gl.deleteSync(effort.fence);
+        effort.fence = null;
+        if (took_ms > SLOW_MS) effort.rests_until_ms = now_ms + took_ms;
+        effort.slow = took_ms > SLOW_MS ? effort.slow + 1 : Math.max(0, effort.slow - 1);
+      }
+      return now_ms >= effort.rests_until_ms;
     },
     // Moves the camera as far as the robot has moved, and, behind it, turns with it.
     go_along() {
