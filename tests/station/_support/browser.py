@@ -26,7 +26,11 @@ LAPTOP: dict[str, Any] = {"viewport": {"width": 1280, "height": 800}}
 COMPLAINTS = ("error", "warning")
 MAX_SHOWN = 2000
 """Maximum number of characters that a failed test says of a page."""
-RECONNECTING = ("WebSocket connection to", "Failed to load resource: net::ERR_")
+RECONNECTING = (
+    "WebSocket connection to",
+    "WebSocket is already in CLOSING or CLOSED state",
+    "Failed to load resource: net::ERR_",
+)
 """Begins what a browser says of a server that is gone for a moment."""
 
 
