@@ -31,7 +31,7 @@ modules:
   base: {class: "modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
   witness: {class: "zoo.witness:Witness"}
 """
-EXPIRY_S = 0.22
+EXPIRY_S = 0.17
 DEAD_MAN_BUTTON = 5
 ATTEMPTS, BEGIN_LIMIT_S = 3, 15.0
 """To drive: a key that is pressed while the page is not in front has no effect, which is as it should be."""

@@ -153,4 +153,4 @@ def test_simulated_arm_follows_a_held_control_and_stops_when_it_is_released(stat
         arm.advance(1.0)
         station.tell(arm.take(JointState, "arm")[-1])
         at = panel.shown()[0]["at"]
-    assert at == pytest.approx(0.5 + 0.12, abs=0.05), "it went on after its last command had expired"
+    assert at == pytest.approx(0.5 + 0.07, abs=0.05), "it went on after its last command had expired"

@@ -33,7 +33,7 @@ export default {
     addEventListener("blur", this.all_off);
     addEventListener("pagehide", this.all_off);
     document.addEventListener("visibilitychange", this.all_off);
-    this.timer = setInterval(() => this.beat(), 100);
+    this.timer = setInterval(() => this.beat(), BEAT_MS);
   },
   unmounted() {
     clearInterval(this.timer);
@@ -89,6 +89,7 @@ const KEYS = {
   KeyW: [1, 0], ArrowUp: [1, 0], KeyS: [-1, 0], ArrowDown: [-1, 0],
   KeyA: [0, 1], ArrowLeft: [0, 1], KeyD: [0, -1], ArrowRight: [0, -1],
 };
+const BEAT_MS = 50; // much less than the time for which the station lets a command be valid
 const DEAD_MAN_BUTTON = 5; // the right shoulder button of a standard gamepad (W3C Gamepad API)
 
 // Keys that type a text, choose in a menu or dialog, or move a slider. A menu that closes keeps the focus for a moment.

@@ -13,8 +13,8 @@ from robbie_mp.station.dead_man import DeadManSwitch
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext
 
-VALID_FOR = Duration.from_nanoseconds(220_000_000)
-"""A device stops when no further command arrives within this time, which is two heartbeats."""
+VALID_FOR = Duration.from_nanoseconds(170_000_000)
+"""A device stops when no further command arrives for this time. Pages send one every 50 ms; two may fail."""
 
 
 class HeldControl:

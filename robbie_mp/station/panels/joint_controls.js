@@ -30,7 +30,7 @@ export default {
     this.all_off = () => this.let_go();
     for (const name of ["blur", "pagehide"]) addEventListener(name, this.all_off);
     document.addEventListener("visibilitychange", this.all_off);
-    this.timer = setInterval(() => this.goals && this.send(false), 100);
+    this.timer = setInterval(() => this.goals && this.send(false), BEAT_MS);
   },
   unmounted() {
     clearInterval(this.timer);
@@ -64,3 +64,5 @@ export default {
     },
   },
 };
+
+const BEAT_MS = 50; // as that of driving/driver.js
