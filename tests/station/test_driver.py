@@ -9,6 +9,7 @@ import pytest
 from robbie_mp.messages import DriveCommand
 from robbie_mp.station.access import DriversSeat
 from robbie_mp.station.driving import driver
+from robbie_mp.station.driving.held_control import VALID_FOR
 
 
 class Scene:
@@ -45,7 +46,7 @@ def test_robot_is_stopped_at_once_when_the_driving_page_is_gone(monkeypatch: pyt
     scene.now_s += 0.05
     scene.disconnect()
     (stop,) = scene.told()
-    assert (stop.linear_m_per_s, stop.angular_rad_per_s, stop.valid_for) == (0.0, 0.0, driver.VALID_FOR)
+    assert (stop.linear_m_per_s, stop.angular_rad_per_s, stop.valid_for) == (0.0, 0.0, VALID_FOR)
     assert scene.station.publish.call_args.kwargs == {"topic": driver.MANUAL_TOPIC}
 
 
