@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.people.leg_classifier import LegClassifier
-from workers.people.leg_segments import FEATURES, find_segments
+from workers.people.leg_segments import FEATURES, Segments, find_segments
+from workers.people.person_tracker import PersonTracker
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,10 @@ MIN_RANGE_M = 0.02
 """Smaller values are codes of the laser for directions without a return."""
 MATCH_M = 0.12
 """A segment is a labelled leg if its middle is this near."""
+SCAN_S = 0.1
+"""Time between two scans."""
+PERSON_M, PERSON_S = 0.45, 0.4
+"""A leg belongs to a tracked person that is this near, and was seen within this time."""
 ROUNDS, RATE, BINS = 120, 0.15, 64
 THRESHOLDS = (0.3, 0.5, 0.7)
 
@@ -45,6 +50,8 @@ class Recording:
         is_leg: (N,).
         scans: number of scans.
         legs: number of labelled legs within range; those without a segment are counted, too.
+        sweeps: the segments of each scan.
+        labels: (S, K, 2), m, middles of legs; None if nothing is a leg.
     """
 
     name: str
@@ -52,6 +59,8 @@ class Recording:
     is_leg: NDArray[np.bool_]
     scans: int
     legs: int
+    sweeps: list[Segments]
+    labels: Array | None
 
 
 def read(file: Path) -> Recording:
@@ -62,14 +71,13 @@ def read(file: Path) -> Recording:
         labels = data["leg_xy"].astype(np.float64) if "leg_xy" in data else None
     ranges[ranges < MIN_RANGE_M] = np.inf
     features, is_leg, legs = [np.empty((0, len(FEATURES)))], [np.empty(0, np.bool_)], 0
-    for index, scan in enumerate(ranges):
-        segments = find_segments(scan, begin, step, MAX_RANGE_M)
+    sweeps = [find_segments(scan, begin, step, MAX_RANGE_M) for scan in ranges]
+    for index, segments in enumerate(sweeps):
         if labels is None:
             features.append(segments.features)
             is_leg.append(np.zeros(len(segments.features), np.bool_))
             continue
-        marked = labels[index][np.isfinite(labels[index]).all(axis=1)]
-        marked = marked[np.hypot(*marked.T) < MAX_RANGE_M]
+        marked = _marked(labels[index])
         legs += len(marked)
         if not len(marked) or not len(segments.centres_m):
             continue
@@ -78,7 +86,40 @@ def read(file: Path) -> Recording:
         nearest = np.unique(apart.argmin(axis=1)[apart.min(axis=1) <= MATCH_M])
         features.append(segments.features[nearest])
         is_leg.append(np.ones(len(nearest), np.bool_))
-    return Recording(file.stem, np.concatenate(features), np.concatenate(is_leg), len(ranges), legs)
+    return Recording(
+        file.stem, np.concatenate(features), np.concatenate(is_leg), len(ranges), legs, sweeps, labels
+    )
+
+
+def _marked(labels: Array) -> Array:
+    """Return the labelled legs of a scan that are within range."""
+    marked: Array = labels[np.isfinite(labels).all(axis=1)]
+    near: Array = marked[np.hypot(*marked.T) < MAX_RANGE_M]
+    return near
+
+
+def tracked(recording: Recording, classifier: LegClassifier) -> dict[str, float]:
+    """Track the persons of a recording for which the laser stood still, and return the figures.
+
+    Returns:
+        Shares of the labelled legs that are near a tracked person, and near one that has moved; and the
+        number of the latter in a scan.
+    """
+    tracker, near, near_moved, moved = PersonTracker(), 0, 0, 0
+    assert recording.labels is not None
+    for index, segments in enumerate(recording.sweeps):
+        tracker.see(index * SCAN_S, segments.centres_m, classifier.probabilities(segments.features))
+        persons = [one for one in tracker.persons if one.unseen_s <= PERSON_S]
+        moved += sum(one.has_moved for one in persons)
+        for leg in _marked(recording.labels[index]):
+            beside = [one for one in persons if np.hypot(*(one.xy_m - leg)) <= PERSON_M]
+            near += bool(beside)
+            near_moved += any(one.has_moved for one in beside)
+    return {
+        "near_a_person": round(near / recording.legs, 3),
+        "near_one_that_moved": round(near_moved / recording.legs, 3),
+        "moved_in_a_scan": round(moved / recording.scans, 2),
+    }
 
 
 def train(features: Array, is_leg: NDArray[np.bool_]) -> dict[str, Any]:
@@ -150,13 +191,16 @@ def held_back(recordings: list[Recording]) -> dict[str, Any]:
         model = train(
             np.concatenate([one.features for one in others]), np.concatenate([one.is_leg for one in others])
         )
-        found = LegClassifier(model).probabilities(left_out.features)
+        classifier = LegClassifier(model)
+        found = classifier.probabilities(left_out.features)
         figures[left_out.name] = {"scans": left_out.scans, "legs": left_out.legs} | {
             f"at_{limit}": round(float((found[left_out.is_leg] >= limit).sum() / left_out.legs), 3)
             if left_out.legs
             else round(float((found >= limit).sum() / left_out.scans), 2)
             for limit in THRESHOLDS
         }
+        if left_out.legs:
+            figures[left_out.name] |= tracked(left_out, classifier)
     return figures
 
 

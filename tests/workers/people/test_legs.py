@@ -108,14 +108,14 @@ def test_file_that_is_no_model_is_named(tmp_path: Path) -> None:
 
 
 def write_recordings(folder: Path) -> None:
-    """Scans in which legs are round, and everything else is a flat board."""
+    """Scans in which a leg of 6 cm radius walks past, and scans with pillars of 14 cm."""
     random = np.random.default_rng(2)
     legs, things, labels = [], [], []
-    for _ in range(30):
-        x, y = random.uniform(1.0, 3.0), random.uniform(-1.0, 1.0)
-        legs.append(scan_of((x, y, 0.06)))
-        labels.append([(x, y)])
-        things.append(scan_of((x, y, 0.14)))
+    for index in range(30):
+        walking = (1.0 + 0.06 * index, 0.3)
+        legs.append(scan_of((*walking, 0.06)))
+        labels.append([walking])
+        things.append(scan_of((random.uniform(1.0, 3.0), random.uniform(-1.0, 1.0), 0.14)))
     for name, scans in (("legs_1", legs), ("legs_2", legs), ("no_people_1", things), ("no_people_2", things)):
         millimetres = np.nan_to_num(np.array(scans) * 1000, posinf=0.0).astype(np.uint16)
         content = {
@@ -146,6 +146,8 @@ def test_training_learns_what_is_labelled_and_measures_it_on_what_was_held_back(
     figures = json.loads((tmp_path / "f.json").read_text())
     assert figures["legs_1"]["at_0.5"] > 0.9
     assert figures["no_people_1"]["at_0.5"] < 0.1
+    assert figures["legs_1"]["near_one_that_moved"] > 0.5
+    assert figures["legs_1"]["moved_in_a_scan"] < 1.0
     legs = read(tmp_path / "legs_1.npz")
     assert (legs.scans, legs.legs, legs.is_leg.sum()) == (30, 30, 30)
     assert LegClassifier.from_file(tmp_path / "model.json").probabilities(legs.features).min() > 0.5
