@@ -16,6 +16,9 @@ WINDOW_S = 60.0
 BUCKET_S = 0.5
 # Before the hull spans this time, its slope would be mostly noise: the clocks count as equally fast.
 MIN_SPAN_S = 8.0
+# Later, too, a line loses by its slope, as if the mean of the stamps were earlier by this number of frames if
+# it rises, or later if it falls: few frames tell little of a slope.
+STEADY_FRAMES = 4
 # Crystals and ceramic resonators differ by less than this.
 MAX_DRIFT = 2e-3
 
@@ -63,6 +66,7 @@ class DeviceClock:
         self._wrapped_s = 0.0
         self._device_s: float | None = None
         self._buckets: list[tuple[float, float]] = []
+        self._frames = 0
         self._intercept_s = self._slope = self._origin_s = 0.0
         self._arrived_s = -math.inf
 
@@ -123,6 +127,7 @@ class DeviceClock:
     def _add(self, device_s: float, delay_s: float) -> None:
         """Take a pair of stamp and delay into account, if it can change the line."""
         buckets = self._buckets
+        self._frames += 1
         if not buckets:
             self._origin_s = device_s
         bucket = math.floor((device_s - self._origin_s) / BUCKET_S)
@@ -139,15 +144,25 @@ class DeviceClock:
     def _fit(self) -> None:
         """Put the line below all pairs, as near to them as possible."""
         pairs = self._buckets
+        self._slope = 0.0
         if pairs[-1][0] - pairs[0][0] >= MIN_SPAN_S:
             hull = lower_hull(pairs)
             mean_s = sum(stamp for stamp, _ in pairs) / len(pairs)
-            right = next(index for index in range(1, len(hull)) if hull[index][0] >= mean_s)
-            (left_s, left), (right_s, over) = hull[right - 1], hull[right]
-            self._slope = min(max((over - left) / (right_s - left_s), -self._max_drift), self._max_drift)
-        else:
-            self._slope = 0.0
+            steady_s = STEADY_FRAMES * (pairs[-1][0] - self._origin_s) / self._frames
+            # The slopes of a hull's edges grow from left to right.
+            rises = max(0.0, slope_over(hull, mean_s - steady_s))
+            falls = min(0.0, slope_over(hull, mean_s + steady_s))
+            self._slope = min(max(rises + falls, -self._max_drift), self._max_drift)
         self._intercept_s = min(delay - self._slope * (stamp - self._origin_s) for stamp, delay in pairs)
+
+
+def slope_over(hull: list[tuple[float, float]], x: float) -> float:
+    """Return the slope of a hull's edge over x; 0 outside the hull."""
+    if not hull[0][0] < x <= hull[-1][0]:
+        return 0.0
+    right = next(index for index in range(1, len(hull)) if hull[index][0] >= x)
+    (x0, y0), (x1, y1) = hull[right - 1], hull[right]
+    return (y1 - y0) / (x1 - x0)
 
 
 def lower_hull(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
