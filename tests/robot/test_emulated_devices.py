@@ -11,7 +11,6 @@ from tests.robot.test_stock_robot import PROJECT, StockRobot
 from tools.emulation_trial import away_from_walls_m
 
 ARENAS = PROJECT / "hw" / "simulation" / "arenas"
-DEMO = ARENAS / "demo.yaml"
 ROOM = ARENAS / "rescue_small.yaml"
 SEEN_FROM_START_M2 = 4.3
 """The robot's first sweeps show less than this of the small room."""
@@ -25,29 +24,17 @@ def robot(tmp_path: Path) -> Iterator[StockRobot]:
 
 
 @pytest.mark.slow
-def test_bytes_of_serial_devices_become_a_map_of_the_arena(robot: StockRobot) -> None:
-    robot.start(
-        "demo-emulated", "--set", "exploration.time_limit_s=4", "--set", "exploration.returns_home=false"
-    )
-    code, modules, errors = robot.wait(60)
-    assert code == 0, errors
-    assert json.loads((robot.output / "base.json").read_text())["collisions"] == 0
-    assert modules["mapping"]["handled"] > 100
-    away_m = away_from_walls_m(read_arena(DEMO), robot.output / "map.yaml")
-    assert len(away_m) > 200 and float(away_m.mean()) < 0.05
-    assert not list((robot.output / "ports").iterdir())
-
-
-@pytest.mark.slow
 @pytest.mark.timeout(360)
-def test_rescue_robot_explores_by_drivers_on_serial_lines_and_comes_home(robot: StockRobot) -> None:
+def test_bytes_of_serial_devices_become_a_map_of_the_arena_and_the_robot_comes_home(
+    robot: StockRobot,
+) -> None:
     in_room = [
         word
         for name in ("base_emulator", "laser_emulator", "imu_emulator", "camera")
         for word in ("--set", f"{name}.arena={ROOM}")
     ]
     code, modules, errors = robot.run(
-        "rescue-emulated", *in_room, "--set", "mission.time_limit_s=150", timeout_s=300.0
+        "rescue-emulated", *in_room, "--set", "mission.time_limit_s=40", timeout_s=120.0
     )
     assert code == 0, errors
     assert all(module["restarts"] == 0 for module in modules.values())
@@ -64,13 +51,16 @@ def test_rescue_robot_explores_by_drivers_on_serial_lines_and_comes_home(robot: 
     delivered = {
         (one["type_name"], one["topic"]): one["delivered"] for one in modules["mapping"]["subscriptions"]
     }
-    assert delivered["sensor_msgs/msg/LaserScan", ""] > 30
+    assert delivered["sensor_msgs/msg/LaserScan", ""] > 15
     assert delivered["nav_msgs/msg/Odometry", "odom"] > 30
-    assert modules["imu"]["published"] > 300
+    assert modules["imu"]["published"] > 100
     mission = json.loads((robot.output / "mission.json").read_text())
     assert mission["mapped_m2"] > SEEN_FROM_START_M2
     assert mission["collisions"] == 0
     assert json.loads((robot.output / "base.json").read_text())["collisions"] == 0
+    away_m = away_from_walls_m(read_arena(ROOM), robot.output / "map.yaml")
+    assert len(away_m) > 100 and float(away_m.mean()) < 0.05
+    assert not list((robot.output / "ports").iterdir())
 
 
 def log_of(robot: StockRobot, module: str) -> str:

@@ -40,7 +40,7 @@ def test_missing_log_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_beginning_of_the_intel_log_is_mapped_through_serial_lines(tmp_path: Path) -> None:
-    report = compare(tmp_path / "runs", DATA, rate=2.0, seconds=80.0)
+    report = compare(tmp_path / "runs", DATA, rate=6.0, seconds=80.0)
     played, emulated = report["played"], report["emulated"]
     assert isinstance(played, dict)
     assert isinstance(emulated, dict)
