@@ -7,6 +7,7 @@ import numpy as np
 from hw.camera import CameraFrame
 from hw.video.calibration import Calibration, CalibrationError, ideal, read_calibration, unknown
 from hw.video.jpeg import JpegCamera, JpegFrame
+from hw.video.lepton import LeptonCamera
 from hw.video.opencv import OpenCvCamera
 from hw.video.source import VideoFormat, VideoSource
 from modules.devices.pluggable import ReconnectingDeviceModule, T
@@ -175,3 +176,27 @@ class JpegCameraModule(VideoCameraModule[JpegFrame]):
         header = self.header(value.stamp_s)
         self.publish_info(header, value.width, value.height)
         self.publish(CompressedImage(header=header, format="jpeg", data=value.data), topic=self.topic)
+
+
+class LeptonCameraModule(VideoCameraModule[CameraFrame]):
+    """A FLIR Lepton 3.5 on a PureThermal board.
+
+    Publishes `Image` (mono16, hundredths of a kelvin) on topic `thermal`, as a simulated thermal camera does.
+    """
+
+    topic: str = setting("thermal", "topic of the images; their frame is this with _optical behind it")
+
+    def open_device(self) -> LeptonCamera:
+        """Return the driver, which knows the size and rate of its images."""
+        return LeptonCamera(self.source, clock=self.time_s, silence_s=self.silence_s)
+
+    def on_value(self, value: CameraFrame) -> None:
+        """Publish an image."""
+        height, width = value.pixels.shape
+        header = self.header(value.stamp_s)
+        self.publish_info(header, width, height)
+        data = value.pixels.astype("<u2").view(np.uint8).ravel()
+        self.publish(
+            Image(header=header, height=height, width=width, encoding="mono16", step=2 * width, data=data),
+            topic=self.topic,
+        )

@@ -1,6 +1,7 @@
 """The modules of cameras publish images with their projection, and tell when the camera is away."""
 
 import logging
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from modules.devices.video_camera import JpegCameraModule, OpenCvCameraModule
+from hw.camera import CameraGeometry
+from hw.emulation.lepton import EmulatedLepton
+from hw.simulation.camera import SimulatedThermalCamera
+from hw.video import source
+from hw.video.lepton import LeptonCamera
+from modules.devices.video_camera import JpegCameraModule, LeptonCameraModule, OpenCvCameraModule
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import CameraInfo, CompressedImage, DeviceState, Image
+from tests.hw.simulation.test_camera import ROOM
 from tests.hw.video.test_cameras import GREYS, HEIGHT, WIDTH, video
 
 CALIBRATION = """\
@@ -99,3 +106,23 @@ def test_wrong_calibration_is_refused_before_the_start(text: str, problem: str, 
     (tmp_path / "wrong.yaml").write_text(text)
     with pytest.raises(SettingError, match=problem):
         ModuleHarness(OpenCvCameraModule, {"source": "x", "calibration": tmp_path / "wrong.yaml"})
+
+
+def test_emulated_thermal_camera_shows_the_temperatures_of_the_simulated_scene(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = SimulatedThermalCamera(ROOM, CameraGeometry(160, 120))
+    scene.place(ROOM.start, 0.0)
+    pixels = scene.capture().pixels
+    emulated = EmulatedLepton(lambda: pixels.astype(np.uint16))
+    monkeypatch.setattr(source, "check", lambda name: None)
+    monkeypatch.setattr(source, "is_device", lambda name: True)
+    monkeypatch.setattr(
+        "modules.devices.video_camera.LeptonCamera", partial(LeptonCamera, capture=emulated.capture)
+    )
+    with ModuleHarness(LeptonCameraModule, {"source": "/dev/thermal"}) as camera:
+        image = first(camera, Image)
+    assert (image.width, image.height, image.encoding, image.step) == (160, 120, "mono16", 320)
+    assert image.header.frame_id == "thermal_optical"
+    np.testing.assert_array_equal(image.data.view("<u2").reshape(120, 160), pixels)
+    assert int(pixels.min()) < int(pixels.max())
