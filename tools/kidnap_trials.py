@@ -1,12 +1,14 @@
 """Lifts a robot and puts it down elsewhere, on the map of a real building; the log is a CARMEN file.
 
-    python -m tools.kidnap_trials [--log FILE] [--trials N] [--first SEED] [--json]
+    python -m tools.kidnap_trials [--log FILE] [--trials N] [--first SEED] [--whole-map] [--json]
 
 The mapper makes the trajectory of the whole log. In each trial, localization drives two stretches of the log,
 one after the other: the second one begins elsewhere, and odometry does not show it. The map of a trial leaves
 out the scans of the second stretch, so that localization knows the building only by other scans. The robot is
-found again when its pose is certain and right, and stays so until the end of the stretch. It must be found
-within 15 m; a pose that is certain and wrong before that is counted, too.
+found again when its pose is certain and right, and is never certain and wrong after that until the end of the
+stretch. It must be found within 15 m. The tool also says for what distance the pose was certain and wrong.
+
+With `--whole-map`, the map contains all scans, also those with which localization is tried.
 """
 
 import argparse
@@ -35,6 +37,11 @@ BEFORE_M, AFTER_M, MOST_M = 10.0, 25.0, 15.0
 MOVED_M = 5.0
 """The robot is put down at least this far away."""
 RIGHT_M, RIGHT_RAD = 0.3, 0.2
+MAX_TRIES = 1000
+
+
+class LogTooShort(ValueError):
+    """A log in which the robot cannot be lifted from one place to another."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,9 @@ class Trial:
         seed: chooses the two stretches.
         moved_m: distance from where it was lifted to where it was put down.
         noticed_m: distance driven until the pose was no longer certain; None if it always was.
-        found_m: distance driven until the pose was certain and right, and stayed so; None if it was not.
+        found_m: distance driven until the pose was certain and right, and not certain and wrong after that;
+            None if it was not.
+        uncertain_m: distance driven after that with a pose that was not certain.
         wrong_m: distance driven with a pose that was certain, and wrong.
         worst_after_m: largest error after it was found.
         times_real_time: the log's time, divided by the processor time that localization needed.
@@ -66,6 +75,7 @@ class Trial:
     moved_m: float
     noticed_m: float | None
     found_m: float | None
+    uncertain_m: float
     wrong_m: float
     worst_after_m: float
     times_real_time: float
@@ -127,11 +137,13 @@ def _steps(records: list[OdometryRecord | LaserRecord], track: NDArray[np.float6
         yield Step(record.logger_time_s, pose, true, float(ways[number]), scan)
 
 
-def run_trial(building: Building, seed: int) -> Trial:
+def run_trial(building: Building, seed: int, *, whole_map: bool = False) -> Trial:
     """Drive two stretches, and lift the robot between them."""
     random = np.random.default_rng((seed, 17))
     end_m = building.steps[-1].way_m
-    while True:
+    if end_m < BEFORE_M + AFTER_M + MOVED_M:
+        raise LogTooShort(f"the log's way is {end_m:.0f} m, too short to lift the robot")
+    for _ in range(MAX_TRIES):
         begins_m = random.uniform(0.0, end_m - np.array([BEFORE_M, AFTER_M]))
         numbers = np.searchsorted([step.way_m for step in building.steps], begins_m)
         before = building.stretch(int(numbers[0]), BEFORE_M)
@@ -139,14 +151,16 @@ def run_trial(building: Building, seed: int) -> Trial:
         moved_m = float(np.hypot(*(building.steps[before[-1]].true - building.steps[after[0]].true)[:2]))
         if moved_m >= MOVED_M and not set(before) & set(after):
             break
-    localizer = Localizer(building.map_without(after), seed=seed)
+    else:
+        raise LogTooShort(f"no two stretches of the log are {MOVED_M:g} m apart")
+    localizer = Localizer(building.map_without(range(0) if whole_map else after), seed=seed)
     localizer.start_at(building.steps[before[0]].true)
     drive = _Drive(localizer)
     for number in before:
         drive.take(building.steps[number])
     drive.lift()
     begin_m = building.steps[after[0]].way_m
-    noticed_m, found_m, wrong_m, worst_m = None, None, 0.0, 0.0
+    noticed_m, found_m, wrong_m, uncertain_m, worst_m = None, None, 0.0, 0.0, 0.0
     for one, other in pairwise(building.steps[number] for number in after):
         drive.take(one)
         way_m = one.way_m - begin_m
@@ -154,16 +168,26 @@ def run_trial(building: Building, seed: int) -> Trial:
         is_right = certain and off_m < RIGHT_M and off_rad < RIGHT_RAD
         if not certain and noticed_m is None:
             noticed_m = round(way_m, 2)
-        if certain and not is_right:
-            wrong_m += other.way_m - one.way_m
-        if not is_right:
-            found_m, worst_m = None, 0.0
-        else:
+        if is_right:
             found_m = way_m if found_m is None else found_m
             worst_m = max(worst_m, off_m)
+        elif certain:
+            wrong_m += other.way_m - one.way_m
+            found_m, uncertain_m, worst_m = None, 0.0, 0.0
+        elif found_m is not None:
+            uncertain_m += other.way_m - one.way_m
     found_m = None if found_m is None else round(found_m, 2)
     speed = round(drive.log_s / drive.busy_s, 1)
-    return Trial(seed, round(moved_m, 1), noticed_m, found_m, round(wrong_m, 2), round(worst_m, 3), speed)
+    return Trial(
+        seed,
+        round(moved_m, 1),
+        noticed_m,
+        found_m,
+        round(uncertain_m, 2),
+        round(wrong_m, 2),
+        round(worst_m, 3),
+        speed,
+    )
 
 
 class _Drive:
@@ -211,16 +235,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--log", type=Path, default=LOG, help="a CARMEN log (../shared/data/intel.clf)")
     parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="the first seed (0)")
+    parser.add_argument("--whole-map", action="store_true", help="the map contains all scans")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     if not options.log.exists():
         parser.error(f"there is no log {options.log}; name one with --log")
     building = Building(options.log)
     trials = []
-    for seed in range(options.first, options.first + options.trials):
-        trials.append(run_trial(building, seed))
-        if not options.json:
-            print(trials[-1], flush=True)
+    try:
+        for seed in range(options.first, options.first + options.trials):
+            trials.append(run_trial(building, seed, whole_map=options.whole_map))
+            if not options.json:
+                print(trials[-1], flush=True)
+    except LogTooShort as error:
+        parser.error(f"{options.log}: {error}")
     found = sum(trial.is_good for trial in trials)
     if options.json:
         print(json.dumps({"found": found, "trials": [asdict(trial) for trial in trials]}))
