@@ -14,7 +14,7 @@ from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from robbie_mp.trace.kinds import Kind, read_recorded
 from tests._support.robot import Robot, wait_until
 from tests.recording._support.logs import LogFile
-from tests.station._support.browser import LAPTOP, TABLET, browser, needs_chromium, page_of
+from tests.station._support.browser import LAPTOP, TABLET, browser, choose_layout, needs_chromium, page_of
 from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of
 
@@ -98,8 +98,7 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
         log_in(page, "opens-everything")
         page.wait_for_selector("#layouts:has-text('Playback')")  # because a log plays
         # Tablet has the pad and the map, and no 3-D view, which takes both processors.
-        page.keyboard.press("4")
-        page.wait_for_selector("#layouts:has-text('Tablet')")
+        choose_layout(page, 4, "Tablet")
         everything_is_reached_by_keys(page)
         keys_do_not_drive_in_a_menu_and_the_map_has_the_focus_while_one_places(page)
         with page_of(started, address) as other:
@@ -197,7 +196,7 @@ def layout_is_changed_and_comes_back(page: Page) -> None:
 
 def page_is_held_upright(page: Page) -> None:
     """The layout for pages that are higher than wide is another one."""
-    page.keyboard.press("4")
+    choose_layout(page, 4, "Tablet")
     page.wait_for_selector("#tile-map[gs-x='15']")
     page.set_viewport_size(TABLET["viewport"])
     page.wait_for_selector("#tile-map[gs-y='9']")

@@ -1,17 +1,27 @@
 """A real Chromium without a window, in which tests look at the page and use it."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page
 from playwright.sync_api import Error as PlaywrightError
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from tests._support.robot import LIMIT_S
 from tools.operator_trials.chromium import CHROMIUM, chromium
 
-__all__ = ["CHROMIUM", "LAPTOP", "RECONNECTING", "TABLET", "browser", "needs_chromium", "page_of"]
+__all__ = [
+    "CHROMIUM",
+    "LAPTOP",
+    "RECONNECTING",
+    "TABLET",
+    "browser",
+    "choose_layout",
+    "needs_chromium",
+    "page_of",
+]
 browser = chromium
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None,
@@ -24,6 +34,7 @@ GIVEN_UP = "/emergency-stop' failed: WebSocket is closed before the connection i
 TABLET: dict[str, Any] = {"viewport": {"width": 768, "height": 1024}, "has_touch": True}
 LAPTOP: dict[str, Any] = {"viewport": {"width": 1280, "height": 800}}
 COMPLAINTS = ("error", "warning")
+ATTEMPTS, ATTEMPT_MS = 5, 15_000
 MAX_SHOWN = 2000
 """Maximum number of characters that a failed test says of a page."""
 RECONNECTING = (
@@ -63,6 +74,16 @@ def page_of(
         if DRIVER not in text and GIVEN_UP not in text and not text.startswith(tuple(may_say))
     ]
     assert not unexpected, unexpected
+
+
+def choose_layout(page: Page, number: int, name: str) -> None:
+    """Press a layout's key. A page that is just connecting again, on a busy machine, does not hear it."""
+    for _ in range(ATTEMPTS):
+        page.keyboard.press(str(number))
+        with suppress(PlaywrightTimeout):
+            page.wait_for_selector(f"#layouts:has-text('{name}')", timeout=ATTEMPT_MS)
+            return
+    raise AssertionError(f"the page does not show {name}")
 
 
 def _shown(page: Page) -> str:
