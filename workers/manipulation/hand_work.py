@@ -81,6 +81,8 @@ class HandWork:
         self.outcome: Outcome | None = None
         self.tries = 0
         self.view: TableView | None = None
+        self._is_released = False
+        """Whether the object that was to be put down has been let go."""
         self._grasp: Shape | None = None
         """What the gripper closes, or has closed, around."""
         self._positions: Floats | None = None
@@ -125,6 +127,7 @@ class HandWork:
 
     def _begin(self, task: Task, target: str) -> None:
         self.task, self.target, self.tries, self.outcome = task, target, 0, None
+        self._is_released = False
         self.view = None if self.view is None else replace(self.view, stamp_s=-math.inf)
         self._go(HandState.RECOVER, f"{task} {target}")
 
@@ -187,7 +190,7 @@ class HandWork:
     def _try_again(self, reason: str) -> None:
         """Begin the order anew, unless it was tried too often."""
         self.tries += 1
-        has_nothing = self.task is Task.PUT_DOWN and self.held is None
+        has_nothing = self.task is Task.PUT_DOWN and self.held is None and not self._is_released
         if self.tries >= self.settings.max_tries or has_nothing:
             self._end(False, reason)
             return
@@ -204,19 +207,18 @@ class HandWork:
     def _in_recover(self) -> tuple[HandState, str] | None:
         if not self._gripper_stands():
             return None
-        if self._grasp is None:
-            return HandState.FREE, "holds nothing"
-        if self._half_m <= self.settings.empty_m:
+        if self._grasp is not None and self._half_m <= self.settings.empty_m:
             self.held = self._grasp = None
-            if self.task is Task.PUT_DOWN:
-                self._end(False, "there is nothing in the hand")
-                return None
-            return HandState.FREE, "holds nothing"
-        self.held = self._grasp
-        if self.task is Task.PICK_UP and self.held.name != self.target:
+        if self._grasp is not None:
+            self.held = self._grasp
+            if self.task is Task.PUT_DOWN or self.held.name == self.target:
+                return HandState.LIFT, f"holds {self.held.name}"
             self._end(False, f"the hand holds {self.held.name}")
             return None
-        return HandState.LIFT, f"holds {self.held.name}"
+        if self.task is Task.PUT_DOWN and not self._is_released:
+            self._end(False, "there is nothing in the hand")
+            return None
+        return HandState.FREE, "holds nothing"
 
     def _begin_free(self) -> None:
         self._opening_m = self._arm.opening_m
@@ -224,7 +226,9 @@ class HandWork:
         self._follow_if_possible(goal)
 
     def _in_free(self) -> tuple[HandState, str] | None:
-        return (HandState.ASIDE, "the hand is free") if self._has_arrived() else None
+        if not self._has_arrived():
+            return None
+        return (HandState.STOW if self._is_released else HandState.ASIDE), "the hand is free"
 
     def _begin_aside(self) -> None:
         self._follow(self._plan_to(np.array(self.settings.aside)), self.settings.speed)
@@ -295,6 +299,8 @@ class HandWork:
             # From now on, the arm must keep away from it.
             there = replace(self.held, pose=self._arm.pose(self._here()) @ self.held.pose)
             self.view = replace(self.view, objects=(*self.view.objects, there))
+        if self.task is Task.PUT_DOWN:
+            self.held, self._is_released = None, True
         self._opening_m = self._arm.opening_m
         self._grasp = None
         self._halves.clear()
@@ -313,7 +319,6 @@ class HandWork:
             return None
         if self.task is Task.PICK_UP:
             raise Unreachable(f"the gripper closed, but {self.target} was not in it")
-        self.held = None
         return HandState.STOW, "free"
 
     def _begin_stow(self) -> None:
@@ -384,7 +389,8 @@ class HandWork:
 
     def _choose_place(self, view: TableView) -> None:
         """Choose a place that the arm reaches with what it holds."""
-        assert self.held is not None
+        if self.held is None:
+            raise Unreachable("there is nothing in the hand")
         free, lowering = self._around(0.01), self._around(0.003, ("",))
         problem = Unreachable("there is no free place on the table")
         for _, pose in zip(range(MAX_GRASPS), places(view, self.held, self._arm.shoulder), strict=False):
@@ -455,6 +461,7 @@ class HandWork:
             "tries": self.tries,
             "grasp": None if self._grasp is None else _plain(self._grasp),
             "held": self.held is not None,
+            "released": self._is_released,
             "view": None
             if self.view is None
             else [_plain(one) for one in (self.view.table, *self.view.objects)],
@@ -462,7 +469,7 @@ class HandWork:
 
     def remember(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` returned: find out what the hand holds, and begin the order anew."""
-        self.target, self.tries = memory["target"], memory["tries"]
+        self.target, self.tries, self._is_released = memory["target"], memory["tries"], memory["released"]
         self._grasp = None if memory["grasp"] is None else _shape(memory["grasp"])
         self.held = self._grasp if memory["held"] else None
         self._opening_m = 0.0 if self._grasp is not None else self._arm.opening_m

@@ -129,7 +129,22 @@ def test_arm_picks_up_carries_and_puts_down_without_touching_anything_else() -> 
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("state", [HandState.REACH, HandState.CLOSE, HandState.LIFT])
+@pytest.mark.parametrize("state", [HandState.OPEN, HandState.WITHDRAW])
+def test_next_process_knows_that_the_object_has_been_put_down(state: HandState) -> None:
+    world = World()
+    world.work.pick_up("soup")
+    world.run()
+    world.work.put_down()
+    world.run(until=state)
+    kept = world.work.memory()
+    world.work = world.new_work()
+    world.work.remember(kept)
+    assert world.run() == Outcome(True, "has put down soup")
+    assert world.objects.held is None and world.stands("soup")
+    assert world.is_unharmed
+
+
+@pytest.mark.parametrize("state", [HandState.CLOSE, HandState.LIFT])
 def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None:
     world = World()
     world.work.pick_up("soup")
