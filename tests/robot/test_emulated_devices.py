@@ -34,7 +34,7 @@ def test_bytes_of_serial_devices_become_a_map_of_the_arena_and_the_robot_comes_h
         for word in ("--set", f"{name}.arena={ROOM}")
     ]
     code, modules, errors = robot.run(
-        "rescue-emulated", *in_room, "--set", "mission.time_limit_s=40", timeout_s=120.0
+        "rescue-emulated", *in_room, "--set", "mission.time_limit_s=150", timeout_s=300.0
     )
     assert code == 0, errors
     assert all(module["restarts"] == 0 for module in modules.values())
