@@ -9,21 +9,17 @@ at the end. With `--kill`, the tool kills every module once, at a random moment;
 as in the profile `home-fast`, the robot waits for a restarting module.
 """
 
-import argparse
 import json
 import random
-import shutil
 import signal
 import sys
-import tempfile
-import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.profile.load import load_profile
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.mission_kills import Kills, watch
+from tools.kill_campaign.robot import REPOSITORY
+from tools.mission_trials import Trial, command_line, play, play_all, settings_for
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "camera")
@@ -43,7 +39,7 @@ LOWER_ROOM, UPPER_ROOM = (
 
 
 @dataclass
-class Outcome:
+class Outcome(Trial):
     """The result of one run, by the ground truth.
 
     Attributes:
@@ -59,12 +55,8 @@ class Outcome:
         farthest_m: the largest distance from the person.
         state: what the robot did at the end.
         task_s: simulated time that counts.
-        wall_s: duration of the run in real time.
-        restarts: number of restarts of killed modules.
-        trouble: why the run itself failed; '' if it did not.
     """
 
-    seed: int
     is_right: bool = False
     near_share: float = 0.0
     wrong_s: float = 0.0
@@ -77,9 +69,6 @@ class Outcome:
     farthest_m: float = 0.0
     state: str = ""
     task_s: float = 0.0
-    wall_s: float = 0.0
-    restarts: dict[str, int] = field(default_factory=dict)
-    trouble: str = ""
 
 
 def apartment(seed: int) -> str:
@@ -120,26 +109,10 @@ def run(outcome: Outcome, folder: Path, profile: str, minutes: float, kills: boo
     """
     file = folder / "apartment.yaml"
     file.write_text(apartment(outcome.seed))
-    settings = [f"referee.ends_after_s={60 * minutes}"]
-    for spec in load_profile(profile, REPOSITORY).modules:
-        if "arena" in spec.settings:
-            settings += [f"{spec.name}.arena={file}"]
-            settings += [f"{spec.name}.seed={outcome.seed}"] if spec.name in NOISY else []
-    words = [profile, *(word for setting in settings for word in ("--set", setting))]
-    began_s = time.monotonic()
-    robot = Robot(folder / "run", REPOSITORY, *words)
-    try:
-        robot.wait_until_running(limit_s=300.0)
-        until_s = KILL_SHARE * 60 * minutes
-        watch(robot, Kills(robot, outcome.seed, BEGIN_S, until_s) if kills else None, RUN_LIMIT_S)
-        summary = robot.wait_for_end()
-        outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
-        judge(outcome, robot.output)
-    except (RobotTrouble, OSError) as trouble:
-        outcome.trouble = str(trouble)
-    finally:
-        robot.close()
-    outcome.wall_s = round(time.monotonic() - began_s, 1)
+    settings = settings_for(profile, file, outcome.seed, NOISY)
+    settings += [f"referee.ends_after_s={60 * minutes}"]
+    kills_s = (BEGIN_S, KILL_SHARE * 60 * minutes) if kills else None
+    play(outcome, folder, profile, settings, partial(judge, outcome), limit_s=RUN_LIMIT_S, kills_s=kills_s)
 
 
 def judge(outcome: Outcome, output: Path) -> None:
@@ -181,30 +154,16 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
 
 def main(words: list[str] | None = None) -> int:
     """Run the command line. The exit code is 0 if every run was right, else 1."""
-    parser = argparse.ArgumentParser(prog="python -m tools.follow_trials", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20, help="number of runs")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser = command_line("python -m tools.follow_trials", __doc__, "home-fast", "number of runs")
     parser.add_argument("--minutes", type=float, default=2.0, help="duration of a run in the robot's time")
-    parser.add_argument("--profile", default="home-fast")
-    parser.add_argument("--kill", action="store_true", help="kill every module once")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args(words)
-    folder = Path(tempfile.mkdtemp(prefix="robbie-follow-"))
-    outcomes: list[Outcome] = []
-    try:
-        for seed in range(options.first, options.first + options.seeds):
-            place = folder / str(seed)
-            place.mkdir()
-            outcome = Outcome(seed)
-            run(outcome, place, options.profile, options.minutes, options.kill)
-            outcomes.append(outcome)
-            print(json.dumps(asdict(outcome)), flush=True)
-            report = {"summary": summary(outcomes), "runs": [asdict(each) for each in outcomes]}
-            if options.json:
-                options.json.write_text(json.dumps(report, indent=2) + "\n")
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    print(json.dumps(summary(outcomes), indent=2))
+
+    def play_one(seed: int, folder: Path) -> Outcome:
+        outcome = Outcome(seed)
+        run(outcome, folder, options.profile, options.minutes, options.kill)
+        return outcome
+
+    outcomes = play_all(options, play_one, summary, "runs")
     return int(not all(outcome.is_right for outcome in outcomes))
 
 

@@ -9,21 +9,16 @@ the tool kills every module once, at a random moment; in lockstep, as in the pro
 waits for a restarting module.
 """
 
-import argparse
 import json
-import shutil
 import signal
 import sys
-import tempfile
-import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hw.simulation.table_room import generate_room
-from robbie_mp.profile.load import load_profile
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.mission_kills import Kills, watch
+from tools.mission_trials import Trial, command_line, play, play_all, settings_for
 
 NOISY = ("base", "laser", "depth_camera", "manipulation")
 RUN_LIMIT_S = 1500.0
@@ -32,7 +27,7 @@ BEGIN_S = 2.0
 
 
 @dataclass
-class Outcome:
+class Outcome(Trial):
     """The result of one room, by the ground truth.
 
     Attributes:
@@ -44,12 +39,8 @@ class Outcome:
         touches: number of collisions of the base.
         reasons: why orders failed, as the robot sees it.
         simulated_s: duration of all orders in simulated time.
-        wall_s: duration of the run in real time.
-        restarts: number of restarts of killed modules.
-        trouble: why the run itself failed; '' if it did not.
     """
 
-    seed: int
     right: int = 0
     orders: int = 0
     is_right: bool = False
@@ -59,9 +50,6 @@ class Outcome:
     touches: int = 0
     reasons: list[str] = field(default_factory=list)
     simulated_s: float = 0.0
-    wall_s: float = 0.0
-    restarts: dict[str, int] = field(default_factory=dict)
-    trouble: str = ""
 
 
 def run_room(outcome: Outcome, folder: Path, profile: str, kill_until_s: float) -> None:
@@ -73,26 +61,11 @@ def run_room(outcome: Outcome, folder: Path, profile: str, kill_until_s: float) 
         profile: the profile to run.
         kill_until_s: every module is killed once until this time of the run; 0: none is killed.
     """
-    seed, file = outcome.seed, folder / "room.yaml"
-    file.write_text(generate_room(seed))
-    settings = []
-    for spec in load_profile(profile, REPOSITORY).modules:
-        settings += [f"{spec.name}.arena={file}"] if "arena" in spec.settings else []
-        settings += [f"{spec.name}.seed={seed}"] if spec.name in NOISY else []
-    words = [profile, *(word for setting in settings for word in ("--set", setting))]
-    began_s = time.monotonic()
-    robot = Robot(folder / "run", REPOSITORY, *words)
-    try:
-        robot.wait_until_running(limit_s=300.0)
-        watch(robot, Kills(robot, seed, BEGIN_S, kill_until_s) if kill_until_s else None, RUN_LIMIT_S)
-        summary = robot.wait_for_end()
-        outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
-        judge(outcome, robot.output)
-    except (RobotTrouble, OSError) as trouble:
-        outcome.trouble = str(trouble)
-    finally:
-        robot.close()
-    outcome.wall_s = round(time.monotonic() - began_s, 1)
+    file = folder / "room.yaml"
+    file.write_text(generate_room(outcome.seed))
+    settings = settings_for(profile, file, outcome.seed, NOISY)
+    kills_s = (BEGIN_S, kill_until_s) if kill_until_s else None
+    play(outcome, folder, profile, settings, partial(judge, outcome), limit_s=RUN_LIMIT_S, kills_s=kills_s)
 
 
 def judge(outcome: Outcome, output: Path) -> None:
@@ -131,11 +104,7 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
 
 def main(words: list[str] | None = None) -> int:
     """Run the command line. The exit code is 0 if every room was right, else 1."""
-    parser = argparse.ArgumentParser(prog="python -m tools.grasp_trials", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20, help="number of rooms")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--profile", default="arm-fast")
-    parser.add_argument("--kill", action="store_true", help="kill every module once")
+    parser = command_line("python -m tools.grasp_trials", __doc__, "arm-fast", "number of rooms")
     parser.add_argument(
         "--kill-until",
         type=float,
@@ -143,24 +112,14 @@ def main(words: list[str] | None = None) -> int:
         metavar="S",
         help="time of the run by which all were killed",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args(words)
-    folder = Path(tempfile.mkdtemp(prefix="robbie-grasps-"))
-    outcomes: list[Outcome] = []
-    try:
-        for seed in range(options.first, options.first + options.seeds):
-            place = folder / str(seed)
-            place.mkdir()
-            outcome = Outcome(seed)
-            run_room(outcome, place, options.profile, options.kill_until if options.kill else 0.0)
-            outcomes.append(outcome)
-            print(json.dumps(asdict(outcome)), flush=True)
-            report = {"summary": summary(outcomes), "rooms": [asdict(each) for each in outcomes]}
-            if options.json:
-                options.json.write_text(json.dumps(report, indent=2) + "\n")
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    print(json.dumps(summary(outcomes), indent=2))
+
+    def play_one(seed: int, folder: Path) -> Outcome:
+        outcome = Outcome(seed)
+        run_room(outcome, folder, options.profile, options.kill_until if options.kill else 0.0)
+        return outcome
+
+    outcomes = play_all(options, play_one, summary, "rooms")
     return int(not all(outcome.is_right for outcome in outcomes))
 
 

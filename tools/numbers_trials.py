@@ -9,15 +9,11 @@ moment; in lockstep, as in the profile `numbers-fast`, the robot waits for a res
 `--ground`, every seed plays on one ground, with other noise and other kills.
 """
 
-import argparse
 import json
 import math
-import shutil
 import signal
 import sys
-import tempfile
-import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +21,7 @@ from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.arena_file import read_arena
 from hw.simulation.number_ground import generate_ground
-from robbie_mp.profile.load import load_profile
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.mission_kills import Kills, watch
+from tools.mission_trials import Trial, command_line, play, play_all, settings_for
 
 NOISY = ("base", "laser", "camera")
 RUN_LIMIT_S = 2400.0
@@ -37,7 +31,7 @@ BEGIN_S = 2.0
 
 
 @dataclass
-class Outcome:
+class Outcome(Trial):
     """The result of one ground, by the ground truth.
 
     Attributes:
@@ -52,13 +46,9 @@ class Outcome:
         false_signs: those that carry something else, in words.
         reason: why the task ended.
         simulated_s: duration of the task in simulated time.
-        wall_s: duration of the run in real time.
-        restarts: number of restarts of killed modules.
-        trouble: why the run itself failed; '' if it did not.
     """
 
-    seed: int
-    sheet: bool
+    sheet: bool = False
     right: int = 0
     wrong: int = 0
     is_right: bool = False
@@ -70,9 +60,6 @@ class Outcome:
     false_signs: list[str] = field(default_factory=list)
     reason: str = ""
     simulated_s: float = 0.0
-    wall_s: float = 0.0
-    restarts: dict[str, int] = field(default_factory=dict)
-    trouble: str = ""
 
 
 def run_ground(outcome: Outcome, folder: Path, profile: str, file: Path, kill_until_s: float) -> None:
@@ -85,28 +72,15 @@ def run_ground(outcome: Outcome, folder: Path, profile: str, file: Path, kill_un
         file: the ground.
         kill_until_s: every module is killed once until this time of the run; 0: none is killed.
     """
-    seed = outcome.seed
-    settings = []
-    for spec in load_profile(profile, REPOSITORY).modules:
-        if "arena" in spec.settings:
-            settings += [f"{spec.name}.arena={file}"]
-            settings += [f"{spec.name}.seed={seed}"] if spec.name in NOISY else []
-    words = [profile, *(word for setting in settings for word in ("--set", setting))]
-    began_s = time.monotonic()
-    robot = Robot(folder / "run", REPOSITORY, *words)
-    try:
-        robot.wait_until_running(limit_s=300.0)
-        watch(robot, Kills(robot, seed, BEGIN_S, kill_until_s) if kill_until_s else None, RUN_LIMIT_S)
-        summary = robot.wait_for_end()
-        outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
-        judge(outcome, robot.output)
-        task = json.loads((robot.output / "numbers.json").read_text())
-        outcome.signs, outcome.false_signs = len(task["signs"]), false_signs(task["signs"], read_arena(file))
-    except (RobotTrouble, OSError) as trouble:
-        outcome.trouble = str(trouble)
-    finally:
-        robot.close()
-    outcome.wall_s = round(time.monotonic() - began_s, 1)
+
+    def judge_all(output: Path) -> None:
+        judge(outcome, output)
+        believed = json.loads((output / "numbers.json").read_text())["signs"]
+        outcome.signs, outcome.false_signs = len(believed), false_signs(believed, read_arena(file))
+
+    settings = settings_for(profile, file, outcome.seed, NOISY)
+    kills_s = (BEGIN_S, kill_until_s) if kill_until_s else None
+    play(outcome, folder, profile, settings, judge_all, limit_s=RUN_LIMIT_S, kills_s=kills_s)
 
 
 def judge(outcome: Outcome, output: Path) -> None:
@@ -167,11 +141,7 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
 
 def main(words: list[str] | None = None) -> int:
     """Run the command line. The exit code is 0 if every ground was right, else 1."""
-    parser = argparse.ArgumentParser(prog="python -m tools.numbers_trials", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20, help="number of grounds")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--profile", default="numbers-fast")
-    parser.add_argument("--kill", action="store_true", help="kill every module once")
+    parser = command_line("python -m tools.numbers_trials", __doc__, "numbers-fast", "number of grounds")
     parser.add_argument(
         "--kill-until",
         type=float,
@@ -181,28 +151,18 @@ def main(words: list[str] | None = None) -> int:
     )
     parser.add_argument("--ground", type=Path, metavar="FILE", help="play on this ground only")
     parser.add_argument("--sheet", action="store_true", help="a sheet at the start shows the order")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args(words)
-    folder = Path(tempfile.mkdtemp(prefix="robbie-numbers-"))
-    outcomes: list[Outcome] = []
-    try:
-        for seed in range(options.first, options.first + options.seeds):
-            place = folder / str(seed)
-            place.mkdir()
-            file = options.ground or place / "ground.yaml"
-            if options.ground is None:
-                file.write_text(generate_ground(seed, sheet=options.sheet))
-            outcome = Outcome(seed, sheet=read_arena(file).sheet is not None)
-            kill_until_s = options.kill_until if options.kill else 0.0
-            run_ground(outcome, place, options.profile, file.resolve(), kill_until_s)
-            outcomes.append(outcome)
-            print(json.dumps(asdict(outcome)), flush=True)
-            report = {"summary": summary(outcomes), "grounds": [asdict(each) for each in outcomes]}
-            if options.json:
-                options.json.write_text(json.dumps(report, indent=2) + "\n")
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    print(json.dumps(summary(outcomes), indent=2))
+
+    def play_one(seed: int, folder: Path) -> Outcome:
+        file = options.ground or folder / "ground.yaml"
+        if options.ground is None:
+            file.write_text(generate_ground(seed, sheet=options.sheet))
+        outcome = Outcome(seed, sheet=read_arena(file).sheet is not None)
+        kill_until_s = options.kill_until if options.kill else 0.0
+        run_ground(outcome, folder, options.profile, file.resolve(), kill_until_s)
+        return outcome
+
+    outcomes = play_all(options, play_one, summary, "grounds")
     return int(not all(outcome.is_right for outcome in outcomes))
 
 

@@ -35,7 +35,7 @@ from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
 from robbie_mp.profile.load import load_profile
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.mission_kills import Kills
+from tools.mission_trials import Kills
 from tools.rescue_trials import BEGIN_S, KILL_END_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
 from workers.planar_pose import relative
 

@@ -8,16 +8,13 @@ profile `rescue-fast`, the robot waits for a restarting module. To see what a de
 drives on meanwhile, use `--profile rescue`, which runs at real-time speed.
 """
 
-import argparse
 import csv
 import json
 import math
-import shutil
 import signal
 import sys
-import tempfile
-import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +25,7 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes
 from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
-from robbie_mp.profile.load import load_profile
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.mission_kills import Kills, watch
+from tools.mission_trials import Trial, command_line, play, play_all, settings_for
 from workers.maps.map_file import read_map
 from workers.planar_pose import relative, transform_points
 
@@ -43,7 +38,7 @@ BEGIN_S, KILL_END_S = 5.0, 120.0
 
 
 @dataclass
-class Outcome:
+class Outcome(Trial):
     """The result of one mission, by the ground truth.
 
     Attributes:
@@ -56,12 +51,8 @@ class Outcome:
         from_start_m: distance from the start at the end.
         is_home: whether the robot returned to the start in time.
         simulated_s: duration of the mission in simulated time.
-        wall_s: duration of the mission in real time.
-        restarts: number of restarts of killed modules.
-        trouble: why the run itself failed; '' if it did not.
     """
 
-    seed: int
     mapped: float = 0.0
     victims: int = 0
     found: int = 0
@@ -72,39 +63,18 @@ class Outcome:
     is_home: bool = False
     reason: str = ""
     simulated_s: float = 0.0
-    wall_s: float = 0.0
-    restarts: dict[str, int] = field(default_factory=dict)
-    trouble: str = ""
 
 
 def run_mission(seed: int, folder: Path, profile: str, wishes: ArenaWishes, kill: bool) -> Outcome:
     """Run one mission and judge it."""
-    folder.mkdir(parents=True)
     file = folder / "arena.yaml"
     file.write_text(generate_arena(seed, wishes))
     arena = read_arena(file)
     outcome = Outcome(seed, victims=len(arena.victims))
-    settings = []
-    for spec in load_profile(profile, REPOSITORY).modules:
-        # The driver of an emulated device has no arena and no noise.
-        if "arena" in spec.settings:
-            settings += [f"{spec.name}.arena={file}"]
-            settings += [f"{spec.name}.seed={seed}"] if spec.name in NOISY else []
-    words = [profile, *(word for setting in settings for word in ("--set", setting))]
-    began_s = time.monotonic()
-    robot = Robot(folder / "run", REPOSITORY, *words)
-    try:
-        robot.wait_until_running()
-        watch(robot, Kills(robot, seed, BEGIN_S, KILL_END_S) if kill else None, RUN_LIMIT_S)
-        summary = robot.wait_for_end()
-        outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
-    except RobotTrouble as trouble:
-        outcome.trouble = str(trouble)
-    finally:
-        robot.close()
-    outcome.wall_s = round(time.monotonic() - began_s, 1)
-    if not outcome.trouble:
-        judge(outcome, arena, robot.output)
+    settings = settings_for(profile, file, seed, NOISY)
+    kills_s = (BEGIN_S, KILL_END_S) if kill else None
+    judge_it = partial(judge, outcome, arena)
+    play(outcome, folder, profile, settings, judge_it, limit_s=RUN_LIMIT_S, kills_s=kills_s)
     return outcome
 
 
@@ -176,32 +146,18 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line. The exit code is 0 if every run ended in order, else 1."""
-    parser = argparse.ArgumentParser(prog="python -m tools.rescue_trials", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20, help="number of arenas")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--profile", default="rescue-fast")
-    parser.add_argument("--kill", action="store_true", help="kill every module once")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    parser = command_line("python -m tools.rescue_trials", __doc__, "rescue-fast", "number of arenas")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the missions")
     parser.add_argument(
         "--appearing", type=int, default=0, help="number of obstacles that appear and disappear in each arena"
     )
     options = parser.parse_args(arguments)
     wishes = replace(WISHES, appearing=options.appearing)
-    folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-rescue-"))
-    outcomes = []
-    try:
-        for seed in range(options.first, options.first + options.seeds):
-            mission = (seed, folder / str(seed), options.profile, wishes, options.kill)
-            outcomes.append(run_mission(*mission))
-            print(json.dumps(asdict(outcomes[-1])), flush=True)
-            report = {"summary": summary(outcomes), "missions": [asdict(each) for each in outcomes]}
-            if options.json:
-                options.json.write_text(json.dumps(report, indent=2) + "\n")
-    finally:
-        if options.keep is None:
-            shutil.rmtree(folder, ignore_errors=True)
-    print(json.dumps(summary(outcomes), indent=2))
+
+    def play_one(seed: int, folder: Path) -> Outcome:
+        return run_mission(seed, folder, options.profile, wishes, options.kill)
+
+    outcomes = play_all(options, play_one, summary, "missions")
     return int(any(outcome.trouble for outcome in outcomes))
 
 
