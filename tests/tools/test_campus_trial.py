@@ -40,7 +40,7 @@ def test_course_drives_every_loop_and_returns_to_the_start() -> None:
 
 def test_grid_takes_memory_for_the_corridors_and_not_for_what_lies_between() -> None:
     small, large = grid_trial(20, 15, 1, seed=0), grid_trial(60, 15, 1, seed=0)
-    assert large.sweeps > 2 * small.sweeps
+    assert large.driven_m > 2 * small.driven_m and large.seen_m2 > 2 * small.seen_m2
     # 5 bytes for each cell of 5 cm, in tiles of which some are empty.
     assert 5 * large.seen_m2 / 0.05**2 < 1e6 * large.grid_megabytes
     assert large.map_m[0] > 60
