@@ -51,7 +51,7 @@ UPRIGHT: ViewportSize = {"width": 800, "height": 1280}
 SIZES = (LARGE, UPRIGHT, SIZE)
 SETTLED_S = 5.0
 """Time for which a panel is open before the tool takes its picture."""
-LAYOUT_SETTLED_S = 2.0
+LAYOUT_SETTLED_S = 5.0
 KEY_LIMIT_MS = 5000
 PLOTS = (
     ("odom: nav_msgs/Odometry", "twist.twist.linear.x"),
