@@ -101,7 +101,12 @@ export default {
       const gl = renderer.getContext();
       this.effort = { fence: null, begun_ms: 0, rests_until_ms: 0, slow: 0 };
       renderer.render = (...what) => {
-        if (!this.live.in_sight || !this.has_changed || !this.is_rested(renderer, gl)) return;
+        if (!this.live.in_sight) {
+          if (this.effort.fence) gl.deleteSync(this.effort.fence);
+          this.effort.fence = null; // or the time out of sight would count as the picture's
+          return;
+        }
+        if (!this.has_changed || !this.is_rested(renderer, gl)) return;
         this.has_changed = false;
         const ratio = renderer.getPixelRatio();
         if (this.effort.slow > SLOW_PICTURES && ratio > LEAST_RATIO) {
@@ -127,7 +132,7 @@ export default {
         if (took_ms < GIVEN_UP_MS && gl.getSyncParameter(effort.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
         gl.deleteSync(effort.fence);
         effort.fence = null;
-        if (took_ms > SLOW_MS) effort.rests_until_ms = now_ms + took_ms;
+        if (took_ms > SLOW_MS) effort.rests_until_ms = now_ms + Math.min(took_ms, GIVEN_UP_MS);
         effort.slow = took_ms > SLOW_MS ? effort.slow + 1 : Math.max(0, effort.slow - 1);
       }
       return now_ms >= effort.rests_until_ms;
