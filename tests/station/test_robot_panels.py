@@ -22,6 +22,14 @@ NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_l
 SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"
 REFERENCES = "Object.values(mounted_app.$refs).flat()"
 CAMERA = f"{REFERENCES}.find((one) => one?.$el?.id === 'view-scene').camera.position.x"
+VIEW = f"{REFERENCES}.find((one) => one?.effort)"
+# As without a graphics card, where a picture takes long: what was told to be computed never becomes complete.
+NEVER_COMPLETE = f"""() => {{
+  const gl = {VIEW}.renderer.getContext();
+  gl.getSyncParameter = () => gl.UNSIGNALED;
+}}"""
+BY_ITSELF = f"() => delete {VIEW}.renderer.getContext().getSyncParameter"
+SKY = f"{VIEW}.renderer.getClearColor({VIEW}.floor.material.color.clone()).getHexString()"
 MODEL = f"""() => {{
   let is_there = false;
   const look = (one) => (is_there ||= one.geometry?.attributes.position?.count === 3);
@@ -88,6 +96,30 @@ def view_shows_what_there_is(page: Page) -> None:
     page.wait_for_selector("#view-scene >> text=laser")
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('red at 3.00 m, 1.25 m; 1 friends; door')")
+
+
+def view_has_no_picture_in_work_while_it_is_hidden(page: Page) -> None:
+    """Otherwise the time out of sight counts as that picture's, and the view rests when it is shown again."""
+    page.click("#tab-view")
+    page.wait_for_function(VIEW)
+    page.evaluate(NEVER_COMPLETE)
+    page.wait_for_function(f"{VIEW}.effort.fence !== null")
+    page.click("#tab-map")
+    page.wait_for_function(f"!{VIEW}.live.in_sight")
+    page.wait_for_function(f"{VIEW}.effort.fence === null")
+    page.evaluate(BY_ITSELF)
+
+
+def view_takes_the_colours_of_the_look(page: Page) -> None:
+    page.click("#tab-view")
+    page.wait_for_function(f"{SKY} === '1d232a'")
+    page.click("#look")
+    page.wait_for_function(f"{SKY} === 'b8c5d0'")
+    name = page.locator("#view-scene >> text=door")
+    dark_on_bright = "(one) => [getComputedStyle(one).color, getComputedStyle(one).backgroundColor]"
+    assert name.evaluate(dark_on_bright) == ["rgb(23, 32, 42)", "rgb(255, 255, 255)"]
+    page.click("#look")
+    page.wait_for_function(f"{SKY} === '1d232a'")
 
 
 def parameters_are_changed_and_wrong_ones_refused(page: Page, robot: Robot) -> None:
@@ -188,6 +220,8 @@ def test_panels_show_and_change_the_robot(robot: Robot) -> None:
     with browser() as started, page_of(started, address) as page:
         robots_own_panel_has_a_tab_and_is_in_sight_on_every_tab(page)
         view_shows_what_there_is(page)
+        view_has_no_picture_in_work_while_it_is_hidden(page)
+        view_takes_the_colours_of_the_look(page)
         parameters_are_changed_and_wrong_ones_refused(page, robot)
         camera_follows_the_robot_or_is_free(page, robot)
         plots_draw_chosen_numbers(page)

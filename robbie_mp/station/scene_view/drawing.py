@@ -14,7 +14,8 @@ from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.scene_view.surroundings import BASE, SeenPlace, Surroundings
 
 POLE_M = 0.6
-LABEL = "color: white; font-size: 0.75rem; text-shadow: 0 0 3px black"
+LABEL = "color: var(--text); background: var(--tile); padding: 0 .3em; border-radius: 3px; font-size: .75rem"
+"""Style of names: colours of the page's look that have enough contrast whatever is drawn behind them."""
 
 
 class Moving(Element, component="moving.js", esm=SCRIPTS):
@@ -123,7 +124,7 @@ class Drawing:
         with self._scene:
             flag = ui.scene.group().move(place.x, place.y, place.z)
             with flag:
-                pole = ui.scene.cylinder(0.015, 0.015, POLE_M).material("#eceff1")
+                pole = ui.scene.cylinder(0.015, 0.015, POLE_M).material("#78909c")
                 pole.rotate(1.5708, 0, 0).move(z=POLE_M / 2)
                 ui.scene.box(0.2, 0.01, 0.12).material("#ab47bc").move(x=0.1, z=POLE_M - 0.06)
                 ui.scene.text(place.name, LABEL).move(z=POLE_M + 0.1)

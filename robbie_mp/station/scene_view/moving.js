@@ -13,7 +13,18 @@ const SLOW_MS = 80; // a picture that takes longer keeps the other tiles from be
 const SLOW_PICTURES = 8; // after these, the scene gets coarser
 const LEAST_RATIO = 0.5; // computed pixels for each pixel of the screen, in each direction
 const GIVEN_UP_MS = 3000;
-const LINES = { "view/path": "#40c4ff", "view/trail": "#ff9100" };
+const LINES = ["view/path", "view/trail"];
+// The floor is brighter than the sky in both, so that what is known of the map stands out.
+const PALETTES = {
+  dark: {
+    sky: "#1d232a", floor: "#ebebeb", walls: "#90a4ae", goal: "#66bb6a", points: "#ff5252", brightness: 0.55,
+    "view/path": "#40c4ff", "view/trail": "#ff9100",
+  },
+  light: {
+    sky: "#b8c5d0", floor: "#ffffff", walls: "#607d8b", goal: "#2e7d32", points: "#c62828", brightness: 0.4,
+    "view/path": "#01579b", "view/trail": "#a34700",
+  },
+};
 
 // Holds a scene and draws what moves there: follows live parts, and moves the scene's nodes and camera.
 export default {
@@ -25,7 +36,15 @@ export default {
     walls: { type: Boolean, default: true },
     placing: { type: String, default: "" },
   },
+  computed: {
+    palette() {
+      return PALETTES[this.$q.dark.isActive ? "dark" : "light"];
+    },
+  },
   watch: {
+    palette() {
+      this.paint();
+    },
     colours() {
       for (const name of this.sets.keys()) this.colour(name);
     },
@@ -44,12 +63,15 @@ export default {
     this.texture = new THREE.CanvasTexture(this.map.canvas);
     this.texture.magFilter = THREE.NearestFilter;
     this.texture.colorSpace = THREE.SRGBColorSpace;
-    const look = { color: "#ebebeb", transparent: true, side: THREE.DoubleSide, map: this.texture };
+    const look = { transparent: true, side: THREE.DoubleSide, map: this.texture };
     this.floor = new THREE.Mesh(new THREE.PlaneGeometry(1, 1), new THREE.MeshBasicMaterial(look));
     this.raised = new THREE.Group();
     this.raised.visible = this.walls;
+    this.wall_material = new THREE.MeshLambertMaterial();
     this.blocks = new Map(); // the walls of each tile, and the picture that they are of
-    this.goal = goal_arrow();
+    this.goal_material = new THREE.MeshBasicMaterial({ side: THREE.DoubleSide });
+    this.goal = goal_arrow(this.goal_material);
+    this.paint();
     this.live = new Live("view+map", this.$el, (parts) => this.take(parts));
     this.timer = setInterval(() => this.look(), LOOK_MS);
     this.observer = new ResizeObserver(() => this.resize());
@@ -67,7 +89,7 @@ export default {
       for (const [name, part] of Object.entries(parts))
         if (name.startsWith("view/shades/")) this.shades.set(name.replace("shades", "points"), new Uint8Array(part));
       for (const [name, part] of Object.entries(parts))
-        if (name.startsWith("view/points/") || name in LINES) this.set_points(name, part);
+        if (name.startsWith("view/points/") || LINES.includes(name)) this.set_points(name, part);
       if (await this.map.take(parts)) {
         this.lay_floor();
         this.raise_walls();
@@ -121,6 +143,16 @@ export default {
       };
       controls.addEventListener("change", () => (this.has_changed = true));
       this.renderer = renderer;
+      this.paint();
+    },
+    // Takes the colours of the page's look.
+    paint() {
+      this.renderer?.setClearColor(this.palette.sky);
+      this.floor.material.color.set(this.palette.floor);
+      this.wall_material.color.set(this.palette.walls);
+      this.goal_material.color.set(this.palette.goal);
+      for (const name of this.sets.keys()) this.colour(name);
+      this.has_changed = true;
     },
     // Whether the last picture is complete. Where pictures take long, as without a graphics card, the scene gets coarser, and
     // rests between two pictures, so that the other tiles go on.
@@ -164,8 +196,8 @@ export default {
     set_points(name, part) {
       let set = this.sets.get(name);
       if (!set) {
-        set = name in LINES
-          ? new THREE.Line(undefined, new THREE.LineBasicMaterial({ color: LINES[name] }))
+        set = LINES.includes(name)
+          ? new THREE.Line(undefined, new THREE.LineBasicMaterial())
           : new THREE.Points(undefined, new THREE.PointsMaterial({ size: POINT_PIXELS, sizeAttenuation: false }));
         set.frustumCulled = false; // or it would be left out by where the first points were
         this.sets.set(name, set);
@@ -178,7 +210,8 @@ export default {
     // Colours points by their height, or by how strongly they reflect; those without a measured intensity stay plain.
     colour(name) {
       const { geometry, material } = this.sets.get(name);
-      if (name in LINES) return;
+      this.has_changed = true;
+      if (LINES.includes(name)) return material.color.set(this.palette[name]);
       const positions = geometry.getAttribute("position");
       const shades = this.shades.get(name);
       let value = null; // of point i, from 0 to 1
@@ -186,13 +219,12 @@ export default {
       if (this.colours === "intensity" && shades?.length === positions.count) value = (i) => shades[i] / 255;
       if (value) {
         const colours = new Float32Array(3 * positions.count);
-        for (let i = 0; i < positions.count; i += 1) colours.set(rainbow(value(i)), 3 * i);
+        for (let i = 0; i < positions.count; i += 1) colours.set(rainbow(value(i), this.palette.brightness), 3 * i);
         geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
       }
-      material.color.set(value ? "#ffffff" : "#ff5252");
+      material.color.set(value ? "#ffffff" : this.palette.points);
       if (material.vertexColors !== Boolean(value)) material.needsUpdate = true;
       material.vertexColors = Boolean(value);
-      this.has_changed = true;
     },
     lay_floor() {
       const { map, floor, texture } = this;
@@ -222,7 +254,7 @@ export default {
       for (const [name, picture] of map.tiles) {
         if (blocks.has(name)) continue;
         const [across, up] = name.split("/").map(Number);
-        const mesh = blocks_of(picture, size);
+        const mesh = blocks_of(picture, size, this.wall_material);
         mesh.position.set(across * size, up * size, 0);
         raised.add(mesh);
         blocks.set(name, { mesh, picture });
@@ -271,13 +303,13 @@ function yaw_of([x, y, z, w]) {
 }
 
 // From blue over green to red.
-function rainbow(value) {
+function rainbow(value, brightness) {
   const part = Math.max(0, Math.min(1, value));
-  return new THREE.Color().setHSL(0.66 * (1 - part), 1, 0.55).toArray();
+  return new THREE.Color().setHSL(0.66 * (1 - part), 1, brightness).toArray();
 }
 
 // One block for each run of occupied pixels in a row, in pixels of the tile.
-function blocks_of(picture, size) {
+function blocks_of(picture, size, material) {
   const canvas = new OffscreenCanvas(size, size);
   const pen = canvas.getContext("2d", { willReadFrequently: true });
   pen.drawImage(picture, 0, 0);
@@ -291,8 +323,7 @@ function blocks_of(picture, size) {
       while (x < size && is_wall(x, row)) x += 1;
       runs.push([begin, x, size - row - 0.5]); // the first row of a picture is the top
     }
-  const mesh = new THREE.InstancedMesh(
-    new THREE.BoxGeometry(1, 1, WALL_M), new THREE.MeshLambertMaterial({ color: "#90a4ae" }), runs.length);
+  const mesh = new THREE.InstancedMesh(new THREE.BoxGeometry(1, 1, WALL_M), material, runs.length);
   const matrix = new THREE.Matrix4();
   runs.forEach(([begin, end, y], at) => {
     matrix.makeScale(end - begin, 1, 1).setPosition((begin + end) / 2, y, WALL_M / 2);
@@ -302,9 +333,8 @@ function blocks_of(picture, size) {
   return mesh;
 }
 
-function goal_arrow() {
+function goal_arrow(material) {
   const shape = new THREE.Shape([[0.3, 0], [-0.2, 0.2], [-0.1, 0], [-0.2, -0.2]].map((xy) => new THREE.Vector2(...xy)));
-  const material = new THREE.MeshBasicMaterial({ color: "#66bb6a", side: THREE.DoubleSide });
   const arrow = new THREE.Mesh(new THREE.ShapeGeometry(shape), material);
   arrow.position.z = 0.05;
   const goal = new THREE.Group();
