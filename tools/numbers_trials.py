@@ -1,6 +1,7 @@
 """Drives to numbered signs on random grounds, judged by the ground truth.
 
     python -m tools.numbers_trials --seeds 20 [--first 0] [--kill] [--sheet] [--profile NAME] [--json FILE]
+        [--keep DIR]
 
 Each seed makes a ground (`hw.simulation.number_ground`). With `--sheet`, a sheet at the start shows a random
 order; otherwise it is ascending. A seed is right if the robot visited all ten signs in this order, stood at
@@ -150,6 +151,7 @@ def main(words: list[str] | None = None) -> int:
         help="time of the run by which all were killed",
     )
     parser.add_argument("--ground", type=Path, metavar="FILE", help="play on this ground only")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
     parser.add_argument("--sheet", action="store_true", help="a sheet at the start shows the order")
     options = parser.parse_args(words)
 

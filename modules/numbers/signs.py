@@ -1,5 +1,6 @@
 """Reads digits in the camera's images, and places them on the map where the laser sees a post."""
 
+import json
 import math
 from collections import deque
 
@@ -42,7 +43,8 @@ class NumberSignFinder(Module):
     """Finds numbered signs, and publishes them as `NumberSigns`, and as `PointsOfInterest` on topic `signs`.
 
     What it saw in an image is a `Detection2DArray` on the image's topic. Signs, and the order on the sheet,
-    survive a restart.
+    survive a restart. At the end it writes `signs.json` to the run's results: what it read on each post, and
+    from where.
     """
 
     period_s: float = setting(0.1, "time between looks at new images", minimum=0.02)
@@ -104,6 +106,14 @@ class NumberSignFinder(Module):
         digits = "".join(sorted(sign.text or "" for sign in self.signs.signs))
         open_posts = sum(sign.is_open for sign in self.signs.signs)
         self.status = f"digits {digits or 'none'}; {open_posts} open posts; {self.images} images"
+
+    def teardown(self) -> None:
+        """Write what was read on each post."""
+        signs = [
+            {"text": sign.text, "xy_m": sign.xy_m.round(3).tolist(), "votes": sign.votes, "eyes": sign.eyes}
+            for sign in self.signs.signs
+        ]
+        (self.output_directory / "signs.json").write_text(json.dumps(signs) + "\n")
 
     def _look(self, image: Image, camera: CameraInfo) -> None:
         """Read an image, as soon as the camera's pose is known."""

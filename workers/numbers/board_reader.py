@@ -115,7 +115,11 @@ class BoardReader:
         if high - low < MIN_CONTRAST:
             return None
         # A closing fills the ink, but keeps the border of a shadow on the board where it is.
-        ground = self._cv2.morphologyEx(board, self._cv2.MORPH_CLOSE, np.ones((INK_PX, INK_PX), np.uint8))
+        # Beyond the board's edge it goes on as at the edge: there, a narrow corner of a shadow is no ink.
+        wide = np.pad(board, INK_PX, mode="edge")
+        kernel = np.ones((INK_PX, INK_PX), np.uint8)
+        ground = self._cv2.morphologyEx(wide, self._cv2.MORPH_CLOSE, kernel)
+        ground = ground[INK_PX:-INK_PX, INK_PX:-INK_PX]
         ink = (board < INK_DARKNESS * ground.astype(np.float32)).astype(np.uint8)
         count, _, figures, _ = self._cv2.connectedComponentsWithStats(ink)
         rows, columns = board.shape

@@ -123,10 +123,10 @@ class Reader:
         return [BoardSighting(Quadrangle(corners), "7", 0.9, 66.0)]
 
 
-def test_image_from_a_turning_camera_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_image_from_a_turning_camera_is_not_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The direction of the camera is not known exactly then: the board might be that of another post."""
     monkeypatch.setattr(signs_module, "BoardReader", Reader)
-    with ModuleHarness(NumberSignFinder) as finder:
+    with ModuleHarness(NumberSignFinder, output_directory=tmp_path) as finder:
         watcher = Watcher(finder)
         for pan_rad in (0.4, -0.4, 0.0):
             watcher.watch(pan_rad)
@@ -138,6 +138,9 @@ def test_image_from_a_turning_camera_is_not_read(monkeypatch: pytest.MonkeyPatch
         [sign] = finder.module.signs.signs
         assert sign.votes == {"7": 2}
         assert sign.xy_m == pytest.approx([2.5, 0.0], abs=0.01)
+        finder.module.teardown()
+        [written] = json.loads((tmp_path / "signs.json").read_text())
+        assert (written["text"], written["votes"]) == (None, {"7": 2})
 
 
 def test_mission_takes_signs_and_writes_its_results(tmp_path: Path) -> None:

@@ -70,6 +70,13 @@ def test_digits_are_read_in_half_light_and_shadow_and_at_a_slant() -> None:
 
 
 @needs_reader
+@pytest.mark.parametrize("shadow", [0.1, 0.17, 0.23, 0.3, 0.4])
+def test_digit_is_read_whose_foot_stands_in_the_corner_of_a_shadow(shadow: float) -> None:
+    sign = NumberSign("2", 4.4, 4.0, math.pi, 0.6, 0.45, BoardFont.SANS, shadow=shadow)
+    assert texts_of(sightings(ground(sign))) == "2"
+
+
+@needs_reader
 def test_figures_and_letters_are_boards_without_a_digit() -> None:
     figures = [str(figure) for figure in Figure]
     for texts in (figures[:5], figures[5:], list("AKMWH")):
