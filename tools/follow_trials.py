@@ -1,12 +1,16 @@
 """Has the household robot follow a person through the apartment, judged by the ground truth.
 
-    python -m tools.follow_trials --seeds 20 [--first 0] [--minutes 2] [--kill] [--profile NAME] [--json FILE]
+    python -m tools.follow_trials --seeds 20 [--first 0] [--minutes 2] [--kill] [--hurries] [--keep DIR]
+                                  [--profile NAME] [--json FILE]
 
 Each seed dresses the four people of `apartment.yaml` anew, lets the first one walk through the lower rooms
 (even seeds) or the upper ones (odd seeds) at another speed, and makes other noise. Two people cross her way
 close behind her. A seed is right if the robot never went after another person, touched nobody, and follows
 at the end. With `--kill`, the tool kills every module once, at a random moment; in lockstep,
 as in the profile `home-fast`, the robot waits for a restarting module.
+
+With `--hurries`, the person is faster than the robot may drive, walks out of its sight through a door, and
+waits there: so the robot loses the person, and has to search.
 """
 
 import json
@@ -30,6 +34,14 @@ SHIRTS = ((190, 40, 40), (40, 120, 60), (230, 200, 60), (60, 90, 190), (240, 240
 TROUSERS = ((50, 60, 110), (30, 30, 32), (120, 110, 100), (90, 80, 60))
 LOWER = "[[2.3, 4.1, 0], [8.0, 4.1, 0], [8.0, 1.8, 2], [4.9, 1.8, 0], [1.7, 1.8, 3], [1.7, 4.1, 0]]"
 UPPER = "[[2.3, 4.1, 0], [8.9, 4.1, 0], [8.9, 6.2, 2], [5.0, 6.2, 0], [2.5, 6.2, 3], [2.5, 4.1, 0]]"
+LOWER_HURRY = (
+    "[[2.3, 4.1, 0], [8.0, 4.1, 0], [8.0, 2.0, 0], [6.6, 1.8, 30], "
+    "[4.9, 1.8, 0], [1.7, 1.8, 30], [1.7, 4.1, 5]]"
+)
+UPPER_HURRY = (
+    "[[2.3, 4.1, 0], [8.9, 4.1, 0], [8.9, 6.2, 0], [7.0, 5.6, 30], "
+    "[5.0, 6.2, 0], [2.5, 5.9, 30], [2.5, 4.1, 5]]"
+)
 CROSSING = "[[5.0, 2.6, 0], [5.0, 5.4, 0]]"
 LOWER_CROSSING, UPPER_CROSSING = "[[3.3, 0.65, 0], [3.3, 2.9, 0]]", "[[6.0, 5.2, 0], [6.0, 7.3, 0]]"
 LOWER_ROOM, UPPER_ROOM = (
@@ -71,19 +83,20 @@ class Outcome(Trial):
     task_s: float = 0.0
 
 
-def apartment(seed: int) -> str:
-    """Return the apartment with other people, as the text of an arena file."""
+def apartment(seed: int, hurries: bool = False) -> str:
+    """Return the apartment with other people, as the text of an arena file.
+
+    Args:
+        seed: of clothes, speeds and rooms.
+        hurries: whether the first person walks faster than the robot, and waits out of its sight.
+    """
     chance = random.Random(seed)
     shirts = chance.sample(SHIRTS, 4)
     is_upper = bool(seed % 2)
+    slow, fast = (UPPER, UPPER_HURRY) if is_upper else (LOWER, LOWER_HURRY)
+    way, speeds = (fast, (1.1, 1.4)) if hurries else (slow, (0.45, 0.6))
     walks = [
-        (
-            "Anna",
-            UPPER if is_upper else LOWER,
-            chance.uniform(0.45, 0.6),
-            chance.uniform(12, 16),
-            "in_a_loop",
-        ),
+        ("Anna", way, chance.uniform(*speeds), chance.uniform(12, 16), "in_a_loop"),
         ("Ben", CROSSING, chance.uniform(0.6, 0.8), 0.0, "across"),
         ("Clara", UPPER_CROSSING if is_upper else LOWER_CROSSING, chance.uniform(0.6, 0.8), 0.0, "across"),
         ("David", LOWER_ROOM if is_upper else UPPER_ROOM, chance.uniform(0.5, 0.7), 5.0, "to_and_fro"),
@@ -97,7 +110,7 @@ def apartment(seed: int) -> str:
     return rooms + "people:\n" + "\n".join(people) + "\n"
 
 
-def run(outcome: Outcome, folder: Path, profile: str, minutes: float, kills: bool) -> None:
+def run(outcome: Outcome, folder: Path, profile: str, minutes: float, kills: bool, hurries: bool) -> None:
     """Run the task once and judge it.
 
     Args:
@@ -106,9 +119,10 @@ def run(outcome: Outcome, folder: Path, profile: str, minutes: float, kills: boo
         profile: the profile to run.
         minutes: duration in the robot's time.
         kills: whether every module is killed once.
+        hurries: whether the person is faster than the robot.
     """
     file = folder / "apartment.yaml"
-    file.write_text(apartment(outcome.seed))
+    file.write_text(apartment(outcome.seed, hurries))
     settings = settings_for(profile, file, outcome.seed, NOISY)
     settings += [f"referee.ends_after_s={60 * minutes}"]
     kills_s = (BEGIN_S, KILL_SHARE * 60 * minutes) if kills else None
@@ -156,11 +170,13 @@ def main(words: list[str] | None = None) -> int:
     """Run the command line. The exit code is 0 if every run was right, else 1."""
     parser = command_line("python -m tools.follow_trials", __doc__, "home-fast", "number of runs")
     parser.add_argument("--minutes", type=float, default=2.0, help="duration of a run in the robot's time")
+    parser.add_argument("--hurries", action="store_true", help="the person is faster than the robot")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
     options = parser.parse_args(words)
 
     def play_one(seed: int, folder: Path) -> Outcome:
         outcome = Outcome(seed)
-        run(outcome, folder, options.profile, options.minutes, options.kill)
+        run(outcome, folder, options.profile, options.minutes, options.kill, options.hurries)
         return outcome
 
     outcomes = play_all(options, play_one, summary, "runs")
