@@ -10,10 +10,10 @@ from modules.home.messages import Following, FollowOrder, FollowOrderTaken
 from modules.navigation_goals import NavigationGoals
 from modules.people import unseen_s
 from modules.people_messages import People, PeopleClothes
-from modules.planar_messages import planar
+from modules.planar_messages import map_cells, planar
 from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
-from robbie_mp.messages import PanTiltCommand, Point, PoseStamped
+from robbie_mp.messages import OccupancyGrid, PanTiltCommand, Point, PoseStamped
 from workers.home.follow import Follow, PersonReport
 from workers.home.follow_states import FollowSettings, FollowState
 from workers.people.clothes import PART_BINS, PARTS_M
@@ -28,9 +28,10 @@ AROUND_RAD = (0.0, 0.8, 1.6, 2.4, -2.4, -1.6, -0.8)
 class FollowMe(Module):
     """Follows the person in front of the robot on the order `follow`, until `stop`.
 
-    Takes orders as `SpokenOrder` and as calls of `FollowOrder`. It needs `People`, and `PeopleClothes` to be
-    sure whom it sees. It sends `NavigateTo` and `PanTiltCommand`, speaks by `Say`, and publishes `Following`.
-    At the end it writes `follow.json`. After a restart it goes on.
+    Takes orders as `SpokenOrder` and as calls of `FollowOrder`. It needs `People`, `PeopleClothes` to be
+    sure whom it sees, and `OccupancyGrid` to search for a person that it has lost. It sends `NavigateTo` and
+    `PanTiltCommand`, speaks by `Say`, and publishes `Following`. At the end it writes `follow.json`. After a
+    restart it goes on.
     """
 
     period_s: float = setting(0.1, "time between decisions", minimum=0.02)
@@ -56,6 +57,7 @@ class FollowMe(Module):
         self.serve(FollowOrder, self.on_call)
         self.subscribe(SpokenOrder, self.on_order, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
+        self.subscribe(OccupancyGrid, self.on_map, newest, optional=True)
         self.subscribe(People, self.on_people, newest)
         self.subscribe(PeopleClothes, self.on_clothes, newest, optional=True)
 
@@ -85,6 +87,10 @@ class FollowMe(Module):
         """Pass the robot's pose to the task."""
         self.pose = planar(message.pose)
         self.task.see_pose(self.pose)
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Pass the map to the task, which searches on it."""
+        self.task.see_map(*map_cells(grid))
 
     def on_people(self, message: People) -> None:
         """Pass the persons to the task; their age counts from now, as the task's clock does."""

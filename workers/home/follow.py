@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.state_machine import StateMachine
 from workers.home.follow_states import FOLLOWS, SEARCHES, TRANSITIONS, FollowSettings, FollowState
+from workers.home.seen_area import SeenArea
 from workers.people.clothes import blended, similarity
 
 Array = NDArray[np.float64]
@@ -25,6 +26,8 @@ MAX_LOOKS = 6
 LEARN_SHARE = 0.1
 """Share of a new picture in what the robot knows of the person's clothes."""
 MAX_SAYINGS = 8
+SEARCH_PERIOD_S = 0.5
+"""Time between two looks at the map while it searches."""
 
 I_FOLLOW = "I follow you."
 NOBODY = "I see nobody in front of me."
@@ -97,6 +100,7 @@ class Follow:
         self._stopped: str | None = None
         self._sayings: deque[str] = deque(maxlen=MAX_SAYINGS)
         self._goal: tuple[Array, float] | None = None
+        self._map: tuple[NDArray[np.int8], float, Sequence[float]] | None = None
         self._forget_person()
 
     def _forget_person(self) -> None:
@@ -111,6 +115,12 @@ class Follow:
         self._sure: tuple[tuple[float, float], tuple[float, float], float] | None = None
         self._is_here_s = -math.inf
         self._asked_s = -math.inf
+        self._forget_search()
+
+    def _forget_search(self) -> None:
+        self._area = SeenArea()
+        self._place: tuple[float, float] | None = None
+        self._searched_s = -math.inf
 
     @property
     def state(self) -> FollowState:
@@ -156,6 +166,10 @@ class Follow:
         """Take the robot's pose (x, y, heading), m and rad, map frame."""
         self._pose = np.asarray(pose, float)
 
+    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: Sequence[float]) -> None:
+        """Take the newest map: see `SeenArea.see_map`."""
+        self._map = cells, resolution_m, corner_xy_m
+
     def see_persons(self, persons: Sequence[PersonReport]) -> None:
         """Take all persons that are tracked now."""
         self._persons = {one.name: one for one in persons}
@@ -183,12 +197,20 @@ class Follow:
         """Record that the robot has reached its latest goal."""
         if self.state is FollowState.LOST:
             self.machine.go(FollowState.LOOK, "is where the person was seen last")
+        self._leave_place()
 
     def unreachable(self, reason: str) -> None:
         """Record that the robot cannot reach its latest goal."""
         self._goal = None
         if self.state is FollowState.LOST:
             self.machine.go(FollowState.LOOK, reason)
+        self._leave_place()
+
+    def _leave_place(self) -> None:
+        """Search elsewhere: the robot was there, or cannot get there."""
+        if self.state is FollowState.SEARCH and self._place is not None:
+            self._area.leave_out(self._place)
+            self._place = None
 
     # -- outputs ---------------------------------------------------------------------------------------
 
@@ -278,6 +300,7 @@ class Follow:
         self.losses += 1
         self._likeness = {}
         self._goal = None
+        self._forget_search()
         self.machine.go(FollowState.LOST, reason)
 
     def _judge_distance(self) -> None:
@@ -300,6 +323,7 @@ class Follow:
             was_asked = self.state is FollowState.ASK
             self._take(found, reason, FOUND if was_asked else "")
             return
+        self._look_on_map()
         state = self.state
         if self.machine.expire() and state is FollowState.ASK:
             self._end("the person did not come back", GIVEN_UP)
@@ -308,6 +332,31 @@ class Follow:
             self.questions += 1
             is_unsure = self._is_here_s > -math.inf
             self._sayings.append(STAND_IN_FRONT if is_unsure else ARE_YOU_THERE)
+
+    def _look_on_map(self) -> None:
+        """Note what is in sight, and choose where to look next; ask if there is nothing more to search."""
+        if self._map is None or self._clock() - self._searched_s < SEARCH_PERIOD_S:
+            if self._map is None and self.state is FollowState.SEARCH:
+                self.machine.go(FollowState.ASK, "there is no map to search")
+            return
+        assert self._pose is not None
+        self._searched_s = self._clock()
+        self._area.see_map(*self._map)
+        robot = self._pose[:2].tolist()
+        self._area.look_from(robot)
+        if self.state is not FollowState.SEARCH or (
+            self._place is not None and not self._area.is_seen(self._place)
+        ):
+            return
+        course = float(self._last_place()[2])
+        self._place = self._area.next_place(robot, course)
+        if self._place is None:  # the person may have walked to where the robot has looked before
+            self._area = SeenArea()
+            self._area.see_map(*self._map)
+            self._area.look_from(robot)
+            self._place = self._area.next_place(robot)
+        if self._place is None:
+            self.machine.go(FollowState.ASK, "has looked everywhere")
 
     def _found_again(self) -> tuple[PersonReport | None, str]:
         """Return the lost person if the robot is sure, and why."""
@@ -340,6 +389,17 @@ class Follow:
             if one.name == name:
                 return one, f"clothes {best:.2f} alike"
         return None
+
+    def _to_look_at(self) -> tuple[float, float] | None:
+        """Return one after the other of the persons who may be the lost one, m, map frame."""
+        settings = self.settings
+        found = []
+        for one in self._seen():
+            looks = self._likeness.get(one.name, ())
+            is_other = len(looks) >= settings.looks and float(np.mean(looks)) < settings.wrong
+            if not is_other and self._can_be(one):
+                found.append((one.name, one.xy_m))
+        return sorted(found)[int(self._clock() / settings.glance_s) % len(found)][1] if found else None
 
     def _mean_likeness(self, name: str) -> float:
         seen = self._likeness.get(name)
@@ -375,9 +435,18 @@ class Follow:
             return FollowOrders(self._kept(self._behind()), self.last_xy_m)
         if self.state is FollowState.STAND:
             return FollowOrders(None, self.last_xy_m)
+        look_at = self._to_look_at() if self.state in SEARCHES else None
         if self.state is FollowState.LOST and self.last_xy_m is not None:
-            return FollowOrders(self._kept(self._last_place()), self._ahead_of_last())
-        return FollowOrders()
+            return FollowOrders(self._kept(self._last_place()), look_at or self._ahead_of_last())
+        if self.state is FollowState.SEARCH and self._place is not None:
+            return FollowOrders(self._kept(self._to_place(self._place)), look_at)
+        return FollowOrders(None, look_at)
+
+    def _to_place(self, place: tuple[float, float]) -> Array:
+        """Return a place to search, heading there."""
+        assert self._pose is not None
+        away = np.subtract(place, self._pose[:2])
+        return np.array([*place, math.atan2(away[1], away[0])])
 
     def _kept(self, goal: Array) -> Array:
         """Return the last goal as long as the new one hardly differs: each new goal restarts navigation."""

@@ -15,13 +15,14 @@ class FollowState(StrEnum):
     STAND = "stands near the person"
     LOST = "drives to where it saw the person last"
     LOOK = "stands and looks around for the person"
+    SEARCH = "drives where it has not looked for the person"
     ASK = "asks whether the person is still there"
     HALT = "stands, until it can drive"
 
 
 _S = FollowState
 FOLLOWS = frozenset({_S.FOLLOW, _S.STAND})
-SEARCHES = frozenset({_S.LOST, _S.LOOK, _S.ASK})
+SEARCHES = frozenset({_S.LOST, _S.LOOK, _S.SEARCH, _S.ASK})
 _ALWAYS = {_S.IDLE, _S.HALT}
 TRANSITIONS = {
     _S.IDLE: {_S.CHOOSE},
@@ -29,7 +30,8 @@ TRANSITIONS = {
     _S.FOLLOW: {_S.STAND, _S.LOST, *_ALWAYS},
     _S.STAND: {_S.FOLLOW, _S.LOST, *_ALWAYS},
     _S.LOST: {_S.STAND, _S.LOOK, *_ALWAYS},
-    _S.LOOK: {_S.STAND, _S.ASK, *_ALWAYS},
+    _S.LOOK: {_S.STAND, _S.SEARCH, *_ALWAYS},
+    _S.SEARCH: {_S.STAND, _S.ASK, *_ALWAYS},
     _S.ASK: {_S.STAND, *_ALWAYS},
     _S.HALT: {_S.LOST, _S.IDLE},
 }
@@ -49,7 +51,9 @@ class FollowSettings:
         lost_s: The person counts as lost after this time.
         choose_s: Time to find the person in front of the robot.
         lost_drive_s: Time to drive to where the person was seen last.
-        look_s: Time to look around.
+        look_s: Time to look around where the person was seen last.
+        search_s: Time to drive where it has not looked.
+        glance_s: Time to look at one of several persons.
         ask_s: Time to wait for an answer.
         ask_again_s: Time after which it asks again.
         sure: Clothes at least this alike are the same.
@@ -71,7 +75,9 @@ class FollowSettings:
     lost_s: float = 0.8
     choose_s: float = 8.0
     lost_drive_s: float = 12.0
-    look_s: float = 8.0
+    look_s: float = 5.0
+    search_s: float = 90.0
+    glance_s: float = 1.5
     ask_s: float = 24.0
     ask_again_s: float = 8.0
     sure: float = 0.8
@@ -88,6 +94,7 @@ class FollowSettings:
         return {
             _S.CHOOSE: TimeOut(self.choose_s, _S.IDLE),
             _S.LOST: TimeOut(self.lost_drive_s, _S.LOOK),
-            _S.LOOK: TimeOut(self.look_s, _S.ASK),
+            _S.LOOK: TimeOut(self.look_s, _S.SEARCH),
+            _S.SEARCH: TimeOut(self.search_s, _S.ASK),
             _S.ASK: TimeOut(self.ask_s, _S.IDLE),
         }

@@ -161,7 +161,7 @@ def test_it_asks_if_two_persons_are_dressed_alike(scene: Scene) -> None:
     scene.lose()
     for name, y in (("7", 0.5), ("8", -0.6)):
         scene.persons[name], scene.worn[name] = (2.0, y), clothes(1)
-    scene.run(22.0)
+    scene.run(19.0)
     assert scene.task.state is FollowState.ASK
     assert scene.said[1:] == [ARE_YOU_THERE]
     assert scene.task.order_here()
@@ -173,7 +173,7 @@ def test_here_i_am_of_somebody_dressed_otherwise_is_not_enough(scene: Scene) -> 
     scene.begin()
     scene.lose()
     scene.persons["7"], scene.worn["7"] = (1.5, 0.0), clothes(40)
-    scene.run(22.0)
+    scene.run(19.0)
     scene.task.order_here()
     scene.run(9.0)
     assert scene.task.state is FollowState.ASK
@@ -195,6 +195,61 @@ def test_it_asks_and_gives_up_in_the_end(scene: Scene) -> None:
     assert scene.task.state is FollowState.IDLE
     assert scene.said == [I_FOLLOW, ARE_YOU_THERE, ARE_YOU_THERE, ARE_YOU_THERE, GIVEN_UP]
     assert scene.run() == FollowOrders()
+
+
+def two_rooms() -> NDArray[np.int8]:
+    """Return a map of 8 m by 6 m, corner at (-1, -3): a wall at x = 3.5 m with a door at its upper end."""
+    cells = np.zeros((120, 160), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells[:100, 88:92] = 100
+    return cells
+
+
+def test_it_searches_behind_the_door_for_a_person_whom_it_sees_nowhere(scene: Scene) -> None:
+    scene.begin()
+    scene.lose((3.0, 0.0))
+    scene.pose = (2.4, 0.0, 0.0)
+    scene.task.see_map(two_rooms(), 0.05, (-1.0, -3.0))
+    scene.task.arrived()
+    goals = []
+    for _ in range(300):
+        goal = scene.run().goal
+        if scene.task.state is FollowState.SEARCH and goal is not None:
+            goals.append(goal)
+            away = goal[:2] - scene.pose[:2]
+            if math.hypot(*away) < 0.6:  # as near as navigation drives
+                scene.task.arrived()
+                continue
+            x, y = scene.pose[:2] + 0.07 * away / math.hypot(*away)
+            scene.pose = (float(x), float(y), float(goal[2]))
+    assert max(goal[0] for goal in goals) > 4.0
+    assert scene.said == [I_FOLLOW]
+    scene.persons["9"], scene.worn["9"] = (6.0, 1.0), clothes(1)
+    scene.run(0.5)
+    assert scene.task.person == "9"
+
+
+def test_place_that_cannot_be_reached_is_searched_no_more(scene: Scene) -> None:
+    scene.begin()
+    scene.lose((3.0, 0.0))
+    scene.pose = (2.4, 0.0, 0.0)
+    scene.task.see_map(two_rooms(), 0.05, (-1.0, -3.0))
+    scene.task.arrived()
+    first = scene.run(6.0).goal
+    assert first is not None
+    scene.task.unreachable("no way")
+    second = scene.run(1.0).goal
+    assert second is not None
+    assert math.dist(first[:2], second[:2]) > 0.5
+
+
+def test_camera_looks_at_everybody_who_may_be_the_lost_person(scene: Scene) -> None:
+    scene.begin()
+    scene.lose()
+    for name, y in (("7", 1.0), ("8", -1.0)):
+        scene.persons[name], scene.worn[name] = (2.0, y), clothes(40)
+    del scene.worn["7"]  # never seen well
+    assert scene.run(1.0).look_at_xy_m == (2.0, 1.0)  # 8 wears other clothes
 
 
 def test_it_notices_that_its_track_went_over_to_somebody_else(scene: Scene) -> None:
