@@ -20,6 +20,7 @@ from robbie_mp.messages import (
     Pose,
 )
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from workers.home.follow import PersonReport
 from workers.people.clothes import View, clothes_in
 from workers.people.leg_classifier import LegClassifier
 from workers.people.leg_segments import find_segments
@@ -208,6 +209,20 @@ def unseen_s(person: Person) -> float:
         return float(tags["unseen_s"])
     except (KeyError, ValueError):
         return math.inf
+
+
+def reports_of(message: People, now_ns: int) -> list[PersonReport]:
+    """Return the persons of a message as the tasks take them; their age counts from now."""
+    age_s = max(0.0, (now_ns - message.header.stamp.nanoseconds) / 1e9)
+    return [
+        PersonReport(
+            one.name,
+            (one.position.x, one.position.y),
+            (one.velocity.x, one.velocity.y),
+            unseen_s(one) + age_s,
+        )
+        for one in message.people
+    ]
 
 
 def _point(xy: NDArray[np.float64]) -> Point:

@@ -196,14 +196,21 @@ class TaughtFaces(TaughtRecognition):
         maximum=1.0,
     )
 
+    doublings: int = setting(
+        0,
+        "how often images are doubled in size to find smaller faces: 0 finds faces of 80 pixels, 1 of 40",
+        minimum=0,
+        maximum=2,
+    )
+
     kind = "persons"
     unknown = "face"
-    used_settings = ("max_distance",)
+    used_settings = ("max_distance", "doublings")
 
     @classmethod
     def make_recognizer(cls, settings: dict[str, Any]) -> Recognizer:
         """Return a recognizer of faces."""
-        return FaceRecognizer(settings["max_distance"])
+        return FaceRecognizer(settings["max_distance"], settings["doublings"])
 
 
 def in_colour(image: Image) -> Pixels:

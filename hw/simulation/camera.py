@@ -13,8 +13,9 @@ from hw.simulation.arena_contents import NumberSign, Sheet, VictimKind
 from hw.simulation.hanging import Hanging
 from hw.simulation.number_board import back_texture, board_texture, sheet_texture
 from hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat, victim_textures
-from hw.simulation.people import person_hanging
+from hw.simulation.people import PICTURE_S, head_hanging, person_hanging
 from hw.simulation.renderer import Paint, Renderer
+from hw.simulation.texture import Texture
 
 WAVE_S = 0.5
 """Time after which a waving victim changes its picture."""
@@ -57,6 +58,8 @@ class SimulatedCamera(Camera):
         self._direction = (0.0, 0.0)
         self.people: NDArray[np.float64] = np.empty((0, 5))
         """Where people are: (P, 5), as `hw.simulation.people.PersonState.shown`; set it before `capture`."""
+        self.heads: dict[str, list[Texture]] = {}
+        """Pictures of people's heads by their names: see `hw.simulation.people.read_heads`."""
 
     @property
     def geometry(self) -> CameraGeometry:
@@ -89,7 +92,7 @@ class SimulatedCamera(Camera):
         if self._sheet is not None and math.dist(robot[:2], self.arena.start[:2]) < SHEET_UNTIL_M:
             pictures = [*pictures, self._sheet]
         x, y, _ = self._geometry.mount_m
-        pictures = [*pictures, *self._figures(robot.plus(Pose(x, y, 0.0)))]
+        pictures = [*pictures, *self._figures(robot.plus(Pose(x, y, 0.0)), stamp_s)]
         image = self._renderer.render(self.arena, robot, self._direction, pictures)
         return CameraFrame(stamp_s, self._noise.added(image))
 
@@ -102,12 +105,14 @@ class SimulatedCamera(Camera):
         victims = [Hanging(victim.spot, victim_textures(victim)[phase]) for victim in self.arena.victims]
         return [*signs, *boards, *victims]
 
-    def _figures(self, eye: Pose) -> list[Hanging]:
-        """Return the pictures of people as they are seen from the eye."""
-        return [
-            person_hanging(person, shown, eye)
-            for person, shown in zip(self.arena.people, self.people.tolist(), strict=False)
-        ]
+    def _figures(self, eye: Pose, stamp_s: float) -> list[Hanging]:
+        """Return the pictures of people as they are seen from the eye, who look at the eye."""
+        figures = []
+        for person, shown in zip(self.arena.people, self.people.tolist(), strict=False):
+            figures.append(person_hanging(person, shown, eye))
+            if heads := self.heads.get(person.name):
+                figures.append(head_hanging(heads[int(stamp_s / PICTURE_S) % len(heads)], shown, eye))
+        return figures
 
     def _hang_sheet(self, sheet: Sheet) -> Hanging | None:
         return Hanging(sheet.spot, sheet_texture(sheet.text, sheet.height_m))
@@ -127,7 +132,7 @@ class SimulatedThermalCamera(SimulatedCamera):
         warm = [victim for victim in self.arena.victims if victim.kind is not VictimKind.COLD]
         return [Hanging(victim.spot, victim_heat(victim)[phase]) for victim in warm]
 
-    def _figures(self, eye: Pose) -> list[Hanging]:
+    def _figures(self, eye: Pose, stamp_s: float) -> list[Hanging]:
         return []
 
     def _hang_sheet(self, sheet: Sheet) -> Hanging | None:

@@ -3,10 +3,12 @@
 import math
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
 from hw.pose import Pose, wrapped
 from hw.simulation.arena_contents import Colour, Person, WallSpot
@@ -36,6 +38,16 @@ HEIGHT_M, TEXEL_M = 1.72, 0.01
 SKIN, HAIR, SHOES = (228, 180, 150), (70, 50, 40), (40, 38, 36)
 STRIPE = 0.85
 """Brightness of the darker stripes of a shirt."""
+HEAD_M = 0.27
+"""Height of a head on a picture, from chin to hair."""
+PICTURE_S = 3.0
+"""Time after which a person with several pictures shows the next one."""
+PICTURES = (".jpg", ".jpeg", ".png")
+MAX_PICTURE_PX = 2000
+
+
+class FacesError(ValueError):
+    """A folder of faces cannot be used; the message names the file and what was expected."""
 
 
 class PersonState(NamedTuple):
@@ -249,6 +261,51 @@ def person_hanging(person: Person, shown: Sequence[float], eye: Pose) -> Hanging
     x, y = float(shown[0]), float(shown[1])
     facing = math.atan2(eye.y_m - y, eye.x_m - x)
     return Hanging(WallSpot(x, y, 0.0, facing), _figure(person.shirt, person.trousers))
+
+
+def head_hanging(head: Texture, shown: Sequence[float], eye: Pose) -> Hanging:
+    """Return the picture of a person's head, turned to the eye: it covers the head of `person_hanging`.
+
+    Args:
+        head: one of those of `read_heads`.
+        shown: as `PersonState.shown`.
+        eye: the eye, arena frame.
+    """
+    x, y = float(shown[0]), float(shown[1])
+    facing = math.atan2(eye.y_m - y, eye.x_m - x)
+    return Hanging(WallSpot(x, y, HEIGHT_M, facing), head)
+
+
+def read_heads(folder: Path, names: Sequence[str]) -> dict[str, list[Texture]]:
+    """Read the pictures of people's heads.
+
+    Args:
+        folder: with `NAME.jpg` (or `.png`), or `NAME_1.jpg`, `NAME_2.jpg` and so on, which the person shows
+            in turns. Each shows a head from the front, and nothing else, from chin to hair.
+        names: of the people; those without a picture are left out.
+
+    Raises:
+        FacesError: there is no such folder, or a file in it is not a picture.
+    """
+    if not folder.is_dir():
+        raise FacesError(f"{folder}: there is no such folder")
+    heads: dict[str, list[Texture]] = {}
+    for file in sorted(folder.iterdir()):
+        name = file.stem.split("_")[0]
+        if file.suffix.lower() in PICTURES and name in names:
+            heads.setdefault(name, []).append(_head(file))
+    return heads
+
+
+def _head(file: Path) -> Texture:
+    try:
+        with Image.open(file) as picture:
+            if max(picture.size) > MAX_PICTURE_PX:
+                raise FacesError(f"{file}: a picture has at most {MAX_PICTURE_PX} rows and columns")
+            values = np.asarray(picture.convert("RGB"))
+    except (OSError, UnidentifiedImageError) as error:
+        raise FacesError(f"{file}: cannot be read as a picture: {error}") from error
+    return Texture(values, np.ones(values.shape[:2], np.bool_), HEAD_M / len(values), 0.0)
 
 
 @cache

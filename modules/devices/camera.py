@@ -1,16 +1,19 @@
 """The robot's cameras."""
 
 import math
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hw.camera import CameraGeometry
+from hw.simulation.arena_file import read_arena
 from hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
+from hw.simulation.people import FacesError, read_heads
 from modules.devices.pan_tilt_history import PanTiltHistory
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp import Header, setting
+from robbie_mp import Header, SettingError, setting
 from robbie_mp.messages import CameraInfo, Image, JointState
 
 
@@ -107,9 +110,33 @@ class SimulatedRearCameraModule(SimulatedCameraModule):
 
 
 class SimulatedHeadCameraModule(SimulatedCameraModule):
-    """A simulated camera on a pan-tilt unit at the height of a table and more; for `hw/robots/home.yaml`."""
+    """A simulated camera on a pan-tilt unit at the height of a table and more; for `hw/robots/home.yaml`.
+
+    With a folder of pictures, people have these heads: `NAME.jpg`, or `NAME_1.jpg`, `NAME_2.jpg` in turns.
+    """
+
+    faces: Path | None = setting(None, "folder with pictures of people's heads; null: nobody has a face")
 
     mount_m = (0.05, 0.0, 1.1)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Read arena and pictures, so that a mistake in them is reported before anything starts."""
+        super().check(settings)
+        folder, arena = settings["faces"], settings["arena"]
+        if isinstance(folder, Path):
+            assert isinstance(arena, Path)
+            try:
+                read_heads(folder, [person.name for person in read_arena(arena).people])
+            except FacesError as error:
+                raise SettingError(str(error), "faces") from error
+
+    def setup(self) -> None:
+        """Create the camera, and give people their heads."""
+        super().setup()
+        if self.faces is not None:
+            names = [person.name for person in self.world.arena.people]
+            self.camera.heads = read_heads(self.faces, names)
 
 
 class SimulatedThermalCameraModule(SimulatedCameraModule):

@@ -8,13 +8,13 @@ import numpy as np
 
 from modules.home.messages import Following, FollowOrder, FollowOrderTaken
 from modules.navigation_goals import NavigationGoals
-from modules.people import unseen_s
+from modules.people import reports_of
 from modules.people_messages import People, PeopleClothes
 from modules.planar_messages import map_cells, planar
 from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import OccupancyGrid, PanTiltCommand, Point, PoseStamped
-from workers.home.follow import Follow, PersonReport
+from workers.home.follow import Follow
 from workers.home.follow_states import FollowSettings, FollowState
 from workers.people.clothes import PART_BINS, PARTS_M
 from workers.rescue.look_around import LookAround
@@ -93,19 +93,8 @@ class FollowMe(Module):
         self.task.see_map(*map_cells(grid))
 
     def on_people(self, message: People) -> None:
-        """Pass the persons to the task; their age counts from now, as the task's clock does."""
-        age_s = max(0.0, (self.clock.now_ns() - message.header.stamp.nanoseconds) / 1e9)
-        self.task.see_persons(
-            [
-                PersonReport(
-                    one.name,
-                    (one.position.x, one.position.y),
-                    (one.velocity.x, one.velocity.y),
-                    unseen_s(one) + age_s,
-                )
-                for one in message.people
-            ]
-        )
+        """Pass the persons to the task."""
+        self.task.see_persons(reports_of(message, self.clock.now_ns()))
 
     def on_clothes(self, message: PeopleClothes) -> None:
         """Pass the persons' clothes to the task."""

@@ -1,6 +1,6 @@
 """Messages that only the household robot knows."""
 
-from robbie_mp import DEFAULT, Header, Message, Reply, Request, float64, uint32
+from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Reply, Request, Result, float64, uint32
 from robbie_mp.messages import Point
 
 
@@ -28,3 +28,47 @@ class Following(Message, name="home_msgs/msg/Following", version=1):
     unseen_s: float64 = DEFAULT  # time since then
     losses: uint32 = DEFAULT  # how often the robot has lost the person
     questions: uint32 = DEFAULT  # how often it has asked whether the person is there
+
+
+class MetPerson(Message, name="home_msgs/msg/MetPerson", version=1):
+    """A person whose face the robot has looked at."""
+
+    name: str = DEFAULT  # '': the robot does not know this person
+    position: Point = DEFAULT  # m, map frame
+    place: str = DEFAULT  # name of the nearest place of MapAnnotations; '': there is none
+    faces: uint32 = DEFAULT  # pictures of the face that were compared
+
+
+class PersonTourFeedback(Feedback, name="home_msgs/action/PersonTour_Feedback", version=1):
+    """What the robot does; sent on each change."""
+
+    state: str = DEFAULT  # name of a state of workers/home/person_tour.py
+    reason: str = DEFAULT  # for people
+    met: uint32 = DEFAULT  # persons so far
+
+
+class WhoIsWhoResult(Result, name="home_msgs/action/WhoIsWho_Result", version=1):
+    """Who is where."""
+
+    persons: list[MetPerson] = DEFAULT
+    duration_s: float64 = DEFAULT
+
+
+class WhoIsWho(Goal[PersonTourFeedback, WhoIsWhoResult], name="home_msgs/action/WhoIsWho_Goal", version=1):
+    """Look for persons, and say who is where. A newer goal takes over the round of an older one."""
+
+    persons: uint32 = DEFAULT  # ends when it has met that many; 0: when it has looked everywhere
+
+
+class LearnPersonResult(Result, name="home_msgs/action/LearnPerson_Result", version=1):
+    """The person is known, also after a restart."""
+
+    examples: uint32 = DEFAULT  # pictures of this person
+
+
+class LearnPerson(
+    Goal[PersonTourFeedback, LearnPersonResult], name="home_msgs/action/LearnPerson_Goal", version=1
+):
+    """Learn the face of the person in front of you."""
+
+    name: str = DEFAULT

@@ -1,0 +1,249 @@
+"""Has the household robot learn the faces of guests, and say who is where, judged by the ground truth.
+
+    python -m tools.who_is_who_trials --faces FOLDER --seeds 20 [--first 0] [--kill] [--keep DIR]
+                                      [--profile NAME] [--json FILE]
+
+The folder has pictures PERSON_NUMBER.jpg of at least three persons, as for `tools.face_trials`; the tool cuts
+out the heads. In each seed, two guests tell the robot their names, one after the other, and walk to a place
+of their own in the apartment of `apartment.yaml`. A third one, whom the robot does not know, stands somewhere
+else. Then somebody asks who is who. While a guest is looked at, the pictures of the person change: all that
+the folder has, and each of them smaller, darker, lighter, noisier, turned or mirrored, so that the robot
+seldom sees the picture by which it has learnt the person. A seed is right if the robot has found each guest,
+within 1 m, under the right name or as unknown, and nobody else, and has touched nobody. With `--kill`, the
+tool kills every module once; in lockstep, the robot waits for a restarting module.
+"""
+
+import json
+import math
+import random
+import signal
+import sys
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools.face_trials import changed
+from tools.follow_trials import APARTMENT, SHIRTS, TROUSERS
+from tools.mission_trials import Trial, command_line, play, play_all, settings_for
+from workers.faces.face_recognition import FaceRecognizer
+from workers.taught import Pixels
+
+NOISY = ("base", "laser", "camera")
+RUN_LIMIT_S = 1200.0
+NEAR_M = 1.0
+KILLS_S = (8.0, 110.0)
+FRONT = (2.3, 4.1)
+"""Where guests tell their names."""
+ROOMS = ((2.5, 6.2), (6.0, 6.2), (8.7, 6.2), (8.0, 1.8), (4.9, 1.9), (1.7, 1.8))
+WAYS = {
+    (2.5, 6.2): ((2.5, 4.1),),
+    (6.0, 6.2): ((5.0, 4.1), (5.0, 6.0)),
+    (8.7, 6.2): ((8.9, 4.1),),
+    (8.0, 1.8): ((8.0, 4.1),),
+    (4.9, 1.9): ((5.0, 4.1),),
+    (1.7, 1.8): ((1.7, 4.1),),
+}
+"""From the corridor to each place."""
+STAYS_S = 3000.0
+SIDES = (0.3, 0.55, 0.3, 0.2)
+"""What belongs to a head to the left, above, to the right and below a found face, in sizes of the face."""
+
+
+@dataclass
+class Outcome(Trial):
+    """The result of one run, by the ground truth.
+
+    Attributes:
+        is_right: see above.
+        learnt: number of guests who were learnt, of `known`.
+        known: number of guests who told their names.
+        named: of these, those who were found under their names.
+        false_names: persons, known or not, who were found under another one's name.
+        unknown_right: strangers who were found as unknown, of `strangers`.
+        strangers: number of guests who did not tell their names.
+        missed: guests who were not found at all.
+        ghosts: persons who were found where nobody is.
+        faces: pictures of faces that were compared.
+        touches: contacts of the robot with people.
+        duration_s: of the round, in the robot's time.
+    """
+
+    is_right: bool = False
+    learnt: int = 0
+    known: int = 0
+    named: int = 0
+    false_names: int = 0
+    unknown_right: int = 0
+    strangers: int = 0
+    missed: int = 0
+    ghosts: int = 0
+    faces: int = 0
+    touches: int = 0
+    duration_s: float = 0.0
+    people: list[dict[str, Any]] = field(default_factory=list)
+
+
+def heads_in(folder: Path) -> dict[str, list[Pixels]]:
+    """Return the heads in a folder's pictures, by person, each also as other cameras would show it.
+
+    Raises:
+        SystemExit: there are fewer than three persons.
+    """
+    cv2: Any = import_module("cv2")
+    recognizer = FaceRecognizer()
+    heads: dict[str, list[Pixels]] = {}
+    for file in sorted(folder.glob("*.jpg")):
+        picture = cv2.cvtColor(cv2.imread(str(file)), cv2.COLOR_BGR2RGB)
+        boxes = recognizer.boxes(picture)
+        if not boxes:
+            continue
+        box = max(boxes, key=lambda one: one.width * one.height)
+        left, above, right, below = SIDES
+        top, start = int(box.top - above * box.height), int(box.left - left * box.width)
+        bottom, end = int(box.top + (1 + below) * box.height), int(box.left + (1 + right) * box.width)
+        head = picture[max(0, top) : bottom, max(0, start) : end]
+        name = file.stem.split("_")[0].capitalize()
+        heads.setdefault(name, []).extend(np.ascontiguousarray(seen) for _, seen in changed(head))
+    if len(heads) < 3:
+        raise SystemExit(f"{folder}: pictures PERSON_NUMBER.jpg of at least three persons are needed")
+    return heads
+
+
+def party(seed: int, heads: dict[str, list[Pixels]], folder: Path) -> tuple[str, list[str]]:
+    """Write the guests' pictures.
+
+    Args:
+        seed: of guests, places, clothes and pictures.
+        heads: of all persons.
+        folder: new folder for the pictures.
+
+    Returns:
+        The apartment with the guests, as the text of an arena file, and the names of those who tell them.
+    """
+    cv2: Any = import_module("cv2")
+    chance = random.Random(seed)
+    folder.mkdir()
+    guests = chance.sample(sorted(heads), 3)
+    for name in guests:
+        pictures = chance.sample(heads[name], len(heads[name]))
+        for number, picture in enumerate(pictures):
+            cv2.imwrite(str(folder / f"{name}_{number:02}.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    first, second, third = chance.sample(ROOMS, 3)
+    ways = [
+        [(*FRONT, 0.0), *((*at, 0.0) for at in WAYS[first]), (*first, STAYS_S)],
+        [
+            (5.0, 2.7, 0.0),
+            (5.0, 4.1, 0.0),
+            (*FRONT, 16.0),
+            *((*at, 0.0) for at in WAYS[second]),
+            (*second, STAYS_S),
+        ],
+        [(*third, STAYS_S), (third[0] + 0.1, third[1], STAYS_S)],
+    ]
+    shirts = chance.sample(SHIRTS, 3)
+    people = [
+        f"  - {{name: {name}, way: {[list(point) for point in way]}, speed_m_per_s: 1.0, from_s: {from_s}, "
+        f"shirt: {list(shirt)}, trousers: {list(chance.choice(TROUSERS))}}}"
+        for name, way, from_s, shirt in zip(guests, ways, (20.0, 28.0, STAYS_S), shirts, strict=True)
+    ]
+    rooms, _, _ = APARTMENT.read_text().partition("people:\n")
+    return rooms + "people:\n" + "\n".join(people) + "\n", guests[:2]
+
+
+def run(outcome: Outcome, folder: Path, profile: str, heads: dict[str, list[Pixels]], kills: bool) -> None:
+    """Run the task once and judge it.
+
+    Args:
+        outcome: seed of guests, noise and kills; takes the results.
+        folder: new folder for the run.
+        profile: the profile to run.
+        heads: pictures of all persons.
+        kills: whether every module is killed once.
+    """
+    arena, introduced = party(outcome.seed, heads, folder / "faces")
+    file = folder / "apartment.yaml"
+    file.write_text(arena)
+    settings = settings_for(profile, file, outcome.seed, NOISY)
+    settings += [f"camera.faces={folder / 'faces'}", f"guests.introduce=[{', '.join(introduced)}]"]
+    settings += ["guests.asks_s=62"]
+    kills_s = KILLS_S if kills else None
+    judged = partial(judge, outcome, introduced)
+    play(outcome, folder, profile, settings, judged, limit_s=RUN_LIMIT_S, kills_s=kills_s)
+
+
+def judge(outcome: Outcome, introduced: list[str], output: Path) -> None:
+    """Compare the robot's answer with the truth."""
+    told, base = (json.loads((output / f"{name}.json").read_text()) for name in ("guests", "base"))
+    found = list(told["found"])
+    outcome.people = found
+    outcome.known, outcome.strangers = len(introduced), len(told["truth"]) - len(introduced)
+    outcome.learnt = len(told["known"])
+    outcome.faces = sum(one["faces"] for one in found)
+    for person in told["truth"]:
+        near = [one for one in found if _apart_m(one, person) <= NEAR_M]
+        if not near:
+            outcome.missed += 1
+            continue
+        one = min(near, key=partial(_apart_m, person))
+        found.remove(one)
+        outcome.false_names += one["name"] not in ("", person["name"])
+        is_known = person["name"] in introduced
+        outcome.named += is_known and one["name"] == person["name"]
+        outcome.unknown_right += not is_known and not one["name"]
+    outcome.ghosts = len(found)
+    outcome.touches, outcome.duration_s = base["touches"], round(told["duration_s"], 1)
+    is_all = outcome.named == outcome.known and outcome.unknown_right == outcome.strangers > 0
+    outcome.is_right = is_all and not outcome.ghosts and not outcome.touches
+
+
+def _apart_m(one: dict[str, Any], other: dict[str, Any]) -> float:
+    return math.dist((one["x_m"], one["y_m"]), (other["x_m"], other["y_m"]))
+
+
+def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+    """Return the figures of all runs together."""
+    known = sum(one.known for one in outcomes)
+    persons = known + sum(one.strangers for one in outcomes)
+    false_names, named = sum(one.false_names for one in outcomes), sum(one.named for one in outcomes)
+    return {
+        "runs": len(outcomes),
+        "right": sum(one.is_right for one in outcomes),
+        "learnt": sum(one.learnt for one in outcomes),
+        "known": known,
+        "named": named,
+        "false_rejects": round(1 - named / known, 3) if known else 0.0,
+        "false_accepts": round(false_names / persons, 3) if persons else 0.0,
+        "unknown_right": sum(one.unknown_right for one in outcomes),
+        "strangers": persons - known,
+        "missed": sum(one.missed for one in outcomes),
+        "ghosts": sum(one.ghosts for one in outcomes),
+        "touches": sum(one.touches for one in outcomes),
+        "duration_s_mean": round(sum(one.duration_s for one in outcomes) / len(outcomes), 1),
+        "trouble": sum(bool(one.trouble) for one in outcomes),
+    }
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the command line. The exit code is 0 if every run was right, else 1."""
+    parser = command_line("python -m tools.who_is_who_trials", __doc__, "home-faces", "number of runs")
+    parser.add_argument("--faces", type=Path, required=True, help="with pictures PERSON_NUMBER.jpg")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
+    options = parser.parse_args(words)
+    heads = heads_in(options.faces)
+
+    def play_one(seed: int, folder: Path) -> Outcome:
+        outcome = Outcome(seed)
+        run(outcome, folder, options.profile, heads, options.kill)
+        return outcome
+
+    outcomes = play_all(options, play_one, summary, "runs")
+    return int(not all(outcome.is_right for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
+    sys.exit(main())

@@ -1,0 +1,469 @@
+"""The tasks "learn this person" and "who is who": the robot drives to persons, and looks at their faces.
+
+Call `step` a few times each second and carry out what it returns. A face counts for a person only if the
+picture shows it in the person's direction. Who has shown no face is nobody: legs of furniture, too, may look
+like a person's.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robbie_mp.state_machine import StateMachine, TimeOut
+from workers.home.follow import PersonReport
+from workers.home.seen_area import SeenArea
+
+Array = NDArray[np.float64]
+Map = tuple[NDArray[np.int8], float, Sequence[float]]
+
+MAX_MET = 32
+SEARCH_PERIOD_S = 0.5
+"""Time between two looks at the map."""
+
+
+class TourState(StrEnum):
+    """What the robot does."""
+
+    IDLE = "waits for an order"
+    SEARCH = "drives where it has not looked for persons"
+    CHOOSE = "looks for the person in front of it"
+    APPROACH = "drives to a person"
+    LOOK = "looks at the person's face"
+    LEARN = "has the face learnt"
+
+
+_S = TourState
+TRANSITIONS = {
+    _S.IDLE: {_S.SEARCH, _S.CHOOSE},
+    _S.SEARCH: {_S.APPROACH, _S.IDLE},
+    _S.CHOOSE: {_S.APPROACH, _S.IDLE},
+    _S.APPROACH: {_S.LOOK, _S.IDLE},
+    _S.LOOK: {_S.LEARN, _S.SEARCH, _S.IDLE},
+    _S.LEARN: {_S.LOOK, _S.IDLE},
+}
+
+
+@dataclass(frozen=True)
+class TourSettings:
+    """How the robot meets persons.
+
+    Attributes:
+        beside_m: The robot drives to this distance from a person.
+        front_m: The person who is to be learnt is at most this far away ...
+        front_rad: ... and at most this far beside the robot's heading.
+        same_m: Who stands this near to where somebody was met is the same person.
+        aside_rad: A face belongs to a person if its direction differs by at most this.
+        faces: Number of pictures of a face in which a known person must have the same name.
+        most_faces: An unknown person has shown the face in this number of pictures.
+        tries: How often it drives to a person who shows no face.
+        teachings: How often it has the face learnt again if that was refused.
+        fresh_s: A person counts as seen if a leg was seen within this time.
+        choose_s: Time to find the person in front.
+        approach_s: Time to drive to a person.
+        look_s: Time to look at a face.
+        learn_s: Time to learn it.
+        tour_s: The whole tour ends after this time, with those who were met.
+    """
+
+    beside_m: float = 1.1
+    front_m: float = 2.5
+    front_rad: float = 0.6
+    same_m: float = 0.7
+    aside_rad: float = 0.15
+    faces: int = 3
+    most_faces: int = 6
+    tries: int = 2
+    teachings: int = 3
+    fresh_s: float = 0.4
+    choose_s: float = 8.0
+    approach_s: float = 25.0
+    look_s: float = 5.0
+    learn_s: float = 5.0
+    tour_s: float = 300.0
+
+    def time_outs(self) -> dict[TourState, TimeOut[TourState]]:
+        """Return the states that end after a time."""
+        return {
+            _S.CHOOSE: TimeOut(self.choose_s, _S.IDLE),
+            _S.APPROACH: TimeOut(self.approach_s, _S.LOOK),
+            _S.LEARN: TimeOut(self.learn_s, _S.LOOK),
+        }
+
+
+class SeenFace(NamedTuple):
+    """A face in a picture.
+
+    Attributes:
+        name: '' if it is nobody's who is known.
+        bearing_rad: its direction from the camera, map frame.
+        key: what finds the face in its picture again.
+    """
+
+    name: str
+    bearing_rad: float
+    key: Any = None
+
+
+class Met(NamedTuple):
+    """A person whose face the robot has looked at.
+
+    Attributes:
+        name: '' if the robot does not know this person.
+        xy_m: m, map frame.
+        faces: number of pictures of the face.
+    """
+
+    name: str
+    xy_m: tuple[float, float]
+    faces: int
+
+
+@dataclass(frozen=True)
+class TourOrders:
+    """The robot's current order.
+
+    Attributes:
+        goal: `(3,)`, x, y (m) and heading (rad), map frame. None: stand still.
+        look_at_xy_m: whose face to look at, m, map frame. None: look ahead.
+    """
+
+    goal: Array | None = None
+    look_at_xy_m: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class TourEnd:
+    """How an order ended.
+
+    Attributes:
+        is_done: whether it was carried out.
+        reason: for people.
+        duration_s: of the order.
+    """
+
+    is_done: bool
+    reason: str
+    duration_s: float
+
+
+@dataclass
+class _Candidate:
+    """The person whom the robot is about to look at."""
+
+    track: str
+    xy_m: tuple[float, float]
+    goal: Array | None = None
+    faces: list[str] = field(default_factory=list)
+
+
+class PersonTour:
+    """Carries out one order at a time.
+
+    Args:
+        clock: Returns the time in s.
+        settings: How to meet persons.
+        on_change: Called with each new state.
+
+    Attributes:
+        machine: The state machine, and why it entered the current state.
+        met: Who was met in this tour.
+        learns: The name of the person who is to be learnt; '': it goes round.
+        end: How the last order ended; None: it has not.
+        to_learn: The face that is to be learnt now; its owner calls `learnt` or `not_learnt`.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        settings: TourSettings | None = None,
+        on_change: Callable[[TourState], None] = lambda _state: None,
+    ) -> None:
+        self.settings = settings or TourSettings()
+        self.machine = StateMachine(TourState.IDLE, TRANSITIONS, clock, self.settings.time_outs(), on_change)
+        self._clock = clock
+        self._persons: dict[str, PersonReport] = {}
+        self._pose: Array | None = None
+        self._map: Map | None = None
+        self.end: TourEnd | None = None
+        self._begin("", 0)
+
+    def _begin(self, learns: str, wanted: int) -> None:
+        self.learns, self._wanted = learns, wanted
+        self.met: list[Met] = []
+        self._tried: list[tuple[float, float]] = []
+        self._area = SeenArea()
+        self._place: tuple[float, float] | None = None
+        self._searched_s = -math.inf
+        self._candidate: _Candidate | None = None
+        self.to_learn: SeenFace | None = None
+        self._refusals = 0
+        self._began_s = self._clock()
+
+    @property
+    def state(self) -> TourState:
+        """Return what the robot does."""
+        return self.machine.state
+
+    # -- orders ----------------------------------------------------------------------------------------
+
+    def go_round(self, persons: int) -> None:
+        """Look for persons; there must be no other order.
+
+        Args:
+            persons: Ends when it has met that many; 0: when it has looked everywhere.
+        """
+        self._begin("", persons)
+        self.end = None
+        self.machine.go(TourState.SEARCH, "was asked who is who")
+
+    def learn(self, name: str) -> None:
+        """Learn the person in front of the robot; there must be no other order."""
+        self._begin(name, 0)
+        self.end = None
+        self.machine.go(TourState.CHOOSE, f"is to learn {name}")
+
+    def cancel(self, reason: str) -> None:
+        """End the order."""
+        if self.state is not TourState.IDLE:
+            self._end(False, reason)
+
+    # -- inputs ----------------------------------------------------------------------------------------
+
+    def see_pose(self, pose: ArrayLike) -> None:
+        """Take the robot's pose (x, y, heading), m and rad, map frame."""
+        self._pose = np.asarray(pose, float)
+
+    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: Sequence[float]) -> None:
+        """Take the newest map: see `SeenArea.see_map`."""
+        self._map = cells, resolution_m, corner_xy_m
+
+    def see_persons(self, persons: Sequence[PersonReport]) -> None:
+        """Take all persons that are tracked now."""
+        self._persons = {one.name: one for one in persons}
+        candidate = self._candidate
+        if candidate is not None and candidate.track in self._persons:
+            candidate.xy_m = self._persons[candidate.track].xy_m
+
+    def see_faces(self, faces: Sequence[SeenFace], eye_xy_m: Sequence[float]) -> None:
+        """Take the faces of a picture.
+
+        Args:
+            faces: all of them.
+            eye_xy_m: where the camera was, m, map frame.
+        """
+        candidate = self._candidate
+        if candidate is None or self.state is not TourState.LOOK:
+            return
+        x, y = np.subtract(candidate.xy_m, eye_xy_m[:2])
+        aside = [
+            (abs(math.remainder(face.bearing_rad - math.atan2(y, x), math.tau)), index)
+            for index, face in enumerate(faces)
+        ]
+        if not aside or min(aside)[0] > self.settings.aside_rad:
+            return
+        face = faces[min(aside)[1]]
+        if self.learns:
+            self.to_learn = face
+            self.machine.go(TourState.LEARN, "sees the face")
+            return
+        candidate.faces.append(face.name)
+        name, count = (
+            Counter(filter(None, candidate.faces)).most_common(1)[0] if any(candidate.faces) else ("", 0)
+        )
+        if count >= self.settings.faces:
+            self._meet(name, candidate)
+        elif len(candidate.faces) >= self.settings.most_faces:
+            self._meet("", candidate)
+
+    def learnt(self) -> None:
+        """Take that the face of `to_learn` is known."""
+        if self.state is TourState.LEARN:
+            self._end(True, f"knows {self.learns}")
+
+    def not_learnt(self, reason: str) -> None:
+        """Take that the face of `to_learn` could not be learnt: it takes another picture."""
+        if self.state is not TourState.LEARN:
+            return
+        self.to_learn = None
+        self._refusals += 1
+        if self._refusals >= self.settings.teachings:
+            self._end(False, reason)
+        else:
+            self.machine.go(TourState.LOOK, f"once more: {reason}")
+
+    def arrived(self) -> None:
+        """Record that the robot has reached its latest goal."""
+        if self.state is TourState.APPROACH:
+            self.machine.go(TourState.LOOK, "is beside the person")
+        self._leave_place()
+
+    def unreachable(self, reason: str) -> None:
+        """Record that the robot cannot reach its latest goal."""
+        if self.state is TourState.APPROACH:
+            self.machine.go(TourState.LOOK, reason)
+        self._leave_place()
+
+    def _leave_place(self) -> None:
+        if self.state is TourState.SEARCH and self._place is not None:
+            self._area.leave_out(self._place)
+            self._place = None
+
+    # -- outputs ---------------------------------------------------------------------------------------
+
+    def step(self) -> TourOrders:
+        """Decide what the robot does now, and return it."""
+        if self._pose is None:
+            return TourOrders()
+        is_late = self._clock() - self._began_s >= self.settings.tour_s
+        if is_late and self.state is not TourState.IDLE and not self.learns:
+            self._end(True, f"the tour ends after {self.settings.tour_s:g} s")
+        if self.state is TourState.SEARCH:
+            self._search()
+        elif self.state is TourState.CHOOSE:
+            self._choose()
+        elif self.state is TourState.LOOK:
+            self._judge_look()
+        elif self.state is not TourState.IDLE:
+            self.machine.expire()
+        return self._orders()
+
+    def _choose(self) -> None:
+        """Take the nearest person in front of the robot."""
+        assert self._pose is not None
+        near = [
+            (away_m, one.name)
+            for one, away_m, aside in self._seen()
+            if away_m <= self.settings.front_m and abs(aside) <= self.settings.front_rad
+        ]
+        if near:
+            self._approach(min(near)[1])
+        elif self.machine.time_in_state_s >= self.settings.choose_s:
+            self._end(False, "nobody is in front of the robot")
+
+    def _search(self) -> None:
+        """Go to somebody who was not met, or on to where the robot has not looked."""
+        assert self._pose is not None
+        new = [(away_m, one.name) for one, away_m, _ in self._seen() if self._is_new(one.xy_m)]
+        if new:
+            self._approach(min(new)[1])
+            return
+        if self._map is None or self._clock() - self._searched_s < SEARCH_PERIOD_S:
+            return
+        self._searched_s = self._clock()
+        self._area.see_map(*self._map)
+        robot = self._pose[:2].tolist()
+        self._area.look_from(robot)
+        if self._place is None or self._area.is_seen(self._place):
+            self._place = self._area.next_place(robot)
+            if self._place is None:
+                self._end(True, "has looked everywhere")
+
+    def _approach(self, track: str) -> None:
+        self._candidate = _Candidate(track, self._persons[track].xy_m)
+        self._place = None
+        self.machine.go(TourState.APPROACH, f"has not met person {track}")
+
+    def _judge_look(self) -> None:
+        """Give up a person who shows no face."""
+        if self.machine.time_in_state_s < self.settings.look_s:
+            return
+        candidate = self._candidate
+        assert candidate is not None
+        if self.learns:
+            self._end(False, "sees no face")
+        elif candidate.faces:
+            self._meet("", candidate)
+        else:
+            self._tried.append(candidate.xy_m)
+            self._candidate = None
+            self.machine.go(TourState.SEARCH, "saw no face")
+
+    def _meet(self, name: str, candidate: _Candidate) -> None:
+        """Note who this is, and go on."""
+        self.met = [one for one in self.met if not name or one.name != name]
+        self.met.append(Met(name, candidate.xy_m, len(candidate.faces)))
+        self._candidate = None
+        self.machine.go(TourState.SEARCH, f"has met {name or 'somebody unknown'}")
+        if len(self.met) >= (self._wanted or MAX_MET):
+            self._end(True, f"has met {len(self.met)} persons")
+
+    def _is_new(self, xy_m: tuple[float, float]) -> bool:
+        same_m = self.settings.same_m
+        if any(math.dist(one.xy_m, xy_m) <= same_m for one in self.met):
+            return False
+        return sum(math.dist(place, xy_m) <= same_m for place in self._tried) < self.settings.tries
+
+    def _seen(self) -> list[tuple[PersonReport, float, float]]:
+        """Return who is seen now, each with the distance, m, and the angle beside the heading, rad."""
+        assert self._pose is not None
+        found = []
+        for one in self._persons.values():
+            if one.unseen_s <= self.settings.fresh_s:
+                x, y = np.asarray(one.xy_m) - self._pose[:2]
+                aside = math.remainder(math.atan2(y, x) - float(self._pose[2]), math.tau)
+                found.append((one, math.hypot(x, y), aside))
+        return found
+
+    def _end(self, is_done: bool, reason: str) -> None:
+        self.end = TourEnd(is_done, reason, self._clock() - self._began_s)
+        self._candidate = self.to_learn = None
+        self.machine.go(TourState.IDLE, reason)
+
+    def _orders(self) -> TourOrders:
+        assert self._pose is not None
+        candidate = self._candidate
+        if self.state is TourState.SEARCH and self._place is not None:
+            away = np.subtract(self._place, self._pose[:2])
+            return TourOrders(np.array([*self._place, math.atan2(away[1], away[0])]))
+        if candidate is None:
+            return TourOrders()
+        if self.state is TourState.APPROACH:
+            if math.dist(candidate.xy_m, self._pose[:2]) <= self.settings.beside_m + 0.2:
+                self.machine.go(TourState.LOOK, "is beside the person")
+            else:
+                return TourOrders(self._beside(candidate), candidate.xy_m)
+        return TourOrders(None, candidate.xy_m)
+
+    def _beside(self, candidate: _Candidate) -> Array:
+        """Return the place beside a person, heading there; it is kept as long as the person hardly moves."""
+        assert self._pose is not None
+        beside_m, goal = self.settings.beside_m, candidate.goal
+        if goal is not None and abs(math.dist(goal[:2], candidate.xy_m) - beside_m) < 0.3:
+            return goal
+        away = np.subtract(candidate.xy_m, self._pose[:2])
+        heading = math.atan2(away[1], away[0])
+        x, y = np.asarray(candidate.xy_m) - beside_m * away / math.hypot(*away)
+        candidate.goal = np.array([x, y, heading])
+        return candidate.goal
+
+    # -- restarts --------------------------------------------------------------------------------------
+
+    def memory(self) -> dict[str, Any]:
+        """Return what a restarted task needs to go on, as plain data."""
+        return {
+            "is_idle": self.state is TourState.IDLE,
+            "learns": self.learns,
+            "wanted": self._wanted,
+            "met": [[one.name, *one.xy_m, one.faces] for one in self.met],
+            "tried": [list(place) for place in self._tried],
+            "used_s": self._clock() - self._began_s,
+            "end": None if self.end is None else [self.end.is_done, self.end.reason, self.end.duration_s],
+        }
+
+    def remember(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` returned: with the same order, and those who were met."""
+        if not memory["is_idle"]:
+            if memory["learns"]:
+                self.learn(memory["learns"])
+            else:
+                self.go_round(memory["wanted"])
+        self.met = [Met(name, (x, y), faces) for name, x, y, faces in memory["met"]]
+        self._tried = [(x, y) for x, y in memory["tried"]]
+        self._began_s = self._clock() - memory["used_s"]
+        self.end = None if memory["end"] is None else TourEnd(*memory["end"])
