@@ -9,7 +9,7 @@ close behind her. A seed is right if the robot never went after another person, 
 at the end. With `--kill`, the tool kills every module once, at a random moment; in lockstep,
 as in the profile `home-fast`, the robot waits for a restarting module.
 
-With `--hurries`, the person is faster than the robot may drive, walks out of its sight through a door, and
+With `--hurries`, the person is faster than the robot may drive, walks out of its sight through two rooms, and
 waits there: so the robot loses the person, and has to search.
 """
 
@@ -35,13 +35,10 @@ TROUSERS = ((50, 60, 110), (30, 30, 32), (120, 110, 100), (90, 80, 60))
 LOWER = "[[2.3, 4.1, 0], [8.0, 4.1, 0], [8.0, 1.8, 2], [4.9, 1.8, 0], [1.7, 1.8, 3], [1.7, 4.1, 0]]"
 UPPER = "[[2.3, 4.1, 0], [8.9, 4.1, 0], [8.9, 6.2, 2], [5.0, 6.2, 0], [2.5, 6.2, 3], [2.5, 4.1, 0]]"
 LOWER_HURRY = (
-    "[[2.3, 4.1, 0], [8.0, 4.1, 0], [8.0, 2.0, 0], [6.6, 1.8, 30], "
-    "[4.9, 1.8, 0], [1.7, 1.8, 30], [1.7, 4.1, 5]]"
+    "[[2.3, 4.1, 0], [8.0, 4.1, 0], [8.0, 2.0, 0], [4.9, 1.8, 0], "
+    "[2.6, 1.6, 40], [1.7, 1.8, 0], [1.7, 4.1, 20]]"
 )
-UPPER_HURRY = (
-    "[[2.3, 4.1, 0], [8.9, 4.1, 0], [8.9, 6.2, 0], [7.0, 5.6, 30], "
-    "[5.0, 6.2, 0], [2.5, 5.9, 30], [2.5, 4.1, 5]]"
-)
+UPPER_HURRY = "[[2.3, 4.1, 0], [8.9, 4.1, 0], [8.9, 6.2, 0], [5.0, 6.3, 0], [2.4, 5.6, 40], [2.5, 4.1, 20]]"
 CROSSING = "[[5.0, 2.6, 0], [5.0, 5.4, 0]]"
 LOWER_CROSSING, UPPER_CROSSING = "[[3.3, 0.65, 0], [3.3, 2.9, 0]]", "[[6.0, 5.2, 0], [6.0, 7.3, 0]]"
 LOWER_ROOM, UPPER_ROOM = (
@@ -94,7 +91,7 @@ def apartment(seed: int, hurries: bool = False) -> str:
     shirts = chance.sample(SHIRTS, 4)
     is_upper = bool(seed % 2)
     slow, fast = (UPPER, UPPER_HURRY) if is_upper else (LOWER, LOWER_HURRY)
-    way, speeds = (fast, (1.1, 1.4)) if hurries else (slow, (0.45, 0.6))
+    way, speeds = (fast, (1.3, 1.6)) if hurries else (slow, (0.45, 0.6))
     walks = [
         ("Anna", way, chance.uniform(*speeds), chance.uniform(12, 16), "in_a_loop"),
         ("Ben", CROSSING, chance.uniform(0.6, 0.8), 0.0, "across"),

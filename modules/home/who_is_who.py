@@ -2,7 +2,7 @@
 
 import json
 import math
-from typing import Any
+from typing import Any, cast
 
 from modules.home.messages import (
     Following,
@@ -359,9 +359,10 @@ class WhoIsWhoTask(Module):
         if not end.is_done:
             active.abort(end.reason)
         elif tour.learns:
-            active.succeed(LearnPersonResult(examples=self.examples))
+            cast(ActiveLesson, active).succeed(LearnPersonResult(examples=self.examples))
         else:
-            active.succeed(WhoIsWhoResult(persons=self._met(), duration_s=end.duration_s))
+            result = WhoIsWhoResult(persons=self._met(), duration_s=end.duration_s)
+            cast(ActiveRound, active).succeed(result)
 
     def _told(self) -> list[str]:
         """Return who is where, in words."""
