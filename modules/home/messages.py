@@ -39,7 +39,7 @@ class MetPerson(Message, name="home_msgs/msg/MetPerson", version=1):
     faces: uint32 = DEFAULT  # pictures of the face that were compared
 
 
-class PersonTourFeedback(Feedback, name="home_msgs/action/PersonTour_Feedback", version=1):
+class WhoIsWhoFeedback(Feedback, name="home_msgs/action/WhoIsWho_Feedback", version=1):
     """What the robot does; sent on each change."""
 
     state: str = DEFAULT  # name of a state of workers/home/person_tour.py
@@ -54,10 +54,17 @@ class WhoIsWhoResult(Result, name="home_msgs/action/WhoIsWho_Result", version=1)
     duration_s: float64 = DEFAULT
 
 
-class WhoIsWho(Goal[PersonTourFeedback, WhoIsWhoResult], name="home_msgs/action/WhoIsWho_Goal", version=1):
+class WhoIsWho(Goal[WhoIsWhoFeedback, WhoIsWhoResult], name="home_msgs/action/WhoIsWho_Goal", version=1):
     """Look for persons, and say who is where. A newer goal takes over the round of an older one."""
 
     persons: uint32 = DEFAULT  # ends when it has met that many; 0: when it has looked everywhere
+
+
+class LearnPersonFeedback(Feedback, name="home_msgs/action/LearnPerson_Feedback", version=1):
+    """What the robot does; sent on each change."""
+
+    state: str = DEFAULT  # as in WhoIsWhoFeedback
+    reason: str = DEFAULT  # for people
 
 
 class LearnPersonResult(Result, name="home_msgs/action/LearnPerson_Result", version=1):
@@ -67,7 +74,7 @@ class LearnPersonResult(Result, name="home_msgs/action/LearnPerson_Result", vers
 
 
 class LearnPerson(
-    Goal[PersonTourFeedback, LearnPersonResult], name="home_msgs/action/LearnPerson_Goal", version=1
+    Goal[LearnPersonFeedback, LearnPersonResult], name="home_msgs/action/LearnPerson_Goal", version=1
 ):
     """Learn the face of the person in front of you."""
 

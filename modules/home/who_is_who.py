@@ -7,10 +7,11 @@ from typing import Any, cast
 from modules.home.messages import (
     Following,
     LearnPerson,
+    LearnPersonFeedback,
     LearnPersonResult,
     MetPerson,
-    PersonTourFeedback,
     WhoIsWho,
+    WhoIsWhoFeedback,
     WhoIsWhoResult,
 )
 from modules.navigation_goals import NavigationGoals
@@ -48,8 +49,8 @@ from workers.home.follow_states import FollowState
 from workers.home.person_tour import Met, PersonTour, SeenFace, TourState
 from workers.taught import TeachingError, checked_name
 
-ActiveRound = ActiveGoal[WhoIsWho, PersonTourFeedback, WhoIsWhoResult]
-ActiveLesson = ActiveGoal[LearnPerson, PersonTourFeedback, LearnPersonResult]
+ActiveRound = ActiveGoal[WhoIsWho, WhoIsWhoFeedback, WhoIsWhoResult]
+ActiveLesson = ActiveGoal[LearnPerson, LearnPersonFeedback, LearnPersonResult]
 PERSONS = TaughtFaces.kind
 FACE_M = 1.55
 """Height of a face above the floor; the camera has to see those of taller and smaller persons, too."""
@@ -393,8 +394,12 @@ class WhoIsWhoTask(Module):
         if self.active is None or self.fed_back == machine.state.name + machine.reason:
             return
         self.fed_back = machine.state.name + machine.reason
-        feedback = PersonTourFeedback(state=machine.state.name, reason=machine.reason, met=len(self.tour.met))
-        self.active.feedback(feedback)
+        state, reason = machine.state.name, machine.reason
+        if self.tour.learns:
+            cast(ActiveLesson, self.active).feedback(LearnPersonFeedback(state=state, reason=reason))
+        else:
+            feedback = WhoIsWhoFeedback(state=state, reason=reason, met=len(self.tour.met))
+            cast(ActiveRound, self.active).feedback(feedback)
 
     def _state_changed(self, state: TourState) -> None:
         self.show_state(state)
