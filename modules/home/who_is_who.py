@@ -225,7 +225,7 @@ class WhoIsWhoTask(Module):
 
     def on_image(self, image: Image) -> None:
         """Keep a picture while somebody is learnt: what is found in it comes later."""
-        if self.tour.learns and self.tour.state is TourState.LOOK:
+        if self.tour.learns and self.tour.state is not TourState.IDLE:
             self.pictures[image.header.stamp.nanoseconds] = image
             while len(self.pictures) > MAX_PICTURES:
                 del self.pictures[min(self.pictures)]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from hw.camera import CameraGeometry
 from hw.laser import LaserGeometry
@@ -17,7 +18,15 @@ from hw.simulation.box_segments import box_segments
 from hw.simulation.camera import SimulatedCamera
 from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
-from hw.simulation.people import LEG_RADIUS_M, ROBOT_APART_M, People, leg_circles
+from hw.simulation.people import (
+    LEG_RADIUS_M,
+    PICTURE_S,
+    ROBOT_APART_M,
+    FacesError,
+    People,
+    leg_circles,
+    read_heads,
+)
 from tests._support.places import ARENAS
 
 FAR_AWAY = Pose(0.5, 9.5, 0.0)
@@ -193,3 +202,29 @@ def test_people_of_the_apartment_walk_and_cross_the_first_one_twice_a_minute() -
         for index, name in ((1, "Ben"), (2, "Clara")):
             starts[name] += before[index].stride == 0.0 < people.states[index].stride
     assert sum(starts.values()) >= 4 and min(starts.values()) >= 1
+
+
+def portrait(folder: Path, name: str, colour: tuple[int, int, int]) -> None:
+    Image.new("RGB", (20, 27), colour).save(folder / name)
+
+
+def test_camera_shows_a_persons_pictures_in_turns_where_the_head_is(tmp_path: Path) -> None:
+    portrait(tmp_path, "Anna_1.png", (0, 0, 255))
+    portrait(tmp_path, "Anna_2.png", (0, 255, 0))
+    portrait(tmp_path, "Ben.png", (255, 0, 255))
+    heads = read_heads(tmp_path, ["Anna", "Clara"])
+    assert {name: len(pictures) for name, pictures in heads.items()} == {"Anna": 2}
+    camera = SimulatedCamera(ROOM, CameraGeometry(320, 240, 1.2, (0.0, 0.0, 1.1)), noise=0.0)
+    camera.heads, camera.people = heads, np.array([[3.0, 5.0, 0.0, 0.0, 0.0]])
+    camera.look(0.0, -math.atan2(1.58 - 1.1, 2.0))
+    for stamp_s, colour in ((0.0, [0, 0, 255]), (PICTURE_S, [0, 255, 0]), (2 * PICTURE_S, [0, 0, 255])):
+        camera.place(Pose(1.0, 5.0, 0.0), stamp_s)
+        assert camera.capture().pixels[120, 160].tolist() == colour
+
+
+def test_folder_without_pictures_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FacesError, match="no such folder"):
+        read_heads(tmp_path / "none", ["Anna"])
+    (tmp_path / "Anna.png").write_text("no picture")
+    with pytest.raises(FacesError, match=r"Anna\.png: cannot be read as a picture"):
+        read_heads(tmp_path, ["Anna"])

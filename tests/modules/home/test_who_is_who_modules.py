@@ -31,6 +31,7 @@ from robbie_mp.messages import (
     Detection2DArray,
     Image,
     MapAnnotations,
+    MapMetaData,
     NavigateTo,
     NavigationResult,
     ObjectHypothesis,
@@ -113,10 +114,8 @@ def room(harness: Harness) -> None:
     """Send a map of 3 m by 3 m around the robot, all of it in sight."""
     cells = np.zeros((60, 60), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
-    grid = OccupancyGrid(header=header(harness), data=cells.ravel())
-    grid.info.width = grid.info.height = 60
-    grid.info.resolution = 0.05
-    grid.info.origin = Pose(position=Point(x=-1.5, y=-1.5))
+    info = MapMetaData(width=60, height=60, resolution=0.05, origin=Pose(position=Point(x=-1.5, y=-1.5)))
+    grid = OccupancyGrid(header=header(harness), info=info, data=cells.ravel())
     harness.send(grid)
 
 

@@ -1,0 +1,201 @@
+"""The tasks "learn this person" and "who is who": whom the robot meets, and whom it takes a face for."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robbie_mp.state_machine import mermaid
+from tests._support.places import PROJECT
+from workers.home.follow import PersonReport
+from workers.home.person_tour import (
+    TRANSITIONS,
+    Met,
+    PersonTour,
+    SeenFace,
+    TourOrders,
+    TourSettings,
+    TourState,
+)
+
+
+class Scene:
+    """A robot that drives as it is told, at 10 Hz, in a room of 10 m by 6 m; its camera is in its middle."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.pose = (0.0, 0.0, 0.0)
+        self.persons: dict[str, tuple[float, float]] = {}
+        self.faces: dict[str, str] = {}
+        self.cells = np.zeros((120, 200), np.int8)
+        self.cells[[0, -1], :] = self.cells[:, [0, -1]] = 100
+        self.tour = self.started()
+
+    def started(self) -> PersonTour:
+        tour = PersonTour(lambda: self.now_s)
+        tour.see_map(self.cells, 0.05, (-1.0, -3.0))
+        return tour
+
+    def run(self, seconds: float) -> TourOrders:
+        orders = TourOrders()
+        for _ in range(round(seconds * 10)):
+            self.now_s += 0.1
+            self.tour.see_pose(self.pose)
+            self.tour.see_persons([PersonReport(name, xy) for name, xy in self.persons.items()])
+            self.tour.see_faces([SeenFace(*self.seen(name)) for name in self.faces], self.pose)
+            orders = self.tour.step()
+            if orders.goal is not None:
+                self.drive(*orders.goal.tolist())
+        return orders
+
+    def seen(self, name: str) -> tuple[str, float]:
+        x, y = np.subtract(self.persons[name], self.pose[:2])
+        return self.faces[name], math.atan2(y, x)
+
+    def drive(self, x: float, y: float, heading: float) -> None:
+        away = math.dist((x, y), self.pose[:2])
+        if away < 0.3:
+            self.tour.arrived()
+            return
+        step = 0.07 / away
+        self.pose = (
+            self.pose[0] + step * (x - self.pose[0]),
+            self.pose[1] + step * (y - self.pose[1]),
+            heading,
+        )
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return Scene()
+
+
+def test_robot_meets_everybody_and_ends_when_it_has_looked_everywhere(scene: Scene) -> None:
+    scene.persons = {"1": (3.0, 2.0), "2": (7.5, -1.5), "3": (5.0, 0.0)}
+    scene.faces = {"1": "Anna", "2": "", "3": "Ben"}
+    scene.tour.go_round(0)
+    scene.run(90.0)
+    assert scene.tour.end is not None and scene.tour.end.is_done
+    assert {(one.name, one.xy_m) for one in scene.tour.met} == {
+        ("Anna", (3.0, 2.0)),
+        ("", (7.5, -1.5)),
+        ("Ben", (5.0, 0.0)),
+    }
+    assert max(one.faces for one in scene.tour.met) == TourSettings().most_faces
+
+
+def test_round_for_one_person_ends_with_that_person(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (2.0, 1.0), "2": (6.0, 1.0)}, {"1": "Anna", "2": "Ben"}
+    scene.tour.go_round(1)
+    scene.run(30.0)
+    assert [one.name for one in scene.tour.met] == ["Anna"]
+
+
+def test_thing_without_a_face_is_tried_twice_and_then_left_alone(scene: Scene) -> None:
+    scene.persons = {"1": (3.0, 1.0)}
+    scene.tour.go_round(0)
+    scene.run(90.0)
+    assert scene.tour.end is not None
+    assert (scene.tour.end.is_done, scene.tour.met) == (True, [])
+    assert scene.tour.end.reason == "has looked everywhere"
+
+
+def test_face_that_is_seldom_recognized_stays_unknown(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (1.2, 0.0)}, {"1": ""}
+    scene.tour.go_round(0)
+    scene.run(0.2)
+    for name in ("Anna", "", "", "Anna", "", ""):
+        scene.faces["1"] = name
+        scene.run(0.1)
+    assert [one.name for one in scene.tour.met] == [""]
+
+
+def test_name_that_is_met_again_elsewhere_replaces_the_older_place(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (1.2, 0.0)}, {"1": "Anna"}
+    scene.tour.go_round(0)
+    scene.run(1.0)
+    scene.persons["1"] = (1.2, 1.0)
+    scene.run(3.0)
+    assert scene.tour.met == [Met("Anna", (1.2, 1.0), 3)]
+
+
+def test_person_in_front_is_learnt_and_refused_pictures_are_taken_again(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (2.0, 0.1), "2": (0.0, 1.0)}, {"1": "", "2": ""}
+    scene.tour.learn("Anna")
+    scene.run(3.0)
+    assert scene.tour.to_learn == SeenFace(*scene.seen("1"))
+    scene.tour.not_learnt("no face is found")
+    assert scene.tour.state is TourState.LOOK
+    scene.run(0.2)
+    scene.tour.learnt()
+    assert scene.tour.end is not None
+    assert (scene.tour.end.is_done, scene.tour.state) == (True, TourState.IDLE)
+
+
+def test_learning_fails_if_nobody_is_in_front_or_shows_a_face_or_all_pictures_are_refused(
+    scene: Scene,
+) -> None:
+    reasons = []
+    for persons, faces in (({}, {}), ({"1": (1.2, 0.0)}, {}), ({"1": (1.2, 0.0)}, {"1": ""})):
+        scene.persons, scene.faces = persons, faces
+        scene.tour.learn("Anna")
+        while scene.tour.end is None:
+            scene.run(0.1)
+            scene.tour.not_learnt("no face is found")
+        assert not scene.tour.end.is_done
+        reasons.append(scene.tour.end.reason)
+    assert reasons == ["nobody is in front of the robot", "sees no face", "no face is found"]
+
+
+def test_robot_goes_on_to_others_if_it_cannot_get_to_a_person(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (4.0, 0.0), "2": (6.0, 2.0)}, {"2": "Ben"}
+    scene.tour.go_round(0)
+    for _ in range(900):
+        scene.run(0.1)
+        if scene.tour.state is TourState.APPROACH and scene.tour.machine.reason.endswith("person 1"):
+            scene.tour.unreachable("no way")
+    assert [one.name for one in scene.tour.met] == ["Ben"]
+
+
+def test_round_ends_in_time_with_those_who_were_met(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (1.2, 0.0)}, {"1": "Anna"}
+    scene.tour.go_round(0)
+    scene.run(1.0)
+    scene.now_s += TourSettings().tour_s
+    scene.run(0.1)
+    assert scene.tour.end is not None and scene.tour.end.is_done
+    assert [one.name for one in scene.tour.met] == ["Anna"]
+
+
+def test_cancelled_order_ends_at_once_and_none_is_not_cancelled(scene: Scene) -> None:
+    scene.tour.cancel("was told to stop")
+    assert scene.tour.end is None
+    scene.persons["1"] = (3.0, 0.0)
+    scene.tour.go_round(0)
+    scene.run(1.0)
+    scene.tour.cancel("was told to stop")
+    assert scene.tour.state is TourState.IDLE
+    assert scene.run(0.2) == TourOrders()
+
+
+def test_restarted_task_goes_on_with_those_who_were_met(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (1.2, 0.0), "2": (1.0, 1.5)}, {"1": "Anna", "2": "Ben"}
+    scene.tour.go_round(2)
+    scene.run(0.7)
+    assert [one.name for one in scene.tour.met] == ["Anna"]
+    memory = scene.tour.memory()
+    scene.tour = scene.started()
+    scene.tour.remember(memory)
+    scene.run(10.0)
+    assert [one.name for one in scene.tour.met] == ["Anna", "Ben"]
+    assert scene.tour.end is not None and scene.tour.end.is_done
+    scene.tour.learn("Clara")
+    memory = scene.tour.memory()
+    again = scene.started()
+    again.remember(memory)
+    assert (again.state, again.learns) == (TourState.CHOOSE, "Clara")
+
+
+def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
+    page = (PROJECT / "docs" / "home.md").read_text()
+    assert mermaid(TourState.IDLE, TRANSITIONS, TourSettings().time_outs()) in page
