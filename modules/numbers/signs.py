@@ -110,7 +110,14 @@ class NumberSignFinder(Module):
     def teardown(self) -> None:
         """Write what was read on each post."""
         signs = [
-            {"text": sign.text, "xy_m": sign.xy_m.round(3).tolist(), "votes": sign.votes, "eyes": sign.eyes}
+            {
+                "text": sign.text,
+                "xy_m": sign.xy_m.round(3).tolist(),
+                "facing_rad": None if math.isnan(sign.facing_rad) else round(sign.facing_rad, 3),
+                "votes": sign.votes,
+                "glimpses": sign.glimpses,
+                "eyes": sign.eyes,
+            }
             for sign in self.signs.signs
         ]
         (self.output_directory / "signs.json").write_text(json.dumps(signs) + "\n")
@@ -191,7 +198,7 @@ class NumberSignFinder(Module):
                 facing_rad=np.array([sign.facing_rad for sign in signs], np.float64),
                 digits=np.array([_digit(sign) for sign in signs], np.int8),
                 likely=np.array([int(sign.likely or NumberSigns.UNKNOWN) for sign in signs], np.int8),
-                views=np.array([sign.votes.get(sign.likely, 0) for sign in signs], np.uint16),
+                views=np.array([sign.times(sign.likely) for sign in signs], np.uint16),
                 searched=np.array([sign.searched for sign in signs], np.uint16),
                 sheet=self.sheet.order,
                 images=self.images,

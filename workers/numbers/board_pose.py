@@ -15,13 +15,14 @@ from workers.numbers.quadrangles import Quadrangle
 
 # Clockwise from the upper left, seen from the front: x to the right, y up.
 SQUARE = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]], np.float32)
-MAX_SLANT_RAD = math.radians(75)
+MAX_SLANT_RAD = math.radians(80)
+"""No board can be read at a larger slant: a larger one is a small error of the corners."""
 
 
 def board_facing(quadrangle: Quadrangle, focal_px: float, centre_px: tuple[float, float]) -> float:
     """Return the angle over the ground from the direction to the camera to that of the board's front, rad.
 
-    Positive is counter-clockwise, seen from above; 0 if the shape is not that of a square.
+    Positive is counter-clockwise, seen from above; at most MAX_SLANT_RAD.
     """
     cv2: Any = import_module("cv2")
     rays = ((quadrangle.corners_px - np.array(centre_px)) / focal_px).astype(np.float32)
@@ -30,4 +31,4 @@ def board_facing(quadrangle: Quadrangle, focal_px: float, centre_px: tuple[float
     # In the optical frame, x is to the right and z ahead: angles from above, counter-clockwise.
     facing_rad, view_rad = math.atan2(-normal[0], normal[2]), math.atan2(middle[0], -middle[2])
     slant_rad = math.remainder(facing_rad - view_rad, math.tau)
-    return slant_rad if abs(slant_rad) <= MAX_SLANT_RAD else 0.0
+    return min(max(slant_rad, -MAX_SLANT_RAD), MAX_SLANT_RAD)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_mp.state_machine import StateMachine
 from workers.exploration.drivable_ground import DrivableGround
 from workers.numbers.mission_states import TIME_OUTS, TRANSITIONS, NumbersSettings, NumbersState
-from workers.numbers.mission_targets import Look, NumbersTargets, SignReport, Target, Wish
+from workers.numbers.mission_targets import Look, NumbersTargets, SignReport, Target, Wish, aside_of
 from workers.numbers.sign_map import ALL_SECTORS, SECTORS, sector_rad
 
 Points = NDArray[np.float64]
@@ -24,7 +24,8 @@ TRAVELS = frozenset({NumbersState.EXPLORE, NumbersState.SEARCH, NumbersState.APP
 STANDS = frozenset({NumbersState.WAIT, NumbersState.HALT})
 MAX_ATTEMPTS = 4
 """Number of places in front of a sign that the robot tries before it returns to the first one."""
-MOVED_M = 0.3
+MOVED_M, TURNED_RAD = 0.3, 0.2
+"""A goal in front of a sign stays the same until the sign turns out to stand or face differently by this."""
 LOOK_M = (1.5, 3.4)
 """On its way, the robot looks at posts between these distances."""
 WANTED_WORTH, OTHER_WORTH = 15.0, 1.0
@@ -254,12 +255,23 @@ class NumbersMission:
 
     def _wanted_front(self, targets: NumbersTargets) -> Target | None:
         """Return where to stop in front of the wanted digit, if its place is known."""
-        found = [sign for sign in self.signs if sign.digit is not None and sign.digit == self.wanted]
-        for sign in sorted(found, key=lambda sign: -sign.views):
+        for sign in self._carriers():
             target = targets.front_of(sign, self._avoided)
             if target is not None:
                 return target
         return None
+
+    def _carriers(self) -> list[SignReport]:
+        """Return the signs that carry the wanted digit, the surest first.
+
+        After a round in vain, also those on which it was read, but not surely: there, the robot may be right.
+        """
+        if self.wanted is None:
+            return []
+        sure = [sign for sign in self.signs if sign.digit == self.wanted]
+        if not sure and self._round:
+            sure = [sign for sign in self.signs if sign.is_open and sign.likely == self.wanted]
+        return sorted(sure, key=lambda sign: -sign.views)
 
     def _best_search(self, targets: NumbersTargets) -> Target | None:
         """Return the best place to search; the current target as long as it is worth almost as much."""
@@ -312,7 +324,14 @@ class NumbersMission:
         self.machine.go(target.state, f"number {self.wanted} {about}" if is_wanted else about)
 
     def _is_allowed(self, target: Target) -> bool:
-        return all(math.dist(target.goal[:2], place[:2]) > MOVED_M / 2 for place in self._avoided)
+        is_new = all(math.dist(target.goal[:2], place[:2]) > MOVED_M / 2 for place in self._avoided)
+        return is_new and self._is_in_front(target.goal, target.about_xy_m)
+
+    def _is_in_front(self, place: Points, sign_xy_m: tuple[float, float]) -> bool:
+        """Return whether a place is in front of the wanted sign, as far as is known which way it faces."""
+        signs = [sign for sign in self._carriers() if math.dist(sign.xy_m, sign_xy_m) <= MOVED_M]
+        most_rad = self.settings.stop_rad + TURNED_RAD
+        return all(aside_of(sign, place[None, :2])[0] <= most_rad for sign in signs)
 
     def _begin_round(self) -> None:
         """Look at all posts again, or give up."""
@@ -327,6 +346,9 @@ class NumbersMission:
         away_m = math.dist(self._pose[:2], target.about_xy_m)
         if self.wanted is None or away_m > self.settings.reached_m:
             self._give_up(f"{away_m:.1f} m away")
+            return
+        if not self._is_in_front(self._pose, target.about_xy_m):
+            self._give_up("not in front of the board")
             return
         digit = self.wanted
         self.reached.append(digit)

@@ -151,12 +151,10 @@ class NumbersTargets:
             sign: the sign.
             avoided: goals in front of it that could not be reached.
         """
-        facing_rad = 0.0 if math.isnan(sign.facing_rad) else sign.facing_rad
         stop_rad = math.pi if math.isnan(sign.facing_rad) else self._settings.stop_rad
         near_m, far_m = self._settings.stop_m
-        offset = self._places - sign.xy_m
-        distance_m = np.hypot(offset[:, 0], offset[:, 1])
-        aside_rad = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - facing_rad))
+        distance_m = np.hypot(*(self._places - sign.xy_m).T)
+        aside_rad = aside_of(sign, self._places)
         good = (distance_m >= near_m) & (distance_m <= far_m) & (aside_rad <= stop_rad)
         good &= self._are_away(self._places, avoided, SAME_M / 2)
         if not good.any():
@@ -271,6 +269,14 @@ class NumbersTargets:
         for place in avoided:
             away &= np.hypot(*(places - place[:2]).T) > by_m
         return away
+
+
+def aside_of(sign: SignReport, places: Points) -> Points:
+    """Return how far places `(N, 2)` are beside the front of a sign, rad: `(N,)`; 0 if it is not known."""
+    if math.isnan(sign.facing_rad):
+        return np.zeros(len(places))
+    offset = places - sign.xy_m
+    return np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - sign.facing_rad))
 
 
 def _facing(place: Points, about: tuple[float, float]) -> Points:

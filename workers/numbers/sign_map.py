@@ -22,7 +22,8 @@ LOOK_RAD = math.radians(36)
 MIN_VIEWS, MIN_PLACES = 3, 2
 """A sign is sure after this many views of it, from this many places."""
 SURE_M = 3.4
-"""Views from farther away do not make a sign sure: the board may be on another post."""
+"""Views from farther away do not make a sign sure, and count against nothing: the board may be on another
+post."""
 APART_M = 0.4
 """Views from places that are nearer than this to one another may all show the same wrong thing."""
 OTHER = ""
@@ -42,6 +43,7 @@ class Sign:
         xy_m: (2,), map frame: mean of all views.
         weight: sum of the weights of all views, 1/m².
         votes: number of views for each text that was read; '' for something else.
+        glimpses: number of views from farther than SURE_M for each digit.
         facing: (2,), sum of unit vectors out of its front, weighted.
         searched: bit k is set if the camera has looked at it from where a board can be read that faces in the
             direction k.
@@ -52,6 +54,7 @@ class Sign:
     xy_m: Points
     weight: float = 0.0
     votes: dict[str, int] = field(default_factory=dict)
+    glimpses: dict[str, int] = field(default_factory=dict)
     facing: Points = field(default_factory=lambda: np.zeros(2))
     searched: int = 0
     is_on_map: bool = False
@@ -70,13 +73,19 @@ class Sign:
     @property
     def likely(self) -> str:
         """Return the digit that was read most often, also if it is not sure; '' for none."""
-        return max(
-            (text for text in self.votes if text != OTHER), key=lambda one: self.votes[one], default=""
-        )
+        return max(self._digits, key=self.times, default="")
+
+    def times(self, text: str) -> int:
+        """Return the number of views of a digit, also of those from far away."""
+        return self.votes.get(text, 0) + self.glimpses.get(text, 0)
+
+    @property
+    def _digits(self) -> list[str]:
+        return [text for text in {**self.votes, **self.glimpses} if text != OTHER]
 
     @property
     def views(self) -> int:
-        """Return the number of views that show a board here."""
+        """Return the number of views from near that show a board here."""
         return sum(self.votes.values())
 
     @property
@@ -91,11 +100,12 @@ class Sign:
 
     def vote(self, text: str, eye_xy_m: Sequence[float]) -> None:
         """Count a view that shows a text, or OTHER, from a place."""
-        self.votes[text] = self.votes.get(text, 0) + 1
-        eyes = self.eyes.setdefault(text, [])
         x, y = float(eye_xy_m[0]), float(eye_xy_m[1])
         if math.dist((x, y), self.xy_m) > SURE_M:
+            self.glimpses[text] = self.glimpses.get(text, 0) + 1
             return
+        self.votes[text] = self.votes.get(text, 0) + 1
+        eyes = self.eyes.setdefault(text, [])
         if len(eyes) < MIN_PLACES and all(math.dist((x, y), eye) >= APART_M for eye in eyes):
             eyes.append((x, y))
 
@@ -152,7 +162,7 @@ class SignMap:
             sign.is_on_map = True
             if not sign.weight:
                 sign.xy_m = np.asarray(post)
-        self.signs = [sign for sign in self.signs if sign.is_on_map or sign.votes]
+        self.signs = [sign for sign in self.signs if sign.is_on_map or sign.votes or sign.glimpses]
 
     @property
     def posts_m(self) -> Points:
@@ -186,6 +196,7 @@ class SignMap:
             {
                 **vars(sign),
                 "votes": dict(sign.votes),
+                "glimpses": dict(sign.glimpses),
                 "eyes": {text: list(eyes) for text, eyes in sign.eyes.items()},
             }
             for sign in self.signs

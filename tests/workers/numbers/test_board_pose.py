@@ -23,7 +23,7 @@ def image_of(x_m: float, y_m: float, facing_rad: float) -> Quadrangle:
 
 
 @pytest.mark.parametrize("y_m", [-0.8, 0.0, 0.8])
-@pytest.mark.parametrize("slant_deg", [-50, -25, 25, 50])
+@pytest.mark.parametrize("slant_deg", [-78, -50, -25, 25, 50, 78])
 def test_facing_is_measured_from_the_direction_to_the_camera(y_m: float, slant_deg: int) -> None:
     towards_rad = math.atan2(-y_m, -2.0)
     quadrangle = image_of(2.0, y_m, towards_rad + math.radians(slant_deg))

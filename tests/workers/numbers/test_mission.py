@@ -169,6 +169,37 @@ def test_sign_that_is_not_where_it_was_is_not_said_to_be_reached() -> None:
     assert world.mission.state is NumbersState.EXPLORE
 
 
+@pytest.mark.parametrize("is_there", [False, True])
+def test_board_that_turns_out_to_face_elsewhere_is_visited_in_its_true_front(is_there: bool) -> None:
+    """The facing seen from afar may be wrong: until the robot says that it is there, it can be mended."""
+    world = World([sign(5, 9.0, 6.0)])
+    world.sheet = "5"
+    world.play(lambda: world.mission.state is NumbersState.LOOK)
+    while (goal := world.mission.step().goal) is None:
+        world.now_s += 0.5
+    true_rad = world.signs[0].facing_rad + 1.5
+    world.signs = [replace(world.signs[0], facing_rad=true_rad)]
+    world.mission.see_signs(world.signs, "5", world.images)
+    if is_there:
+        world.mission.see_pose(goal)
+        world.mission.arrived()
+        assert world.mission.reached == []
+    world.play(lambda: world.is_over)
+    assert world.mission.reached == [5]
+    offset = world.pose[:2] - world.signs[0].xy_m
+    assert abs(math.remainder(math.atan2(offset[1], offset[0]) - true_rad, math.tau)) < 0.8
+
+
+def test_number_that_was_read_but_is_never_sure_is_visited_after_a_round_in_vain() -> None:
+    likely = replace(sign(None, 9.0, 6.0), facing_rad=math.pi, likely=5, views=4)
+    world = World([likely, replace(sign(None, 3.0, 6.0), is_open=False)])
+    world.sheet = "5"
+    world.play(lambda: world.is_over)
+    assert world.mission.reached == [5]
+    assert world.states.count(NumbersState.VIEW) >= 2  # it has tried to make sure
+    assert world.pose[0] == pytest.approx(8.2, abs=0.3)
+
+
 def test_robot_halts_while_navigation_cannot_drive_and_then_goes_on() -> None:
     world = World(around([0, 1, 2]))
     world.sheet = "012"

@@ -82,7 +82,7 @@ class Ground:
                 sign.is_open,
                 sign.searched,
                 int(sign.likely) if sign.likely else None,
-                sign.votes.get(sign.likely, 0),
+                sign.times(sign.likely),
             )
             for sign in self.signs.signs
         ]
@@ -166,7 +166,7 @@ def test_digit_read_from_one_place_only_is_not_reached_before_a_look_from_anothe
         ground.signs.see("0", (10.0, 5.0), math.pi, (6.5, 5.0), 40.0)
     ground.play()
     assert ground.mission.reached == []
-    assert ground.signs.signs[0].text is None or ground.signs.signs[0].text == ""
+    assert ground.signs.signs[0].text == ""
 
 
 def test_search_ends_when_no_post_carries_the_next_number() -> None:

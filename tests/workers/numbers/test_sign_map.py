@@ -47,6 +47,16 @@ def test_views_from_far_away_make_a_digit_likely_but_not_sure() -> None:
     assert (sign.text, sign.likely, sign.is_open) == (None, "7", True)
 
 
+def test_board_that_looked_like_a_digit_from_far_away_is_refused_by_what_is_seen_from_near() -> None:
+    signs = SignMap()
+    for _ in range(20):
+        signs.see("7", POST, math.pi, (-1.0, 1.0), 30.0)
+    for number in range(4):
+        signs.see_other(POST, EYES[number % 2], 60.0, 0.95)
+    [sign] = signs.signs
+    assert (sign.text, sign.likely, sign.times("7"), sign.is_open) == ("", "7", 20, False)
+
+
 def test_board_is_not_refused_by_what_was_seen_from_one_place() -> None:
     """In one light and slant, a digit may be overlooked in every image."""
     signs = SignMap()
