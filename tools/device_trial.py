@@ -157,8 +157,9 @@ class Replugs:
 
 @contextmanager
 def load(processes: int) -> Iterator[None]:
-    """Keep processors busy."""
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    """Keep processors busy with processes that have sessions of their own, as modules have."""
+    command = [sys.executable, "-c", "while True: pass"]
+    busy = [subprocess.Popen(command, start_new_session=True) for _ in range(processes)]
     try:
         yield
     finally:

@@ -1,7 +1,8 @@
 """A client of Foxglove's protocol that reads images and throws them away, or stops to read.
 
-`client.py LINK NAME` reads until its input ends. For each line of input it prints the bytes read so far.
-With `--stopped` it subscribes and reads no more.
+`client.py LINK NAME` reads until its input ends. For each line of input it prints the bytes read so far; for
+the line `press` it presses the emergency stop and prints when, in ns of the monotonic clock. With `--stopped`
+it subscribes and reads no more.
 
 Source: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md
 """
@@ -11,11 +12,16 @@ import socket
 import struct
 import sys
 import threading
+import time
 from urllib.parse import urlsplit
 
 PROTOCOL = "foxglove.sdk.v1"
 BUFFER_BYTES = 1 << 20
-TEXT, CLOSED = 1, 8
+TEXT, BINARY, CLOSED = 1, 2, 8
+CALL = 2
+"""First byte of a client's binary frame that calls a service."""
+STOP = "/emergency_stop/engage"
+EMPTY_REQUEST = b"\x00\x01\x00\x00"
 
 
 class Client:
@@ -28,6 +34,8 @@ class Client:
     def __init__(self, link: str):
         place = urlsplit(link)
         self.bytes = 0
+        self._stop_service = 0
+        self._calls = 0
         self._socket = socket.create_connection((place.hostname or "", place.port or 0))
         self._socket.sendall(
             f"GET {place.path or '/'}?{place.query} HTTP/1.1\r\nHost: {place.netloc}\r\n"
@@ -41,14 +49,16 @@ class Client:
             raise ConnectionError(f"the server refuses: {answer!r}")
 
     def subscribe(self, topic: str) -> None:
-        """Wait until the server has a topic, and subscribe to it."""
+        """Wait until the server has a topic and the emergency stop, and subscribe to the topic."""
         channels: dict[str, int] = {}
-        while topic not in channels:
+        while topic not in channels or not self._stop_service:
             kind, size = self._frame()
             text = self._take(size)
             told = json.loads(text) if kind == TEXT else {}
             if told.get("op") == "advertise":
                 channels |= {one["topic"]: one["id"] for one in told["channels"]}
+            elif told.get("op") == "advertiseServices":
+                self._stop_service = {one["name"]: one["id"] for one in told["services"]}[STOP]
         self._say({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channels[topic]}]})
 
     def read(self) -> None:
@@ -57,10 +67,20 @@ class Client:
         while got := self._socket.recv_into(buffer):
             self.bytes += got
 
+    def press_stop(self) -> int:
+        """Press the emergency stop; return when, ns."""
+        self._calls += 1
+        call = struct.pack("<BIII", CALL, self._stop_service, self._calls, len("cdr")) + b"cdr"
+        now_ns = time.monotonic_ns()
+        self._send(BINARY, call + EMPTY_REQUEST)
+        return now_ns
+
     def _say(self, told: dict[str, object]) -> None:
-        text = json.dumps(told).encode()
-        head = struct.pack("!BB", 0x80 | TEXT, 0x80 | len(text))  # short, and masked with zeros
-        self._socket.sendall(head + bytes(4) + text)
+        self._send(TEXT, json.dumps(told).encode())
+
+    def _send(self, kind: int, data: bytes) -> None:
+        head = struct.pack("!BB", 0x80 | kind, 0x80 | len(data))  # short, and masked with zeros
+        self._socket.sendall(head + bytes(4) + data)
 
     def _frame(self) -> tuple[int, int]:
         first, size = self._take(2)
@@ -89,8 +109,8 @@ def main() -> None:
     if "--stopped" not in sys.argv:
         threading.Thread(target=client.read, daemon=True).start()
     print(0, flush=True)
-    for _ in sys.stdin:
-        print(client.bytes, flush=True)
+    for line in sys.stdin:
+        print(client.press_stop() if line == "press\n" else client.bytes, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,36 +1,68 @@
 """Runs the robot once, with clients or without, and returns the figures."""
 
 import contextlib
+import os
+import random
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from robbie_mp.messages import EmergencyStop
 from robbie_mp.observe.rates import rates_between
+from robbie_mp.run.run_directory import list_runs
+from robbie_mp.tool.tool import Tool
 from tools.bench.contender import work_folder
+from tools.device_trial import load
 from tools.foxglove_load.modules import NAME
-from tools.kill_campaign.robot import COMMAND, LIMIT_S, Robot
+from tools.kill_campaign.robot import COMMAND, LIMIT_S, Robot, RobotTrouble
 from tools.logger_load.measure import latency_of
 
 Result = dict[str, Any]
 
+
+@dataclass(frozen=True)
+class Session:
+    """What happens while figures are taken.
+
+    Attributes:
+        clients: the options of each client.
+        is_busy: whether other processes keep all processors busy.
+        compared_to: the session without clients to compare with; "" for such a session.
+    """
+
+    clients: tuple[tuple[str, ...], ...] = ()
+    is_busy: bool = False
+    compared_to: str = ""
+
+
+READS, STOPS_READING = (), ("--stopped",)
 WITHOUT, THREE, STOPPED = "without", "three", "stopped"
-CLIENTS: dict[str, list[list[str]]] = {WITHOUT: [], THREE: [[]] * 3, STOPPED: [["--stopped"]]}
-"""The options of the clients of each session."""
+BUSY_WITHOUT, BUSY_THREE = "busy, without", "busy, three"
+SESSIONS = {
+    WITHOUT: Session(),
+    THREE: Session((READS,) * 3, compared_to=WITHOUT),
+    STOPPED: Session((STOPS_READING,), compared_to=WITHOUT),
+    BUSY_WITHOUT: Session(is_busy=True),
+    BUSY_THREE: Session((READS,) * 3, is_busy=True, compared_to=BUSY_WITHOUT),
+}
 CLIENT = Path(__file__).parent / "client.py"
 SERVER = "foxglove"
 PAIRS = 4
 SMALL_HZ = 800.0
 SETTLE_S = 3.0
+PRESSES_APART_S = 0.02, 0.1
 MEGABYTE = 1e6
 
 
-def profile() -> dict[str, Any]:
-    """Return a profile with a camera, its viewer, pairs that exchange small messages, and the server."""
+def profile(scheduling: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a profile with a camera, its viewer, a base, pairs with small messages, and the server."""
     shared = "tools.logger_load.modules"
     modules: dict[str, Any] = {"viewer": {"class": f"{shared}:Viewer"}}
     for number in range(PAIRS):
@@ -38,25 +70,35 @@ def profile() -> dict[str, Any]:
         modules[f"listener{number}"] = {"class": f"{shared}:Listener", "settings": {"number": number}}
         modules[f"talker{number}"] = {"class": f"{shared}:Talker", "settings": rate}
     modules["camera"] = {"class": "tools.foxglove_load.modules:Camera"}
+    modules["base"] = {"class": "tools.foxglove_load.modules:Base"}
     server = "robbie_mp.services.foxglove:FoxgloveServer"
-    modules[SERVER] = {"class": server, "settings": {"port": 0}}
+    modules[SERVER] = {"class": server, "settings": {"port": 0}, "scheduling": dict(scheduling)}
     return {"modules": modules}
 
 
 class Reader:
-    """A client in a process of its own."""
+    """A client in a process and a session of its own, as a panel has."""
 
-    def __init__(self, link: str, options: list[str]):
+    def __init__(self, link: str, options: Sequence[str]):
         command = [sys.executable, str(CLIENT), link, NAME, *options]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
         assert self._process.stdout
         self._process.stdout.readline()
 
     def bytes(self) -> int:
         """Return the number of bytes read so far."""
+        return self._ask("")
+
+    def press_stop(self) -> int:
+        """Press the emergency stop; return when, ns of the monotonic clock."""
+        return self._ask("press")
+
+    def _ask(self, line: str) -> int:
         assert self._process.stdin
         assert self._process.stdout
-        self._process.stdin.write("\n")
+        self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
         return int(self._process.stdout.readline())
 
@@ -67,11 +109,15 @@ class Reader:
 
 
 @contextlib.contextmanager
-def robot_with_server() -> Iterator[tuple[Robot, str]]:
-    """Run the robot; yield it and the link of its server."""
+def robot_with_server(scheduling: Mapping[str, Any]) -> Iterator[tuple[Robot, str]]:
+    """Run the robot; yield it and the link of its server.
+
+    Args:
+        scheduling: of the server, as in a profile.
+    """
     with work_folder() as (_, folder):
         (folder / "profiles").mkdir()
-        (folder / "profiles" / "load.yaml").write_text(yaml.safe_dump(profile(), sort_keys=False))
+        (folder / "profiles" / "load.yaml").write_text(yaml.safe_dump(profile(scheduling), sort_keys=False))
         with contextlib.closing(Robot(folder, folder, "load")) as robot:
             robot.wait_until_running()
             yield robot, _link(robot)
@@ -94,27 +140,34 @@ def _link(robot: Robot) -> str:
     return said
 
 
-def measure(robot: Robot, link: str, session: str, seconds: float, settle_s: float = SETTLE_S) -> Result:
+def measure(robot: Robot, link: str, name: str, seconds: float, settle_s: float = SETTLE_S) -> Result:
     """Return the figures of one session of a robot that runs.
 
     Args:
         robot: the robot.
         link: of its server.
-        session: which clients there are: `without`, `three` or `stopped`.
+        name: of the session.
         seconds: how long figures are taken.
         settle_s: time before that, s.
     """
+    session = SESSIONS[name]
+    stops_ms: list[float] = []
     with contextlib.ExitStack() as ended:
-        readers = [ended.enter_context(contextlib.closing(Reader(link, one))) for one in CLIENTS[session]]
+        readers = [ended.enter_context(closing(Reader(link, one))) for one in session.clients]
+        if session.is_busy:
+            ended.enter_context(load(os.cpu_count() or 1))
         time.sleep(settle_s)
         assert robot.observer is not None
         before, read = robot.observer.read(), [one.bytes() for one in readers]
-        time.sleep(seconds)
+        if session.is_busy and readers:
+            stops_ms = press_stop(robot, readers[0], seconds)
+        else:
+            time.sleep(seconds)
         now, read_now = robot.observer.read(), [one.bytes() for one in readers]
     rates = rates_between(before, now)
     took_s = (now.at_ns - before.at_ns) / 1e9
     return {
-        "session": session,
+        "session": name,
         "small": latency_of(before, now, [f"listener{number}" for number in range(PAIRS)]),
         "image": latency_of(before, now, ["viewer"]),
         "server_percent": rates.modules[SERVER].cpu_percent,
@@ -122,4 +175,34 @@ def measure(robot: Robot, link: str, session: str, seconds: float, settle_s: flo
         "client_mb_per_s": [
             (after - earlier) / MEGABYTE / took_s for earlier, after in zip(read, read_now, strict=True)
         ],
+        "stops_ms": stops_ms,
     }
+
+
+def press_stop(robot: Robot, reader: Reader, seconds: float) -> list[float]:
+    """Press the emergency stop again and again; return the times until the base said that it stood, ms.
+
+    Raises:
+        RobotTrouble: the base did not stop.
+    """
+    chance, stops_ms = random.Random(0), []
+    runs = [run for run in list_runs(robot.bases) if run.run_id == robot.run_id]
+    with closing(Tool(runs[0], "hears when the base stands")) as tool:
+        tool.subscribe(EmergencyStop.type_name, EmergencyStop.version, "emergency_stop_state")
+        tool.ready()
+        tool.wait_for(tool.is_subscribed, LIMIT_S)
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            time.sleep(chance.uniform(*PRESSES_APART_S))
+            pressed_ns = reader.press_stop()
+            stops_ms.append((_next_published_ns(tool) - pressed_ns) / 1e6)
+    return stops_ms
+
+
+def _next_published_ns(tool: Tool) -> int:
+    until_s = time.monotonic() + LIMIT_S
+    while (received := tool.take()) is None:
+        if time.monotonic() > until_s:
+            raise RobotTrouble(f"the base did not stop within {LIMIT_S:g} s")
+        tool.wait()
+    return received.published_ns

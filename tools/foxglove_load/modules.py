@@ -1,9 +1,9 @@
-"""The camera of the robot whose images the clients read."""
+"""The modules of the robot that clients look at, and stop."""
 
 import numpy as np
 
 from robbie_mp import Module
-from robbie_mp.messages import Image
+from robbie_mp.messages import EmergencyStop, Image
 
 HEIGHT, WIDTH = 1000, 2000
 IMAGE_HZ = 10.0
@@ -25,3 +25,16 @@ class Camera(Module):
         size = self.picture.size
         with self.loan(Image, height=HEIGHT, width=WIDTH, encoding="mono8", step=WIDTH, data=size) as image:
             np.copyto(image.data, self.picture)
+
+
+class Base(Module):
+    """Says on `emergency_stop_state` that it has stopped, as a base does."""
+
+    def setup(self) -> None:
+        """Subscribe."""
+        self.advertise(EmergencyStop, topic="emergency_stop_state")
+        self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop")
+
+    def on_emergency_stop(self, request: EmergencyStop) -> None:
+        """Stop."""
+        self.publish(request, topic="emergency_stop_state")

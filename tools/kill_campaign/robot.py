@@ -62,7 +62,7 @@ class Robot:
             stdout=self._stdout,
             stderr=self._stderr,
         )
-        self._bases = [runtime / "robbie"]
+        self.bases = [runtime / "robbie"]
         self.run_id = ""
         self.observer: RunObserver | None = None
 
@@ -73,7 +73,7 @@ class Robot:
 
     def attach(self) -> bool:
         """Find the run and its figures. Return whether they exist yet."""
-        runs = list_runs(self._bases)
+        runs = list_runs(self.bases)
         if not runs:
             return False
         with contextlib.suppress(LookupError, OSError, ValueError):  # the run is just being made
