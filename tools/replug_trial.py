@@ -1,13 +1,14 @@
 """Pulls the cables of a running rescue robot's devices and plugs them in again.
 
-    python -m tools.replug_trial [--rounds 50] [--load 2] [--calm 60] [--json FILE]
+    python -m tools.replug_trial [--rounds 50] [--load 2] [--calm 8] [--json FILE]
 
 The robot explores a maze with an emulated Pioneer (whose watchdog is set to 0.15 s), Hokuyo and Xsens. The
 tool pulls one plug after another while other processes compute. For each it measures how long the robot
 drove on (base only), when the robot was told of the loss, when the device's measurements were back after the
 plug was plugged in again, and when the robot drove on. The times begin when the tool sends its wish to the
-emulator, so they are rather too long. `--calm` is the time without replugs before, for comparison of the
-other modules' latencies. When the mission has ended, another one begins.
+emulator, so they are rather too long. After each round follows a time without replugs (`--calm`), so that the
+other modules' latencies with and without replugs are compared under the same other work. When the mission has
+ended, another one begins.
 """
 
 import argparse
@@ -24,11 +25,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robbie_mp.messages import DeviceState, Imu, LaserScan, Message, Odometry, SettingChange
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.tool.tool import RunEnded, Tool
+from robbie_mp.transport.histogram import quantile_s
 from tools.device_trial import load
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 
@@ -183,15 +186,27 @@ def replug(witness: Witness, device: str, chance: random.Random, replugs: Replug
         replugs.drives_s.append(max(0, witness.moved_ns - plugged_ns) / 1e9)
 
 
-def p99_ms(before: dict[str, ModuleFigures], now: dict[str, ModuleFigures]) -> dict[str, float]:
-    """Return the 99th percentiles of the witnesses' latencies between two looks."""
-    found = {}
-    for name in WITNESSES:
-        earlier, later = before[name].work, now[name].work
-        if earlier is not None and later is not None:
-            quantile_s = later.latency.distribution(earlier.latency).p99_s
-            found[name] = round(1000 * quantile_s, 2) if quantile_s is not None else float("nan")
-    return found
+class Waits:
+    """How long messages have waited for one of `WITNESSES`, in several times of the run together."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, NDArray[np.int64]] = {}
+
+    def add(self, before: dict[str, ModuleFigures], now: dict[str, ModuleFigures]) -> None:
+        """Add what has waited between two looks."""
+        for name in WITNESSES:
+            earlier, later = before[name].work, now[name].work
+            if earlier is not None and later is not None:
+                counts = later.latency.counts - earlier.latency.counts
+                self._counts[name] = self._counts.get(name, np.zeros_like(counts)) + counts
+
+    def p99_ms(self) -> dict[str, float]:
+        """Return the 99th percentile for each module that has got messages."""
+        return {
+            name: round(1000 * quantile_s(counts, 0.99), 2)
+            for name, counts in self._counts.items()
+            if counts.sum() > 0 and counts.min() >= 0  # else the module was restarted
+        }
 
 
 @dataclass
@@ -200,13 +215,15 @@ class Trial:
 
     Attributes:
         replugs: by the name of the driver's module.
-        p99_ms: latencies of the witnesses in each run: without replugs, and with them.
+        calm: latencies of the witnesses between the rounds.
+        busy: the same during the rounds.
         collisions: of the robot.
         restarts: of its modules.
     """
 
     replugs: dict[str, Replugs] = field(default_factory=lambda: {name: Replugs() for name in MEASUREMENT})
-    p99_ms: list[dict[str, dict[str, float]]] = field(default_factory=list)
+    calm: Waits = field(default_factory=Waits)
+    busy: Waits = field(default_factory=Waits)
     collisions: int = 0
     restarts: int = 0
 
@@ -223,7 +240,6 @@ class Trial:
         """
         words = [word for name, value in SETTINGS.items() for word in ("--set", f"{name}={value}")]
         robot = Robot(folder, REPOSITORY, PROFILE, *words)
-        looks = []
         try:
             robot.wait_until_running()
             runs = list_runs([folder / "runtime" / "robbie"])
@@ -231,13 +247,14 @@ class Trial:
             with suppress(RunEnded), closing(Tool(run, "pulls plugs")) as tool:
                 witness = Witness(tool)
                 witness.wait_for(lambda: witness.moves, "the robot moves", 120.0)
-                looks.append(robot.figures())
-                witness.hear_for(calm_s)
-                looks.append(robot.figures())
                 while self.rounds < rounds:
+                    began = robot.figures()
                     for name, result in self.replugs.items():
                         replug(witness, name, chance, result)
-                looks.append(robot.figures())
+                    ended = robot.figures()
+                    self.busy.add(began, ended)
+                    witness.hear_for(calm_s)
+                    self.calm.add(ended, robot.figures())
             summary = robot.stop() if robot.is_up else robot.wait_for_end()
             if summary["exit_code"]:
                 raise RobotTrouble(f"a run has failed: {summary['reason']}")
@@ -245,8 +262,16 @@ class Trial:
             self.restarts += sum(module["restarts"] for module in summary["modules"])
         finally:
             robot.close()
-        if len(looks) == 3:
-            self.p99_ms.append({"calm": p99_ms(*looks[:2]), "replugs": p99_ms(*looks[1:])})
+
+    def as_json(self) -> str:
+        """Return the figures as JSON."""
+        told = {
+            "replugs": {name: asdict(each) for name, each in self.replugs.items()},
+            "p99_ms": {"calm": self.calm.p99_ms(), "replugs": self.busy.p99_ms()},
+            "collisions": self.collisions,
+            "restarts": self.restarts,
+        }
+        return json.dumps(told, indent=2) + "\n"
 
 
 def as_text(result: Trial) -> str:
@@ -255,7 +280,12 @@ def as_text(result: Trial) -> str:
     for name, each in result.replugs.items():
         told = [f"{what} {_told(values)}" for what, values in asdict(each).items() if what != "stale"]
         lines.append(f"{name}: {len(each.back_s)} replugs; {'; '.join(told)}; stale {each.stale}")
-    lines += [f"p99, ms: {each}" for each in result.p99_ms]
+    calm_ms, busy_ms = result.calm.p99_ms(), result.busy.p99_ms()
+    lines += [
+        f"{name}: p99 of messages' waits {ms:g} ms between the rounds, {busy_ms[name]:g} ms during replugs"
+        for name, ms in calm_ms.items()
+        if name in busy_ms
+    ]
     return "\n".join([*lines, f"{result.collisions} collisions, {result.restarts} restarts"])
 
 
@@ -286,17 +316,17 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--rounds", type=int, default=50, help="replugs of each device")
     parser.add_argument("--load", type=int, default=2, help="processes that compute meanwhile")
-    parser.add_argument("--calm", type=float, default=60.0, help="time without replugs before, s")
+    parser.add_argument("--calm", type=float, default=8.0, help="time without replugs after each round, s")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="robbie-replug-") as folder:
         result, chance, runs = Trial(), random.Random(0), 0
         with load(options.load):
             while result.rounds < options.rounds and runs < MAX_RUNS:
-                result.run(Path(folder) / str(runs), options.rounds, 0.0 if runs else options.calm, chance)
+                result.run(Path(folder) / str(runs), options.rounds, options.calm, chance)
                 runs += 1
                 if options.json:
-                    options.json.write_text(json.dumps(asdict(result), indent=2) + "\n")
+                    options.json.write_text(result.as_json())
     print(as_text(result))
     wrong = violations(result)
     print("\n".join(wrong))

@@ -73,6 +73,7 @@ class CreateBase(ConnectedBase):
         )
         self._decoder = FrameDecoder(oi.StreamFraming(STREAM))
         self._encoders: tuple[int, int] | None = None
+        self._is_back = False
         self._recent: deque[tuple[float, float, float]] = deque(maxlen=FRAMES_OF_SPEED)
         self.mode = oi.Mode.OFF
         """The robot's mode in its last frame."""
@@ -115,7 +116,7 @@ class CreateBase(ConnectedBase):
     def _reset(self) -> None:
         super()._reset()
         self._decoder.reset()
-        self._encoders = None
+        self._is_back = True
         self._recent.clear()
         self.mode = oi.Mode.OFF
 
@@ -154,7 +155,10 @@ class CreateBase(ConnectedBase):
         self, encoders: tuple[int, int], stamp_s: float
     ) -> tuple[float, float, tuple[float, float]]:
         """Return distance, turn and speeds since the last frame."""
-        before, self._encoders = self._encoders or encoders, encoders
+        # While its line was away the robot drove on, and counted it, unless it was switched off and on.
+        is_restarted = self._is_back and not any(encoders)
+        before = encoders if self._encoders is None or is_restarted else self._encoders
+        self._encoders, self._is_back = encoders, False
         left, right = (
             difference(newer, older, ENCODER_MODULUS) for newer, older in zip(encoders, before, strict=True)
         )

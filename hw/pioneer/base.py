@@ -122,6 +122,7 @@ class PioneerBase(ConnectedBase):
         self._decoder = FrameDecoder(p2os.P2osFraming())
         self._unreadable = 0
         self._last: p2os.ServerInformation | None = None
+        self._is_back = False
         self._pulse_s = -math.inf
 
     def poll(self, wait_s: float = 0.0) -> list[BaseReading]:
@@ -226,7 +227,7 @@ class PioneerBase(ConnectedBase):
     def _reset(self) -> None:
         super()._reset()
         self._decoder.reset()
-        self._last = None
+        self._is_back = True
         self._pulse_s = -math.inf
 
     def _take(self, data: bytes) -> list[BaseReading]:
@@ -242,8 +243,10 @@ class PioneerBase(ConnectedBase):
         return [self._reading(one, self._report_stamp_s(arrived_s, length)) for one, length in told]
 
     def _reading(self, told: p2os.ServerInformation, stamp_s: float) -> BaseReading:
-        distance_m, turn_rad = self._motion_since(self._last or told, told)
-        self._last = told
+        # While its line was away the robot drove on, and counted it, unless its controller was restarted.
+        is_restarted = self._is_back and not (told.x or told.y or told.heading)
+        before, self._last, self._is_back = self._last, told, False
+        distance_m, turn_rad = self._motion_since(told if before is None or is_restarted else before, told)
         linear = (told.left_mm_per_s + told.right_mm_per_s) / 2000
         angular = (told.right_mm_per_s - told.left_mm_per_s) / 2 * self.model.half_track
         state = self._moved(stamp_s, distance_m, turn_rad, (linear, angular))

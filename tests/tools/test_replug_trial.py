@@ -2,10 +2,16 @@
 
 import random
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 
-from tools.replug_trial import Replugs, Trial, as_text, violations
+from robbie_mp.observe import ModuleFigures
+from robbie_mp.transport.histogram import Histogram
+from robbie_mp.transport.layout import HISTOGRAM_BUCKETS
+from tools.replug_trial import WITNESSES, Replugs, Trial, Waits, as_text, violations
 
 
 def test_what_took_too_long_is_a_violation() -> None:
@@ -24,6 +30,20 @@ def test_what_took_too_long_is_a_violation() -> None:
 
 def test_rounds_are_those_that_each_device_has_made() -> None:
     assert Trial({"base": Replugs(back_s=[0.1, 0.2]), "imu": Replugs(back_s=[0.1])}).rounds == 1
+
+
+def test_waits_of_several_times_count_together() -> None:
+    def seen(fast: int, slow: int) -> dict[str, ModuleFigures]:
+        counts = np.zeros(HISTOGRAM_BUCKETS, np.int64)
+        counts[[10, 200]] = fast, slow
+        work = SimpleNamespace(latency=Histogram(0, 0, counts))
+        return dict.fromkeys(WITNESSES, cast("ModuleFigures", SimpleNamespace(work=work)))
+
+    waits = Waits()
+    waits.add(seen(0, 0), seen(90, 0))
+    few_ms = waits.p99_ms()["mapping"]
+    waits.add(seen(500, 500), seen(508, 502))  # what was between the two times does not count
+    assert waits.p99_ms()["mapping"] > 100 * few_ms
 
 
 @pytest.mark.slow

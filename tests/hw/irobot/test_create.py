@@ -156,7 +156,8 @@ def test_after_a_replug_the_robot_stands_until_the_next_command(robot: Robot) ->
     assert robot.device.taken() == b""
 
 
-def test_pose_goes_on_after_a_replug(robot: Robot) -> None:
+def replugged(robot: Robot, left: int, right: int) -> tuple[float, float]:
+    """Have the encoders go from 1000 to other counts while the cable is out; return the way and the turn."""
     robot.device.send(frame() + frame(left_encoder=1000, right_encoder=1000))
     *_, before = robot.base.poll()
     robot.device.is_broken = True
@@ -164,9 +165,21 @@ def test_pose_goes_on_after_a_replug(robot: Robot) -> None:
     robot.device = ScriptedDevice()
     robot.clock.now_s += 1.0
     robot.base.poll()
-    robot.device.send(frame(left_encoder=500, right_encoder=500))
+    robot.device.send(frame(left_encoder=left, right_encoder=right))
     (after,) = robot.base.poll()
-    assert after.state.pose == before.state.pose
+    assert after.state.linear_m_per_s == 0.0
+    then, now = before.state.pose, after.state.pose
+    return now.x_m - then.x_m, now.heading_rad - then.heading_rad
+
+
+def test_motion_without_a_cable_is_in_the_odometry(robot: Robot) -> None:
+    way_m, turn_rad = replugged(robot, 1000 + 509, 1000 + 509)
+    assert way_m == pytest.approx(math.pi * 0.072, rel=1e-3)
+    assert turn_rad == 0.0
+
+
+def test_pose_stays_if_the_robot_was_switched_off_and_on_while_the_cable_was_out(robot: Robot) -> None:
+    assert replugged(robot, 0, 0) == (0.0, 0.0)
 
 
 def test_silent_robot_counts_as_disconnected(robot: Robot) -> None:

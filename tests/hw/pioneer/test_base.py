@@ -114,6 +114,32 @@ def test_restarted_controller_is_no_motion(robot: Robot) -> None:
     assert reading.state.pose.x_m == 0.0
 
 
+def replugged(robot: Robot, told: bytes) -> tuple[float, float]:
+    """Have the robot report at (400, 0) mm, be lost, and report again; return the way and the turn."""
+    robot.device.send(sip() + sip(x=400))
+    *_, before = robot.base.poll()
+    robot.device.is_broken = True
+    robot.base.poll()
+    robot.device = ScriptedDevice(HANDSHAKE)
+    robot.device.wait = robot.clock.pass_time
+    robot.clock.now_s += 1.0
+    robot.base.poll()
+    robot.device.send(told)
+    (after,) = robot.base.poll()
+    then, now = before.state.pose, after.state.pose
+    return now.x_m - then.x_m, now.heading_rad - then.heading_rad
+
+
+def test_motion_without_a_cable_is_in_the_odometry(robot: Robot) -> None:
+    way_m, turn_rad = replugged(robot, sip(x=500, heading=64))
+    assert way_m == pytest.approx(0.1, rel=0.01)
+    assert turn_rad == pytest.approx(math.tau / 64)
+
+
+def test_pose_stays_if_the_controller_was_restarted_while_the_cable_was_out(robot: Robot) -> None:
+    assert replugged(robot, sip()) == (0.0, 0.0)
+
+
 def test_wheel_speeds_yield_the_robots_speeds(robot: Robot) -> None:
     robot.device.send(sip(left=100, right=300))
     (reading,) = robot.base.poll()
