@@ -1,4 +1,4 @@
-"""Lower a process's priority: nice(2) for its threads and its session, and the time slice of its threads."""
+"""A process's priority, nice(2) for its threads and its session, and the time slices of its threads."""
 
 import contextlib
 import ctypes
@@ -13,7 +13,7 @@ from pathlib import Path
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 """Number of the system call, which Python does not offer, by type of processor."""
 _SCHED_OTHER = 0
-_MAX_SLICE_NS = 100_000_000
+MIN_SLICE_MS, MAX_SLICE_MS = 0.1, 100.0
 _AUTOGROUP = Path("/proc/self/autogroup")
 _AUTOGROUP_TIMEOUT_S = 5.0
 _AUTOGROUP_RETRY_S = 0.05
@@ -25,9 +25,8 @@ def lower_priority(nice: int, log: logging.Logger) -> None:
     """Give this process a smaller share of busy processors, and let other processes interrupt it.
 
     A smaller share alone does not let a process that wakes up run at once: this one could first finish its
-    slice of some ms. Since Linux 6.12, a process with a shorter slice interrupts one with a longer slice, so
-    this also lengthens the slices of this process. Older kernels and unknown processors ignore slices.
-    Sandboxes may refuse the call; then only the smaller share takes effect.
+    slice of some ms. So this also lengthens its slices; if that is refused, only the smaller share takes
+    effect.
 
     Args:
         nice: 1 to 19; 10 is about a tenth of another process's share.
@@ -35,15 +34,28 @@ def lower_priority(nice: int, log: logging.Logger) -> None:
     """
     least = min(os.getpriority(os.PRIO_PROCESS, 0) + nice, 19)
     for_all_threads(lambda thread: _raise_niceness(thread, least))
-    try:
-        for_all_threads(_lengthen_slice)
-    except OSError as error:
-        log.warning("this process may delay others that wake up by some ms: %s", error)
+    set_time_slice(MAX_SLICE_MS, log)
     if os.getsid(0) == os.getpid():  # a session that it shares, for example with a shell, stays as it is
         try:
             _lower_session(nice)
         except OSError as error:
             log.warning("this process may get as large a share as others: %s: %s", _AUTOGROUP, error.strerror)
+
+
+def set_time_slice(slice_ms: float, log: logging.Logger) -> None:
+    """Set how long this process may compute before it is the turn of others; its share stays the same.
+
+    Since Linux 6.12, a process that wakes up interrupts at once one with a longer slice; usual are some ms.
+    Older kernels and unknown processors ignore slices, and sandboxes may refuse the call.
+
+    Args:
+        slice_ms: `MIN_SLICE_MS` to `MAX_SLICE_MS`.
+        log: receives a warning if the system refuses.
+    """
+    try:
+        for_all_threads(lambda thread: _set_slice(thread, slice_ms))
+    except OSError as error:
+        log.warning("this process may delay others that wake up by some ms: %s", error)
 
 
 def for_all_threads(apply: Callable[[int], object]) -> None:
@@ -95,8 +107,8 @@ def _lower_session(nice: int) -> None:
             return
 
 
-def _lengthen_slice(thread: int) -> None:
-    """Let any thread with a slice of the usual length interrupt this one as soon as it wakes up.
+def _set_slice(thread: int, slice_ms: float) -> None:
+    """Set the slice of a thread.
 
     Raises:
         OSError: the kernel, or a sandbox, refuses.
@@ -106,7 +118,8 @@ def _lengthen_slice(thread: int) -> None:
         return
     now = os.getpriority(os.PRIO_PROCESS, thread)
     # struct sched_attr: size, policy, flags, nice, priority, runtime, deadline, period, utilisation from, to
-    attributes = struct.pack("=IIQiIQQQII", 56, _SCHED_OTHER, 0, now, 0, _MAX_SLICE_NS, 0, 0, 0, 1024)
+    slice_ns = round(slice_ms * 1e6)
+    attributes = struct.pack("=IIQiIQQQII", 56, _SCHED_OTHER, 0, now, 0, slice_ns, 0, 0, 0, 1024)
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.syscall(number, thread, attributes, 0) != 0:
         error = ctypes.get_errno()

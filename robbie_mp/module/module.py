@@ -107,6 +107,12 @@ class Module:
     Set it above 0 for long computations, so that other modules never wait for the processor. When all
     processors are busy, a module with 10 gets about a tenth of the time of a module with 0.
     """
+    slice_ms: float | None = None
+    """The time slice of its threads, 0.1 to 100 ms, unless the profile sets another one; None: the usual one.
+
+    With a longer slice than others it gets as much time as without, but other modules that wake up interrupt
+    it at once. Set it to 100 if the module moves much data and must be prompt, too.
+    """
     follows_run_clock = True
     """Whether `clock` and ticks follow the run's time while a log is played or a simulation runs.
 

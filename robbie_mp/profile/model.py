@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.linux.priority import MAX_SLICE_MS, MIN_SLICE_MS
 from robbie_mp.module.value_check import Limits
 from robbie_mp.profile.problem import Place
 from robbie_mp.trace.kinds import Kind
@@ -80,6 +81,8 @@ class Scheduling:
     """SCHED_FIFO priority, which runs before all ordinary processes; 0: an ordinary process."""
     nice: int | None = bounded(None, 0, 19)
     """Nice value among ordinary processes; None: the value of its class."""
+    slice_ms: float | None = bounded(None, MIN_SLICE_MS, MAX_SLICE_MS)
+    """Time slice: processes that wake up interrupt one with a longer slice; None: the value of its class."""
     cpus: list[int] = field(default_factory=list)
     """Numbers of the processors that it may run on; empty: all."""
     compute_threads: int = bounded(1, 0, 1024)

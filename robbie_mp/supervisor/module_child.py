@@ -106,7 +106,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     wakeup = memory.wakeup
     wakeup.spin_s = planned.scheduling.spin_us / 1e6
     wakeup.patience_s = 0.0 if plan.clock.lockstep else module.patience_s
-    apply_scheduling(planned.scheduling, module.log, module.nice)
+    apply_scheduling(planned.scheduling, module.log, module.nice, module.slice_ms)
     ticks: Ticks
     if plan.clock.lockstep and isinstance(clock, RunClock):
         ticks = GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module))

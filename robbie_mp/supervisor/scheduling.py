@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.linux.priority import for_all_threads, lower_priority
+from robbie_mp.linux.priority import for_all_threads, lower_priority, set_time_slice
 from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW, limit_wake_latency
 from robbie_mp.profile.model import Scheduling
 
@@ -25,7 +25,9 @@ class NoSuchCpu(RobbieError, ValueError):
     """A profile binds a process to processors, none of which it may use on this machine."""
 
 
-def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> None:
+def apply_scheduling(
+    wanted: Scheduling, log: logging.Logger, nice: int = 0, slice_ms: float | None = None
+) -> None:
     """Apply the scheduling to all threads of this process; log a warning for what is not permitted.
 
     Threads started later inherit everything except the real-time priority: see `prefer_new_threads`.
@@ -34,6 +36,7 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
         wanted: the scheduling from the profile.
         log: receives warnings.
         nice: the nice value to use if the profile sets none.
+        slice_ms: the time slice to use if the profile sets none.
 
     Raises:
         NoSuchCpu: the process may use none of the processors that the profile names.
@@ -60,6 +63,9 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
     nice = nice if wanted.nice is None else wanted.nice
     if nice:
         lower_priority(nice, log)
+    slice_ms = slice_ms if wanted.slice_ms is None else wanted.slice_ms
+    if slice_ms is not None:
+        set_time_slice(slice_ms, log)
     if wanted.realtime_priority:
         try:
             _run_at(wanted.realtime_priority)

@@ -1,5 +1,6 @@
 import logging
 import os
+import platform
 import struct
 import subprocess
 import sys
@@ -271,6 +272,47 @@ def test_nice_is_that_of_the_profile_or_else_of_the_class(wanted: int | None, ni
         check=True, capture_output=True, text=True, timeout=30,
     )  # fmt: skip
     assert ended.stdout.split() == [str(min(19, before + nice)), "True"]
+
+
+SLICES = """
+import ctypes, logging, platform, struct, threading
+from robbie_mp.profile.model import Scheduling
+from robbie_mp.supervisor.scheduling import apply_scheduling
+
+def start():
+    thread = threading.Thread(target=threading.Event().wait, daemon=True)
+    thread.start()
+    return thread.native_id
+
+def slice_ms(thread):
+    attributes = ctypes.create_string_buffer(56)
+    number = {{"x86_64": 315, "aarch64": 275}}[platform.machine()]
+    assert ctypes.CDLL(None).syscall(number, thread, attributes, 56, 0) == 0
+    return struct.unpack_from("=Q", attributes, 24)[0] / 1e6  # sched_runtime of sched_getattr(2)
+
+usual = slice_ms(0)
+earlier = start()
+apply_scheduling(Scheduling(slice_ms={wanted}, nice={nice}), logging.getLogger(), slice_ms={of_class})
+print(usual, *[slice_ms(thread) for thread in (0, earlier, start())])
+"""
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "aarch64"), reason="number of the call is unknown")
+@pytest.mark.parametrize(
+    ("wanted", "nice", "of_class", "slice_ms"),
+    [(None, None, 100.0, 100.0), (0.5, None, 100.0, 0.5), (None, 5, None, 100.0), (2.0, 5, None, 2.0)],
+)
+def test_time_slice_of_all_threads_is_that_of_the_profile_or_else_of_the_class(
+    wanted: float | None, nice: int | None, of_class: float | None, slice_ms: float
+) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", SLICES.format(wanted=wanted, nice=nice, of_class=of_class)],
+        check=True, capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    usual_ms, *slices_ms = map(float, ended.stdout.split())
+    if not usual_ms:
+        pytest.skip("NOT TESTED: this kernel has no time slices (Linux 6.12)")
+    assert slices_ms == [slice_ms] * 3
 
 
 def test_refused_time_slice_is_a_warning() -> None:
