@@ -35,7 +35,7 @@ from workers.taught import Pixels
 NOISY = ("base", "laser", "camera")
 RUN_LIMIT_S = 1200.0
 NEAR_M = 1.0
-KILLS_S = (8.0, 110.0)
+KILLS_S = (6.0, 80.0)
 FRONT = (2.3, 4.1)
 """Where guests tell their names."""
 ROOMS = ((2.5, 6.2), (6.0, 6.2), (8.7, 6.2), (8.0, 1.8), (4.9, 1.9), (1.7, 1.8))
@@ -138,7 +138,7 @@ def party(seed: int, heads: dict[str, list[Pixels]], folder: Path) -> tuple[str,
         [
             (5.0, 2.7, 0.0),
             (5.0, 4.1, 0.0),
-            (*FRONT, 16.0),
+            (*FRONT, 14.0),
             *((*at, 0.0) for at in WAYS[second]),
             (*second, STAYS_S),
         ],
@@ -148,7 +148,7 @@ def party(seed: int, heads: dict[str, list[Pixels]], folder: Path) -> tuple[str,
     people = [
         f"  - {{name: {name}, way: {[list(point) for point in way]}, speed_m_per_s: 1.0, from_s: {from_s}, "
         f"shirt: {list(shirt)}, trousers: {list(chance.choice(TROUSERS))}}}"
-        for name, way, from_s, shirt in zip(guests, ways, (20.0, 28.0, STAYS_S), shirts, strict=True)
+        for name, way, from_s, shirt in zip(guests, ways, (12.0, 18.0, STAYS_S), shirts, strict=True)
     ]
     rooms, _, _ = APARTMENT.read_text().partition("people:\n")
     return rooms + "people:\n" + "\n".join(people) + "\n", guests[:2]
@@ -169,7 +169,7 @@ def run(outcome: Outcome, folder: Path, profile: str, heads: dict[str, list[Pixe
     file.write_text(arena)
     settings = settings_for(profile, file, outcome.seed, NOISY)
     settings += [f"camera.faces={folder / 'faces'}", f"guests.introduce=[{', '.join(introduced)}]"]
-    settings += ["guests.asks_s=62"]
+    settings += ["guests.asks_s=46"]
     kills_s = KILLS_S if kills else None
     judged = partial(judge, outcome, introduced)
     play(outcome, folder, profile, settings, judged, limit_s=RUN_LIMIT_S, kills_s=kills_s)
