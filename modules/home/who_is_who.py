@@ -195,8 +195,10 @@ class WhoIsWhoTask(Module):
     # -- inputs ----------------------------------------------------------------------------------------
 
     def on_following(self, message: Following) -> None:
-        """Note whether the robot follows somebody."""
+        """Note whether the robot follows somebody; two tasks must not drive at the same time."""
         self.follows = message.state not in ("", FollowState.IDLE.name)
+        if self.follows and self.tour.state is not TourState.IDLE:
+            self._cancel("the robot follows a person now")
 
     def on_pose(self, message: PoseStamped) -> None:
         """Take the robot's pose."""

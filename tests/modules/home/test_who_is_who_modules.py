@@ -29,6 +29,7 @@ from robbie_mp.messages import (
     CameraInfo,
     Detection2D,
     Detection2DArray,
+    GoalEnd,
     Image,
     MapAnnotations,
     MapMetaData,
@@ -203,6 +204,17 @@ def test_robot_drives_to_a_person_and_stops_when_it_is_told_to() -> None:
         task.send(SpokenOrder(order="stop"))
         assert task.module.tour.state.name == "IDLE"
         assert task.take(Say)[-1].text == STOPPED
+
+
+def test_order_ends_when_the_robot_begins_to_follow_somebody() -> None:
+    with ModuleHarness(WhoIsWhoTask) as task:
+        know(task)
+        task.send_goal(WhoIsWho(), client="host")
+        show(task, (4.0, 0.0))
+        task.send(Following(state="CHOOSE"))
+        assert task.module.tour.state.name == "IDLE"
+        (end,) = task.take(GoalEnd, "host")
+        assert end.reason == "the robot follows a person now"
 
 
 def test_guest_in_front_of_the_robot_tells_the_name_until_it_is_greeted(tmp_path: Path) -> None:
