@@ -39,9 +39,12 @@ def test_run_is_right_if_the_right_person_is_followed_and_nobody_touched(tmp_pat
     assert (total["minutes"], total["crossings_per_minute"], total["losses"]) == (4.0, 2.5, 2)
 
 
+@pytest.mark.parametrize("hurries", [False, True])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_apartments_are_valid_and_the_people_differ_from_seed_to_seed(tmp_path: Path, seed: int) -> None:
-    (tmp_path / "a.yaml").write_text(apartment(seed))
+def test_apartments_are_valid_and_the_people_differ_from_seed_to_seed(
+    tmp_path: Path, seed: int, hurries: bool
+) -> None:
+    (tmp_path / "a.yaml").write_text(apartment(seed, hurries))
     people = read_arena(tmp_path / "a.yaml").people
     assert [person.name for person in people] == ["Anna", "Ben", "Clara", "David"]
     assert len({person.shirt for person in people}) == 4
