@@ -62,6 +62,9 @@ class Navigation(Module):
     )
     stale_s: float = setting(0.6, "the robot stops when pose or laser is older than this", minimum=0.05)
     max_recoveries: int = setting(6, "recovery attempts before the goal is given up", minimum=0)
+    enters_unknown: bool = setting(
+        False, "drive through places that were never seen if no other path leads to the goal"
+    )
     state_period_s: float = setting(0.5, "time between feedbacks while nothing changes", minimum=0.05)
 
     def setup(self) -> None:
@@ -277,6 +280,7 @@ class Navigation(Module):
             heading_tolerance_rad=self.heading_tolerance_rad,
             stale_s=self.stale_s,
             max_recoveries=self.max_recoveries,
+            enters_unknown=self.enters_unknown,
         )
         guard = CollisionGuard(angles_rad(scan), self.laser_pose)
         follower = PathFollower(self._follower_settings())

@@ -27,7 +27,7 @@ from workers.manipulation.hand_work_states import HandSettings
 from workers.manipulation.planning import reach
 
 FILE = Path("docs/images/arm.png")
-ROBOT = Path("hw/robots/home_arm.urdf")
+ROBOT = Path("hw/robots/home.urdf")
 JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll")
 STANDS = Pose(3.39, 1.8, 0.0)
 HEIGHT_PX, WIDTH_PX = 420, 560

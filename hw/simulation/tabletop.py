@@ -64,6 +64,7 @@ class TableObject:
 class _State:
     pose: Floats
     lies: bool = False
+    is_taken: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class Tabletop:
 
     It knows no forces. Pads push an object along until both touch it, and then hold it, unless its faces are
     askew: then it slips as soon as the hand moves. What is let go falls straight down, and stands if it was
-    upright and near to what is below. What an arm touches otherwise falls over.
+    upright and near to what is below; or a person takes it. What an arm touches otherwise falls over.
 
     Args:
         objects: the objects.
@@ -126,27 +127,38 @@ class Tabletop:
         """Return X_AO of an object: (4, 4)."""
         return self._states[name].pose
 
+    def is_taken(self, name: str) -> bool:
+        """Return whether somebody has taken an object; it is not in the room any more."""
+        return self._states[name].is_taken
+
     def lies(self, name: str) -> bool:
         """Return whether an object has fallen over."""
         return self._states[name].lies
 
     def placed(self) -> list[Placed]:
-        """Return all objects as solids in the arena."""
-        return [Placed(self._solids[name], state.pose) for name, state in self._states.items()]
+        """Return all objects that nobody has taken as solids in the arena."""
+        return [
+            Placed(self._solids[name], state.pose)
+            for name, state in self._states.items()
+            if not state.is_taken
+        ]
 
-    def step(self, hand: Floats, half_opening_m: float, arm: Sequence[Placed]) -> float:
+    def step(
+        self, hand: Floats, half_opening_m: float, arm: Sequence[Placed], somebody_takes: bool = False
+    ) -> float:
         """Apply a small movement of the arm.
 
         Args:
             hand: X_AG, the pose of the grasp point: (4, 4).
             half_opening_m: distance of each pad from the middle.
             arm: the shapes of the arm, hand and fingers.
+            somebody_takes: whether a person takes what the gripper lets go.
 
         Returns:
             The least half opening that what is between the pads allows; 0 if nothing is.
         """
         if self._grip is not None:
-            self._carry(self._grip, hand, half_opening_m)
+            self._carry(self._grip, hand, half_opening_m, somebody_takes)
         if self._grip is None:
             self._close_around(hand, half_opening_m)
         self._last_half_m = half_opening_m
@@ -155,7 +167,7 @@ class Tabletop:
 
     # -- the hand ---------------------------------------------------------------------------------------
 
-    def _carry(self, grip: _Grip, hand: Floats, half_opening_m: float) -> None:
+    def _carry(self, grip: _Grip, hand: Floats, half_opening_m: float, somebody_takes: bool) -> None:
         """Move what is held with the hand, or let it go."""
         assert self._gripped_at is not None
         is_open = half_opening_m > grip.half_m + 0.001
@@ -163,7 +175,10 @@ class Tabletop:
         if is_open or (has_moved and not grip.is_firm):
             self.slips += not is_open
             self._grip = self._gripped_at = None
-            self._drop(grip.name)
+            if is_open and somebody_takes:
+                self._states[grip.name].is_taken = True
+            else:
+                self._drop(grip.name)
         else:
             self._states[grip.name].pose = hand @ grip.pose
 
@@ -171,6 +186,8 @@ class Tabletop:
         """Push what is between the pads, and hold it if both touch it."""
         to_hand = np.linalg.inv(hand)
         for name, state in self._states.items():
+            if state.is_taken:
+                continue
             pose = to_hand @ state.pose
             least, most = self._between_pads(moved(pose, self._points[name]))
             if not abs(least + most) / 2 < half_opening_m:
@@ -222,7 +239,7 @@ class Tabletop:
         yaw = math.atan2(state.pose[1, 0], state.pose[0, 0])
         state.pose = pose_at((x, y, support + solid.size_m[2] / 2), yaw)
         for other in self._states:
-            if other != name and self._overlap(name, other):
+            if other != name and not self.is_taken(other) and self._overlap(name, other):
                 self._knock(other)
                 self._knock(name)
 
@@ -261,7 +278,7 @@ class Tabletop:
     def _touch(self, arm: Sequence[Placed]) -> None:
         """Find out what the arm touches that it should not."""
         for name, state in self._states.items():
-            if name == self.held or state.lies:
+            if name == self.held or state.lies or state.is_taken:
                 continue
             there = Placed(self._solids[name], state.pose)
             near = [shape for shape in arm if shape.is_near(there)]
@@ -295,7 +312,7 @@ class Tabletop:
         grip = self._grip
         return {
             "objects": {
-                name: {"pose": state.pose.tolist(), "lies": state.lies}
+                name: {"pose": state.pose.tolist(), "lies": state.lies, "is_taken": state.is_taken}
                 for name, state in self._states.items()
             },
             "grip": None if grip is None else [grip.name, grip.pose.tolist(), grip.half_m, grip.is_firm],
@@ -307,7 +324,7 @@ class Tabletop:
 
     def _remember(self, state: dict[str, Any]) -> None:
         for name, one in state["objects"].items():
-            self._states[name] = _State(np.array(one["pose"]), one["lies"])
+            self._states[name] = _State(np.array(one["pose"]), one["lies"], one["is_taken"])
         if state["grip"] is not None:
             name, pose, half_m, is_firm = state["grip"]
             self._grip = _Grip(name, np.array(pose), half_m, is_firm)

@@ -44,6 +44,7 @@ class CommandedJoints(Module):
             values = settings.get(name)
             if isinstance(values, list) and len(values) not in (0, len(names)):
                 raise SettingError(f"expected a value for each of the {len(names)} joints, or none", name)
+        super().check(settings)
 
     def obey(self) -> None:
         """Subscribe to the commands, and publish which joints there are."""

@@ -79,3 +79,59 @@ class LearnPerson(
     """Learn the face of the person in front of you."""
 
     name: str = DEFAULT
+
+
+class HouseholdTask(Message, name="home_msgs/msg/HouseholdTask", version=1):
+    """One task of an order."""
+
+    task: str = DEFAULT  # bring, put, go, learn or follow: see workers/home/orders.py
+    object: str = DEFAULT  # what to bring or put; '' with put: what is in the hand
+    place: str = DEFAULT  # where to put something or to go; how to call the place where the robot stands
+
+
+class CarryOutFeedback(Feedback, name="home_msgs/action/CarryOut_Feedback", version=1):
+    """What the robot does; sent on each change."""
+
+    at: uint32 = DEFAULT  # place of the present task among all, from 0
+    state: str = DEFAULT  # name of a state of workers/home/household_states.py
+    reason: str = DEFAULT  # why it is in that state, for people
+
+
+class CarryOutResult(Result, name="home_msgs/action/CarryOut_Result", version=1):
+    """All tasks are done."""
+
+    duration_s: float64 = DEFAULT
+
+
+class CarryOut(Goal[CarryOutFeedback, CarryOutResult], name="home_msgs/action/CarryOut_Goal", version=1):
+    """Carry out tasks one after another. A newer order, also a spoken one, replaces the older one."""
+
+    text: str = DEFAULT  # in words of the profile's grammar, such as "go to the kitchen and follow me"
+    tasks: list[HouseholdTask] = DEFAULT  # the same as data, if `text` is empty
+
+
+class OrderCancelled(Reply, name="home_msgs/srv/CancelOrder_Response", version=1):
+    """The robot has no order any more."""
+
+    had_order: bool = DEFAULT
+
+
+class CancelOrder(Request[OrderCancelled], name="home_msgs/srv/CancelOrder_Request", version=1):
+    """End the order, no matter who has given it; the robot stands, and holds what it holds."""
+
+    reason: str = DEFAULT  # for people
+
+
+class HouseholdStatus(Message, name="home_msgs/msg/HouseholdStatus", version=1):
+    """What the household robot does and knows. Latched, and published on each change."""
+
+    header: Header = DEFAULT
+    state: str = DEFAULT  # name of a state of workers/home/household_states.py
+    reason: str = DEFAULT  # why it is in that state, for people
+    tasks: list[HouseholdTask] = DEFAULT  # of the present order; empty if there is none
+    at: uint32 = DEFAULT  # place of the present task among them, from 0
+    holds: str = DEFAULT  # what is in the hand; '': nothing
+    has_arm: bool = DEFAULT  # False: it cannot bring or put anything
+    objects: list[str] = DEFAULT  # objects that orders can name
+    places: list[str] = DEFAULT  # places that the robot knows
+    names: list[str] = DEFAULT  # names that a place can be given

@@ -1,13 +1,18 @@
-"""Picks up objects and puts them down with the robot's arm."""
+"""Picks up objects with the robot's arm, and puts them down or hands them over."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from modules.manipulation.messages import (
+    HandOver,
+    HandOverFeedback,
+    HandOverResult,
+    HandStatus,
     PickUp,
     PickUpFeedback,
     PickUpResult,
@@ -31,19 +36,27 @@ from robbie_mp import (
 )
 from robbie_mp.messages import JointCommand, JointState
 from workers.manipulation.arm_model import ArmModel
-from workers.manipulation.errors import ManipulationError
+from workers.manipulation.errors import KinematicsMissing, ManipulationError
 from workers.manipulation.hand_work import HandWork, Outcome
 from workers.manipulation.hand_work_states import Task
 
 PickUpGoal = ActiveGoal[PickUp, PickUpFeedback, PickUpResult]
 PutDownGoal = ActiveGoal[PutDown, PutDownFeedback, PutDownResult]
+HandOverGoal = ActiveGoal[HandOver, HandOverFeedback, HandOverResult]
+AnyGoal = PickUpGoal | PutDownGoal | HandOverGoal
+GOALS: dict[Task, type[PickUp | PutDown | HandOver]] = {
+    Task.PICK_UP: PickUp,
+    Task.PUT_DOWN: PutDown,
+    Task.HAND_OVER: HandOver,
+}
 
 
 class Manipulation(Module):
-    """Serves `PickUp` and `PutDown`: moves the arm by what the depth camera and the joints tell.
+    """Serves `PickUp`, `PutDown` and `HandOver`: moves the arm by what the depth camera and the joints tell.
 
-    It publishes `JointCommand`, which expires, on topic `arm` while it has an order or holds something. The
-    order survives a restart: the arm stands still meanwhile, and its client notices nothing.
+    It publishes `JointCommand`, which expires, on topic `arm` while it has an order or holds something, and
+    `HandStatus`. The order survives a restart: the arm stands still meanwhile, and its client notices
+    nothing.
     """
 
     robot: Path = setting(REQUIRED, "the robot's URDF", must_exist=True)
@@ -67,6 +80,8 @@ class Manipulation(Module):
             raise SettingError("the arm needs joints and fingers", "joints" if not joints else "fingers")
         try:
             ArmModel(file, joints, fingers)
+        except KinematicsMissing:
+            raise  # a profile may say that the robot does without its arm: `optional: true`
         except ManipulationError as error:
             raise SettingError(str(error)) from error
 
@@ -74,26 +89,25 @@ class Manipulation(Module):
         """Create the worker; continue the order of the process before."""
         arm = ArmModel(self.robot, self.joints, self.fingers)
         self.work = HandWork(arm, self._time_s, on_change=self.show_state, seed=self.seed)
-        self.active: PickUpGoal | PutDownGoal | None = None
+        self.active: AnyGoal | None = None
         self.accepted_s = self._time_s()
-        self.put_down = ""
+        self.released = ""
         self.fed_back = ""
+        self.told: tuple[str, str] | None = None
         if self.restored is not None:
             self._restore(self.restored)
         self.show_state(self.work.machine.state)
         self.serve_goals(PickUp, self.on_pick_up, self.on_cancel)
         self.serve_goals(PutDown, self.on_put_down, self.on_cancel)
+        self.serve_goals(HandOver, self.on_hand_over, self.on_cancel)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(JointState, self.on_joints, newest, topic="arm")
         self.subscribe(TableObjects, self.on_table, newest)
 
     def _restore(self, kept: dict[str, Any]) -> None:
-        self.put_down, self.accepted_s = kept["put_down"], kept["accepted_s"]
+        self.released, self.accepted_s = kept["released"], kept["accepted_s"]
         if kept["goal"] is not None:
-            if kept["task"] == Task.PICK_UP:
-                self.active = self.resume_goal(PickUp, kept["goal"])
-            else:
-                self.active = self.resume_goal(PutDown, kept["goal"])
+            self.active = self.resume_goal(GOALS[Task(kept["task"])], kept["goal"])
         self.work.remember(kept["work"])
 
     def on_joints(self, state: JointState) -> None:
@@ -120,22 +134,37 @@ class Manipulation(Module):
 
     def on_put_down(self, active: PutDownGoal) -> None:
         """Put down what is held from now on."""
+        if not self._has_released(active.goal):
+            self._release(active, Task.PUT_DOWN, self.work.put_down)
+        else:
+            active.succeed(PutDownResult())
+
+    def on_hand_over(self, active: HandOverGoal) -> None:
+        """Hand over what is held from now on."""
+        if not self._has_released(active.goal):
+            self._release(active, Task.HAND_OVER, self.work.hand_over)
+        else:
+            active.succeed(HandOverResult())
+
+    def _has_released(self, goal: PutDown | HandOver) -> bool:
+        """Return whether its client's last process asked for the same, and did not hear of the end."""
+        is_idle = self.work.task is None and self.work.held is None
+        return is_idle and bool(goal.object) and goal.object == self.released
+
+    def _release(self, active: PutDownGoal | HandOverGoal, task: Task, begin: Callable[[], None]) -> None:
+        """Let go what is held from now on."""
         wanted, held = active.goal.object, self.work.held
-        is_same = self.work.task is Task.PUT_DOWN and wanted in ("", self.work.target)
+        is_same = self.work.task is task and wanted in ("", self.work.target)
         if not is_same and held is None:
-            if wanted and wanted == self.put_down and self.work.task is None:
-                # Its client's last process asked for the same, and did not hear of the end.
-                active.succeed(PutDownResult())
-                return
             raise CallRefused("there is nothing in the hand")
         if not is_same and held is not None and wanted not in ("", held.name):
             raise CallRefused(f"the hand holds {held.name}, not {wanted!r:.80}")
         self._take(active)
         if not is_same:
-            self.work.put_down()
+            begin()
         self._keep()
 
-    def on_cancel(self, active: PickUpGoal | PutDownGoal, reason: str) -> None:
+    def on_cancel(self, active: AnyGoal, reason: str) -> None:
         """Stand still, and end the goal."""
         if active is self.active:
             self.active = None
@@ -161,35 +190,36 @@ class Manipulation(Module):
                 topic="arm",
             )
         self._keep()
+        self._tell()
         held = f"holds {self.work.held.name}" if self.work.held is not None else "holds nothing"
         self.status = f"{held}; {self.work.machine.state.value} ({self.work.machine.reason})"
 
-    def _take(self, active: PickUpGoal | PutDownGoal) -> None:
+    def _take(self, active: AnyGoal) -> None:
         """Work for a new goal, in place of the one before."""
         before, self.active = self.active, active
         self.accepted_s, self.fed_back = self._time_s(), ""
         if before is not None:
             before.preempt(f"{active.client} has sent another goal")
 
-    def _end(self, active: PickUpGoal | PutDownGoal, outcome: Outcome) -> None:
+    def _end(self, active: AnyGoal, outcome: Outcome) -> None:
         """Tell the goal's client how it ended."""
         self.log.info("%s", outcome.text)
         self.active = None
         duration_s = self._time_s() - self.accepted_s
-        if outcome.is_done and isinstance(active.goal, PutDown):
-            self.put_down = self.work.target
-        elif outcome.is_done:
-            self.put_down = ""
+        if outcome.is_done:
+            self.released = "" if isinstance(active.goal, PickUp) else self.work.target
         self._keep()
         if not outcome.is_done:
             active.abort(outcome.text)
         elif isinstance(active.goal, PutDown):
             active.succeed(PutDownResult(duration_s=duration_s))
+        elif isinstance(active.goal, HandOver):
+            active.succeed(HandOverResult(duration_s=duration_s))
         else:
             width_m = 2 * self.work.half_opening_m
             active.succeed(PickUpResult(duration_s=duration_s, width_m=width_m, tries=self.work.tries))
 
-    def _feed_back(self, active: PickUpGoal | PutDownGoal) -> None:
+    def _feed_back(self, active: AnyGoal) -> None:
         state, reason = self.work.machine.state.name, self.work.machine.reason
         if self.fed_back == f"{state} {reason}":
             return
@@ -197,8 +227,18 @@ class Manipulation(Module):
         self.log.info("%s (%s)", state, reason)
         if isinstance(active.goal, PutDown):
             active.feedback(PutDownFeedback(state=state, reason=reason))
+        elif isinstance(active.goal, HandOver):
+            active.feedback(HandOverFeedback(state=state, reason=reason))
         else:
             active.feedback(PickUpFeedback(state=state, reason=reason))
+
+    def _tell(self) -> None:
+        """Publish what the arm does and holds, if that has changed."""
+        state, held = self.work.machine.state.name, self.work.held.name if self.work.held else ""
+        if self.told != (state, held):
+            self.told = state, held
+            header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()))
+            self.publish(HandStatus(header=header, state=state, held=held), latched=True)
 
     def _keep(self) -> None:
         """Keep what the next process needs."""
@@ -208,7 +248,7 @@ class Manipulation(Module):
                 "goal": None if active is None else active.memory,
                 "task": None if self.work.task is None else str(self.work.task),
                 "accepted_s": self.accepted_s,
-                "put_down": self.put_down,
+                "released": self.released,
                 "work": self.work.memory(),
             }
         )

@@ -1,10 +1,24 @@
 """Messages that only the robot with the arm knows."""
 
-from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Result, float64, uint32
+from typing import Any
+
+from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Result, Upgrade, float64, uint32
 from robbie_mp.messages import Pose, Vector3
 
 
-class TabletopTruth(Message, name="manipulation_msgs/msg/TabletopTruth", version=1):
+def _nothing_taken(fields: dict[str, Any]) -> dict[str, Any]:
+    """Name no object that a person has taken: version 1 knew no people."""
+    return {**fields, "taken": []}
+
+
+class TabletopTruth(
+    Message,
+    name="manipulation_msgs/msg/TabletopTruth",
+    version=2,
+    upgrades={
+        1: Upgrade(_nothing_taken),
+    },
+):
     """Where the simulated objects truly are. Robots do not subscribe to it."""
 
     header: Header = DEFAULT  # frame_id: arena
@@ -14,6 +28,7 @@ class TabletopTruth(Message, name="manipulation_msgs/msg/TabletopTruth", version
     held: str = DEFAULT  # what is in the hand; '': nothing
     slips: uint32 = DEFAULT  # how often something slipped out of the hand
     contacts: uint32 = DEFAULT  # how often the arm, or what it holds, began to touch a table or the floor
+    taken: list[str] = DEFAULT  # names of those that people have taken out of the hand
 
 
 class SeenShape(Message, name="manipulation_msgs/msg/SeenShape", version=1):
@@ -31,6 +46,14 @@ class TableObjects(Message, name="manipulation_msgs/msg/TableObjects", version=1
     header: Header = DEFAULT  # stamp: of the image; frame_id: base_link
     table: SeenShape = DEFAULT  # a box from the floor to the table's top, of the part that is seen
     objects: list[SeenShape] = DEFAULT  # names that are not known begin with "unknown"
+
+
+class HandStatus(Message, name="manipulation_msgs/msg/HandStatus", version=1):
+    """What the arm does and holds. Latched, and published on each change."""
+
+    header: Header = DEFAULT
+    state: str = DEFAULT  # name of a state of workers/manipulation/hand_work_states.py
+    held: str = DEFAULT  # what is in the hand; '': nothing
 
 
 class PickUpFeedback(Feedback, name="manipulation_msgs/action/PickUp_Feedback", version=1):
@@ -69,6 +92,27 @@ class PutDownResult(Result, name="manipulation_msgs/action/PutDown_Result", vers
 
 class PutDown(Goal[PutDownFeedback, PutDownResult], name="manipulation_msgs/action/PutDown_Goal", version=1):
     """Put down what is in the hand on the table in front of the robot, where there is room."""
+
+    object: str = DEFAULT  # its name; '': whatever it is
+
+
+class HandOverFeedback(Feedback, name="manipulation_msgs/action/HandOver_Feedback", version=1):
+    """What the arm does; sent on each change."""
+
+    state: str = DEFAULT  # as in PickUpFeedback, or OFFER
+    reason: str = DEFAULT  # why it is in that state, for people
+
+
+class HandOverResult(Result, name="manipulation_msgs/action/HandOver_Result", version=1):
+    """The hand is empty."""
+
+    duration_s: float64 = DEFAULT
+
+
+class HandOver(
+    Goal[HandOverFeedback, HandOverResult], name="manipulation_msgs/action/HandOver_Goal", version=1
+):
+    """Hold out what is in the hand to somebody in front of the robot, and let it go after a moment."""
 
     object: str = DEFAULT  # its name; '': whatever it is
 

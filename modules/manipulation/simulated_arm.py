@@ -23,6 +23,7 @@ from workers.manipulation.rotations import quaternion_of
 GRIPPER = "gripper"
 GRASP_POINT = "grasp_point"
 DEFAULT_SPEED = 1.0
+WITH_A_PERSON = "person"
 
 
 class SimulatedArm(CommandedJoints, SimulatedDevice):
@@ -32,6 +33,8 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
     position is half of the opening, in m, and stops at what is between the fingers. Its effort in
     `JointState` is then that of the fingers, in N, as servos measure it.
 
+    A person who is near takes what the hand lets go.
+
     Where the objects truly are goes out as `TabletopTruth` on `ground_truth`, and at the end into
     `arm.json`. Joints and objects survive a restart.
     """
@@ -39,13 +42,15 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
     robot: Path = setting(REQUIRED, "the robot's URDF", must_exist=True)
     period_s: float = setting(0.04, "time between messages", minimum=0.005)
     grip_n: float = setting(15.0, "force of the fingers on what they hold", minimum=0.0)
+    takes_m: float = setting(
+        1.0, "a person this near to the hand, seen from above, takes what it lets go", minimum=0.0
+    )
     rest: list[float] = setting([], "where the joints are at the start; default 0")
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
         """Check the joints' names against the URDF, and the arena."""
-        CommandedJoints.check.__func__(cls, settings)  # type: ignore[attr-defined]
-        SimulatedDevice.check.__func__(cls, settings)  # type: ignore[attr-defined]
+        super().check(settings)
         file, names, rest = settings["robot"], settings["names"], settings["rest"]
         assert isinstance(file, Path) and isinstance(names, list) and isinstance(rest, list)
         try:
@@ -103,7 +108,9 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         self.shapes.move(at)
         robot = self.world.truth.pose
         hand = self.shapes.pose(GRASP_POINT, robot)
-        least = self.objects.step(hand, at[GRIPPER], self.shapes.arm(robot))
+        away_m = np.hypot(*(self.world.people[:, :2] - hand[:2, 3]).T)
+        somebody_takes = bool((away_m <= self.takes_m).any())
+        least = self.objects.step(hand, at[GRIPPER], self.shapes.arm(robot), somebody_takes)
         self.simulated.block(GRIPPER, least or None)
         reading = self.simulated.read()
         now = Time.from_nanoseconds(self.clock.now_ns())
@@ -128,9 +135,11 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         (self.output_directory / "arm.json").write_text(json.dumps(result) + "\n")
 
     def _below(self, name: str) -> str:
-        """Return the name of the table on which an object stands or lies; 'hand' or 'floor' otherwise."""
+        """Return the name of the table on which an object stands or lies, or who has it; or 'floor'."""
         if name == self.objects.held:
             return "hand"
+        if self.objects.is_taken(name):
+            return WITH_A_PERSON
         x, y, _ = self.objects.pose(name)[:3, 3].tolist()
         return next((table.name for table in self.world.arena.tables if table.is_below(x, y)), "floor")
 
@@ -167,6 +176,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
                 held=objects.held or "",
                 slips=objects.slips,
                 contacts=objects.contacts,
+                taken=[name for name in names if objects.is_taken(name)],
             ),
             topic="ground_truth",
         )

@@ -67,6 +67,7 @@ class SimulatedDepthCameraModule(SimulatedDevice):
         objects = [
             Placed(self.sizes[name], from_pose(pose).matrix)
             for name, pose in zip(self.truth.names, self.truth.poses, strict=True)
+            if name not in self.truth.taken
         ]
         seen = [*self.walls, *objects, *self.shapes.all(robot)]
         depths = self.camera.capture(self.shapes.pose(FRAME, robot), seen)

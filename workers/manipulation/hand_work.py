@@ -1,4 +1,4 @@
-"""Picks up objects from a table and puts them down, step by step."""
+"""Picks up objects from a table, and puts them down or hands them over, step by step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ MARGINS_M = (0.01, 0.003, 0.0)
 """Distances from obstacles, tried in this order: the arm may stand nearer to one than the first allows."""
 GRASP_RESTARTS = 6
 ARRIVED_RAD = 0.02
-HOLDING = {HandState.CLOSE, HandState.LIFT, HandState.STOW}
+GIVES_AWAY = {HandState.OFFER, HandState.OPEN, HandState.WITHDRAW}
+WRIST_PITCH = 4
+"""Place of the joint that turns the hand up and down, if the forearm lies level."""
 MAX_GRASPS = 60
 """Poses of the hand that are tried for one object or place."""
 
@@ -82,7 +84,7 @@ class HandWork:
         self.tries = 0
         self.view: TableView | None = None
         self._is_released = False
-        """Whether the object that was to be put down has been let go."""
+        """Whether the object that was to be put down or handed over has been let go."""
         self._grasp: Shape | None = None
         """What the gripper closes, or has closed, around."""
         self._positions: Floats | None = None
@@ -119,6 +121,11 @@ class HandWork:
     def put_down(self) -> None:
         """Begin to put down what is held; an order before ends."""
         self._begin(Task.PUT_DOWN, self.held.name if self.held is not None else "")
+
+    def hand_over(self) -> None:
+        """Begin to hold out what is held, and then let it go; an order before ends."""
+        self._begin(Task.HAND_OVER, self.held.name if self.held is not None else "")
+        self.view = None  # there is no table
 
     def stop(self, reason: str) -> None:
         """End the order; the arm stands still."""
@@ -158,7 +165,10 @@ class HandWork:
             raise Unreachable(f"{self.target} slipped out of the hand")
         if self.machine.expire():
             if self.machine.state is HandState.REST:
-                self._try_again(f"sees no {self.target} on a table" if self.view else "sees no table")
+                if self.view is not None and self.tries:
+                    self._end(False, f"sees no {self.target} on a table")  # it has looked twice
+                else:
+                    self._try_again(f"sees no {self.target} on a table" if self.view else "sees no table")
             else:
                 self._enter(self.machine.state)
             return
@@ -168,7 +178,7 @@ class HandWork:
 
     def _has_lost(self, state: HandState) -> bool:
         """Return whether what was held is not there any more."""
-        is_holding = self.held is not None and state not in (HandState.OPEN, HandState.WITHDRAW)
+        is_holding = self.held is not None and state not in GIVES_AWAY
         return is_holding and self._half_m <= self.settings.empty_m
 
     def _go(self, state: HandState, reason: str) -> None:
@@ -190,7 +200,7 @@ class HandWork:
     def _try_again(self, reason: str) -> None:
         """Begin the order anew, unless it was tried too often."""
         self.tries += 1
-        has_nothing = self.task is Task.PUT_DOWN and self.held is None and not self._is_released
+        has_nothing = self.task is not Task.PICK_UP and self.held is None and not self._is_released
         if self.tries >= self.settings.max_tries or has_nothing:
             self._end(False, reason)
             return
@@ -211,11 +221,13 @@ class HandWork:
             self.held = self._grasp = None
         if self._grasp is not None:
             self.held = self._grasp
+            if self.task is Task.HAND_OVER:
+                return HandState.OFFER, f"holds {self.held.name}"
             if self.task is Task.PUT_DOWN or self.held.name == self.target:
                 return HandState.LIFT, f"holds {self.held.name}"
             self._end(False, f"the hand holds {self.held.name}")
             return None
-        if self.task is Task.PUT_DOWN and not self._is_released:
+        if self.task is not Task.PICK_UP and not self._is_released:
             self._end(False, "there is nothing in the hand")
             return None
         return HandState.FREE, "holds nothing"
@@ -294,12 +306,29 @@ class HandWork:
             return None
         return (HandState.STOW if self.task is Task.PICK_UP else HandState.ASIDE), "lifted"
 
+    def _begin_offer(self) -> None:
+        assert self.held is not None
+        offer = np.array(self.settings.offer)
+        # The hand has the pitch again that it had when it grasped the object, which stood.
+        pitch_rad = -math.asin(float(np.clip(np.linalg.inv(self.held.pose)[2, 0], -1.0, 1.0)))
+        offer[WRIST_PITCH] = np.clip(pitch_rad, self._arm.lower[WRIST_PITCH], self._arm.upper[WRIST_PITCH])
+        self._follow(self._plan_to(offer), self.settings.speed)
+
+    def _in_offer(self) -> tuple[HandState, str] | None:
+        if self._half_m <= self.settings.empty_m:
+            return HandState.OPEN, "somebody has taken it"
+        if not self._has_arrived():
+            return None
+        assert self._way is not None
+        held_out_s = self._clock() - self._way_began_s - self._way.duration_s
+        return (HandState.OPEN, "held out long enough") if held_out_s >= self.settings.offer_s else None
+
     def _begin_open(self) -> None:
         if self.task is Task.PUT_DOWN and self.held is not None and self.view is not None:
             # From now on, the arm must keep away from it.
             there = replace(self.held, pose=self._arm.pose(self._here()) @ self.held.pose)
             self.view = replace(self.view, objects=(*self.view.objects, there))
-        if self.task is Task.PUT_DOWN:
+        if self.task is not Task.PICK_UP:
             self.held, self._is_released = None, True
         self._opening_m = self._arm.opening_m
         self._grasp = None
@@ -326,7 +355,8 @@ class HandWork:
 
     def _in_stow(self) -> tuple[HandState, str] | None:
         if self._has_arrived():
-            self._end(True, f"holds {self.target}" if self.held else f"has put down {self.target}")
+            done = "has handed over" if self.task is Task.HAND_OVER else "has put down"
+            self._end(True, f"holds {self.target}" if self.held else f"{done} {self.target}")
         return None
 
     # -- planning ------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ class Task(StrEnum):
 
     PICK_UP = "pick up"
     PUT_DOWN = "put down"
+    HAND_OVER = "hand over"
 
 
 class HandState(StrEnum):
@@ -28,13 +29,14 @@ class HandState(StrEnum):
     OPEN = "opens the gripper"
     WITHDRAW = "draws the hand back"
     STOW = "moves the arm above the robot"
+    OFFER = "holds out what it holds to a person"
 
 
 _S = HandState
 _ALWAYS = {_S.REST, _S.RECOVER}
 TRANSITIONS = {
     _S.REST: {_S.RECOVER},
-    _S.RECOVER: _ALWAYS | {_S.FREE, _S.LIFT},
+    _S.RECOVER: _ALWAYS | {_S.FREE, _S.LIFT, _S.OFFER},
     _S.FREE: _ALWAYS | {_S.ASIDE, _S.STOW},
     _S.ASIDE: _ALWAYS | {_S.LOOK},
     _S.LOOK: _ALWAYS | {_S.APPROACH},
@@ -45,6 +47,7 @@ TRANSITIONS = {
     _S.OPEN: _ALWAYS | {_S.WITHDRAW},
     _S.WITHDRAW: _ALWAYS | {_S.STOW, _S.ASIDE},
     _S.STOW: _ALWAYS,
+    _S.OFFER: _ALWAYS | {_S.OPEN},
 }
 TIME_OUTS = {
     _S.LOOK: TimeOut(6.0, _S.REST),
@@ -60,6 +63,8 @@ class HandSettings:
     Attributes:
         stow: joints with the hand above the robot, to drive; rad.
         aside: joints with the arm out of the camera's view; rad.
+        offer: joints with the hand held out to a person; the wrist then keeps upright what it holds; rad.
+        offer_s: time until the gripper lets go what it holds out.
         back_m: how far before the object the hand begins to move straight.
         lift_m: how far an object is lifted straight up.
         line_speed: share of the joints' greatest speeds on straight lines.
@@ -75,6 +80,8 @@ class HandSettings:
 
     stow: tuple[float, ...] = (0.0, -0.8, -0.3, 0.0, 1.1, 0.0)
     aside: tuple[float, ...] = (1.9, 0.3, 0.9, 0.0, -1.2, 0.0)
+    offer: tuple[float, ...] = (0.0, 0.3, -0.3, 0.0, 0.0, 0.0)
+    offer_s: float = 3.0
     back_m: float = 0.09
     lift_m: float = 0.07
     line_speed: float = 0.35

@@ -5,6 +5,8 @@ inflation around obstacles is that of `NavigationGrid` (places where the robot w
 `PathField` (places that it prefers to avoid).
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,6 +14,8 @@ from workers.maps.navigation_grid import FORBIDDEN, OCCUPIED_PERCENT, Navigation
 from workers.navigation.live_obstacles import LiveObstacles
 
 KNOWN_M = 0.2  # a return this near to an obstacle of the map belongs to that obstacle
+MOST_UNSEEN_M = 50.0  # a goal that is farther beyond the map than this is not sought
+AROUND_GOAL_M = 1.0
 
 
 class Costmap:
@@ -39,7 +43,7 @@ class Costmap:
         # A no-go area is no wall: the laser's returns beside it are obstacles.
         occupied = (self._cells >= OCCUPIED_PERCENT) & ~self._forbidden
         self._known = distance_cells(occupied) * resolution_m <= KNOWN_M
-        self.static_grid = self._grid(self._cells)
+        self.static_grid = self._grid(self._cells, self._corner)
 
     def grid(self, obstacles: LiveObstacles, now_s: float) -> NavigationGrid:
         """Return the map with the current obstacles.
@@ -48,6 +52,33 @@ class Costmap:
             obstacles: What the laser sees.
             now_s: The time.
         """
+        cells = self._with(obstacles, now_s)
+        return self.static_grid if cells is self._cells else self._grid(cells, self._corner)
+
+    def opened(self, obstacles: LiveObstacles, now_s: float, goal_xy_m: ArrayLike) -> NavigationGrid | None:
+        """Return the same, with what was never seen as free, and large enough for a goal.
+
+        As `allow_unknown` of ROS's planners. None if the goal is too far beyond the map.
+
+        Args:
+            obstacles: What the laser sees.
+            now_s: The time.
+            goal_xy_m: The goal, m, map frame.
+        """
+        cells = self._with(obstacles, now_s)
+        at = (np.asarray(goal_xy_m, float)[:2] - self._corner) / self._resolution_m
+        around = math.ceil(AROUND_GOAL_M / self._resolution_m)
+        column, row = np.floor(at).astype(np.int64).tolist()
+        height, width = cells.shape
+        rows = max(0, around - row), max(0, row + around - height)
+        columns = max(0, around - column), max(0, column + around - width)
+        if max(*rows, *columns) * self._resolution_m > MOST_UNSEEN_M:
+            return None
+        free = np.pad(np.where(cells < 0, 0, cells), (rows, columns))
+        return self._grid(free, self._corner - np.array([columns[0], rows[0]]) * self._resolution_m)
+
+    def _with(self, obstacles: LiveObstacles, now_s: float) -> NDArray[np.int8]:
+        """Return the map's cells with the current obstacles; the same array if there are none."""
         points = obstacles.points(now_s)
         columns, rows = np.floor((points - self._corner) / self._resolution_m).astype(np.int64).T
         height, width = self._cells.shape
@@ -55,10 +86,10 @@ class Costmap:
         rows, columns = rows[inside], columns[inside]
         new = ~self._known[rows, columns] & ~self._forbidden[rows, columns]
         if not new.any():
-            return self.static_grid
+            return self._cells
         cells = self._cells.copy()
         cells[rows[new], columns[new]] = 100
-        return self._grid(cells)
+        return cells
 
-    def _grid(self, cells: NDArray[np.int8]) -> NavigationGrid:
-        return NavigationGrid(cells, self._resolution_m, self._corner, self._clearance_m)
+    def _grid(self, cells: NDArray[np.int8], corner_xy_m: NDArray[np.float64]) -> NavigationGrid:
+        return NavigationGrid(cells, self._resolution_m, corner_xy_m, self._clearance_m)

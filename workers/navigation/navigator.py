@@ -38,6 +38,7 @@ ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S, MOST_ALIGN_RAD_PER_S = 2.0, 0.2, 1.0
 TRACKED = 400  # poses kept to interpolate a sweep's pose
 PROGRESS_M = 0.5
 FORESEEN_S = 0.4  # a command that would bring the robot into a no-go area within this time is not given
+UNSEEN = (Obstruction.UNKNOWN_GOAL, Obstruction.NO_WAY)  # a path may lead through what was never seen
 DETOUR_M = 1.0  # a path that is longer than the previous one by this much counts as a detour
 
 
@@ -256,10 +257,20 @@ class Navigator:
         on_map = self._way(situation, situation.costmap.static_grid)
         if on_map.obstruction is Obstruction.NONE:
             self._recover("an obstacle that is not on the map blocks the path")
+        elif (unseen := self._way_through_unknown(situation, on_map.obstruction)) is not None:
+            self._take(unseen)
         elif on_map.obstruction in (Obstruction.ROBOT, Obstruction.NO_WAY):
             self._squeeze_through(situation, on_map.obstruction)
         else:
             self._end(NavigatorState.UNREACHABLE, on_map.obstruction)
+
+    def _way_through_unknown(self, situation: _Situation, obstruction: Obstruction) -> Way | None:
+        """Plan through places that were never seen, if the robot may, and the map alone has no path."""
+        if not self.settings.enters_unknown or obstruction not in UNSEEN:
+            return None
+        grid = situation.costmap.opened(self._obstacles, self._clock(), situation.goal)
+        way = None if grid is None else self._way(situation, grid)
+        return way if way is not None and way.obstruction is Obstruction.NONE else None
 
     def _squeeze_through(self, situation: _Situation, obstruction: Obstruction) -> None:
         """Plan with the smaller clearance, because the robot may have entered a narrow place unknowingly."""

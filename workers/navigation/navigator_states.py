@@ -58,6 +58,7 @@ class NavigatorSettings:
         max_recoveries: Number of recoveries without progress after which the goal is given up.
         max_detours: Number of much longer paths after which the goal is given up.
         align_s: Maximum time for turning to the goal's heading.
+        enters_unknown: Paths may lead through places that were never seen if no other path leads to the goal.
     """
 
     clearance_m: float = 0.27
@@ -75,6 +76,7 @@ class NavigatorSettings:
     max_recoveries: int = 6
     max_detours: int = 10
     align_s: float = 10.0
+    enters_unknown: bool = False
 
     def time_outs(self) -> dict[NavigatorState, TimeOut[NavigatorState]]:
         """Return the states that end after a time."""

@@ -52,7 +52,7 @@ def test_placed_solids_know_what_is_within_and_near() -> None:
 
 
 def test_urdf_gives_each_link_its_shapes(tmp_path: Path) -> None:
-    shapes = {shape.link: shape for shape in read_urdf_solids(PROJECT / "hw/robots/home_arm.urdf")}
+    shapes = {shape.link: shape for shape in read_urdf_solids(PROJECT / "hw/robots/home.urdf")}
     assert shapes["base_link"].solid == Solid((0.4, 0.4, 0.28), is_round=True)
     assert shapes["left_finger"].pose[:3, 3] == pytest.approx([0.0, 0.006, 0.0])
     assert "laser" not in shapes

@@ -48,7 +48,7 @@ from tests._support.places import ARENAS, PROJECT
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 
-ROBOT = str(PROJECT / "hw/robots/home_arm.urdf")
+ROBOT = str(PROJECT / "hw/robots/home.urdf")
 OBJECTS = PROJECT / "hw/robots/home_objects.yaml"
 NAMES = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll", "gripper"]
 STOWED = [0.0, -0.8, -0.3, 0.0, 1.1, 0.0, 0.045]
@@ -152,7 +152,7 @@ def test_depth_images_become_a_table_with_named_objects_on_the_map() -> None:
     with (
         ModuleHarness(SimulatedArm, arm_settings, name="arm") as arm,
         ModuleHarness(SimulatedDepthCameraModule, {"arena": arena, "robot": ROBOT}) as camera,
-        ModuleHarness(SceneGraphService, {"file": str(PROJECT / "hw/robots/home_arm.yaml")}) as scene,
+        ModuleHarness(SceneGraphService, {"file": str(PROJECT / "hw/robots/home.yaml")}) as scene,
         ModuleHarness(TableObjectFinder, {"objects": str(OBJECTS)}) as finder,
     ):
         arm.send(truth, topic="ground_truth")

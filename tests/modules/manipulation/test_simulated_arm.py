@@ -12,7 +12,7 @@ from robbie_mp import Duration, ModuleHarness, SettingError
 from robbie_mp.messages import JointCommand, JointLimits, JointState, Odometry
 from tests._support.places import ARENAS, PROJECT
 
-ROBOT = PROJECT / "hw/robots/home_arm.urdf"
+ROBOT = PROJECT / "hw/robots/home.urdf"
 NAMES = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll", "gripper"]
 SETTINGS = {"arena": str(ARENAS / "arm.yaml"), "robot": str(ROBOT), "names": NAMES}
 
@@ -76,7 +76,9 @@ def test_restarted_arm_is_where_it_was_and_holds_what_it_held(arm: ModuleHarness
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ({"names": ["wasit", "gripper"]}, "has no joint 'wasit' with limits; it has waist"),
+        ({"names": ["wasit", "gripper"]}, "has no joint 'wasit' with limits; it has pan, tilt, waist"),
+        ({"names": ["gripper", "gripper"]}, "each with a name that no other has"),
+        ({"start": [1.0]}, "expected x, y"),
         ({"names": ["waist"]}, "one of the joints must be 'gripper'"),
         ({"names": ["right_finger", "gripper"]}, "has no joint 'right_finger'"),
         ({"rest": [1.0]}, "expected a value for each of the 7 joints"),

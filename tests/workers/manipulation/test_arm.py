@@ -16,7 +16,7 @@ from workers.manipulation.trajectory import Trajectory
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 
-ROBOT = PROJECT / "hw/robots/home_arm.urdf"
+ROBOT = PROJECT / "hw/robots/home.urdf"
 JOINTS = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll"]
 DRIVES = np.array([0.0, -0.8, -0.3, 0.0, 1.1, 0.0])
 

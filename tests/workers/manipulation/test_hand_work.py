@@ -25,7 +25,7 @@ from workers.manipulation.table_view import TableView
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 
-ROBOT = PROJECT / "hw/robots/home_arm.urdf"
+ROBOT = PROJECT / "hw/robots/home.urdf"
 JOINTS = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll"]
 ARENA = read_arena(ARENAS / "arm.yaml")
 STANDS = Pose(3.39, 1.78, 0.03)
@@ -205,3 +205,31 @@ def test_arm_stands_still_while_its_joints_are_silent_and_then_goes_on() -> None
 def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
     page = (DOCS / "manipulation.md").read_text()
     assert mermaid(HandState.REST, TRANSITIONS, TIME_OUTS) in page
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_object_is_held_out_upright_and_let_go_after_a_moment(restarts: bool) -> None:
+    world = World()
+    world.work.pick_up("cola")
+    world.run()
+    world.work.outcome = None
+    world.work.hand_over()
+    world.run(until=HandState.OFFER)
+    if restarts:
+        kept = world.work.memory()
+        world.now_s += 1.0  # the command expires meanwhile
+        world.work = world.new_work()
+        world.work.remember(kept)
+    world.run(until=HandState.OPEN)
+    held = world.objects.pose("cola")
+    assert world.objects.held == "cola"
+    assert held[2, 2] > 0.95
+    assert held[2, 3] > 0.55
+    assert world.run() == Outcome(True, "has handed over cola")
+    assert world.objects.held is None
+
+
+def test_empty_hand_hands_nothing_over() -> None:
+    world = World()
+    world.work.hand_over()
+    assert world.run() == Outcome(False, "there is nothing in the hand")

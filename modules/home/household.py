@@ -1,0 +1,524 @@
+"""Application control of the household robot: carries out orders by call, voice and the operator's page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from modules.home.messages import (
+    CancelOrder,
+    CarryOut,
+    CarryOutFeedback,
+    CarryOutResult,
+    Following,
+    FollowOrder,
+    FollowOrderTaken,
+    HouseholdStatus,
+    HouseholdTask,
+    OrderCancelled,
+)
+from modules.manipulation.messages import (
+    HandOver,
+    HandOverResult,
+    HandStatus,
+    PickUp,
+    PickUpResult,
+    PutDown,
+    PutDownResult,
+    TableObjects,
+)
+from modules.navigation_goals import NavigationGoals
+from modules.people import unseen_s
+from modules.people_messages import People
+from modules.planar_messages import planar, pose_stamped
+from modules.speech_messages import Say, SpokenOrder
+from robbie_mp import (
+    ActiveGoal,
+    CallError,
+    CallRefused,
+    GoalAborted,
+    Header,
+    MessageHandling,
+    Module,
+    NoServer,
+    SentGoal,
+    SettingError,
+    Time,
+    replace,
+    setting,
+)
+from robbie_mp.messages import (
+    AnnotateMap,
+    MapAnnotated,
+    MapAnnotations,
+    PointOfInterest,
+    PoseStamped,
+)
+from workers.home.follow import PersonReport
+from workers.home.household import HouseholdWork
+from workers.home.household_states import HouseholdState
+from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder
+from workers.manipulation.table_view import UNKNOWN
+from workers.speech.order_grammar import WrongGrammar
+
+CarryOutGoal = ActiveGoal[CarryOut, CarryOutFeedback, CarryOutResult]
+REPEAT_S = 1.0
+"""Time after which a call is repeated whose end an accident has kept from the robot."""
+MAX_POSE_AGE_S = 1.0
+"""A place is learnt only from a pose that is not older."""
+SEVERAL = "several"
+"""The name of spoken orders that have several tasks."""
+CALL_S = 2.0
+FOLLOWS_NOBODY = "IDLE"
+AnyRequest = AnnotateMap | FollowOrder
+RESULTS = {
+    HouseholdState.PICK: PickUpResult,
+    HouseholdState.PUT: PutDownResult,
+    HouseholdState.HAND: HandOverResult,
+}
+"""What the arm's goals of each state end with."""
+START_S = 20.0
+"""Time after which an order of the start that the robot cannot begin is given up."""
+
+
+class Household(Module):
+    """Serves `CarryOut`, and does what `SpokenOrder`s say, by the robot's other modules.
+
+    It drives by `NavigateTo`, grasps by `PickUp`, `PutDown` and `HandOver`, follows by `FollowOrder`, and
+    keeps the names of places by `AnnotateMap`. It speaks by `Say`, and publishes `HouseholdStatus`. Without
+    an arm, or without a module that follows, it says so and does the rest.
+
+    With `start_orders`, it carries these out after its start, and then ends. The order survives a restart. It
+    writes `household.json` to the run's results.
+    """
+
+    period_s: float = setting(0.2, "time between decisions", minimum=0.02)
+    orders: dict[str, list[str]] = setting(
+        {}, "sentences of the tasks bring, put, go, learn and follow, as those of `SpokenOrders`"
+    )
+    words: dict[str, list[str]] = setting({}, "what can be said for <object> and <place>")
+    places: dict[str, list[float]] = setting(
+        {}, "x, y (m) and heading (rad), map frame, of places that the robot knows from the start"
+    )
+    tables: list[str] = setting([], "places in front of tables on which objects may be")
+    start_orders: list[str] = setting([], "orders of the start, such as 'bring me the soup'")
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check the grammar, the places, and the orders of the start."""
+        orders, words, places = settings["orders"], settings["words"], settings["places"]
+        assert isinstance(orders, dict) and isinstance(words, dict) and isinstance(places, dict)
+        for name, place in places.items():
+            if len(place) != 3 or not all(map(math.isfinite, place)):
+                raise SettingError(f"{name}: expected x, y (m) and heading (rad), not {place}", "places")
+        start = settings["start_orders"]
+        assert isinstance(start, list)
+        try:
+            reader = OrderReader(orders, words)
+            for text in start:
+                reader.read(text)
+        except WrongGrammar as error:
+            raise SettingError(str(error), "orders") from error
+        except WrongOrder as error:
+            raise SettingError(str(error), "start_orders") from error
+
+    def setup(self) -> None:
+        """Subscribe; continue the order of the process before."""
+        self.reader = OrderReader(self.orders, self.words)
+        self.work = HouseholdWork(self._time_s, self.tables, on_change=self._state_changed)
+        self.open = list(self.start_orders)
+        self.active: CarryOutGoal | None = None
+        self.arm: SentGoal | None = None
+        self.arm_task: HouseholdState | None = None
+        self.arm_s = self.asked_s = self.pose_s = -math.inf
+        self.is_asking = self.follows = self.has_taught = False
+        self.began_s = self.accepted_s = self._time_s()
+        self.pose: tuple[float, float, float] | None = None
+        self.annotations: MapAnnotations | None = None
+        self.following = ""
+        self.told: HouseholdStatus | None = None
+        self.fed_back = ""
+        if self.restored is not None:
+            self._restore(self.restored)
+        self.show_state(self.work.state)
+        self.goals = NavigationGoals(self, self.work.arrived, self.work.unreachable, self._see_stopped)
+        self._connect()
+
+    def _connect(self) -> None:
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.advertise(Say)
+        self.serve_goals(CarryOut, self.on_order, self.on_cancel)
+        self.serve(CancelOrder, self.on_cancel_order)
+        self.subscribe(SpokenOrder, self.on_spoken, optional=True)
+        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
+        self.subscribe(MapAnnotations, self.on_annotations, newest)
+        self.subscribe(People, self.on_people, newest, optional=True)
+        self.subscribe(TableObjects, self.on_table, newest, optional=True)
+        self.subscribe(HandStatus, self.on_hand, newest, optional=True)
+        self.subscribe(Following, self.on_following, newest, optional=True)
+
+    def _restore(self, kept: dict[str, Any]) -> None:
+        self.open, self.accepted_s = list(kept["open"]), kept["accepted_s"]
+        self.follows, self.has_taught = kept["follows"], kept["has_taught"]
+        if kept["goal"] is not None:
+            self.active = self.resume_goal(CarryOut, kept["goal"])
+        self.work.remember(kept["work"])
+
+    # -- orders --------------------------------------------------------------------------------------------
+
+    def on_order(self, active: CarryOutGoal) -> None:
+        """Begin an order."""
+        goal = active.goal
+        try:
+            tasks = self.reader.read(goal.text) if goal.text else [task_order(one) for one in goal.tasks]
+            self.work.begin(tasks)
+        except WrongOrder as error:
+            raise CallRefused(str(error)) from error
+        self._replace(active, f"{active.client} has given another order")
+
+    def on_cancel(self, active: CarryOutGoal, reason: str) -> None:
+        """End the order; the robot stands where it is, and holds what it holds."""
+        if active is self.active:
+            self.active = None
+            self.work.cancel(reason)
+            self._keep()
+        active.cancelled(reason)
+
+    def on_cancel_order(self, request: CancelOrder) -> OrderCancelled:
+        """End the order of anybody."""
+        self.open = []
+        had_order = self.work.cancel(request.reason or "was told to stop")
+        if self.active is not None:
+            self.active.cancelled(request.reason or "was told to stop")
+            self.active = None
+        self._keep()
+        return OrderCancelled(had_order=had_order)
+
+    def on_spoken(self, spoken: SpokenOrder) -> None:
+        """Do what somebody has said; say why not."""
+        if spoken.order == "stop":
+            if self.on_cancel_order(CancelOrder(reason="was told to stop")).had_order:
+                self._say("I stop.")
+            return
+        if spoken.order not in (*Task, SEVERAL):
+            return
+        try:
+            self.work.begin(self.reader.read(spoken.text))
+        except WrongOrder as error:
+            self.log.info('refused "%s": %s', spoken.text, error)
+            self._say(f"{error}.")
+            return
+        self._replace(None, "somebody has spoken another order")
+
+    def _replace(self, active: CarryOutGoal | None, reason: str) -> None:
+        """Let a new order take the place of the one before."""
+        before, self.active, self.fed_back = self.active, active, ""
+        self.accepted_s = self._time_s()
+        self._keep()
+        if before is not None:
+            before.preempt(reason)
+
+    # -- what it sees --------------------------------------------------------------------------------------
+
+    def on_pose(self, message: PoseStamped) -> None:
+        """Take the robot's pose."""
+        self.pose, self.pose_s = planar(message.pose), self._time_s()
+        self.work.see_pose(self.pose)
+
+    def on_annotations(self, annotations: MapAnnotations) -> None:
+        """Know the places of the map."""
+        self.annotations = annotations
+        self.work.places = {one.name: planar(one.pose) for one in annotations.places}
+
+    def on_people(self, message: People) -> None:
+        """Pass on the persons; their age counts from now."""
+        age_s = max(0.0, (self.clock.now_ns() - message.header.stamp.nanoseconds) / 1e9)
+        self.work.see_persons(
+            PersonReport(one.name, (one.position.x, one.position.y), unseen_s=unseen_s(one) + age_s)
+            for one in message.people
+        )
+
+    def on_table(self, message: TableObjects) -> None:
+        """Pass on what stands on the table."""
+        self.work.see_objects(one.name for one in message.objects if not one.name.startswith(UNKNOWN))
+
+    def on_hand(self, message: HandStatus) -> None:
+        """Know that there is an arm, and what it holds."""
+        self.work.see_hand(message.held)
+
+    def on_following(self, message: Following) -> None:
+        """Notice that the robot follows nobody any more."""
+        self.following = message.state
+        if self.follows and self.work.follows and message.state == FOLLOWS_NOBODY:
+            self.follows = False
+            self.work.follow_ended(message.reason == "was told to stop", message.reason)
+
+    # -- what it does --------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Have the other modules do what is due."""
+        work = self.work
+        self._teach_places()
+        if self.open and work.order is None and self.pose is not None and self.has_taught:
+            self._begin_own(self.open[0])
+        work.step()
+        for text in work.sayings():
+            self._say(text)
+        self._drive()
+        self._tell_arm()
+        self._learn()
+        self._follow()
+        self._tell_client()
+        self._keep()
+        self._tell()
+        self.status = work.status
+        is_over = self.start_orders and not self.open and work.order is None
+        if is_over and work.machine.time_in_state_s >= 1.0:
+            self.log.info("all orders have ended: %s", self.status)
+            self.stop()
+
+    def teardown(self) -> None:
+        """Write how the tasks ended."""
+        ends = [
+            {
+                **end.order._asdict(),
+                "is_done": end.is_done,
+                "reason": end.reason,
+                "duration_s": round(end.duration_s, 2),
+            }
+            for end in self.work.ends
+        ]
+        (self.output_directory / "household.json").write_text(json.dumps(ends) + "\n")
+
+    def _begin_own(self, text: str) -> None:
+        """Begin an order of the start; what it needs may still be starting."""
+        try:
+            self.work.begin(self.reader.read(text))
+        except WrongOrder as error:
+            if self._time_s() - self.began_s < START_S:
+                return
+            self.log.error("cannot carry out %r: %s", text, error)
+        self.open.pop(0)
+
+    def _ask(
+        self, request: AnyRequest, done: Callable[[Any], None], failed: Callable[[CallError], None]
+    ) -> None:
+        """Send a request, unless one is under way or has just failed."""
+        if self.is_asking or self._time_s() - self.asked_s < REPEAT_S:
+            return
+        self.is_asking, self.asked_s = True, self._time_s()
+
+        def on_reply(reply: Any) -> None:
+            self.is_asking, self.asked_s = False, -math.inf
+            done(reply)
+
+        def on_error(error: CallError) -> None:
+            self.is_asking = False
+            self.log.warning("%s: %s: %s", type(request).__name__, type(error).__name__, error)
+            failed(error)
+
+        self.call(request, on_reply, on_error, timeout_s=CALL_S)
+
+    # -- driving -------------------------------------------------------------------------------------------
+
+    def _drive(self) -> None:
+        goal = self.work.goal
+        if self.pose is None or self.work.follows:
+            return
+        if goal is not None and self.following not in ("", FOLLOWS_NOBODY):
+            self._ask(FollowOrder(order="stop"), self._on_follow_stopped, self._on_not_told)
+            goal = None
+        if goal is None:
+            self.goals.cancel(self.work.machine.reason)
+        else:
+            self.goals.drive_to(goal, self.pose)
+
+    def _see_stopped(self, reason: str | None) -> None:
+        """Show why the robot cannot drive."""
+        if reason is not None:
+            self.log.info("cannot drive: %s", reason)
+
+    # -- following -----------------------------------------------------------------------------------------
+
+    def _follow(self) -> None:
+        """Have the module that follows begin, or end, what this one has told it."""
+        if self.work.follows and not self.follows:
+            self.goals.cancel("follows a person")
+            self._ask(FollowOrder(order="follow"), self._on_follows, self._on_not_followed)
+        elif self.follows and not self.work.follows:
+            self._ask(FollowOrder(order="stop"), self._on_follow_stopped, self._on_not_told)
+
+    def _on_follows(self, _reply: FollowOrderTaken) -> None:
+        self.follows = True
+
+    def _on_follow_stopped(self, _reply: FollowOrderTaken) -> None:
+        self.follows, self.following = False, ""
+
+    def _on_not_followed(self, error: CallError) -> None:
+        if isinstance(error, NoServer | CallRefused):
+            self.work.follow_ended(False, "I cannot follow anybody")
+
+    def _on_not_told(self, error: CallError) -> None:
+        """Forget that the robot follows if nothing is there that could."""
+        if isinstance(error, NoServer | CallRefused):
+            self.follows, self.following = False, ""
+
+    # -- places --------------------------------------------------------------------------------------------
+
+    def _teach_places(self) -> None:
+        """Have the map take the profile's places that it lacks, once."""
+        if self.has_taught or self.annotations is None:
+            return
+        missing = {name: place for name, place in self.places.items() if name not in self.work.places}
+        if missing:
+            self._ask(self._annotation(missing), self._on_taught, self._on_not_taught)
+        else:
+            self.has_taught = True
+
+    def _annotation(self, places: Mapping[str, Sequence[float]]) -> AnnotateMap:
+        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
+        return AnnotateMap(
+            places=[
+                PointOfInterest(name=name, pose=pose_stamped(place, header).pose)
+                for name, place in places.items()
+            ]
+        )
+
+    def _on_taught(self, _reply: MapAnnotated) -> None:
+        self.has_taught = True
+
+    def _on_not_taught(self, error: CallError) -> None:
+        if isinstance(error, CallRefused):
+            self.log.error("the map does not take the profile's places: %s", error)
+            self.has_taught = True
+
+    def _learn(self) -> None:
+        """Have the map keep the name of the place where the robot stands."""
+        lesson = self.work.lesson
+        if lesson is None:
+            return
+        name, place = lesson
+        if self._time_s() - self.pose_s > MAX_POSE_AGE_S:
+            self.work.learnt("I do not know where I am")
+        else:
+            self._ask(self._annotation({name: place}), self._on_learnt, self._on_not_learnt)
+
+    def _on_learnt(self, _reply: MapAnnotated) -> None:
+        self.work.learnt()
+
+    def _on_not_learnt(self, error: CallError) -> None:
+        if isinstance(error, NoServer | CallRefused):
+            self.work.learnt(str(error))
+
+    # -- the arm -------------------------------------------------------------------------------------------
+
+    def _tell_arm(self) -> None:
+        """Have the arm do what is due, once; and again if that got lost."""
+        task = self.work.arm_task
+        if task is not self.arm_task:
+            if self.arm is not None and self.arm.is_active:
+                self.arm.cancel("not wanted any more")
+            self.arm, self.arm_task, self.arm_s = None, task, -math.inf
+        order = self.work.order
+        if task is None or order is None or self.arm is not None:
+            return
+        if self._time_s() - self.arm_s < REPEAT_S:
+            return
+        self.arm_s = self._time_s()
+        what = self.work.holds
+        if task is HouseholdState.PICK:
+            self.arm = self.send_goal(PickUp(object=order.object), self._on_arm_done, self._on_arm_error)
+        elif task is HouseholdState.PUT:
+            self.arm = self.send_goal(PutDown(object=what), self._on_arm_done, self._on_arm_error)
+        else:
+            self.arm = self.send_goal(HandOver(object=what), self._on_arm_done, self._on_arm_error)
+
+    def _on_arm_done(self, result: PickUpResult | PutDownResult | HandOverResult) -> None:
+        self.arm = None
+        if isinstance(result, RESULTS.get(self.work.state, ())):
+            self.work.arm_done()
+
+    def _on_arm_error(self, error: CallError) -> None:
+        """Give up what the arm cannot do; `_tell_arm` repeats what an accident has ended."""
+        self.arm = None
+        self.log.warning("the arm: %s: %s", type(error).__name__, error)
+        if isinstance(error, GoalAborted | CallRefused | NoServer):
+            self.work.arm_failed(str(error), is_refused=isinstance(error, CallRefused))
+
+    # -- clients -------------------------------------------------------------------------------------------
+
+    def _tell_client(self) -> None:
+        """Tell the order's client how far the robot is, or how the order ended."""
+        active, work = self.active, self.work
+        if active is None:
+            return
+        if work.order is None:
+            end = work.ends[-1]
+            self.active = None
+            self._keep()
+            if end.is_done:
+                active.succeed(CarryOutResult(duration_s=self._time_s() - self.accepted_s))
+            else:
+                active.abort(f"could not {end.order.text}: {end.reason}")
+            return
+        state, reason = work.state.name, work.machine.reason
+        if self.fed_back != f"{work.at} {state} {reason}":
+            self.fed_back = f"{work.at} {state} {reason}"
+            active.feedback(CarryOutFeedback(at=work.at, state=state, reason=reason))
+
+    def _tell(self) -> None:
+        """Publish what the robot does and knows, if that has changed."""
+        work = self.work
+        known = HouseholdStatus(
+            state=work.state.name,
+            reason=work.machine.reason,
+            tasks=[
+                HouseholdTask(task=str(one.task), object=one.object, place=one.place) for one in work.orders
+            ],
+            at=work.at,
+            holds=work.holds,
+            has_arm=work.has_arm,
+            objects=self.words.get("object", []),
+            places=sorted(work.places),
+            names=self.words.get("place", []),
+        )
+        if known != self.told:
+            self.told = known
+            header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()))
+            self.publish(replace(known, header=header), latched=True)
+
+    def _say(self, text: str) -> None:
+        self.log.info('says "%s"', text)
+        self.publish(Say(text=text))
+
+    def _state_changed(self, state: HouseholdState) -> None:
+        self.show_state(state)
+        self.log.info("%s (%s)", state.name, self.work.machine.reason)
+
+    def _keep(self) -> None:
+        self.checkpoint(
+            {
+                "work": self.work.memory(),
+                "open": self.open,
+                "goal": None if self.active is None else self.active.memory,
+                "accepted_s": self.accepted_s,
+                "follows": self.follows,
+                "has_taught": self.has_taught,
+            }
+        )
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
+
+def task_order(message: HouseholdTask) -> TaskOrder:
+    """Return the task of a message.
+
+    Raises:
+        WrongOrder: there is no such task.
+    """
+    if message.task not in list(Task):
+        raise WrongOrder(f"there is no task {message.task!r:.80}; there are: {', '.join(Task)}")
+    return TaskOrder(Task(message.task), message.object, message.place)

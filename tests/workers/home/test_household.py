@@ -1,0 +1,237 @@
+"""What the household robot does with an order: its drives, the arm's tasks, persons, and failures."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robbie_mp.state_machine import mermaid
+from tests._support.places import DOCS
+from workers.home.follow import PersonReport
+from workers.home.household import TAKE_IT, HouseholdWork
+from workers.home.household_states import TRANSITIONS, HouseholdSettings, HouseholdState
+from workers.home.orders import Task, TaskOrder, WrongOrder
+
+PLACES = {"desk": (2.0, 0.0, 0.0), "counter": (4.0, 0.0, 0.0), "kitchen": (4.0, 2.0, 1.0)}
+BRING, PUT = TaskOrder(Task.BRING, "soup"), TaskOrder(Task.PUT, "soup", "desk")
+GO, FOLLOW = TaskOrder(Task.GO, place="kitchen"), TaskOrder(Task.FOLLOW)
+HERE = (0.0, 0.0, 0.0)
+
+
+class Robot:
+    """A robot that is at once where it should be; the soup is on the counter."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.states: list[str] = []
+        self.work = self.new_work()
+        self.work.see_pose(HERE)
+
+    def new_work(self) -> HouseholdWork:
+        work = HouseholdWork(
+            lambda: self.now_s, ["desk", "counter"], on_change=lambda state: self.states.append(state.name)
+        )
+        work.places = PLACES
+        work.see_hand("")
+        return work
+
+    def drive(self) -> None:
+        goal = self.work.goal
+        assert goal is not None
+        self.work.see_pose(goal)
+        self.work.arrived()
+
+    def look(self) -> None:
+        """Pick up the soup if it is here."""
+        assert self.work.arm_task is HouseholdState.PICK
+        goal = PLACES["counter"]
+        if self.work.machine.reason == "in front of the counter":
+            assert self.work.goal is None and goal
+            self.work.see_objects(["soup"])
+            self.work.arm_done()
+        else:
+            self.work.arm_failed("sees no soup on a table")
+
+    def fetch(self) -> None:
+        while not self.work.holds:
+            self.drive()
+            self.look()
+
+    def person(self, x_m: float, y_m: float = 0.0) -> None:
+        self.now_s += 0.2
+        self.work.see_persons([PersonReport("1", (x_m, y_m))])
+        self.work.step()
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def test_object_is_found_on_the_second_table_and_handed_to_the_person_who_wants_it(robot: Robot) -> None:
+    robot.work.begin([BRING])
+    robot.fetch()
+    assert robot.work.holds == "soup"
+    np.testing.assert_array_equal(robot.work.goal, HERE)
+    robot.drive()
+    robot.person(2.0, 1.0)
+    goal = robot.work.goal
+    assert goal is not None
+    assert math.dist(goal[:2], (2.0, 1.0)) == pytest.approx(HouseholdSettings().before_m)
+    robot.work.see_pose(goal)
+    robot.person(2.0, 1.0)
+    assert robot.work.arm_task is HouseholdState.HAND
+    assert robot.work.sayings() == ["I bring you the soup.", TAKE_IT.format("soup")]
+    robot.work.arm_done()
+    assert (robot.work.order, robot.work.holds) == (None, "")
+    assert [(end.order, end.is_done) for end in robot.work.ends] == [(BRING, True)]
+    assert robot.states == [
+        "FETCH", "PICK", "FETCH", "PICK", "CARRY", "MEET", "HAND", "IDLE",
+    ]  # fmt: skip
+
+
+def test_robot_looks_first_where_it_has_seen_the_object(robot: Robot) -> None:
+    robot.work.seen["soup"] = "counter"
+    robot.work.begin([BRING])
+    np.testing.assert_array_equal(robot.work.goal, PLACES["counter"])
+
+
+def test_object_that_is_nowhere_is_given_up_after_all_tables_twice(robot: Robot) -> None:
+    robot.work.begin([TaskOrder(Task.BRING, "mustard")])
+    for _ in range(4):
+        robot.drive()
+        robot.work.arm_failed("sees no mustard on a table")
+    assert robot.work.order is None
+    assert "I could not bring you the mustard" in robot.work.sayings()[-1]
+
+
+def test_grasp_that_fails_where_the_object_is_seen_is_tried_again_there(robot: Robot) -> None:
+    robot.work.seen["soup"] = "counter"
+    robot.work.begin([BRING])
+    for turn in range(3):
+        np.testing.assert_array_equal(robot.work.goal, PLACES["counter"])
+        robot.drive()
+        robot.work.see_objects(["soup"])
+        robot.work.arm_failed(f"no grasp {turn}")
+    np.testing.assert_array_equal(robot.work.goal, PLACES["desk"])
+
+
+def test_robot_that_navigation_stops_beside_the_table_does_not_use_its_arm(robot: Robot) -> None:
+    robot.work.begin([BRING])
+    robot.work.see_pose((1.6, 0.0, 0.0))
+    robot.work.arrived()
+    assert robot.work.arm_task is None
+    robot.work.see_pose((2.0, 0.05, 0.5))
+    robot.work.arrived()
+    assert robot.work.arm_task is None
+    robot.drive()
+    assert robot.work.arm_task is HouseholdState.PICK
+
+
+def test_object_is_put_on_a_table_and_the_robot_knows_it_there(robot: Robot) -> None:
+    robot.work.begin([PUT])
+    robot.fetch()
+    robot.drive()
+    assert robot.work.arm_task is HouseholdState.PUT
+    robot.work.arm_done()
+    assert robot.work.ends[-1].is_done
+    robot.work.begin([BRING])
+    np.testing.assert_array_equal(robot.work.goal, PLACES["desk"])
+
+
+def test_object_that_the_hand_has_lost_is_fetched_again(robot: Robot) -> None:
+    robot.work.begin([PUT])
+    robot.fetch()
+    robot.drive()
+    robot.work.arm_failed("there is nothing in the hand", is_refused=True)
+    assert (robot.work.state, robot.work.holds) == (HouseholdState.FETCH, "")
+
+
+def test_tasks_follow_one_another_and_a_failed_one_ends_the_order(robot: Robot) -> None:
+    robot.work.begin([GO, PUT, FOLLOW])
+    robot.drive()
+    robot.fetch()
+    robot.drive()
+    robot.work.arm_done()
+    assert robot.work.follows
+    robot.work.follow_ended(True, "was told to stop")
+    assert [end.is_done for end in robot.work.ends] == [True, True, True]
+    robot.work.begin([GO, FOLLOW])
+    for _ in range(3):
+        robot.work.unreachable("no path leads to the goal")
+    assert (robot.work.order, robot.work.ends[-1].is_done) == (None, False)
+    assert robot.work.sayings()[-1] == "I could not go to the kitchen: no path leads to the goal."
+
+
+def test_bringing_ends_where_the_order_was_given_even_after_another_task(robot: Robot) -> None:
+    robot.work.begin([GO, BRING])
+    robot.drive()
+    robot.fetch()
+    np.testing.assert_array_equal(robot.work.goal, HERE)
+
+
+def test_nobody_who_takes_the_object_ends_the_order_and_the_robot_keeps_it(robot: Robot) -> None:
+    robot.work.begin([BRING])
+    robot.fetch()
+    robot.work.see_hand("soup")
+    robot.drive()
+    robot.now_s += HouseholdSettings().meet_s + 1.0
+    robot.work.step()
+    assert (robot.work.order, robot.work.holds) == (None, "soup")
+    robot.work.begin([TaskOrder(Task.PUT, place="desk")])
+    assert robot.work.state is HouseholdState.CARRY
+
+
+def test_place_gets_its_name_where_the_robot_stands(robot: Robot) -> None:
+    robot.work.begin([TaskOrder(Task.LEARN, place="sofa")])
+    lesson = robot.work.lesson
+    assert lesson is not None and lesson[0] == "sofa"
+    np.testing.assert_array_equal(lesson[1], HERE)
+    robot.work.learnt()
+    assert robot.work.sayings() == ["This is the sofa."]
+
+
+def test_robot_without_an_arm_says_so_and_still_drives(robot: Robot) -> None:
+    robot.work.has_arm = False
+    with pytest.raises(WrongOrder, match="no arm"):
+        robot.work.begin([GO, BRING])
+    robot.work.begin([GO])
+    robot.drive()
+    assert robot.work.ends[-1].is_done
+
+
+def test_newer_order_replaces_the_older_one_but_a_wrong_one_does_not(robot: Robot) -> None:
+    robot.work.begin([GO])
+    with pytest.raises(WrongOrder):
+        robot.work.begin([TaskOrder(Task.GO, place="moon")])
+    assert robot.work.order == GO
+    robot.work.begin([BRING])
+    assert (robot.work.order, robot.work.ends[-1].reason) == (BRING, "another order has come")
+
+
+@pytest.mark.parametrize("state", [state for state in HouseholdState if state is not HouseholdState.IDLE])
+def test_restarted_task_goes_on_with_the_same_step(state: HouseholdState, robot: Robot) -> None:
+    orders = {
+        HouseholdState.GO: GO, HouseholdState.PUT: PUT, HouseholdState.FOLLOW: FOLLOW,
+        HouseholdState.LEARN: TaskOrder(Task.LEARN, place="sofa"),
+    }  # fmt: skip
+    robot.work.begin([orders.get(state, BRING), GO])
+    while robot.work.state is not state:
+        if robot.work.state is HouseholdState.PICK:
+            robot.look()
+        elif robot.work.state is HouseholdState.MEET:
+            robot.person(1.0)
+        else:
+            robot.drive()
+    before, robot.work = robot.work, robot.new_work()
+    robot.work.remember(before.memory())
+    robot.work.see_pose(HERE)
+    assert (robot.work.state, robot.work.order, robot.work.holds) == (state, before.order, before.holds)
+    if before.goal is not None:
+        np.testing.assert_array_equal(robot.work.goal, before.goal)
+    assert robot.work.arm_task is before.arm_task
+
+
+def test_page_shows_the_declared_states() -> None:
+    page = (DOCS / "home.md").read_text()
+    assert mermaid(HouseholdState.IDLE, TRANSITIONS, HouseholdSettings().time_outs()) in page

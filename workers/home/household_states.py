@@ -1,0 +1,96 @@
+"""The states of a robot that carries out orders in a household, and its settings."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from robbie_mp.state_machine import TimeOut
+
+
+class HouseholdState(StrEnum):
+    """What the robot does."""
+
+    IDLE = "waits for an order"
+    FETCH = "drives to a table on which the object may be"
+    PICK = "picks it up"
+    CARRY = "drives to where it should be"
+    PUT = "puts it down"
+    MEET = "comes near to a person"
+    HAND = "hands it over"
+    GO = "drives to a place"
+    LEARN = "learns the name of a place"
+    FOLLOW = "follows a person"
+
+
+_S = HouseholdState
+TRANSITIONS = {
+    _S.IDLE: {_S.FETCH, _S.CARRY, _S.GO, _S.LEARN, _S.FOLLOW},
+    _S.FETCH: {_S.PICK, _S.IDLE},
+    _S.PICK: {_S.CARRY, _S.FETCH, _S.IDLE},
+    _S.CARRY: {_S.PUT, _S.MEET, _S.IDLE},
+    _S.PUT: {_S.CARRY, _S.FETCH, _S.IDLE},
+    _S.MEET: {_S.HAND, _S.IDLE},
+    _S.HAND: {_S.MEET, _S.FETCH, _S.IDLE},
+    _S.GO: {_S.IDLE},
+    _S.LEARN: {_S.IDLE},
+    _S.FOLLOW: {_S.IDLE},
+}
+DRIVES = frozenset({_S.FETCH, _S.CARRY, _S.GO})
+ARM_WORKS = frozenset({_S.PICK, _S.PUT, _S.HAND})
+WAYS = {
+    _S.FETCH: (_S.FETCH,),
+    _S.PICK: (_S.FETCH, _S.PICK),
+    _S.CARRY: (_S.CARRY,),
+    _S.PUT: (_S.CARRY, _S.PUT),
+    _S.MEET: (_S.CARRY, _S.MEET),
+    _S.HAND: (_S.CARRY, _S.MEET, _S.HAND),
+    _S.GO: (_S.GO,),
+    _S.LEARN: (_S.LEARN,),
+    _S.FOLLOW: (_S.FOLLOW,),
+}
+"""The states by which a restarted task comes to its state."""
+
+
+@dataclass(frozen=True)
+class HouseholdSettings:
+    """How the robot carries out orders.
+
+    Attributes:
+        travel_s: Time for a drive.
+        arm_s: Time for the arm to pick up or put down something.
+        meet_s: Time to find a person who takes what the robot brings.
+        learn_s: Time until a place must have its name.
+        at_table_m: The robot stands in front of a table if it is this near to the place there ...
+        at_table_rad: ... and its heading is this near to that of the place.
+        max_tries: How often the robot tries the same again: a drive, a grasp.
+        rounds: How often it looks on all tables for an object.
+        person_m: A person this near to the robot may take what it brings.
+        near_m: The robot hands over to a person this near ...
+        far_m: ... or this near, if it cannot come nearer ...
+        ahead_rad: ... and at most this far beside its heading.
+        before_m: It comes to the place this far before the person.
+        fresh_s: A person counts who was seen within this time.
+        moved_m: It drives to another place if the person has moved by this.
+    """
+
+    travel_s: float = 240.0
+    arm_s: float = 150.0
+    meet_s: float = 60.0
+    learn_s: float = 10.0
+    at_table_m: float = 0.2
+    at_table_rad: float = 0.25
+    max_tries: int = 3
+    rounds: int = 2
+    person_m: float = 3.0
+    near_m: float = 1.1
+    far_m: float = 1.6
+    ahead_rad: float = 0.4
+    before_m: float = 0.9
+    fresh_s: float = 0.5
+    moved_m: float = 0.3
+
+    def time_outs(self) -> dict[HouseholdState, TimeOut[HouseholdState]]:
+        """Return the states that end after a time."""
+        driving = dict.fromkeys((_S.FETCH, _S.CARRY, _S.GO), self.travel_s)
+        arm = dict.fromkeys((_S.PICK, _S.PUT, _S.HAND), self.arm_s)
+        others = {_S.MEET: self.meet_s, _S.LEARN: self.learn_s}
+        return {state: TimeOut(limit_s, _S.IDLE) for state, limit_s in (driving | arm | others).items()}
