@@ -39,10 +39,11 @@ class Costmap:
         self._resolution_m = resolution_m
         self._corner = np.asarray(corner_xy_m, float)
         self._clearance_m = clearance_m
-        self._forbidden = self._cells == FORBIDDEN
+        forbidden = self._cells == FORBIDDEN
         # A no-go area is no wall: the laser's returns beside it are obstacles.
-        occupied = (self._cells >= OCCUPIED_PERCENT) & ~self._forbidden
-        self._known = distance_cells(occupied) * resolution_m <= KNOWN_M
+        occupied = (self._cells >= OCCUPIED_PERCENT) & ~forbidden
+        # What the laser sees in these cells changes nothing.
+        self._settled = (distance_cells(occupied) * resolution_m <= KNOWN_M) | forbidden
         self.static_grid = self._grid(self._cells, self._corner)
 
     def grid(self, obstacles: LiveObstacles, now_s: float) -> NavigationGrid:
@@ -52,7 +53,7 @@ class Costmap:
             obstacles: What the laser sees.
             now_s: The time.
         """
-        cells = self._with(obstacles, now_s)
+        cells = self._marked(self._cells, self._settled, self._corner, obstacles.points(now_s))
         return self.static_grid if cells is self._cells else self._grid(cells, self._corner)
 
     def opened(self, obstacles: LiveObstacles, now_s: float, goal_xy_m: ArrayLike) -> NavigationGrid | None:
@@ -65,31 +66,37 @@ class Costmap:
             now_s: The time.
             goal_xy_m: The goal, m, map frame.
         """
-        cells = self._with(obstacles, now_s)
         at = (np.asarray(goal_xy_m, float)[:2] - self._corner) / self._resolution_m
         around = math.ceil(AROUND_GOAL_M / self._resolution_m)
         column, row = np.floor(at).astype(np.int64).tolist()
-        height, width = cells.shape
+        height, width = self._cells.shape
         rows = max(0, around - row), max(0, row + around - height)
         columns = max(0, around - column), max(0, column + around - width)
         if max(*rows, *columns) * self._resolution_m > MOST_UNSEEN_M:
             return None
-        free = np.pad(np.where(cells < 0, 0, cells), (rows, columns))
-        return self._grid(free, self._corner - np.array([columns[0], rows[0]]) * self._resolution_m)
+        free = np.pad(np.where(self._cells < 0, 0, self._cells).astype(np.int8), (rows, columns))
+        settled = np.pad(self._settled, (rows, columns))
+        corner = self._corner - np.array([columns[0], rows[0]]) * self._resolution_m
+        return self._grid(self._marked(free, settled, corner, obstacles.points(now_s)), corner)
 
-    def _with(self, obstacles: LiveObstacles, now_s: float) -> NDArray[np.int8]:
-        """Return the map's cells with the current obstacles; the same array if there are none."""
-        points = obstacles.points(now_s)
-        columns, rows = np.floor((points - self._corner) / self._resolution_m).astype(np.int64).T
-        height, width = self._cells.shape
+    def _marked(
+        self,
+        cells: NDArray[np.int8],
+        settled: NDArray[np.bool_],
+        corner_xy_m: NDArray[np.float64],
+        points: NDArray[np.float64],
+    ) -> NDArray[np.int8]:
+        """Return cells with the current obstacles; the same array if there is nothing new."""
+        columns, rows = np.floor((points - corner_xy_m) / self._resolution_m).astype(np.int64).T
+        height, width = cells.shape
         inside = (rows >= 0) & (columns >= 0) & (rows < height) & (columns < width)
         rows, columns = rows[inside], columns[inside]
-        new = ~self._known[rows, columns] & ~self._forbidden[rows, columns]
+        new = ~settled[rows, columns]
         if not new.any():
-            return self._cells
-        cells = self._cells.copy()
-        cells[rows[new], columns[new]] = 100
-        return cells
+            return cells
+        marked = cells.copy()
+        marked[rows[new], columns[new]] = 100
+        return marked
 
     def _grid(self, cells: NDArray[np.int8], corner_xy_m: NDArray[np.float64]) -> NavigationGrid:
         return NavigationGrid(cells, self._resolution_m, corner_xy_m, self._clearance_m)

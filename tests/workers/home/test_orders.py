@@ -14,7 +14,8 @@ SENTENCES = {
     "stop": ["stop"],
 }
 WORDS = {"object": ["soup", "salt and pepper"], "place": ["kitchen", "desk"]}
-BRING_SOUP, GO = TaskOrder(Task.BRING, "soup"), TaskOrder(Task.GO, place="kitchen")
+BRING_SOUP, BRING_SALT = TaskOrder(Task.BRING, "soup"), TaskOrder(Task.BRING, "salt and pepper")
+GO, FOLLOW = TaskOrder(Task.GO, place="kitchen"), TaskOrder(Task.FOLLOW)
 
 
 @pytest.fixture
@@ -27,8 +28,8 @@ def reader() -> OrderReader:
     [
         ("please get me the soup", [BRING_SOUP]),
         ("Go to the kitchen and bring me the soup", [GO, BRING_SOUP]),
-        ("go to the kitchen and then bring me the soup then follow me", [GO, BRING_SOUP, TaskOrder(Task.FOLLOW)]),
-        ("bring me the salt and pepper and go to the kitchen", [TaskOrder(Task.BRING, "salt and pepper"), GO]),
+        ("go to the kitchen and then bring me the soup then follow me", [GO, BRING_SOUP, FOLLOW]),
+        ("bring me the salt and pepper and go to the kitchen", [BRING_SALT, GO]),
         ("put it on the desk", [TaskOrder(Task.PUT, place="desk")]),
     ],
 )  # fmt: skip

@@ -70,6 +70,29 @@ def test_undrivable_goal_is_given_up_at_once(goal: tuple[float, float, float], r
     assert reason in world.navigator.machine.reason
 
 
+@pytest.mark.parametrize("enters_unknown", [True, False])
+def test_robot_drives_through_places_that_it_has_not_seen_only_if_it_may(enters_unknown: bool) -> None:
+    arena, goal = demo_arena(), (7.0, 1.0, 1.5)
+    world = NavigationWorld(arena, settings=NavigatorSettings(enters_unknown=enters_unknown))
+    seen_cells = int((3.0 - world.corner[0]) / 0.05)
+    world.navigator.see_map(world.cells[:, :seen_cells], 0.05, world.corner)  # the goal is far beyond it
+    world.navigator.go_to(goal)
+    world.run(90.0)
+    if not enters_unknown:
+        assert "the goal lies in unknown space" in world.navigator.machine.reason
+        return
+    assert world.navigator.state is NavigatorState.ARRIVED, world.navigator.status
+    assert world.off_m(goal) < 0.2
+    assert world.drive.collisions == 0
+
+
+def test_goal_too_far_beyond_the_map_is_given_up_though_the_robot_enters_unknown_places() -> None:
+    world = NavigationWorld(demo_arena(), settings=NavigatorSettings(enters_unknown=True))
+    world.navigator.go_to((1e6, 1.0, 0.0))
+    world.run(2.0)
+    assert world.navigator.state is NavigatorState.UNREACHABLE
+
+
 def test_goal_behind_a_wall_without_a_door_is_given_up() -> None:
     arena = demo_arena()
     closed = replace(arena, segments=np.vstack([arena.segments, [(0, 1.6, 8, 1.6)]]))

@@ -1,0 +1,329 @@
+"""The household module: orders by call and voice, what it asks of other modules, and restarts."""
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from modules.home.household import Household
+from modules.home.messages import (
+    CancelOrder,
+    CarryOut,
+    CarryOutFeedback,
+    CarryOutResult,
+    Following,
+    FollowOrder,
+    FollowOrderTaken,
+    HouseholdStatus,
+    HouseholdTask,
+)
+from modules.manipulation.messages import HandOver, HandStatus, PickUp, PickUpResult, PutDown, PutDownResult
+from modules.people_messages import People, Person
+from modules.planar_messages import pose_stamped
+from modules.speech_messages import Say, SpokenOrder
+from robbie_mp import GoalAborted, Header, ModuleHarness, SettingError, Time
+from robbie_mp.messages import (
+    AnnotateMap,
+    CallRefusal,
+    CancelNavigation,
+    GoalEnd,
+    MapAnnotated,
+    MapAnnotations,
+    NavigateTo,
+    NavigationCancelled,
+    NavigationResult,
+    Point,
+    PointOfInterest,
+)
+
+PLACES = {"desk": [2.0, 0.0, 0.0], "kitchen": [4.0, 2.0, 1.0]}
+SETTINGS: dict[str, object] = {
+    "orders": {
+        "bring": ["bring me the <object>"],
+        "put": ["put it on the <place>", "put the <object> on the <place>"],
+        "go": ["go to the <place>"],
+        "learn": ["this is the <place>"],
+        "follow": ["follow me"],
+        "stop": ["stop"],
+        "several": ["go to the <place> and bring me the <object>"],
+    },
+    "words": {"object": ["soup"], "place": ["desk", "kitchen", "sofa"]},
+    "places": PLACES,
+    "tables": ["desk"],
+}
+
+
+class Robot:
+    """The household module, with the modules around it."""
+
+    def __init__(self, harness: ModuleHarness[Household]) -> None:
+        self.harness = harness
+        self.known = dict(PLACES)
+        self.pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def header(self) -> Header:
+        return Header(stamp=Time.from_nanoseconds(self.harness.clock.now_ns()), frame_id="map")
+
+    def know_places(self) -> None:
+        places = [
+            PointOfInterest(name=name, pose=pose_stamped(place, self.header()).pose)
+            for name, place in self.known.items()
+        ]
+        self.harness.send(MapAnnotations(places=places))
+
+    def begin(self, has_arm: bool = True) -> None:
+        self.know_places()
+        if has_arm:
+            self.harness.send(HandStatus(state="REST"))
+        self.wait(0.2)
+
+    def wait(self, seconds: float) -> None:
+        for _ in range(max(1, round(seconds / 0.2))):
+            self.harness.send(pose_stamped(self.pose, self.header()), topic="map_pose")
+            self.harness.advance(0.2)
+
+    def arrive(self) -> None:
+        goal = self.harness.take(NavigateTo)[-1]
+        at = goal.pose.pose
+        self.pose = at.position.x, at.position.y, at.orientation.yaw
+        self.wait(0.2)
+        self.harness.end_goal(goal, NavigationResult(duration_s=1.0))
+        self.wait(0.4)
+
+    def said(self) -> list[str]:
+        return [say.text for say in self.harness.take(Say)]
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    with ModuleHarness(Household, SETTINGS, name="household", output_directory=tmp_path) as harness:
+        yield Robot(harness)
+
+
+def test_call_in_words_drives_grasps_puts_down_and_tells_its_client(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send_goal(CarryOut(text="put the soup on the desk"), client="person")
+    robot.wait(0.4)
+    robot.arrive()
+    (pick,) = robot.harness.take(PickUp)
+    assert pick.object == "soup"
+    robot.harness.end_goal(pick, PickUpResult())
+    robot.wait(0.4)
+    robot.arrive()
+    (put,) = robot.harness.take(PutDown)
+    assert put.object == "soup"
+    robot.harness.end_goal(put, PutDownResult())
+    robot.wait(0.4)
+    (result,) = robot.harness.take(CarryOutResult, "person")
+    assert result.duration_s > 0.0
+    told = [feedback.state for feedback in robot.harness.take(CarryOutFeedback, "person")]
+    assert told == ["FETCH", "PICK", "CARRY", "PUT"]
+    assert robot.said() == ["I put the soup on the desk."]
+    robot.harness.module.teardown()
+    (end,) = json.loads((robot.harness.module.output_directory / "household.json").read_text())
+    assert (end["task"], end["object"], end["place"], end["is_done"]) == ("put", "soup", "desk", True)
+
+
+def test_spoken_order_brings_the_object_to_the_person_who_has_spoken(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send(SpokenOrder(order="bring", text="bring me the soup"))
+    robot.wait(0.4)
+    robot.arrive()
+    robot.harness.end_goal(robot.harness.take(PickUp)[0], PickUpResult())
+    robot.wait(0.4)
+    robot.arrive()
+    assert math.dist(robot.pose, (0.0, 0.0, 0.0)) < 0.01
+    robot.harness.send(
+        People(
+            header=robot.header(),
+            people=[Person(name="1", position=Point(x=0.9), tagnames=["unseen_s"], tags=["0.0"])],
+        )
+    )
+    robot.wait(0.4)
+    (hand,) = robot.harness.take(HandOver)
+    assert hand.object == "soup"
+    assert robot.said() == ["I bring you the soup.", "Here is the soup. Please take it."]
+
+
+def test_orders_that_the_robot_cannot_carry_out_are_refused_by_call_and_by_voice(robot: Robot) -> None:
+    robot.begin(has_arm=False)
+    for order in (
+        CarryOut(text="dance"),
+        CarryOut(text="bring me the soup"),
+        CarryOut(tasks=[HouseholdTask(task="go", place="moon")]),
+        CarryOut(tasks=[HouseholdTask(task="dance")]),
+    ):
+        robot.harness.send_goal(order)
+    reasons = [refusal.reason for refusal in robot.harness.take(CallRefusal)]
+    assert reasons == [
+        "I do not understand 'dance'",
+        "I have no arm that I can use",
+        "I do not know the place 'moon'; I know: desk, kitchen",
+        "there is no task 'dance'; there are: bring, put, go, learn, follow",
+    ]
+    robot.harness.send(SpokenOrder(order="bring", text="bring me the soup"))
+    robot.harness.send(SpokenOrder(order="go", text="go to the sofa"))
+    robot.harness.send(SpokenOrder(order="here", text="here I am"))  # another module's
+    robot.wait(0.4)
+    assert robot.said() == [
+        "I have no arm that I can use.",
+        "I do not know the place 'sofa'; I know: desk, kitchen.",
+    ]
+    assert not robot.harness.take(NavigateTo)
+
+
+def test_map_takes_the_places_that_it_lacks_and_those_that_the_robot_learns(robot: Robot) -> None:
+    robot.known = {"desk": [2.0, 0.0, 0.0]}
+    robot.begin()
+    (request,) = robot.harness.take(AnnotateMap)
+    assert [place.name for place in request.places] == ["kitchen"]
+    robot.harness.reply(request, MapAnnotated(revision=1))
+    robot.pose = (3.0, 1.0, 0.5)
+    robot.wait(0.4)
+    robot.harness.send(SpokenOrder(order="learn", text="this is the sofa"))
+    robot.wait(0.4)
+    (request,) = robot.harness.take(AnnotateMap)
+    (place,) = request.places
+    assert (place.name, place.pose.position.x) == ("sofa", 3.0)
+    robot.harness.reply(request, MapAnnotated(revision=2))
+    robot.wait(0.4)
+    assert robot.said() == ["This is the sofa."]
+
+
+def test_place_is_not_learnt_from_an_old_pose(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.advance(3.0)
+    robot.harness.send(SpokenOrder(order="learn", text="this is the sofa"))
+    robot.harness.advance(0.4)
+    assert robot.harness.take(AnnotateMap) == []
+    assert robot.said() == ["I could not call this place the sofa: I do not know where I am."]
+
+
+def test_robot_follows_by_the_module_that_follows_until_that_ends(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send_goal(CarryOut(text="follow me and go to the desk"), client="person")
+    robot.wait(0.4)
+    (request,) = robot.harness.take(FollowOrder)
+    assert request.order == "follow"
+    robot.harness.reply(request, FollowOrderTaken(changed=True, state="CHOOSE"))
+    robot.wait(0.4)
+    robot.harness.send(Following(state="STAND"))
+    robot.wait(0.4)
+    assert robot.harness.module.work.follows and not robot.harness.take(NavigateTo)
+    robot.harness.send(Following(state="IDLE", reason="was told to stop"))
+    robot.wait(0.4)
+    assert robot.harness.take(NavigateTo)[-1].pose.pose.position.x == pytest.approx(2.0)
+
+
+def test_robot_stops_following_before_it_drives_elsewhere(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send(Following(state="FOLLOW"))
+    robot.harness.send_goal(CarryOut(text="go to the desk"))
+    robot.wait(0.4)
+    (request,) = robot.harness.take(FollowOrder)
+    assert request.order == "stop" and not robot.harness.take(NavigateTo)
+    robot.harness.reply(request, FollowOrderTaken(changed=True, state="IDLE"))
+    robot.wait(0.4)
+    assert robot.harness.take(NavigateTo)
+
+
+@pytest.mark.parametrize("how", ["goal", "request", "voice"])
+def test_cancelled_order_stops_drive_and_ends_for_its_client(how: str, robot: Robot) -> None:
+    robot.begin()
+    sent = robot.harness.send_goal(CarryOut(text="go to the desk"), client="person")
+    robot.wait(0.4)
+    robot.harness.take(CancelNavigation)
+    if how == "goal":
+        robot.harness.cancel_goal(sent, "enough", client="person")
+    elif how == "request":
+        assert robot.harness.call(CancelOrder(reason="enough")).had_order
+        assert not robot.harness.call(CancelOrder()).had_order
+    else:
+        robot.harness.send(SpokenOrder(order="stop", text="stop"))
+    robot.wait(0.4)
+    (end,) = robot.harness.take(GoalEnd, "person")
+    assert end.outcome == GoalEnd.CANCELLED
+    (cancel,) = robot.harness.take(CancelNavigation)
+    robot.harness.reply(cancel, NavigationCancelled())
+    assert robot.harness.module.work.order is None
+
+
+def test_arm_task_that_is_not_wanted_any_more_is_cancelled(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send_goal(CarryOut(text="bring me the soup"), client="person")
+    robot.wait(0.4)
+    robot.arrive()
+    (pick,) = robot.harness.take(PickUp)
+    robot.harness.send_goal(CarryOut(text="go to the kitchen"), client="other")
+    robot.wait(0.4)
+    (end,) = robot.harness.take(GoalEnd, "person")
+    assert (end.outcome, end.reason) == (GoalEnd.PREEMPTED, "other has given another order")
+    assert robot.harness.module.arm is None
+    robot.harness.end_goal(pick, PickUpResult())  # it ends too late
+    robot.wait(0.4)
+    assert robot.harness.module.work.holds == ""
+
+
+def test_failed_order_is_told_to_its_client_with_the_reason(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send_goal(CarryOut(text="go to the desk"), client="person")
+    for _ in range(3):
+        robot.wait(2.4)
+        (goal,) = robot.harness.take(NavigateTo)
+        robot.harness.end_goal(goal, GoalAborted("no path leads to the goal"))
+    robot.wait(0.4)
+    (end,) = robot.harness.take(GoalEnd, "person")
+    assert (end.outcome, end.reason) == (
+        GoalEnd.ABORTED,
+        "could not go to the desk: no path leads to the goal",
+    )
+
+
+def test_killed_robot_goes_on_and_its_client_notices_nothing(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send_goal(CarryOut(text="go to the kitchen and bring me the soup"), client="person")
+    robot.wait(0.4)
+    robot.arrive()
+    robot.harness.take(NavigateTo)
+    kept = robot.harness.checkpoint
+    with ModuleHarness(Household, SETTINGS, name="household", restored=kept) as harness:
+        again = Robot(harness)
+        again.pose = robot.pose
+        again.begin()
+        again.arrive()
+        again.harness.end_goal(again.harness.take(PickUp)[0], PickUpResult())
+        again.wait(0.4)
+        again.arrive()
+        assert math.dist(again.pose, (0.0, 0.0, 0.0)) < 0.01  # where the order was given
+        assert again.harness.take(CarryOutFeedback, "person")[-1].state == "MEET"
+
+
+def test_status_tells_the_page_what_can_be_ordered(robot: Robot) -> None:
+    robot.begin()
+    status = robot.harness.take(HouseholdStatus)[-1]
+    assert (status.state, status.has_arm, status.objects) == ("IDLE", True, ["soup"])
+    assert (status.places, status.names) == (["desk", "kitchen"], ["desk", "kitchen", "sofa"])
+    robot.harness.send_goal(CarryOut(text="go to the desk and follow me"))
+    robot.wait(0.4)
+    status = robot.harness.take(HouseholdStatus)[-1]
+    assert [one.task for one in status.tasks] == ["go", "follow"]
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"orders": {"bring": ["bring it"]}}, "needs <object>"),
+        ({"places": {"desk": [1.0]}}, "desk: expected x, y"),
+        ({"start_orders": ["dance"]}, "I do not understand 'dance'"),
+    ],
+)
+def test_mistakes_in_the_settings_are_named_before_anything_starts(
+    change: dict[str, object], problem: str
+) -> None:
+    with (
+        pytest.raises(SettingError, match=problem),
+        ModuleHarness(Household, SETTINGS | change),
+    ):
+        pass
