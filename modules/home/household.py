@@ -30,7 +30,7 @@ from modules.manipulation.messages import (
     TableObjects,
 )
 from modules.navigation_goals import NavigationGoals
-from modules.people import unseen_s
+from modules.people import reports_of
 from modules.people_messages import People
 from modules.planar_messages import planar, pose_stamped
 from modules.speech_messages import Say, SpokenOrder
@@ -56,7 +56,6 @@ from robbie_mp.messages import (
     PointOfInterest,
     PoseStamped,
 )
-from workers.home.follow import PersonReport
 from workers.home.household import HouseholdWork
 from workers.home.household_states import HouseholdState
 from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder
@@ -233,12 +232,8 @@ class Household(Module):
         self.work.places = {one.name: planar(one.pose) for one in annotations.places}
 
     def on_people(self, message: People) -> None:
-        """Pass on the persons; their age counts from now."""
-        age_s = max(0.0, (self.clock.now_ns() - message.header.stamp.nanoseconds) / 1e9)
-        self.work.see_persons(
-            PersonReport(one.name, (one.position.x, one.position.y), unseen_s=unseen_s(one) + age_s)
-            for one in message.people
-        )
+        """Pass on the persons."""
+        self.work.see_persons(reports_of(message, self.clock.now_ns()))
 
     def on_table(self, message: TableObjects) -> None:
         """Pass on what stands on the table."""
