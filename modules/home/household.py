@@ -43,6 +43,7 @@ from robbie_mp import (
     MessageHandling,
     Module,
     NoServer,
+    Request,
     SentGoal,
     SettingError,
     Time,
@@ -71,7 +72,6 @@ SEVERAL = "several"
 """The name of spoken orders that have several tasks."""
 CALL_S = 2.0
 FOLLOWS_NOBODY = "IDLE"
-AnyRequest = AnnotateMap | FollowOrder
 RESULTS = {
     HouseholdState.PICK: PickUpResult,
     HouseholdState.PUT: PutDownResult,
@@ -298,7 +298,7 @@ class Household(Module):
         self.open.pop(0)
 
     def _ask(
-        self, request: AnyRequest, done: Callable[[Any], None], failed: Callable[[CallError], None]
+        self, request: Request[Any], done: Callable[[Any], None], failed: Callable[[CallError], None]
     ) -> None:
         """Send a request, unless one is under way or has just failed."""
         if self.is_asking or self._time_s() - self.asked_s < REPEAT_S:
@@ -398,7 +398,7 @@ class Household(Module):
         if self._time_s() - self.pose_s > MAX_POSE_AGE_S:
             self.work.learnt("I do not know where I am")
         else:
-            self._ask(self._annotation({name: place}), self._on_learnt, self._on_not_learnt)
+            self._ask(self._annotation({name: place.tolist()}), self._on_learnt, self._on_not_learnt)
 
     def _on_learnt(self, _reply: MapAnnotated) -> None:
         self.work.learnt()

@@ -44,11 +44,6 @@ PickUpGoal = ActiveGoal[PickUp, PickUpFeedback, PickUpResult]
 PutDownGoal = ActiveGoal[PutDown, PutDownFeedback, PutDownResult]
 HandOverGoal = ActiveGoal[HandOver, HandOverFeedback, HandOverResult]
 AnyGoal = PickUpGoal | PutDownGoal | HandOverGoal
-GOALS: dict[Task, type[PickUp | PutDown | HandOver]] = {
-    Task.PICK_UP: PickUp,
-    Task.PUT_DOWN: PutDown,
-    Task.HAND_OVER: HandOver,
-}
 
 
 class Manipulation(Module):
@@ -106,8 +101,13 @@ class Manipulation(Module):
 
     def _restore(self, kept: dict[str, Any]) -> None:
         self.released, self.accepted_s = kept["released"], kept["accepted_s"]
-        if kept["goal"] is not None:
-            self.active = self.resume_goal(GOALS[Task(kept["task"])], kept["goal"])
+        goal = kept["goal"]
+        if goal is not None and kept["task"] == Task.PICK_UP:
+            self.active = self.resume_goal(PickUp, goal)
+        elif goal is not None and kept["task"] == Task.PUT_DOWN:
+            self.active = self.resume_goal(PutDown, goal)
+        elif goal is not None:
+            self.active = self.resume_goal(HandOver, goal)
         self.work.remember(kept["work"])
 
     def on_joints(self, state: JointState) -> None:
