@@ -30,6 +30,9 @@ GENTLE = 0.3  # candidates are coarse, so even the right ones fit only roughly
 JITTER = (0.1, 0.1, 0.05)  # m, m, rad: what is between two candidates
 AGREES_M = 0.25  # a return this near to an obstacle of the map agrees with it
 SLOW, FAST = 0.02, 0.3  # rates of the moving averages of the fit
+# While the pose is certain, added particles together get no more weight than this. Where the map is
+# incomplete, a single sweep often fits somewhere else a little better.
+DOUBT = 0.1
 BEARABLE = 0.8  # other places are tried below this share of the usual fit
 
 
@@ -265,10 +268,11 @@ class Localizer:
         if cloud.effective_count > len(cloud) / 2 and added == 0:
             return
         poses = cloud.drawn(min(count, settings.max_particles - added), self._random)
+        self._cloud = ParticleCloud(poses)
         if added:
             self.recoveries += 1
-            poses = np.concatenate([poses, self._fitting(added, ends)])
-        self._cloud = ParticleCloud(poses)
+            doubt = min(share, DOUBT) if self._convergence.converged else added / (added + len(poses))
+            self._cloud.add(self._fitting(added, ends), doubt)
 
     def _fitting(self, count: int, ends: NDArray[np.float64]) -> NDArray[np.float64]:
         """Draw poses `(count, 3)` from all over the map where a sweep would fit."""

@@ -75,6 +75,12 @@ class ParticleCloud:
         steps = np.asarray(step, float) + random.normal(size=self.poses.shape) * [across, across, heading]
         self.poses = compose(self.poses, steps)
 
+    def add(self, poses: NDArray[np.float64], weight: float) -> None:
+        """Add poses `(M, 3)`, map frame, which share a weight equally; the others keep the rest."""
+        self.poses = np.concatenate([self.poses, poses])
+        added = np.full(len(poses), weight / len(poses))
+        self.weights = np.concatenate([(1.0 - weight) * self.weights, added])
+
     def weigh(self, log_factors: NDArray[np.float64]) -> None:
         """Multiply the weights by factors, given as logarithms `(N,)`."""
         with np.errstate(divide="ignore"):

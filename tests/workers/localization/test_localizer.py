@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena
@@ -106,3 +107,21 @@ def test_beams_through_walls_are_detected() -> None:
 def test_map_without_free_or_occupied_cells_is_refused(percent: int) -> None:
     with pytest.raises(MapWithoutRoom, match="free and occupied"):
         LikelihoodField(np.full((5, 5), percent, dtype=np.int8), 0.05, (0, 0))
+
+
+def test_certain_pose_keeps_its_weight_where_things_hide_a_part_of_the_map(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drive = Drive(2, SMALL)
+    assert drive.way_until_sure(20.0) is not None
+    add_scan, recoveries = drive.localizer.add_scan, drive.localizer.recoveries
+
+    def with_things_at_one_side(stamp_s: float, ranges_m: ArrayLike, angles: ArrayLike, far_m: float) -> None:
+        nearer = np.where(np.arange(np.size(ranges_m)) % 180 < 70, 0.7, 1.0)
+        add_scan(stamp_s, nearer * np.asarray(ranges_m), angles, far_m)
+
+    monkeypatch.setattr(drive.localizer, "add_scan", with_things_at_one_side)
+    for truth in drive.steps(1.0):
+        assert drive.is_right(truth)
+        assert present(drive.localizer._cloud).heaviest_cluster().weight > 0.9
+    assert drive.localizer.recoveries > recoveries
