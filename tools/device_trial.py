@@ -37,6 +37,7 @@ from hw.emulation.dynamixel import EmulatedServos
 from hw.emulation.dynamixel1 import AX_12, EmulatedOldServos
 from hw.emulation.faults import Faults
 from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
+from hw.emulation.lcus import EmulatedRelays
 from hw.emulation.line import EmulatedLine
 from hw.emulation.lms2xx import EmulatedLms2xx
 from hw.emulation.mip import EmulatedMip
@@ -49,6 +50,7 @@ from hw.flir.ptu import FlirPanTilt
 from hw.gnss.receiver import NMEA_BIT_RATE, NmeaReceiver, UbxReceiver
 from hw.hokuyo.laser import HokuyoLaser
 from hw.irobot.create import CreateBase
+from hw.lctech.relays import RelayLights
 from hw.microstrain.imu import MicroStrainImu
 from hw.pioneer.base import PioneerBase
 from hw.rplidar.laser import RpLidar
@@ -122,6 +124,7 @@ TRIALS = {
     "nmea": Trial(lambda: EmulatedNmea(bit_rate=NMEA_BIT_RATE, period_s=0.1), NmeaReceiver),
     "ubx": Trial(EmulatedUblox, lambda url: UbxReceiver(url, period_s=0.1)),
     "ptu": Trial(EmulatedPtu, FlirPanTilt),
+    "lcus": Trial(EmulatedRelays, lambda url: RelayLights(url, ["headlight", "rear light"])),
     "dynamixel": Trial(
         lambda: EmulatedServos(range(1, 7)),
         lambda url: DynamixelJoints(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.driving.command import RobotCommand
     from robbie_mp.station.driving.motion import Motion
+    from robbie_mp.station.lights import LightsWatch
     from robbie_mp.station.live import LiveParts
     from robbie_mp.station.map_marks import MapMarks, PlacesWatch
     from robbie_mp.station.run_watch import RunWatch
@@ -46,6 +47,7 @@ class StationContext(MessageSource, Protocol):
         robot_command: the operator who holds the command of the robot, here or elsewhere.
         motion: the robot's movement, and what it is commanded.
         cameras: the cameras that have sent an image.
+        lights: the robot's lights.
         refusals: the log of refused actions of visitors; its rate is limited.
     """
 
@@ -67,6 +69,7 @@ class StationContext(MessageSource, Protocol):
     robot_command: RobotCommand
     motion: Motion
     cameras: Cameras
+    lights: LightsWatch
     panels: list[str]
     tabs: dict[str, str]
     layouts: dict[str, dict[str, list[int]]]

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import Page
     from robbie_mp.station.driving.command import RobotCommand
     from robbie_mp.station.driving.motion import Motion
+    from robbie_mp.station.lights import LightsWatch
     from robbie_mp.station.website import Website
 
 REPLY_S = 3.0
@@ -93,6 +94,7 @@ class OperatorStation(Module):
     motion: Motion
     robot_command: RobotCommand
     cameras: Cameras
+    lights: LightsWatch
     host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all addresses of this machine")
     port: int = setting(8080, "port to listen on; 0: any free port", minimum=0, maximum=65535)
     operator_token: Secret | None = setting(

@@ -19,6 +19,7 @@ from robbie_mp.station.driving.motion import Motion
 from robbie_mp.station.emergency_stop import EmergencyStopControl
 from robbie_mp.station.gate import Gate
 from robbie_mp.station.layouts import LayoutCollection, check_layout, default_layouts
+from robbie_mp.station.lights import LightsWatch
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
 from robbie_mp.station.moment_marker import MomentMarker
@@ -94,6 +95,7 @@ class Website:
         )
         self._motion = station.motion = Motion(station)
         station.cameras = Cameras(station)
+        station.lights = LightsWatch(station)
         panels, titles = make_panels(station)
         self._panels = [*panels.values()]
         self._strip = StateStrip(station, self._panels)

@@ -17,6 +17,7 @@ modules:
     class: robbie_mp.station:OperatorStation
     settings: {port: 0, robot_model: robot.stl, panels: ["zoo.own_panel:FriendsPanel"]}
   stage: {class: "zoo.stage:Stage"}
+  lamps: {class: "modules.devices.lights:SimulatedLightsModule", settings: {lights: [headlight, rear light]}}
 """
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
 SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"
@@ -167,6 +168,22 @@ def virtual_devices_obey(page: Page, robot: Robot) -> None:
     assert "0.2 right True" in robot.top()["stage"]["status"]
 
 
+def lights_are_switched_by_key_button_and_slider(page: Page, robot: Robot) -> None:
+    page.click("#tab-joints")
+    page.wait_for_selector("[data-light-at='rear light']:text-is('0%')")
+    page.focus("[data-light='rear light'] [tabindex]")
+    page.keyboard.press("ArrowRight")
+    robot.until(lambda modules: modules["lamps"]["status"] == "headlight 0%, rear light 5%")
+    page.wait_for_selector("[data-light-at='rear light']:text-is('5%')")
+    page.click("#tab-camera")
+    page.wait_for_selector("#lights[aria-pressed=true]")
+    page.click("#lights")
+    robot.until(lambda modules: modules["lamps"]["status"] == "headlight 0%, rear light 0%")
+    page.wait_for_selector("#lights[aria-pressed=false]")
+    page.keyboard.press("f")
+    robot.until(lambda modules: modules["lamps"]["status"] == "headlight 100%, rear light 100%")
+
+
 def plots_draw_chosen_numbers(page: Page) -> None:
     page.click("#tab-plots")
     # Until an operator has chosen something: speed and turn rate.
@@ -225,6 +242,7 @@ def test_panels_show_and_change_the_robot(robot: Robot) -> None:
         parameters_are_changed_and_wrong_ones_refused(page, robot)
         camera_follows_the_robot_or_is_free(page, robot)
         plots_draw_chosen_numbers(page)
+        lights_are_switched_by_key_button_and_slider(page, robot)
         virtual_devices_obey(page, robot)
         page.click("#tab-drive")
         page.wait_for_selector("#velocity:text-is('0.00 m/s, 0.00 rad/s')")

@@ -13,6 +13,7 @@ from hw.gnss import nmea, ubx
 from hw.hokuyo import scip
 from hw.hokuyo.laser import HokuyoLaser
 from hw.irobot import open_interface
+from hw.lctech.relay_protocol import RelayFraming
 from hw.microstrain import mip
 from hw.pioneer import p2os
 from hw.pluggable_laser import PluggableLaser
@@ -111,6 +112,10 @@ def _status2(random: Random) -> bytes:
 
 def _ptu_answer(random: Random) -> bytes:
     return b"* %d\r\n" % random.randint(-3090, 3090)
+
+
+def _relay_answer(random: Random) -> bytes:
+    return b"CH%d: %s\r\n" % (random.randint(1, 8), random.choice((b"ON", b"OFF")))
 
 
 def _framed(
@@ -275,4 +280,5 @@ SUBJECTS = {
     "dynamixel1": Subject(_framed(protocol1.Protocol1Framing), _status1),
     "dynamixel2": Subject(_framed(protocol2.Protocol2Framing, protocol2.status), _status2),
     "ptu": Subject(_framed(PtuFraming), _ptu_answer),
+    "lcus": Subject(_framed(RelayFraming), _relay_answer),
 }

@@ -156,6 +156,28 @@ class JointLimits(Message, name="robbie_msgs/msg/JointLimits", version=1):
     upper: Array[float64] = DEFAULT  # (joints,) rad or m
 
 
+class LightsState(Message, name="robbie_msgs/msg/LightsState", version=1):
+    """How bright the lights of a module are."""
+
+    header: Header = DEFAULT
+    name: list[str] = DEFAULT
+    brightness: Array[float64] = DEFAULT  # (lights,) from 0, dark, to 1, full
+    can_dim: bool = DEFAULT  # False: they are either dark or full
+
+
+class LightSet(Reply, name="robbie_msgs/srv/SetLight_Response", version=1):
+    """The light shines so from now on."""
+
+    brightness: float64 = DEFAULT  # from now on: 1 for each wish above 0 if the light cannot be dimmed
+
+
+class SetLight(Request[LightSet], name="robbie_msgs/srv/SetLight_Request", version=1):
+    """Let a light shine. The topic is the name of the module whose light it is."""
+
+    name: str = DEFAULT  # of the light
+    brightness: float64 = DEFAULT  # from 0, dark, to 1, full
+
+
 class SimulatedWorld(Message, name="robbie_msgs/msg/SimulatedWorld", version=1):
     """A change of a simulated world, for all simulated devices."""
 

@@ -14,6 +14,7 @@ from robbie_mp.station.camera_images import ADDRESS, Camera
 from robbie_mp.station.latest import silence
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.cameras import REFRESH_S, SILENT_AFTER_S, DetectionBoxes, NewestImage
+from robbie_mp.station.panels.light_controls import LightSwitch
 from robbie_mp.station.panels.teaching import Teaching
 
 if TYPE_CHECKING:
@@ -53,11 +54,12 @@ class CameraPanel(Panel):
         self._teaching = Teaching(station)
 
     def build(self, page: Page) -> None:
-        """Build the large picture, the small ones, the display, and for operators what teaches."""
+        """Build the large picture, the small ones, the display, and an operator's tools."""
         ui.add_css(STYLE)
         stage = Stage(self._cameras, self.station.max_linear_m_per_s)
         if page.role is Role.OPERATOR:
             self._teaching.build(page, self.name, stage.root, lambda: stage.chosen)
+            LightSwitch(page, self.station.lights, self.name)
         page.add_key("c", "Next camera", stage.turn)
         page.every(REFRESH_S, self.name, lambda: stage.update(self.station.motion.now))
 

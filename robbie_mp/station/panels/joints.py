@@ -1,4 +1,4 @@
-"""Manual control of the robot's joints: arms, grippers and pan-tilt units."""
+"""Manual control of the robot's joints and lights: arms, grippers, pan-tilt units, lamps."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from robbie_mp.station.access import Role
 from robbie_mp.station.context import header_of_now
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 from robbie_mp.station.panel import Panel
+from robbie_mp.station.panels.light_controls import LightSliders
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
@@ -65,14 +66,14 @@ class JointControls(Element, component="joint_controls.js"):
 
 
 class JointsPanel(Panel):
-    """Sliders for all joints that modules offer with `JointLimits`, and poses of the profile.
+    """Sliders for all joints that modules offer with `JointLimits`, poses of the profile, and all lights.
 
     A joint moves only while the operator holds its slider or button: each `JointCommand` expires, as commands
     of the drive do.
     """
 
     name = "joints"
-    title = "Joints"
+    title = "Joints and lights"
     icon = "precision_manufacturing"
 
     def __init__(self, station: StationContext):
@@ -154,9 +155,10 @@ class JointsPanel(Panel):
     def build(self, page: Page) -> None:
         """Build the sliders."""
         ui.add_css(STYLE)
-        hint = ui.label("no module offers joints to move").classes("text-grey").props("id=joints-hint")
+        hint = ui.label("no module offers joints or lights").classes("text-grey").props("id=joints-hint")
         seat = ui.label("").classes("text-orange").props("id=joints-seat role=status")
         controls = JointControls().props("id=joints-controls")
+        lights = LightSliders(page, self.station.lights)
         control = HeldControl(self.station, page, "moving a joint")
 
         def move(event: GenericEventArguments) -> None:
@@ -174,7 +176,7 @@ class JointsPanel(Panel):
 
         def update() -> None:
             rows = self.shown()
-            hint.set_visibility(not rows)
+            hint.set_visibility(not lights.update() and not rows)
             is_other = control.is_other_driving
             seat.set_text("somebody else drives; take over in Drive to move joints" if is_other else "")
             can_move = page.role is Role.OPERATOR and not is_other

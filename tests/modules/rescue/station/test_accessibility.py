@@ -9,7 +9,7 @@ from playwright.sync_api import Page
 from robbie_mp.station.layouts import default_layouts
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from tests._support.robot import Robot
-from tests.station._support.browser import browser, needs_chromium, page_of
+from tests.station._support.browser import browser, choose_layout, needs_chromium, page_of
 from tests.station.test_page import address_of
 from tests.station.test_panels import log_in
 
@@ -64,8 +64,7 @@ def faults_of_all_layouts(page: Page, options: dict[str, Any]) -> list[str]:
     assert layouts == ["Drive", "Mission", "Engineer", "Tablet", "Playback"]
     found: list[str] = []
     for number, layout in enumerate(layouts, 1):
-        page.keyboard.press(str(number))
-        page.wait_for_selector(f"#layouts:has-text('{layout}')")
+        choose_layout(page, number, layout)
         found += [f"{layout}: {fault}" for fault in serious_faults(page, options)]
     return found
 

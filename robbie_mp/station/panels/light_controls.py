@@ -1,0 +1,83 @@
+"""The elements of a page that switch the robot's lights."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.station.access import Role
+from robbie_mp.station.lights import LightId, ask_for
+
+if TYPE_CHECKING:
+    from robbie_mp.station.context import Page
+    from robbie_mp.station.lights import LightsWatch
+
+LOOK_S = 0.3
+FULL_PERCENT = 100
+
+
+class LightSwitch:
+    """A button on the camera that switches all lights; it is there if the robot has any.
+
+    Args:
+        page: the operator's page.
+        lights: the robot's lights.
+        panel: name of the panel in which it is.
+    """
+
+    def __init__(self, page: Page, lights: LightsWatch, panel: str):
+        self._lights = lights
+        label = "Lights on or off"
+        self._button = ui.button(icon="lightbulb", on_click=lambda: lights.turn(page)).classes("camera-light")
+        self._button.props(f'id=lights dense color=dark aria-label="{label}" title="{label} (F)"')
+        self._button.set_visibility(False)
+        page.add_key("f", label, lambda: lights.turn(page))
+        page.every(LOOK_S, panel, self._update)
+
+    def _update(self) -> None:
+        self._button.set_visibility(bool(self._lights.shown()))
+        is_on = self._lights.are_on
+        self._button.props(f"aria-pressed={str(is_on).lower()}")
+        self._button.classes(add="is-on" if is_on else "", remove="" if is_on else "is-on")
+
+
+class LightSliders:
+    """A row for each light, with its brightness; an operator can change it.
+
+    Args:
+        page: the page.
+        lights: the robot's lights.
+    """
+
+    def __init__(self, page: Page, lights: LightsWatch):
+        self._page = page
+        self._lights = lights
+        self._rows: dict[LightId, tuple[ui.slider, ui.label]] = {}
+        self._box = ui.element("div").classes("joint-controls").props("id=light-controls")
+
+    def update(self) -> bool:
+        """Show the brightness of all lights. Returns whether there are any."""
+        shown = self._lights.shown()
+        if list(shown) != list(self._rows):
+            self._box.clear()
+            with self._box:
+                self._rows = {light: self._build_row(light) for light in shown}
+        for light, brightness in shown.items():
+            slider, text = self._rows[light]
+            slider.set_enabled(self._page.role is Role.OPERATOR and brightness is not None)
+            slider.set_value(round(FULL_PERCENT * (brightness or 0.0)))
+            text.set_text("NOT KNOWN" if brightness is None else f"{brightness:.0%}")
+        return bool(shown)
+
+    def _build_row(self, light: LightId) -> tuple[ui.slider, ui.label]:
+        with ui.element("div").classes("joint-row"):
+            ui.label(light.name).classes("joint-name")
+            step = 5 if light.can_dim else FULL_PERCENT
+            slider = ui.slider(min=0, max=FULL_PERCENT, step=step).classes("light-slider")
+            slider.props["aria-label"] = f"Brightness of the {light.name} in percent"
+            slider.props["data-light"] = light.name
+            # Only what the visitor does: the value itself also changes when the light does.
+            slider.on("change", lambda event: ask_for(self._page, light, float(event.args) / FULL_PERCENT))
+            text = ui.label("").classes("joint-at").props(f'data-light-at="{light.name}"')
+        return slider, text
