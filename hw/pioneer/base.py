@@ -28,6 +28,8 @@ REPORT_PERIOD_S = 0.1
 # What a stop takes beside watchdog and brakes: the controller's cycles, and the wheels behind its speeds.
 STOP_RESERVE_S = 0.05
 STANDS_WITHIN_S = 0.4
+# A robot that may drive no faster hardly moves: its owner should know why.
+CRAWL_M_PER_S = 0.1
 # A robot that is still connected to a host that has died sends other packets first.
 MAX_OTHER_PACKETS = 20
 # A robot cannot move farther between two packets: its controller was restarted, or its origin was set.
@@ -74,8 +76,8 @@ class PioneerBase(ConnectedBase):
 
     The robot stands `stands_within_s` after its cable was pulled: the driver lets it brake as hard as its
     controller can, reads its watchdog and deceleration, and drives no faster than it can brake from in the
-    time that the watchdog leaves. If that is none, it limits nothing, and its problems say how long the robot
-    would drive on.
+    time that the watchdog leaves. If that is none, or the robot does not tell it, it limits nothing, and its
+    problems say why the robot would drive on.
 
     Args:
         url: the port: see `hw.connection.port.Port`; the maker's simulator is at "socket://HOST:8101".
@@ -164,6 +166,7 @@ class PioneerBase(ConnectedBase):
         port.write(p2os.command(Command.TURN_ACCELERATION, turn_up))
         if told is not None:
             self._stamps.set_period(told.report_period_s or REPORT_PERIOD_S)
+        if told is not None and _tells_brakes(told):
             port.write(p2os.command(Command.ACCELERATION, -told.top_acceleration_mm_per_s2))
             port.write(p2os.command(Command.TURN_ACCELERATION, -told.top_turn_acceleration_deg_per_s2))
         self._limit_speed(told)
@@ -174,6 +177,9 @@ class PioneerBase(ConnectedBase):
             return
         if told is None:
             self._stop_problem = ("does not tell whether its watchdog stops it",)
+            return
+        if not _tells_brakes(told):
+            self._stop_problem = ("does not tell how hard it brakes",)
             return
         if not told.watchdog_s:
             self._stop_problem = ("its watchdog is off: it drives on when it loses its line",)
@@ -187,6 +193,9 @@ class PioneerBase(ConnectedBase):
             min(self.limits.linear_m_per_s, most[0] * brake_s),
             min(self.limits.angular_rad_per_s, most[1] * brake_s),
         )
+        if self.limits.linear_m_per_s < CRAWL_M_PER_S:
+            speed = f"{self.limits.linear_m_per_s:.2g} m/s"
+            self._stop_problem = (f"drives at most {speed}: its watchdog waits {told.watchdog_s:g} s",)
 
     def _ask_configuration(self, port: Port, decoder: FrameDecoder[p2os.Packet]) -> p2os.Configuration | None:
         """Return the robot's parameters; None: its firmware does not tell them."""
@@ -293,3 +302,8 @@ class PioneerBase(ConnectedBase):
         if not told.motors_enabled:
             problems.append("motors disabled")
         return tuple(problems)
+
+
+def _tells_brakes(told: p2os.Configuration) -> bool:
+    """Return whether a robot's parameters say how hard it can brake; some firmware leaves zeros there."""
+    return bool(told.top_acceleration_mm_per_s2 and told.top_turn_acceleration_deg_per_s2)

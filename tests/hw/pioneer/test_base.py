@@ -12,9 +12,9 @@ from hw.pioneer.p2os import Command, command
 from tests.hw._support.line import Clock, ScriptedDevice
 
 
-def parameters(watchdog_ms: int = 150, report_ms: int = 100) -> bytes:
+def parameters(watchdog_ms: int = 150, report_ms: int = 100, brakes: tuple[int, int] = (300, 2000)) -> bytes:
     """Return a robot's answer to CONFIG: it may brake with 2 m/s^2 and 300 degrees/s^2."""
-    body = b"\x20Pioneer\0p3at\0SN1\0" + struct.pack("<B5H", 4, 360, 1500, 300, 2000, 500) + b"Robbie\0"
+    body = b"\x20Pioneer\0p3at\0SN1\0" + struct.pack("<B5H", 4, 360, 1500, *brakes, 500) + b"Robbie\0"
     body += struct.pack("<BBBHHBHHHB4H", report_ms, 0, 0, 0, 1, 1, 110, 32550, watchdog_ms, 0, 1, 2, 3, 4)
     body += struct.pack("<HH5H5H", 100, 750, 100, 100, 40, 20, 0, 300, 300, 40, 30, 0)
     return p2os.packet(body + bytes(6))
@@ -194,6 +194,8 @@ def test_robot_brakes_as_hard_as_it_can_and_drives_no_faster_than_it_can_brake_f
     [
         (parameters(watchdog_ms=2000), "brakes only 2 s after the loss of its line"),
         (parameters(watchdog_ms=0), "its watchdog is off: it drives on when it loses its line"),
+        (parameters(brakes=(0, 2000)), "does not tell how hard it brakes"),
+        (parameters(brakes=(300, 0)), "does not tell how hard it brakes"),
         (b"", "does not tell whether its watchdog stops it"),
         (p2os.packet(b"\x20Pioneer\0p3at\0SN1\0\x04"), "does not tell whether its watchdog stops it"),
         (p2os.packet(b"\x20Pioneer"), "does not tell whether its watchdog stops it"),
@@ -206,6 +208,17 @@ def test_robot_that_cannot_stand_in_time_says_so_and_drives_freely(answer: bytes
     robot.device.send(sip())
     (reading,) = robot.base.poll()
     assert reading.problems == (problem,)
+    robot.device.taken()
+    robot.base.command(0.8, 0.5, 0.3)
+    assert robot.device.taken() == command(Command.SPEED, 800) + command(Command.TURN_RATE, 29)
+
+
+def test_robot_whose_watchdog_leaves_it_hardly_any_speed_says_so() -> None:
+    robot = Robot({**HANDSHAKE, command(Command.CONFIG): parameters(watchdog_ms=345)})
+    assert robot.base.limits.linear_m_per_s == pytest.approx(0.01)
+    robot.device.send(sip())
+    (reading,) = robot.base.poll()
+    assert reading.problems == ("drives at most 0.01 m/s: its watchdog waits 0.345 s",)
 
 
 def test_speed_is_not_limited_if_nobody_asks_for_it() -> None:
