@@ -3,7 +3,7 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from hw.connection.device import PluggableDevice
 from hw.connection.errors import DeviceFault, DeviceSilent
@@ -18,7 +18,7 @@ RAD_PER_ARC_SECOND = 2 * math.pi / protocol.ARC_SECONDS_PER_TURN
 ANSWER_S = 0.5
 # A unit that has just got power turns to its limits first, and answers only then.
 QUIET_S, MAX_DRAIN_S = 0.05, 1.0
-# Positions are asked for one after the other; a lost answer is given up after this time.
+# Questions and commands wait for the answers to those before; a lost answer is given up after this time.
 LOST_S = 0.3
 # At 9,600 bit/s, two questions and their answers take some 35 ms.
 PERIOD_S = 0.05
@@ -27,6 +27,9 @@ QUESTIONS = (Axis.PAN, Axis.TILT)
 
 class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
     """A unit that turns to a direction and tells where it looks. `poll` returns its directions.
+
+    `poll` also sends the direction of the newest `look`, in turn with questions for the position: a slow line
+    would otherwise keep older ones back, and follow them late.
 
     It holds its direction when the line breaks: it has no watchdog. A motion that has begun goes on to its
     end, which lies within the unit's own limits.
@@ -67,19 +70,16 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         self._rad_per_step = dict.fromkeys(QUESTIONS, 1.0)
         # Answers that are still to come, in this order; None: of a command.
         self._expected: deque[Axis | None] = deque()
-        self._asked_s = -math.inf
+        self._wanted: tuple[float, float] | None = None
+        self._asked_s = self._sent_s = -math.inf
         self._steps: dict[Axis, float] = {}
         self._last = PanTiltState(clock(), 0.0, 0.0, 0.0, 0.0)
 
     def look(self, pan_rad: float, tilt_rad: float) -> None:
-        """Move towards a direction; without a connection nothing happens."""
-        pan_rad, tilt_rad = self.limits.within(pan_rad, tilt_rad)
-        if not self.is_connected:
-            return
-        # The unit counts tilt upwards.
-        for axis, angle in ((Axis.PAN, pan_rad), (Axis.TILT, -tilt_rad)):
-            self._expected.append(None)
-            self.send(protocol.move(axis, round(angle / self._rad_per_step[axis])))
+        """Move towards a direction, with the next `poll`; without a connection nothing happens."""
+        wanted = self.limits.within(pan_rad, tilt_rad)
+        if self.is_connected:
+            self._wanted = wanted
 
     def read(self) -> PanTiltState:
         """Return the last direction that the unit has told."""
@@ -89,11 +89,14 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         """Return the directions since the last call, and ask for the next."""
         if self.is_connected:
             now_s = self._monotonic()
-            if self._expected and now_s - self._asked_s > LOST_S:
+            if self._expected and now_s - self._sent_s > LOST_S:
                 self._expected.clear()  # an answer was lost on the way
             due_s = self._asked_s + PERIOD_S
             if not self._expected and now_s >= due_s:
-                self._ask_positions()
+                self._asked_s = now_s
+                self._exchange(b"".join(protocol.ask(axis, "P") for axis in QUESTIONS), QUESTIONS)
+            elif not self._expected and self._wanted is not None:
+                self._move(*self._wanted)
             elif not self._expected:
                 wait_s = min(wait_s, due_s - now_s)
         return super().poll(wait_s)
@@ -113,6 +116,8 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
             if step <= 0:
                 raise DeviceFault(f"the unit at {self.url} does not tell how far a step turns it")
             bounds[axis] = (self._number(port, axis, "N") * step, self._number(port, axis, "X") * step)
+            if not bounds[axis][0] <= 0 <= bounds[axis][1]:
+                raise DeviceFault(f"the unit at {self.url} has limits without straight ahead: reset it")
             self._answer(port, protocol.speed(axis, max(1, round(self._rate_rad_per_s / step))))
         pan_least, pan_most = bounds[Axis.PAN]
         tilt_least, tilt_most = bounds[Axis.TILT]
@@ -151,10 +156,17 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         self._steps.clear()
         return self._last
 
-    def _ask_positions(self) -> None:
-        self._asked_s = self._monotonic()
-        self._expected.extend(QUESTIONS)
-        self.send(b"".join(protocol.ask(axis, "P") for axis in QUESTIONS))
+    def _move(self, pan_rad: float, tilt_rad: float) -> None:
+        self._wanted = None
+        # The unit counts tilt upwards.
+        angles = {Axis.PAN: pan_rad, Axis.TILT: -tilt_rad}
+        steps = {axis: round(angle / self._rad_per_step[axis]) for axis, angle in angles.items()}
+        self._exchange(b"".join(protocol.move(*each) for each in steps.items()), (None, None))
+
+    def _exchange(self, sent: bytes, expected: Sequence[Axis | None]) -> None:
+        self._sent_s = self._monotonic()
+        self._expected.extend(expected)
+        self.send(sent)
 
     def _number(self, port: Port, axis: Axis, what: str) -> float:
         answer = self._answer(port, protocol.ask(axis, what))
@@ -180,7 +192,8 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         self._decoder.reset()
         self._expected.clear()
         self._steps.clear()
-        self._asked_s = -math.inf
+        self._wanted = None
+        self._asked_s = self._sent_s = -math.inf
 
     def _stop(self) -> None:
         self.send(protocol.halt())

@@ -17,8 +17,18 @@ from hw.pan_tilt import PanTiltError, PanTiltState
 from modules.devices.flir import FlirPanTiltModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import JointState, PanTiltCommand
+from tests.hw._support.line import Clock, ScriptedDevice
 
 LIMIT_S = 20.0
+STEP_RAD = math.radians(0.05)
+"""Of the scripted unit, which has 180 arc seconds for a step, and 1,000 steps to each side."""
+HANDSHAKE = {b"I ": b"*\r\n"}
+for axis in "PT":
+    HANDSHAKE |= {
+        f"{axis}{what} ".encode(): f"* {value}\r\n".encode()
+        for what, value in {"R": 180, "N": -1000, "X": 1000}.items()
+    }
+    HANDSHAKE[f"{axis}S{round(1 / STEP_RAD)} ".encode()] = b"*\r\n"
 
 
 @pytest.fixture
@@ -67,6 +77,49 @@ def test_unit_turns_to_a_direction_within_its_limits(line: EmulatedLine) -> None
         assert unit.refused == 0 and unit.read().pan_rad == pytest.approx(0.5, abs=step)
         with pytest.raises(PanTiltError):
             unit.look(math.nan, 0.0)
+
+
+def test_unit_that_gets_a_new_direction_all_the_time_tells_where_it_looks(line: EmulatedLine) -> None:
+    with closing(FlirPanTilt(line.url, 2.0, silence_s=0.5)) as unit:
+        until(unit, lambda _: True)
+        states, began_s = 0, time.monotonic()
+        while time.monotonic() < began_s + 1.5:
+            unit.look(0.01 if int(10 * time.monotonic()) % 2 else -0.01, 0.0)
+            states += len(unit.poll(0.002))
+        assert unit.counters.losses == 0
+        assert states > 5
+        unit.look(0.2, 0.0)
+        until(unit, lambda state: abs(state.pan_rad - 0.2) < 0.001)
+
+
+def test_only_the_newest_direction_waits_for_a_slow_line() -> None:
+    clock, device = Clock(), ScriptedDevice(HANDSHAKE)
+    device.wait = clock.pass_time
+    unit = FlirPanTilt(
+        "scripted",
+        clock=clock,
+        monotonic=clock,
+        open_port=lambda url, rate: device,  # type: ignore[arg-type, return-value]
+    )
+    unit.poll()
+    assert unit.is_connected, unit.reason
+    device.taken()
+    for number in range(100):
+        unit.look(number / 1000, 0.0)
+        unit.poll()
+    assert device.taken() == b"PP TP "
+    device.send(b"* 0\r\n* 0\r\n")
+    unit.poll()
+    unit.poll()
+    assert device.taken() == f"PP{round(0.099 / STEP_RAD)} TP0 ".encode()
+
+
+def test_unit_whose_limits_leave_out_straight_ahead_is_refused() -> None:
+    device = ScriptedDevice({**HANDSHAKE, b"TN ": b"* 100\r\n"})
+    unit = FlirPanTilt("scripted", open_port=lambda url, rate: device)  # type: ignore[arg-type, return-value]
+    unit.poll()
+    assert not unit.is_connected
+    assert "limits without straight ahead" in unit.reason
 
 
 def test_replugged_unit_goes_on_in_spite_of_damage(line: EmulatedLine) -> None:
