@@ -9,10 +9,16 @@ from typing import Protocol
 from robbie_mp.link.header import PART_BYTES
 
 QUEUE_S = 0.025
-"""The queue that may wait on the way, as time: enough to notice that the link can carry more."""
+"""The queue that may wait on the way, as time: enough to notice that the link can carry more,"""
+MAX_QUEUE_BYTES = 1 << 22
+"""and as bytes: Zenoh and the sockets must have room for it, and throw away the rest."""
 MIN_PART_BYTES = 1_000
 PART_S = 0.008
-"""A packet takes at most this time on the way, so that a command never waits for long behind one."""
+"""A packet takes at most this time on the way, so that a command never waits for long behind one,"""
+USUAL_PART_BYTES = 128_000
+"""and is no larger than this, because what Zenoh has cannot be taken back when the network becomes slow,"""
+FAST_PART_S = 0.001
+"""unless it takes less than this time: between two processes, each packet costs more than its bytes."""
 START_BYTES = 32_000
 KEPT_S = 10.0
 """After this time without a shorter round trip, the link is drained to measure it again."""
@@ -94,14 +100,16 @@ class Window:
             return START_BYTES // 4
         if self._was_late and self._is_idle:
             return PROBE_BYTES
-        return max(MIN_PART_BYTES, min(PART_BYTES, int(self.bandwidth * PART_S)))
+        usual = min(USUAL_PART_BYTES, int(self.bandwidth * PART_S))
+        return max(MIN_PART_BYTES, usual, min(PART_BYTES, int(self.bandwidth * FAST_PART_S)))
 
     @property
     def limit(self) -> int:
         """How many bytes may be under way."""
         if not self.bandwidth:
             return START_BYTES
-        filled = int(self.bandwidth * (self._shortest_ns / 1e9 + QUEUE_S))
+        queue = min(int(self.bandwidth * QUEUE_S), MAX_QUEUE_BYTES)
+        filled = int(self.bandwidth * self._shortest_ns / 1e9) + queue
         return max(MIN_PARTS * self.part_bytes, min(filled, MAX_WINDOW_BYTES))
 
     @property

@@ -14,12 +14,9 @@ from robbie_mp.messages import DeclarationError, VersionError
 from robbie_mp.messages.encoded import check_type
 
 MAGIC = b"RL"
-VERSION = 3
-PART_BYTES = 128_000
-"""Most bytes of a message in one packet. Zenoh cuts it into batches, between which more urgent ones go.
-
-Small, because what has been given to Zenoh cannot be taken back when the network becomes slow.
-"""
+VERSION = 4
+PART_BYTES = 1 << 20
+"""Most bytes of a message in one packet. Zenoh cuts it into batches, between which more urgent ones go."""
 DATAGRAM_BYTES = 900
 """Most bytes of a message in one datagram: with all headers, it fits into one frame of Ethernet or Wi-Fi."""
 MAX_PARTS = 1 << 16

@@ -21,7 +21,8 @@ class Offered(NamedTuple):
 
     name: ChannelId
     traffic: TrafficClass
-    data: bytes
+    data: bytes | memoryview
+    """A view must stay as it is. The link keeps it until it has sent it, or for up to two beats."""
     stamp_ns: int
     is_latched: bool = False
     type_hash: int = 0
@@ -109,6 +110,8 @@ class LinkNode:
 
     def offer(self, message: Offered, now_ns: int) -> None:
         """Send a message to every robot that has been met."""
+        if type(message.data) is memoryview and (message.is_latched or len(self.peers) > 1):
+            message = message._replace(data=bytes(message.data))
         if message.is_latched:
             self._keep(message)
         for peer in self.peers.values():

@@ -44,8 +44,10 @@ MAX_REPORT_COUNTS = 40
 """Channels of a report that fits into a datagram."""
 TELL_NS = 2_000_000
 """While packets come, the other link is told that often what has arrived,"""
-TELL_BYTES = 64_000
+TELL_BYTES = 128_000
 """and after that many bytes. The module's thread tells the rest with its next tick."""
+FULL_NS = 50_000_000
+"""After a packet that had to wait for room, the stream waits for a report, but no longer than this."""
 MAX_BURST = 1000
 """Packets sent in one go, before the link looks at what has arrived."""
 
@@ -61,8 +63,8 @@ class Network(Protocol):
         *,
         as_datagram: bool = False,
         at_once: bool = False,
-    ) -> None:
-        """Send a packet; it may be lost without a word.
+    ) -> bool:
+        """Send a packet; it may be lost without a word. Return False if there was no room for it at once.
 
         Args:
             robot: who gets it.
@@ -140,6 +142,8 @@ class Peer:
         self._beat_sent_ns = 0
         self._beat_number = 0
         self._beats_sent: deque[int] = deque(maxlen=64)
+        self._is_full_until_ns = 0
+        """Nothing goes in the stream before, unless something arrives: the network had no room at once."""
         self.lost_there = 0.0
         """Ratio of lost datagrams of those that this link has sent."""
         self._lost_here = 0.0
@@ -194,7 +198,9 @@ class Peer:
             if traffic is TrafficClass.STATE:
                 if stream.under_way.bytes > self._state_limit(now_ns):
                     continue
-            elif MANNERS[traffic].waits_for_room and not self.window.has_room(now_ns, stream.cut_bytes):
+            elif MANNERS[traffic].waits_for_room and (
+                now_ns < self._is_full_until_ns or not self.window.has_room(now_ns, stream.cut_bytes)
+            ):
                 return False
             if stream.send_next(now_ns):
                 return True
@@ -206,12 +212,13 @@ class Peer:
             return MIN_STATE_BYTES // 8
         return max(self.window.limit, MIN_STATE_BYTES)
 
-    def _transmit(self, packet: Data, payload: memoryview | bytes) -> None:
+    def _transmit(self, packet: Data, payload: memoryview | bytes, now_ns: int) -> None:
         header = packet
         if not MANNERS[header.traffic].goes_as_datagrams:
             # While others are under way, they go together: only few of Zenoh's batches may wait.
             is_alone = self.window.under_way <= HEADER_BYTES + len(payload)
-            self._network.send(self.name, packet, payload, at_once=is_alone)
+            if not self._network.send(self.name, packet, payload, at_once=is_alone):
+                self._is_full_until_ns = now_ns + FULL_NS
             return
         is_urgent = header.traffic is TrafficClass.URGENT
         for _ in range(1 if is_urgent or header.whole > MAX_COPIED_BYTES else self._copies):
@@ -255,6 +262,8 @@ class Peer:
                 self._own, self._own_session, knows, now_ns, *self._last_beat, self._datagrams_sent + 1, lost
             )
         )
+        for outgoing in self.streams.values():
+            outgoing.give_back()
         for stream in self._incoming.values():
             stream.is_told = False
         self.tell()
@@ -347,6 +356,8 @@ class Peer:
         if report.about == self._own_session:
             if report.session == self.session and self._is_greeted:
                 stream = self.streams[report.traffic]
+                if not MANNERS[report.traffic].goes_as_datagrams:
+                    self._is_full_until_ns = 0
                 self.strange += not stream.take_report(report, self._channels, now_ns)
             return
         counts = {number: (received, refused) for number, received, refused in report.counts}

@@ -35,6 +35,11 @@ from robbie_mp.link.under_way import UnderWay
 MIN_COMPRESSED_BYTES = 512
 """Smaller messages are sent as they are."""
 COMPRESSION_LEVEL = 1
+SAMPLES = 8
+SAMPLE_BYTES = 2048
+"""Of a message of more than four times these samples, they tell whether it is worth compressing,"""
+LEAST_SHRUNK = 0.97
+"""which is so if they become at least this much shorter."""
 URGENT_AGAIN_NS = 50_000_000
 MIN_AGAIN_NS = 500_000_000
 """Least time after which a packet without an acknowledgement is sent again."""
@@ -78,11 +83,16 @@ class Item:
     """A message that is to be sent."""
 
     channel: SendChannel
-    data: bytes
+    data: bytes | memoryview
+    """A view keeps the publisher's memory until all of it has been cut into packets, or `give_back`."""
     stamp_ns: int
     is_latched: bool = False
     convert: Callable[[bytes], bytes] | None = None
     """Makes of `data` what is sent, when its turn has come."""
+
+    def __post_init__(self) -> None:
+        self.size = len(self.data)
+        """Bytes of the message."""
 
 
 @dataclass
@@ -126,7 +136,7 @@ class Begun:
     """A message that is being cut into packets."""
 
     item: Item
-    data: bytes
+    data: bytes | memoryview
     flags: int
     start: int = 0
     """How much of it has been cut off."""
@@ -159,14 +169,14 @@ class SendStream:
         traffic: the class.
         limits: how much may wait.
         window: what may be under way, of all classes together.
-        transmit: sends a header and a payload.
+        transmit: sends a header and a payload, at a time.
         address: stands in each header.
     """
 
     traffic: TrafficClass
     limits: Limits
     window: Window
-    transmit: Callable[[Data, memoryview | bytes], None]
+    transmit: Callable[[Data, memoryview | bytes, int], None]
     address: Address
     waiting: OrderedDict[int, Item] = field(default_factory=OrderedDict)
     """By number of the channel if only the newest is kept, else by a running number."""
@@ -195,6 +205,10 @@ class SendStream:
     """What the newest report says: the newest sending, the next packet, and the next to be handled."""
     _newest: dict[int, Newest] = field(default_factory=dict)
     """States by number of their channel."""
+    _borrowed: list[Item] = field(default_factory=list)
+    """Messages offered since the last `give_back` that lay in their publishers' memory then,"""
+    _borrowed_before: list[Item] = field(default_factory=list)
+    """and those offered before it."""
 
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
@@ -207,6 +221,8 @@ class SendStream:
         """Take a message; what there is no room for is counted."""
         item.channel.row.add(TAKEN)
         self.numbers.add(item.channel.number)
+        if type(item.data) is memoryview:
+            self._borrowed.append(item)
         self._enter(item)
 
     def _enter(self, item: Item) -> None:
@@ -215,6 +231,7 @@ class SendStream:
             replaced = self.waiting.pop(key, None)
             if replaced is not None:
                 self.waiting_bytes -= len(replaced.data)
+                replaced.data = b""
                 replaced.channel.row.add(REPLACED)
         else:
             self._running += 1
@@ -233,7 +250,17 @@ class SendStream:
         """Drop the message that has waited longest, and count it."""
         _, oldest = self.waiting.popitem(last=False)
         self.waiting_bytes -= len(oldest.data)
+        oldest.data = b""
         oldest.channel.row.add(DROPPED)
+
+    def give_back(self) -> None:
+        """Copy what has been waiting in its publisher's memory since the last call: that may need it."""
+        for item in self._borrowed_before:
+            if type(item.data) is memoryview:
+                view, item.data = item.data, bytes(item.data)
+                if self.begun is not None and self.begun.data is view:
+                    self.begun.data = item.data
+        self._borrowed_before, self._borrowed = self._borrowed, []
 
     def holds(self, channel: SendChannel) -> bool:
         """Whether a message of a channel waits or is being sent."""
@@ -279,9 +306,10 @@ class SendStream:
         if self.traffic is TrafficClass.STATE:
             item.channel.not_before_ns = now_ns + self.limits.state_period_ns
         if item.convert is not None:
-            item.data, item.convert = item.convert(item.data), None
+            item.data, item.convert = item.convert(bytes(item.data)), None
+            item.size = len(item.data)
         data, flags = item.data, LATCHED if item.is_latched else 0
-        if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES:
+        if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES and seems_to_shrink(data):
             compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
             if len(compressed) < len(data):
                 data, flags = compressed, flags | COMPRESSED
@@ -298,9 +326,13 @@ class SendStream:
         step = max(step, -(-len(data) // MAX_PARTS))
         is_whole = start == 0 and len(data) <= step
         payload = data if is_whole else memoryview(data)[start : start + step]
+        if type(data) is memoryview:
+            payload = bytes(payload)  # it may have to be sent again, when the publisher needs its memory
         begun.start += len(payload)
         if begun.start >= len(data):
             self.begun = None
+            if type(begun.item.data) is memoryview:
+                begun.item.data = b""
         self.sequence += 1
         packet = Packet(self.sequence, begun.item, start, len(data), payload, begun.flags)
         self.unsettled_bytes += packet.size
@@ -316,7 +348,7 @@ class SendStream:
         self.sent.append(packet)
         oldest = self.sent[0].sequence if self.manners.is_resent else packet.sequence
         header = self._header(packet, oldest, number)
-        self.transmit(header, packet.payload)
+        self.transmit(header, packet.payload, now_ns)
         if self.manners.is_resent:
             return
         if self.traffic is TrafficClass.STATE and packet.item is not None:
@@ -352,7 +384,7 @@ class SendStream:
                 self.resent += 1
                 packet = newest.packet
                 sending = self.under_way.add(packet.sequence, packet.size, now_ns)
-                self.transmit(self._header(packet, packet.sequence, sending), newest.payload)
+                self.transmit(self._header(packet, packet.sequence, sending), newest.payload, now_ns)
 
     def _header(self, packet: Packet, oldest: int, number: int) -> Data:
         item, own = packet.item, self.address
@@ -373,7 +405,7 @@ class SendStream:
                 0,
             )
         channel = item.channel
-        about = () if packet.start else (channel.name, len(item.data), (own.robot,))
+        about = () if packet.start else (channel.name, item.size, (own.robot,))
         return Data(
             own.robot, self.traffic, packet.flags, channel.number, own.session, own.to, packet.sequence,
             oldest, number, packet.start, packet.whole, item.stamp_ns, channel.type_hash, *about,
@@ -492,6 +524,20 @@ class SendStream:
         if self.traffic is TrafficClass.URGENT:
             return self._again_ns
         return max(self._again_ns, 3 * self.window.round_trip_ns)
+
+
+def seems_to_shrink(data: bytes | memoryview) -> bool:
+    """Whether a message probably becomes shorter when it is compressed; samples of a large one tell.
+
+    Args:
+        data: the message.
+    """
+    if len(data) < SAMPLES * SAMPLE_BYTES * 4:
+        return True
+    step = len(data) // SAMPLES
+    sample = b"".join([data[start : start + SAMPLE_BYTES] for start in range(0, step * SAMPLES, step)])
+    shrunk = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(sample)
+    return len(shrunk) < LEAST_SHRUNK * len(sample)
 
 
 def start_counting(channel: SendChannel) -> None:

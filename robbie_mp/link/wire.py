@@ -46,6 +46,12 @@ SEVERAL_WAYS = {
 }
 QUEUED_BATCHES = 16
 """Batches of 64 kB that Zenoh may queue for each priority."""
+ROOM_US = 5_000
+"""How long Zenoh waits for room in its queue before it throws a packet away,"""
+MAX_ROOM_US = 10_000
+"""and for all batches of a packet."""
+FULL_NS = 1_000_000
+"""A packet that takes longer has waited for room."""
 SEND_BUFFER_BYTES = 262_144
 """What may lie in the send buffer of a stream: nobody can take it back when the network becomes slow.
 
@@ -186,6 +192,8 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": PART_BYTES + 2 * MAX_HEADER_BYTES,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": ROOM_US,
+        "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": MAX_ROOM_US,
         **{f"transport/link/tx/queue/size/{queue}": QUEUED_BATCHES for queue in queues},
         **(SEVERAL_WAYS if endpoints.datagrams else {}),
         **endpoints.further,
@@ -269,17 +277,24 @@ class Wire:
         *,
         as_datagram: bool = False,
         at_once: bool = False,
-    ) -> None:
-        """Send a packet; it may be lost without a word. A stream carries datagrams if nothing else does."""
+    ) -> bool:
+        """Send a packet; it may be lost without a word. A stream carries datagrams if nothing else does.
+
+        Returns:
+            False if there was no room for it at once: it has waited, and may have been thrown away.
+        """
         traffic = packet.traffic if isinstance(packet, Data) else -1
         key = (robot, traffic, as_datagram, at_once or traffic <= TrafficClass.STATE)
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._publishers[key] = self._declare(*key)
+        data, header = payload if type(payload) is bytes else bytes(payload), pack(packet)
+        began_ns = time.monotonic_ns()
         try:
-            publisher.put(payload if type(payload) is bytes else bytes(payload), attachment=pack(packet))
+            publisher.put(data, attachment=header)
         except self._error:
             self.unsent += 1
+        return time.monotonic_ns() - began_ns < FULL_NS
 
     def take_at_once(self, take: Callable[[Received], None] | None) -> None:
         """From now on, call a function with packets, in threads of Zenoh; None: keep them for `received`.

@@ -24,6 +24,7 @@ from robbie_mp.link.safety import expires, shortened
 from robbie_mp.link.sending import Limits
 from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, InboxLimits, Received, Wire, only_own_names
+from robbie_mp.linux.freed_memory import keep_freed_memory
 from robbie_mp.messages import (
     CompressedImage,
     DriveCommand,
@@ -54,6 +55,10 @@ from robbie_mp.views.image_pixels import JPEG_ENCODINGS, NoPicture, jpeg, pixels
 CLASS_PATH = "robbie_mp.services.link:Link"
 STATE_NS = 1_000_000_000
 MAX_PATTERNS = 32
+LARGE_BYTES = 65_536
+"""Messages of this size are sent from where they lie; to copy them could take longer than to send them."""
+KEPT_BYTES = 16 << 20
+"""Memory of packets that is used again; the kernel takes longer to give it out than the link to fill it."""
 MAX_REMEMBERED = 4096
 NS = 1e-9
 
@@ -111,7 +116,7 @@ class Link(Module):
     store_bytes: int = setting(64 << 20, "their total size", minimum=1)
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1)
     inbox_packets: int = setting(4096, "packets that may wait until this module takes them", minimum=16)
-    inbox_bytes: int = setting(64 << 20, "their total size", minimum=1 << 20)
+    inbox_bytes: int = setting(64 << 20, "their total size", minimum=4 << 20)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -157,6 +162,7 @@ class Link(Module):
     def setup(self) -> None:
         """Open the network and the books, and subscribe."""
         session = secrets.randbits(63) | 1
+        keep_freed_memory(KEPT_BYTES)
         self.access = Access(self.accept, self.log)
         self.rules = [
             (pair, TrafficClass[name.upper()]) for name, pairs in _rules(self.send) for pair in pairs
@@ -261,7 +267,8 @@ class Link(Module):
         if is_latched and traffic in (TrafficClass.COMMAND, TrafficClass.STATE):
             traffic = TrafficClass.RELIABLE
         type_hash = self._hash(message.type_name, message.version)
-        offered = Offered(name, traffic, bytes(message.data), envelope.published_ns, is_latched, type_hash)
+        data = message.data if len(message.data) >= LARGE_BYTES else bytes(message.data)
+        offered = Offered(name, traffic, data, envelope.published_ns, is_latched, type_hash)
         if self.jpeg_quality and traffic is TrafficClass.BULK and name.type_name == Image.type_name:
             offered = self._as_jpeg(offered)
         self.node.offer(offered, self.clock.monotonic_ns())

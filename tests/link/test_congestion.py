@@ -4,7 +4,8 @@ from collections import deque
 
 import pytest
 
-from robbie_mp.link.congestion import Window
+from robbie_mp.link.congestion import MAX_QUEUE_BYTES, USUAL_PART_BYTES, Window
+from robbie_mp.link.header import PART_BYTES
 
 STEP_NS = 1_000_000
 IMAGE_BYTES = 200_000
@@ -80,3 +81,18 @@ def test_network_whose_delay_grows_is_used_again_within_seconds() -> None:
     network.run(4.0, 2.5e6)
     assert network.window.bandwidth > 1.5e6
     assert network.window.limit > 200_000
+
+
+@pytest.mark.parametrize(("bytes_per_s", "part_bytes"), [(100e6, USUAL_PART_BYTES), (2e9, PART_BYTES)])
+def test_packets_are_larger_only_where_the_network_is_so_fast_that_they_take_no_time(
+    bytes_per_s: float, part_bytes: int
+) -> None:
+    window = Window()
+    window.bandwidth = bytes_per_s
+    assert window.part_bytes == part_bytes
+
+
+def test_no_more_waits_on_the_way_than_queues_and_sockets_hold() -> None:
+    window = Window()
+    window.bandwidth = 2e9
+    assert window.limit == MAX_QUEUE_BYTES

@@ -52,10 +52,11 @@ class Sent:
         *,
         as_datagram: bool = False,
         at_once: bool = False,
-    ) -> None:
+    ) -> bool:
         """Keep a header; it must be one that another link takes."""
         assert unpack(pack(packet)) == packet
         self.packets.append(packet)
+        return True
 
 
 class Besieged:

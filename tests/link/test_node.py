@@ -8,7 +8,7 @@ import pytest
 
 from robbie_mp.link.header import ChannelId, Data
 from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.sending import Limits
+from robbie_mp.link.sending import Limits, seems_to_shrink
 from robbie_mp.link.traffic import MANNERS, TrafficClass
 from tests.link._support.network import MS, Conditions, Network, Robot, two_robots
 
@@ -271,3 +271,65 @@ def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed
 
 def mend(network: Network) -> None:
     network.conditions.is_cut = False
+
+
+def test_memory_of_a_large_message_is_given_back_when_the_link_cannot_send_it() -> None:
+    network, red, blue = two_robots(5)
+    memory = bytearray(numbered(1, 300_000))
+    expected = bytes(memory)
+    network.conditions.bytes_per_s = 100_000
+    red.offer(BULK, TrafficClass.BULK, memoryview(memory))
+    with pytest.raises(BufferError):
+        memory.clear()
+    network.run(0.3)
+    assert not red.is_sent(TrafficClass.BULK)
+    memory.clear()
+    network.run(5.0)
+    assert blue.received(BULK) == [expected]
+    check_books(red, blue, BULK, 1)
+
+
+def test_memory_of_a_large_message_is_given_back_when_it_has_been_sent() -> None:
+    network, red, blue = two_robots(5)
+    memory = bytearray(numbered(1, 30_000))
+    expected = bytes(memory)
+    red.offer(BULK, TrafficClass.BULK, memoryview(memory))
+    while not red.is_sent(TrafficClass.BULK):
+        network.run(0.001)
+    memory.clear()
+    assert not blue.received(BULK)
+    network.run(1.0)
+    assert blue.received(BULK) == [expected]
+
+
+def test_link_waits_for_a_report_after_a_packet_that_had_to_wait_for_room() -> None:
+    network, red, blue = two_robots(6)
+    assert red.node is not None
+    stream = red.node.peers["blue"].streams[TrafficClass.BULK]
+    red.offer(BULK, TrafficClass.BULK, numbered(0, 500_000))
+    network.run(1.0)
+    before = stream.under_way.number
+    red.offer(BULK, TrafficClass.BULK, numbered(1, 500_000))
+    at_once, before = stream.under_way.number - before, stream.under_way.number
+    assert at_once > 1
+    network.run(1.0)
+    red.has_room = False
+    before = stream.under_way.number
+    red.offer(BULK, TrafficClass.BULK, numbered(2, 500_000))
+    assert stream.under_way.number == before + 1
+    red.offer(COMMAND, TrafficClass.COMMAND, numbered(3))
+    assert stream.under_way.number == before + 1
+    network.run(1.0)
+    assert numbers(blue, COMMAND) == [3]
+    assert numbers(blue, BULK) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("data", "shrinks"), [(bytes(500_000), True), (numbered(1, 500_000), False)])
+def test_bulk_is_compressed_only_if_it_becomes_shorter(data: bytes, shrinks: bool) -> None:
+    network, red, blue = two_robots(7)
+    red.offer(BULK, TrafficClass.BULK, data)
+    network.run(1.0)
+    assert seems_to_shrink(data) == shrinks
+    assert blue.received(BULK) == [data]
+    sizes = {one[2].whole for one in network.carried if isinstance(one[2], Data)}
+    assert (max(sizes) < len(data) / 10) == shrinks

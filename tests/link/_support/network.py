@@ -100,6 +100,8 @@ class Robot:
     journal: list[tuple[int, Arrived]] = field(default_factory=list)
     """Time, and what was published."""
     fate: Callable[[Arrived], Fate] = lambda _message: Fate.PUBLISHED
+    has_room: bool = True
+    """Whether the network takes packets at once; otherwise it takes them later."""
     others: list[str] = field(default_factory=list)
     sessions: int = 0
     latched: dict[ChannelId, Offered] = field(default_factory=dict)
@@ -139,7 +141,9 @@ class Robot:
         for file in self.folder.iterdir():
             file.unlink()
 
-    def offer(self, name: ChannelId, traffic: TrafficClass, data: bytes, *, is_latched: bool = False) -> None:
+    def offer(
+        self, name: ChannelId, traffic: TrafficClass, data: bytes | memoryview, *, is_latched: bool = False
+    ) -> None:
         """Publish a message on this robot's bus."""
         message = Offered(name, traffic, data, self.network.now_ns, is_latched)
         if is_latched:
@@ -155,9 +159,10 @@ class Robot:
         *,
         as_datagram: bool = False,
         at_once: bool = False,
-    ) -> None:
+    ) -> bool:
         """Send a packet of the link."""
         self.network.carry(self.name, robot, packet, bytes(payload), as_datagram)
+        return self.has_room
 
     def take(self, sender: str, header: bytes, payload: bytes, *, is_datagram: bool = False) -> None:
         """Take a packet from the network."""
@@ -165,6 +170,12 @@ class Robot:
             now_ns = self.network.now_ns
             if self.node.take_and_tell(sender, header, payload, now_ns, is_datagram=is_datagram):
                 self.node.tell_all(now_ns)
+
+    def is_sent(self, traffic: TrafficClass) -> bool:
+        """Whether every message of a class has been cut into packets."""
+        assert self.node is not None
+        streams = [peer.streams[traffic] for peer in self.node.peers.values()]
+        return not any(stream.begun or stream.waiting for stream in streams)
 
     def received(self, name: ChannelId) -> list[bytes]:
         """What its modules have received on a channel, in order."""
