@@ -114,9 +114,8 @@ class NumberSignFinder(Module):
                 "text": sign.text,
                 "xy_m": sign.xy_m.round(3).tolist(),
                 "facing_rad": None if math.isnan(sign.facing_rad) else round(sign.facing_rad, 3),
-                "votes": sign.votes,
+                "places": [[*place.xy_m, place.votes] for place in sign.places],
                 "glimpses": sign.glimpses,
-                "eyes": sign.eyes,
             }
             for sign in self.signs.signs
         ]

@@ -4,6 +4,8 @@ A digit counts when several views agree; a board that shows something else is re
 """
 
 import math
+import string
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,13 +28,35 @@ SURE_M = 3.4
 post."""
 APART_M = 0.4
 """Views from places that are nearer than this to one another may all show the same wrong thing."""
+MAX_PLACES = 24
 OTHER = ""
-MIN_SHARE, MIN_OTHER_SHARE = 0.6, 0.75
-"""And these shares of all views must agree, for a digit and for something else: digits are overlooked more
-often than they are seen where none is."""
+READ, OVERLOOKED, MISREAD = math.log(0.9 / 0.02), math.log(0.3 / 0.98), math.log(0.001 / 0.02)
+"""Logarithms of how much more probable it is with a digit than with something else that the digit is read
+from a place, or something else, or another digit. `tools.digit_trials` measures this; but a few digits are
+overlooked from 5 of 12 places."""
+SURE, REFUSED = 4.0, -2.0
+"""A digit is sure if the sum over all places is at least the first, and refused if at most the second."""
 MIN_OTHER_PX, MIN_OTHER_WIDTH = 40.0, 0.8
 """A board without a digit is refused only if it was seen this high and, as a share of that, this wide."""
 POSE_SPREAD_M, SPREAD_PER_M = 0.04, 0.02
+
+
+@dataclass
+class Place:
+    """A place from where a sign was seen.
+
+    Attributes:
+        xy_m: m, map frame.
+        votes: number of views from there for each text that was read; '' for something else.
+    """
+
+    xy_m: tuple[float, float]
+    votes: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def text(self) -> str:
+        """Return what was read most often from there; of a digit and something else, the digit."""
+        return max(self.votes, key=lambda one: (self.votes[one], one))
 
 
 @dataclass
@@ -42,51 +66,57 @@ class Sign:
     Attributes:
         xy_m: (2,), map frame: mean of all views.
         weight: sum of the weights of all views, 1/m².
-        votes: number of views for each text that was read; '' for something else.
-        glimpses: number of views from farther than SURE_M for each digit.
+        places: from where it was seen, at least APART_M apart.
+        glimpses: number of views from farther than SURE_M for each text.
         facing: (2,), sum of unit vectors out of its front, weighted.
         searched: bit k is set if the camera has looked at it from where a board can be read that faces in the
             direction k.
         is_on_map: whether the newest map shows a post there.
-        eyes: for each text, up to MIN_PLACES places from where it was read, x and y, m, map frame.
     """
 
     xy_m: Points
     weight: float = 0.0
-    votes: dict[str, int] = field(default_factory=dict)
-    glimpses: dict[str, int] = field(default_factory=dict)
+    places: list[Place] = field(default_factory=list)
+    glimpses: Counter[str] = field(default_factory=Counter)
     facing: Points = field(default_factory=lambda: np.zeros(2))
     searched: int = 0
     is_on_map: bool = False
-    eyes: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+
+    @property
+    def votes(self) -> Counter[str]:
+        """Return the number of views from near for each text that was read; '' for something else."""
+        total: Counter[str] = Counter()
+        for place in self.places:
+            total += place.votes
+        return total
 
     @property
     def text(self) -> str | None:
         """Return what it shows, '' for something else than a digit; None as long as that is not sure."""
-        if not self.votes:
-            return None
-        text = max(self.votes, key=lambda one: self.votes[one])
-        views, share = self.votes[text], MIN_OTHER_SHARE if text == OTHER else MIN_SHARE
-        is_sure = views >= MIN_VIEWS and len(self.eyes[text]) >= MIN_PLACES and views >= share * self.views
-        return text if is_sure else None
+        texts, votes = Counter(place.text for place in self.places), self.votes
+        best = max(string.digits, key=lambda digit: evidence(digit, texts))
+        for text, is_likely in (
+            (best, evidence(best, texts) >= SURE),
+            (OTHER, evidence(best, texts) <= REFUSED),
+        ):
+            if is_likely and votes[text] >= MIN_VIEWS and texts[text] >= MIN_PLACES:
+                return text
+        return None
 
     @property
     def likely(self) -> str:
         """Return the digit that was read most often, also if it is not sure; '' for none."""
-        return max(self._digits, key=self.times, default="")
+        read = [text for text in self.votes + self.glimpses if text != OTHER]
+        return max(read, key=self.times, default="")
 
     def times(self, text: str) -> int:
         """Return the number of views of a digit, also of those from far away."""
-        return self.votes.get(text, 0) + self.glimpses.get(text, 0)
+        return self.votes[text] + self.glimpses[text]
 
     @property
-    def _digits(self) -> list[str]:
-        return [text for text in {**self.votes, **self.glimpses} if text != OTHER]
-
-    @property
-    def views(self) -> int:
-        """Return the number of views from near that show a board here."""
-        return sum(self.votes.values())
+    def is_seen(self) -> bool:
+        """Return whether any view shows a board here."""
+        return bool(self.places or self.glimpses)
 
     @property
     def facing_rad(self) -> float:
@@ -100,14 +130,16 @@ class Sign:
 
     def vote(self, text: str, eye_xy_m: Sequence[float]) -> None:
         """Count a view that shows a text, or OTHER, from a place."""
-        x, y = float(eye_xy_m[0]), float(eye_xy_m[1])
-        if math.dist((x, y), self.xy_m) > SURE_M:
-            self.glimpses[text] = self.glimpses.get(text, 0) + 1
+        eye = float(eye_xy_m[0]), float(eye_xy_m[1])
+        if math.dist(eye, self.xy_m) > SURE_M:
+            self.glimpses[text] += 1
             return
-        self.votes[text] = self.votes.get(text, 0) + 1
-        eyes = self.eyes.setdefault(text, [])
-        if len(eyes) < MIN_PLACES and all(math.dist((x, y), eye) >= APART_M for eye in eyes):
-            eyes.append((x, y))
+        nearest = min(self.places, key=lambda place: math.dist(place.xy_m, eye), default=None)
+        is_full = len(self.places) >= MAX_PLACES
+        if nearest is None or (math.dist(nearest.xy_m, eye) >= APART_M and not is_full):
+            nearest = Place(eye)
+            self.places.append(nearest)
+        nearest.votes[text] += 1
 
     def place(self, xy_m: Points, distance_m: float) -> None:
         """Take a measurement of its place into account."""
@@ -162,7 +194,7 @@ class SignMap:
             sign.is_on_map = True
             if not sign.weight:
                 sign.xy_m = np.asarray(post)
-        self.signs = [sign for sign in self.signs if sign.is_on_map or sign.votes or sign.glimpses]
+        self.signs = [sign for sign in self.signs if sign.is_on_map or sign.is_seen]
 
     @property
     def posts_m(self) -> Points:
@@ -195,16 +227,35 @@ class SignMap:
         return [
             {
                 **vars(sign),
-                "votes": dict(sign.votes),
+                "places": [[*place.xy_m, dict(place.votes)] for place in sign.places],
                 "glimpses": dict(sign.glimpses),
-                "eyes": {text: list(eyes) for text, eyes in sign.eyes.items()},
             }
             for sign in self.signs
         ]
 
     def restore(self, state: Iterable[Mapping[str, Any]]) -> None:
         """Restore the data that `state` returned."""
-        self.signs = [Sign(**entry) for entry in state]
+        self.signs = [
+            Sign(
+                **{
+                    **entry,
+                    "places": [Place((x, y), Counter(votes)) for x, y, votes in entry["places"]],
+                    "glimpses": Counter(entry["glimpses"]),
+                }
+            )
+            for entry in state
+        ]
+
+
+def evidence(digit: str, texts: Mapping[str, int]) -> float:
+    """Return how much what was read speaks for a digit and against something else: a logarithm.
+
+    Args:
+        digit: the digit.
+        texts: for each text, from how many places it was read; '' for something else.
+    """
+    worth = {digit: READ, OTHER: OVERLOOKED}
+    return sum(places * worth.get(text, MISREAD) for text, places in texts.items())
 
 
 def sector_rad(number: int) -> float:

@@ -140,7 +140,7 @@ def test_image_from_a_turning_camera_is_not_read(monkeypatch: pytest.MonkeyPatch
         assert sign.xy_m == pytest.approx([2.5, 0.0], abs=0.01)
         finder.module.teardown()
         [written] = json.loads((tmp_path / "signs.json").read_text())
-        assert (written["text"], written["votes"]) == (None, {"7": 2})
+        assert (written["text"], written["places"]) == (None, [[0.0, 0.0, {"7": 2}]])
 
 
 def test_mission_takes_signs_and_writes_its_results(tmp_path: Path) -> None:
