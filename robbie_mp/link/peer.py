@@ -7,10 +7,11 @@ from typing import Protocol
 from robbie_mp.link.books import DROPPED, RECEIVED, REFUSED, TAKEN, Books, Key, Row
 from robbie_mp.link.clock_offset import ClockOffset, Exchange
 from robbie_mp.link.congestion import Window
-from robbie_mp.link.header import DATAGRAM_BYTES, MAX_COUNTS, Beat, ChannelId, Data, Report
+from robbie_mp.link.header import MAX_COUNTS, Beat, ChannelId, Data, Report
 from robbie_mp.link.receiving import Arrived, Fate, ReceiveStream
 from robbie_mp.link.sending import (
     HEADER_BYTES,
+    MAX_REPEATED_BYTES,
     Address,
     Item,
     Limits,
@@ -31,8 +32,6 @@ PAST_TOLD = 8
 """Sessions of which it is told."""
 MAX_PAST_SESSIONS = 64
 MAX_COPIES = 4
-MAX_COPIED_BYTES = 8 * DATAGRAM_BYTES
-"""Of longer messages there is one copy: several would fill a slow network."""
 COPIED_LOSS = 0.01
 """If a larger share of datagrams is lost, commands and states are sent in several copies."""
 LEAST_COUNTED = 30
@@ -89,7 +88,7 @@ class Peer:
         handle: publishes a message that has arrived, or refuses it.
 
     Attributes:
-        stale: packets of sessions that are over.
+        stale: packets of sessions that are over, or that have not begun because another is heard.
         uncounted: messages thrown away: their session has more channels than a report can tell about.
         strange: reports of what this link has never sent.
     """
@@ -221,7 +220,7 @@ class Peer:
                 self._is_full_until_ns = now_ns + FULL_NS
             return
         is_urgent = header.traffic is TrafficClass.URGENT
-        for _ in range(1 if is_urgent or header.whole > MAX_COPIED_BYTES else self._copies):
+        for _ in range(1 if is_urgent or header.whole > MAX_REPEATED_BYTES else self._copies):
             self._send_datagram(packet, payload)
         if is_urgent:  # on every way there is
             self._network.send(self.name, packet, payload)
@@ -314,10 +313,14 @@ class Peer:
         self._counted = (sent, self._datagrams_taken)
 
     def _is_present(self, session: int, now_ns: int) -> bool:
-        """Whether a session is the present one of the other link; a new one is from now on."""
+        """Whether a session is the present one of the other link; a new one is from now on.
+
+        Not while the present one is heard. The last process of a restarted link is silent, but somebody else
+        may send under the robot's name.
+        """
         if session == self.session:
             return True
-        if session in self._past:
+        if session in self._past or self.is_up(now_ns):
             self.stale += 1
             return False
         if self.session:

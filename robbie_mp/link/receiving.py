@@ -92,7 +92,11 @@ class ReceiveStream:
         self._overtaken_from = self.next
         """Packets with a lower sequence are never taken."""
         self._newest_of: dict[int, int] = {}
-        """Sequence of the newest packet taken of each channel, where none is sent again in order."""
+        """Last sequence of the newest message taken of each channel, where none is sent again in order."""
+        self._again: _Parts | None = None
+        """The parts of a message that others have overtaken, and"""
+        self._again_next = 0
+        """the sequence of its next part."""
 
     @property
     def handled(self) -> int:
@@ -110,7 +114,7 @@ class ReceiveStream:
         self.newest = max(self.newest, header.sending)
         self.misses = False
         if header.sequence < self.next:
-            if self._is_overtaken(header, payload):
+            if self._is_overtaken(header):
                 self._take_overtaken(header, payload)
             else:
                 self.duplicates += 1
@@ -125,8 +129,6 @@ class ReceiveStream:
                 self.misses = True
                 return
             self._skip_to(header.sequence)
-        if not self._is_in_order and not header.is_mark:
-            self._note(header)
         if header.is_mark or not self._add(header, payload):
             self._skip_to(header.sequence + 1)
             return
@@ -135,29 +137,29 @@ class ReceiveStream:
             return
         self._finish(header.sequence)
 
-    def _is_overtaken(self, header: Data, payload: bytes) -> bool:
-        """Whether a packet is a whole message, newer than all of its channel, that others have overtaken."""
-        return (
-            not self._is_in_order
-            and not header.is_mark
-            and header.start == 0
-            and len(payload) == header.whole
-            and header.sequence >= self._overtaken_from
-            and header.sequence > self._newest_of.get(header.channel, 0)
-        )
+    def _is_overtaken(self, header: Data) -> bool:
+        """Whether it belongs to a message, newer than all of its channel, that others have overtaken."""
+        if self._is_in_order or header.is_mark:
+            return False
+        first = header
+        if header.start:
+            if self._again is None or header.sequence != self._again_next:
+                return False
+            first = self._again.first
+        return first.sequence >= max(self._overtaken_from, self._newest_of.get(first.channel, 0) + 1)
 
     def _take_overtaken(self, header: Data, payload: bytes) -> None:
-        begun, self._parts = self._parts, None
-        self._note(header)
-        if self._add(header, payload):
+        begun, self._parts = self._parts, self._again
+        self._again_next = header.sequence + 1
+        if self._add(header, payload) and header.start + len(payload) == header.whole:
             self._finish(header.sequence)
-        self._parts = begun
+        self._parts, self._again = begun, self._parts
 
-    def _note(self, header: Data) -> None:
-        if header.channel not in self._newest_of and len(self._newest_of) >= MAX_COUNTS:
+    def _note(self, channel: int, sequence: int) -> None:
+        if channel not in self._newest_of and len(self._newest_of) >= MAX_COUNTS:
             self._newest_of.clear()
             self._overtaken_from = self.next
-        self._newest_of[header.channel] = header.sequence
+        self._newest_of[channel] = sequence
 
     def _skip_to(self, sequence: int) -> None:
         self._row[NEXT] = self.next = sequence
@@ -187,6 +189,8 @@ class ReceiveStream:
         parts = self._parts
         assert parts is not None
         message = self._put_together(parts)
+        if not self._is_in_order:
+            self._note(parts.first.channel, sequence)
         if message is not None:
             self._row[HANDLING] = sequence
             fate = self._handle(message)

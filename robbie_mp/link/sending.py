@@ -56,6 +56,8 @@ LATE_AGAIN_NS = 40_000_000
 """or this long, while a queue stands on the way in which datagrams are lost."""
 MAX_REPEATS = 3
 """So often at most."""
+MAX_REPEATED_BYTES = 8 * DATAGRAM_BYTES
+"""Longer messages are neither sent in copies nor, as states, again: they would fill a slow network."""
 
 
 HEADER_BYTES = 100
@@ -122,13 +124,18 @@ class Packet:
 class Newest:
     """The newest state of a channel, until it is known to have arrived."""
 
-    packet: Packet
-    payload: memoryview | bytes
+    parts: list[tuple[Packet, memoryview | bytes]]
+    """Its packets so far, with what they carry."""
     sent_ns: int
     """When it was last sent; 0: send it again at once."""
     repeats: int = 0
     is_lost: bool = False
     """Whether a report has told that it, or one before it, has not arrived."""
+
+    @property
+    def last(self) -> Packet:
+        """Its last packet so far."""
+        return self.parts[-1][0]
 
 
 @dataclass
@@ -358,11 +365,15 @@ class SendStream:
             self._settle(self.sent.popleft())
 
     def _note_newest(self, channel: SendChannel, packet: Packet, now_ns: int) -> None:
-        """Remember a state until it has arrived, if it is one packet: parts are not sent again."""
-        if packet.start == 0 and packet.is_last:
-            self._newest[channel.number] = Newest(packet, packet.payload, now_ns)
-        else:
+        """Remember a state until it has arrived, unless it is too long to be sent again."""
+        known = self._newest.get(channel.number)
+        if packet.whole > MAX_REPEATED_BYTES:
             self._newest.pop(channel.number, None)
+        elif packet.start == 0:
+            self._newest[channel.number] = Newest([(packet, packet.payload)], now_ns)
+        elif known is not None and known.last.item is packet.item:
+            known.parts.append((packet, packet.payload))
+            known.sent_ns = now_ns
 
     def repeat_newest(self, now_ns: int, max_bytes: int) -> None:
         """Send the newest state of each channel again if it has probably been lost.
@@ -374,17 +385,17 @@ class SendStream:
         is_late = self.window.is_late(now_ns)
         wait_ns = LATE_AGAIN_NS if is_late else self.window.round_trip_ns * 5 // 4 + STATE_AGAIN_NS
         for number, newest in list(self._newest.items()):
-            if now_ns - newest.sent_ns < wait_ns:
+            if now_ns - newest.sent_ns < wait_ns or not newest.last.is_last:
                 continue
             if newest.repeats >= MAX_REPEATS:
                 del self._newest[number]
             elif self.under_way.bytes <= max_bytes:
                 newest.repeats += 1
                 newest.sent_ns = now_ns
-                self.resent += 1
-                packet = newest.packet
-                sending = self.under_way.add(packet.sequence, packet.size, now_ns)
-                self.transmit(self._header(packet, packet.sequence, sending), newest.payload, now_ns)
+                for packet, payload in newest.parts:
+                    self.resent += 1
+                    sending = self.under_way.add(packet.sequence, packet.size, now_ns)
+                    self.transmit(self._header(packet, packet.sequence, sending), payload, now_ns)
 
     def _header(self, packet: Packet, oldest: int, number: int) -> Data:
         item, own = packet.item, self.address
@@ -443,7 +454,7 @@ class SendStream:
     def _forget_arrived(self, following: int) -> None:
         """Forget the states that have arrived; `following` is `Report.next`."""
         for number, newest in list(self._newest.items()):
-            if newest.packet.sequence < following and not newest.is_lost:
+            if newest.last.is_last and newest.last.sequence < following and not newest.is_lost:
                 del self._newest[number]
 
     def _take_counts(self, report: Report, channels: dict[int, SendChannel]) -> None:

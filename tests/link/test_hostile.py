@@ -211,6 +211,20 @@ def test_reports_of_what_was_never_sent_change_nothing_and_are_counted() -> None
     assert link.books.accounts()[0].received == 0
 
 
+def test_a_forged_session_does_not_end_one_that_is_heard_but_a_new_one_follows_a_silent_one() -> None:
+    link = Besieged()
+    link.run(0.3, name=EVENTS, traffic=TrafficClass.RELIABLE)
+    peer = link.node.peers["blue"]
+    for forged in (data(session=OTHER + 1), Beat("blue", OTHER + 1, 5, link.now_ns, 0, 0)):
+        link.get(forged, b"data" if isinstance(forged, Data) else b"")
+    assert (peer.session, peer.sessions, peer.stale) == (OTHER, 1, 2)
+    link.get(data(), b"data")
+    assert len(link.taken) == 1
+    link.now_ns += 501 * MS
+    link.get(data(session=OTHER + 1), b"data")
+    assert (peer.session, peer.sessions, len(link.taken)) == (OTHER + 1, 2, 2)
+
+
 def test_a_report_that_was_overtaken_does_not_turn_the_books_back() -> None:
     link = Besieged()
     link.run(0.2, name=ODOM, traffic=TrafficClass.STATE)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.link.header import ChannelId, Data
+from robbie_mp.link.header import ChannelId, Data, Packet
 from robbie_mp.link.receiving import Arrived, Fate
 from robbie_mp.link.sending import Limits, seems_to_shrink
 from robbie_mp.link.traffic import MANNERS, TrafficClass
@@ -333,3 +333,42 @@ def test_bulk_is_compressed_only_if_it_becomes_shorter(data: bytes, shrinks: boo
     assert blue.received(BULK) == [data]
     sizes = {one[2].whole for one in network.carried if isinstance(one[2], Data)}
     assert (max(sizes) < len(data) / 10) == shrinks
+
+
+@pytest.mark.parametrize("start", [0, 900, 2700])
+def test_state_of_several_datagrams_is_sent_again_when_one_of_them_is_lost(
+    start: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network, red, blue = two_robots(8)
+    lost: list[Data] = []
+    carry = network.carry
+
+    def lose_one(
+        sender: str, receiver: str, packet: Packet, payload: bytes, is_datagram: bool = False
+    ) -> None:
+        if isinstance(packet, Data) and packet.traffic is TrafficClass.STATE and packet.start == start:
+            lost.append(packet)
+            if len(lost) == 1:
+                return
+        carry(sender, receiver, packet, payload, is_datagram)
+
+    monkeypatch.setattr(network, "carry", lose_one)
+    red.offer(STATE, TrafficClass.STATE, numbered(1, 3000))
+    network.run(0.2)
+    assert blue.received(STATE) == [numbered(1, 3000)]
+    assert len(lost) == 2
+    check_books(red, blue, STATE, 1)
+    assert red.account(STATE).received == 1
+
+
+def test_states_of_several_datagrams_come_once_and_in_order_although_many_are_lost() -> None:
+    network, red, blue = two_robots(9, Conditions(delay_ns=20 * MS, loss=0.3, bytes_per_s=625_000))
+    for number in range(200):
+        red.offer(STATE, TrafficClass.STATE, numbered(number, 3000))
+        network.run(0.1)
+    network.run(2.0)
+    found = numbers(blue, STATE)
+    assert found == sorted(set(found))
+    assert len(found) > 190
+    check_books(red, blue, STATE, 200)
+    assert red.account(STATE).under_way == 0
