@@ -18,6 +18,8 @@ from modules.home.messages import (
     HouseholdStatus,
     HouseholdTask,
     OrderCancelled,
+    WhoIsWho,
+    WhoIsWhoResult,
 )
 from modules.manipulation.messages import (
     HandOver,
@@ -39,6 +41,7 @@ from robbie_mp import (
     CallError,
     CallRefused,
     GoalAborted,
+    GoalCancelled,
     Header,
     MessageHandling,
     Module,
@@ -85,9 +88,10 @@ START_S = 20.0
 class Household(Module):
     """Serves `CarryOut`, and does what `SpokenOrder`s say, by the robot's other modules.
 
-    It drives by `NavigateTo`, grasps by `PickUp`, `PutDown` and `HandOver`, follows by `FollowOrder`, and
-    keeps the names of places by `AnnotateMap`. It speaks by `Say`, and publishes `HouseholdStatus`. Without
-    an arm, or without a module that follows, it says so and does the rest.
+    It drives by `NavigateTo`, grasps by `PickUp`, `PutDown` and `HandOver`, follows by `FollowOrder`, looks
+    who is where by `WhoIsWho`, and keeps the names of places by `AnnotateMap`. It speaks by `Say`, and
+    publishes `HouseholdStatus`. Without an arm, or without a module that follows, it says so and does the
+    rest.
 
     With `start_orders`, it carries these out after its start, and then ends. The order survives a restart. It
     writes `household.json` to the run's results.
@@ -95,7 +99,7 @@ class Household(Module):
 
     period_s: float = setting(0.2, "time between decisions", minimum=0.02)
     orders: dict[str, list[str]] = setting(
-        {}, "sentences of the tasks bring, put, go, learn and follow, as those of `SpokenOrders`"
+        {}, "sentences of the tasks bring, put, go, learn, follow and who, as those of `SpokenOrders`"
     )
     words: dict[str, list[str]] = setting({}, "what can be said for <object> and <place>")
     places: dict[str, list[float]] = setting(
@@ -131,7 +135,8 @@ class Household(Module):
         self.active: CarryOutGoal | None = None
         self.arm: SentGoal | None = None
         self.arm_task: HouseholdState | None = None
-        self.arm_s = self.asked_s = self.pose_s = -math.inf
+        self.round: SentGoal | None = None
+        self.arm_s = self.round_s = self.asked_s = self.pose_s = -math.inf
         self.is_asking = self.follows = self.has_taught = False
         self.began_s = self.accepted_s = self._time_s()
         self.pose: tuple[float, float, float] | None = None
@@ -265,6 +270,7 @@ class Household(Module):
         self._tell_arm()
         self._learn()
         self._follow()
+        self._look_who()
         self._tell_client()
         self._keep()
         self._tell()
@@ -320,7 +326,7 @@ class Household(Module):
 
     def _drive(self) -> None:
         goal = self.work.goal
-        if self.pose is None or self.work.follows:
+        if self.pose is None or self.work.follows or self.work.asks_who:
             return
         if goal is not None and self.following not in ("", FOLLOWS_NOBODY):
             self._ask(FollowOrder(order="stop"), self._on_follow_stopped, self._on_not_told)
@@ -359,6 +365,30 @@ class Household(Module):
         """Forget that the robot follows if nothing is there that could."""
         if isinstance(error, NoServer | CallRefused):
             self.follows, self.following = False, ""
+
+    # -- who is who ----------------------------------------------------------------------------------------
+
+    def _look_who(self) -> None:
+        """Have the module that knows faces look who is where, or end that."""
+        if not self.work.asks_who:
+            if self.round is not None and self.round.is_active:
+                self.round.cancel("not wanted any more")
+            self.round = None
+        elif self.round is None and self._time_s() - self.round_s >= REPEAT_S:
+            self.goals.cancel("looks who is where")
+            self.round_s = self._time_s()
+            self.round = self.send_goal(WhoIsWho(), self._on_looked, self._on_not_looked)
+
+    def _on_looked(self, result: WhoIsWhoResult) -> None:
+        self.round = None
+        self.work.who_ended(True, f"has met {len(result.persons)} persons")
+
+    def _on_not_looked(self, error: CallError) -> None:
+        """Give up what cannot be done; `_look_who` repeats what an accident has ended."""
+        self.round = None
+        self.log.warning("who is who: %s: %s", type(error).__name__, error)
+        if isinstance(error, GoalAborted | GoalCancelled | CallRefused | NoServer):
+            self.work.who_ended(False, str(error))
 
     # -- places --------------------------------------------------------------------------------------------
 

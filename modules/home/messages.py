@@ -84,7 +84,7 @@ class LearnPerson(
 class HouseholdTask(Message, name="home_msgs/msg/HouseholdTask", version=1):
     """One task of an order."""
 
-    task: str = DEFAULT  # bring, put, go, learn or follow: see workers/home/orders.py
+    task: str = DEFAULT  # bring, put, go, learn, follow or who: see workers/home/orders.py
     object: str = DEFAULT  # what to bring or put; '' with put: what is in the hand
     place: str = DEFAULT  # where to put something or to go; how to call the place where the robot stands
 

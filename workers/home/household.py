@@ -1,6 +1,6 @@
 """Carries out the orders of a household, one task after another. It decides; it does not drive or grasp.
 
-Call `step` a few times each second, and do what `goal`, `arm_task`, `lesson` and `follows` say.
+Call `step` a few times each second, and do what `goal`, `arm_task`, `lesson`, `follows` and `asks_who` say.
 """
 
 import math
@@ -51,8 +51,8 @@ class TaskEnd:
 class HouseholdWork:
     """Carries out one order at a time, which has one or several tasks.
 
-    Its owner drives to `goal`, has the arm do `arm_task`, keeps the place of `lesson` and follows while
-    `follows`, and says how each ends.
+    Its owner drives to `goal`, has the arm do `arm_task`, keeps the place of `lesson`, follows while
+    `follows`, and looks for persons while `asks_who`; and it says how each ends.
 
     Args:
         clock: Returns the time in s.
@@ -150,6 +150,11 @@ class HouseholdWork:
         return self.state is HouseholdState.FOLLOW
 
     @property
+    def asks_who(self) -> bool:
+        """Return whether the robot should look who is where."""
+        return self.state is HouseholdState.WHO
+
+    @property
     def status(self) -> str:
         """Return what the robot does, and why, in one line."""
         done = sum(end.is_done for end in self.ends)
@@ -201,6 +206,8 @@ class HouseholdWork:
                 self.machine.go(HouseholdState.LEARN, order.text)
             case Task.FOLLOW:
                 self.machine.go(HouseholdState.FOLLOW, order.text)
+            case Task.WHO:
+                self.machine.go(HouseholdState.WHO, order.text)
             case Task.BRING | Task.PUT if self.holds and order.object in ("", self.holds):
                 self.machine.go(HouseholdState.CARRY, f"holds {self.holds}")
             case Task.BRING | Task.PUT if order.object:
@@ -340,6 +347,11 @@ class HouseholdWork:
         if self.state is HouseholdState.FOLLOW:
             self._given_at = None if self._pose is None else self._pose.copy()  # the person is there now
             self._end(is_done, reason, says=False)  # the one that follows has said why
+
+    def who_ended(self, is_done: bool, reason: str) -> None:
+        """Record that the robot has looked who is where, or why not."""
+        if self.state is HouseholdState.WHO:
+            self._end(is_done, reason, says=False)  # the one that looks has said it
 
     def step(self) -> None:
         """End what takes too long; find a person who takes what the robot brings."""

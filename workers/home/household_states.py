@@ -19,11 +19,12 @@ class HouseholdState(StrEnum):
     GO = "drives to a place"
     LEARN = "learns the name of a place"
     FOLLOW = "follows a person"
+    WHO = "looks who is where"
 
 
 _S = HouseholdState
 TRANSITIONS = {
-    _S.IDLE: {_S.FETCH, _S.CARRY, _S.GO, _S.LEARN, _S.FOLLOW},
+    _S.IDLE: {_S.FETCH, _S.CARRY, _S.GO, _S.LEARN, _S.FOLLOW, _S.WHO},
     _S.FETCH: {_S.PICK, _S.IDLE},
     _S.PICK: {_S.CARRY, _S.FETCH, _S.IDLE},
     _S.CARRY: {_S.PUT, _S.MEET, _S.IDLE},
@@ -33,6 +34,7 @@ TRANSITIONS = {
     _S.GO: {_S.IDLE},
     _S.LEARN: {_S.IDLE},
     _S.FOLLOW: {_S.IDLE},
+    _S.WHO: {_S.IDLE},
 }
 DRIVES = frozenset({_S.FETCH, _S.CARRY, _S.GO})
 ARM_WORKS = frozenset({_S.PICK, _S.PUT, _S.HAND})
@@ -46,6 +48,7 @@ WAYS = {
     _S.GO: (_S.GO,),
     _S.LEARN: (_S.LEARN,),
     _S.FOLLOW: (_S.FOLLOW,),
+    _S.WHO: (_S.WHO,),
 }
 """The states by which a restarted task comes to its state."""
 

@@ -26,6 +26,8 @@ class Task(StrEnum):
     """Give a name to the place where the robot stands."""
     FOLLOW = "follow"
     """Follow the person in front of the robot, until it is told to stop."""
+    WHO = "who"
+    """Look for persons, and say who is where."""
 
 
 NEEDS_ARM = {Task.BRING, Task.PUT}
@@ -54,6 +56,8 @@ class TaskOrder(NamedTuple):
                 return f"call this place the {self.place}"
             case Task.FOLLOW:
                 return "follow you"
+            case Task.WHO:
+                return "tell you who is where"
 
 
 class WrongOrder(ValueError):

@@ -30,6 +30,7 @@ TASKS = (
     ("Go to the place", "go", (PLACE,)),
     ("Call this place by the name", "learn", (NAME,)),
     ("Follow", "follow", ()),
+    ("Say who is where", "who", ()),
 )
 """Each with its button's text, and what it needs of what is chosen."""
 

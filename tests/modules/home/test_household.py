@@ -18,6 +18,8 @@ from modules.home.messages import (
     FollowOrderTaken,
     HouseholdStatus,
     HouseholdTask,
+    WhoIsWho,
+    WhoIsWhoResult,
 )
 from modules.manipulation.messages import HandOver, HandStatus, PickUp, PickUpResult, PutDown, PutDownResult
 from modules.people_messages import People, Person
@@ -28,6 +30,7 @@ from robbie_mp.messages import (
     AnnotateMap,
     CallRefusal,
     CancelNavigation,
+    GoalCancel,
     GoalEnd,
     MapAnnotated,
     MapAnnotations,
@@ -46,6 +49,7 @@ SETTINGS: dict[str, object] = {
         "go": ["go to the <place>"],
         "learn": ["this is the <place>"],
         "follow": ["follow me"],
+        "who": ["who is who"],
         "stop": ["stop"],
         "several": ["go to the <place> and bring me the <object>"],
     },
@@ -161,7 +165,7 @@ def test_orders_that_the_robot_cannot_carry_out_are_refused_by_call_and_by_voice
         "I do not understand 'dance'",
         "I have no arm that I can use",
         "I do not know the place 'moon'; I know: desk, kitchen",
-        "there is no task 'dance'; there are: bring, put, go, learn, follow",
+        "there is no task 'dance'; there are: bring, put, go, learn, follow, who",
     ]
     robot.harness.send(SpokenOrder(order="bring", text="bring me the soup"))
     robot.harness.send(SpokenOrder(order="go", text="go to the sofa"))
@@ -226,6 +230,23 @@ def test_robot_stops_following_before_it_drives_elsewhere(robot: Robot) -> None:
     assert request.order == "stop" and not robot.harness.take(NavigateTo)
     robot.harness.reply(request, FollowOrderTaken(changed=True, state="IDLE"))
     robot.wait(0.4)
+    assert robot.harness.take(NavigateTo)
+
+
+def test_robot_has_the_module_that_knows_faces_look_who_is_where(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send(SpokenOrder(order="who", text="who is who"))
+    robot.wait(0.4)
+    (goal,) = robot.harness.take(WhoIsWho)
+    robot.harness.end_goal(goal, WhoIsWhoResult())
+    robot.wait(0.4)
+    assert robot.harness.module.work.ends[-1].is_done
+    robot.harness.send(SpokenOrder(order="who", text="who is who"))
+    robot.wait(1.4)
+    assert robot.harness.take(WhoIsWho)
+    robot.harness.send(SpokenOrder(order="go", text="go to the desk"))
+    robot.wait(0.4)
+    assert robot.harness.take(GoalCancel)
     assert robot.harness.take(NavigateTo)
 
 

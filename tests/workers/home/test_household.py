@@ -213,7 +213,7 @@ def test_newer_order_replaces_the_older_one_but_a_wrong_one_does_not(robot: Robo
 def test_restarted_task_goes_on_with_the_same_step(state: HouseholdState, robot: Robot) -> None:
     orders = {
         HouseholdState.GO: GO, HouseholdState.PUT: PUT, HouseholdState.FOLLOW: FOLLOW,
-        HouseholdState.LEARN: TaskOrder(Task.LEARN, place="sofa"),
+        HouseholdState.LEARN: TaskOrder(Task.LEARN, place="sofa"), HouseholdState.WHO: TaskOrder(Task.WHO),
     }  # fmt: skip
     robot.work.begin([orders.get(state, BRING), GO])
     while robot.work.state is not state:
