@@ -71,12 +71,12 @@ def run_room(outcome: Outcome, folder: Path, profile: str, kill_until_s: float) 
 def judge(outcome: Outcome, output: Path) -> None:
     """Take the truth about the objects, and the base's collisions."""
     arm = json.loads((output / "arm.json").read_text())
-    ends = json.loads((output / "bring.json").read_text())
+    ends = json.loads((output / "household.json").read_text())
     places = {name: one["on"] for name, one in arm["objects"].items()}
     outcome.fallen = [name for name, one in arm["objects"].items() if one["lies"]]
     outcome.orders = len(ends)
     outcome.right = sum(
-        places.get(end["object"]) == end["target"] and end["object"] not in outcome.fallen for end in ends
+        places.get(end["object"]) == end["place"] and end["object"] not in outcome.fallen for end in ends
     )
     outcome.slips, outcome.contacts = arm["slips"], arm["contacts"]
     outcome.touches = json.loads((output / "base.json").read_text())["collisions"]

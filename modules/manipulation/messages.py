@@ -115,24 +115,3 @@ class HandOver(
     """Hold out what is in the hand to somebody in front of the robot, and let it go after a moment."""
 
     object: str = DEFAULT  # its name; '': whatever it is
-
-
-class BringFeedback(Feedback, name="manipulation_msgs/action/Bring_Feedback", version=1):
-    """How far the robot is; sent on each change."""
-
-    state: str = DEFAULT  # such as FETCH, PICK, CARRY, PUT
-    reason: str = DEFAULT  # why it is in that state, for people
-
-
-class BringResult(Result, name="manipulation_msgs/action/Bring_Result", version=1):
-    """The object is where it should be."""
-
-    duration_s: float64 = DEFAULT
-
-
-class Bring(Goal[BringFeedback, BringResult], name="manipulation_msgs/action/Bring_Goal", version=1):
-    """Bring an object from one place to another. One order is carried out at a time; others are refused."""
-
-    object: str = DEFAULT  # its name
-    source: str = DEFAULT  # name of the place where it is
-    target: str = DEFAULT  # name of the place where it should be

@@ -22,7 +22,7 @@ def robot(tmp_path: Path) -> Iterator[StockRobot]:
 
 def test_robot_brings_an_object_from_one_table_to_the_other(robot: StockRobot) -> None:
     exit_code, _modules, errors = robot.run(
-        "arm-fast", "--set", 'bring.orders=["soup: table -> counter"]', timeout_s=580.0
+        "arm-fast", "--set", 'household.start_orders=["put the soup on the counter"]', timeout_s=580.0
     )
     assert exit_code == 0, errors
     outcome = Outcome(seed=0)

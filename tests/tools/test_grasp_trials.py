@@ -9,12 +9,12 @@ from tools.grasp_trials import Outcome, judge, summary
 def judged(folder: Path, *, on: str = "counter", lies: bool = False, contacts: int = 0) -> Outcome:
     objects = {"soup": {"on": on, "lies": lies}, "tea": {"on": "counter", "lies": False}}
     ends = [
-        {"object": name, "target": "counter", "is_done": True, "reason": "done", "duration_s": 30.02}
+        {"object": name, "place": "counter", "is_done": True, "reason": "done", "duration_s": 30.02}
         for name in objects
     ]
     files = {
         "arm": {"objects": objects, "slips": 0, "contacts": contacts},
-        "bring": ends,
+        "household": ends,
         "base": {"collisions": 0},
     }
     for name, content in files.items():

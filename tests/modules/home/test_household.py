@@ -287,6 +287,17 @@ def test_arm_task_that_is_not_wanted_any_more_is_cancelled(robot: Robot) -> None
     assert robot.harness.module.work.holds == ""
 
 
+def test_arm_task_that_an_accident_has_ended_is_repeated(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send_goal(CarryOut(text="bring me the soup"))
+    robot.wait(0.4)
+    robot.arrive()
+    assert robot.harness.take(PickUp)
+    robot.harness.kill_server()
+    robot.wait(2.0)
+    assert robot.harness.take(PickUp)[-1].object == "soup"
+
+
 def test_failed_order_is_told_to_its_client_with_the_reason(robot: Robot) -> None:
     robot.begin()
     robot.harness.send_goal(CarryOut(text="go to the desk"), client="person")
@@ -319,6 +330,22 @@ def test_killed_robot_goes_on_and_its_client_notices_nothing(robot: Robot) -> No
         again.arrive()
         assert math.dist(again.pose, (0.0, 0.0, 0.0)) < 0.01  # where the order was given
         assert again.harness.take(CarryOutFeedback, "person")[-1].state == "MEET"
+
+
+def test_orders_of_the_start_are_carried_out_and_then_the_module_ends() -> None:
+    start = {"start_orders": ["go to the desk", "go to the kitchen"]}
+    with ModuleHarness(Household, SETTINGS | start, name="household") as harness:
+        robot = Robot(harness)
+        robot.begin()
+        robot.wait(0.4)
+        robot.arrive()
+        robot.arrive()
+        robot.wait(1.4)
+        assert harness.module.stop_requested
+        assert [(end.order.place, end.is_done) for end in harness.module.work.ends] == [
+            ("desk", True),
+            ("kitchen", True),
+        ]
 
 
 def test_status_tells_the_page_what_can_be_ordered(robot: Robot) -> None:

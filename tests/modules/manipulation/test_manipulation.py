@@ -1,31 +1,23 @@
 """The modules that see, grasp and bring: what they serve, refuse, publish, and keep over a restart."""
 
-import json
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from modules.manipulation.bring import Bringer, parsed
 from modules.manipulation.manipulation import Manipulation
 from modules.manipulation.messages import (
-    Bring,
-    BringFeedback,
-    BringResult,
     PickUp,
     PickUpFeedback,
-    PickUpResult,
     PutDown,
-    PutDownResult,
     TableObjects,
     TabletopTruth,
 )
 from modules.manipulation.simulated_arm import SimulatedArm
 from modules.manipulation.simulated_depth_camera import SimulatedDepthCameraModule
 from modules.manipulation.table_objects import TableObjectFinder, read_objects
-from robbie_mp import GoalAborted, Header, ModuleHarness, SettingError, Time
+from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CallRefusal,
     CameraInfo,
@@ -33,8 +25,6 @@ from robbie_mp.messages import (
     Image,
     JointCommand,
     JointState,
-    NavigateTo,
-    NavigationResult,
     Odometry,
     Point,
     PointsOfInterest,
@@ -52,7 +42,6 @@ ROBOT = str(PROJECT / "hw/robots/home.urdf")
 OBJECTS = PROJECT / "hw/robots/home_objects.yaml"
 NAMES = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll", "gripper"]
 STOWED = [0.0, -0.8, -0.3, 0.0, 1.1, 0.0, 0.045]
-PLACES = {"places": ["table", "counter"], "x_m": [0.6, -0.7], "y_m": [0.0, 1.2], "heading_rad": [0.0, 1.5]}
 
 
 # -- manipulation ----------------------------------------------------------------------------------------
@@ -202,95 +191,3 @@ def test_stock_objects_are_those_of_the_random_rooms() -> None:
         "tea": ((0.06, 0.04, 0.12), False),
         "cola": ((0.052, 0.052, 0.14), True),
     }
-
-
-# -- bringing --------------------------------------------------------------------------------------------
-
-
-def test_bringer_drives_picks_drives_and_puts_down(tmp_path: Path) -> None:
-    with ModuleHarness(Bringer, PLACES, output_directory=tmp_path) as bring:
-        bring.send(PoseStamped(), topic="map_pose")
-        bring.send_goal(Bring(object="soup", source="table", target="counter"), client="cook")
-        bring.send_goal(Bring(object="tea", source="table", target="counter"), client="other")
-        assert bring.take(CallRefusal, "other")[0].reason == "the robot has another order"
-        bring.advance(0.5)
-        (drive,) = bring.take(NavigateTo)
-        assert drive.pose.pose.position.x == 0.6
-        bring.end_goal(drive, NavigationResult())
-        bring.advance(0.5)
-        (pick,) = bring.take(PickUp)
-        assert pick.object == "soup"
-        bring.end_goal(pick, PickUpResult())
-        bring.advance(0.5)
-        drive = bring.take(NavigateTo)[-1]
-        assert (drive.pose.pose.position.x, drive.pose.pose.orientation.yaw) == pytest.approx((-0.7, 1.5))
-        bring.end_goal(drive, NavigationResult())
-        bring.advance(0.5)
-        (put,) = bring.take(PutDown)
-        bring.end_goal(put, PutDownResult())
-        bring.advance(0.5)
-        states = [told.state for told in bring.take(BringFeedback, "cook")]
-        assert states == ["FETCH", "PICK", "CARRY", "PUT"]
-        assert len(bring.take(BringResult, "cook")) == 1
-        bring.module.teardown()
-        (end,) = json.loads((tmp_path / "bring.json").read_text())
-        assert (end["object"], end["target"], end["is_done"]) == ("soup", "counter", True)
-
-
-def test_bringer_repeats_what_an_accident_ended_and_gives_up_what_the_arm_cannot_do() -> None:
-    with ModuleHarness(Bringer, {**PLACES, "orders": ["soup: table -> counter"]}) as bring:
-        bring.send(PoseStamped(), topic="map_pose")
-        bring.advance(0.5)
-        for _ in range(3):
-            bring.end_goal(bring.take(NavigateTo)[-1], NavigationResult())
-            bring.advance(1.5)
-            (pick,) = bring.take(PickUp)
-            bring.kill_server()
-            bring.advance(2.0)
-            pick = bring.take(PickUp)[-1]
-            bring.end_goal(pick, GoalAborted("sees no soup on a table"))
-            bring.advance(2.5)
-        assert bring.module.stop_requested
-        (end,) = bring.module.mission.ends
-        assert (end.is_done, end.reason) == (False, "sees no soup on a table")
-
-
-def test_restarted_bringer_repeats_the_step_for_the_same_client() -> None:
-    with ModuleHarness(Bringer, PLACES) as bring:
-        bring.send(PoseStamped(), topic="map_pose")
-        bring.send_goal(Bring(object="soup", source="table", target="counter"), client="cook")
-        bring.advance(0.5)
-        bring.end_goal(bring.take(NavigateTo)[-1], NavigationResult())
-        bring.advance(0.5)
-        kept = bring.checkpoint
-    with ModuleHarness(Bringer, PLACES, restored=kept) as again:
-        again.send(PoseStamped(), topic="map_pose")
-        again.advance(0.5)
-        (pick,) = again.take(PickUp)
-        assert pick.object == "soup"
-        assert again.take(BringFeedback, "cook")[-1].state == "PICK"
-
-
-@pytest.mark.parametrize(
-    ("change", "problem"),
-    [
-        ({"x_m": [1.0]}, "a finite number for each of the 2 places"),
-        ({"y_m": [1.0, math.inf]}, "a finite number for each"),
-        ({"places": ["table", "table"]}, "a name that no other has"),
-        ({"orders": ["soup: table -> shelf"]}, "there is no place 'shelf'"),
-        ({"orders": ["soup to counter"]}, "an order is written as"),
-    ],
-)
-def test_mistakes_in_places_and_orders_are_named(change: dict[str, object], problem: str) -> None:
-    with pytest.raises(SettingError, match=problem):
-        Bringer.check({"orders": [], **PLACES, **change})
-
-
-def test_orders_that_name_nothing_or_no_place_are_refused() -> None:
-    with ModuleHarness(Bringer, PLACES) as bring:
-        bring.send_goal(Bring(object="", source="table", target="counter"))
-        bring.send_goal(Bring(object="soup", source="table", target="shelf"))
-        reasons = [refusal.reason for refusal in bring.take(CallRefusal)]
-        assert reasons[1] == "there is no place 'shelf'; there are: table, counter"
-        assert len(reasons) == 2
-    assert parsed(" soup:table->counter") == ("soup", "table", "counter")
