@@ -1,0 +1,1 @@
+"""The household robot on the operator's page."""
