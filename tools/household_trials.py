@@ -36,7 +36,7 @@ from workers.maps.map_annotations import read_annotations
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "depth_camera", "manipulation")
 RUN_LIMIT_S = 3000.0
-BEGIN_S, KILL_UNTIL_S = 2.0, 90.0
+BEGIN_S, KILL_UNTIL_S = 2.0, 45.0
 """Every module is killed between these times of the run."""
 KINDS = {"soup": "can: [0.066, 0.10]", "tea": "box: [0.06, 0.04, 0.12]", "cola": "can: [0.052, 0.14]"}
 TABLES = {

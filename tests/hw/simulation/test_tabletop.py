@@ -75,6 +75,18 @@ def test_object_that_is_let_go_high_up_or_beside_the_table_falls_over(x: float, 
     assert top.pose("can")[2, 3] == pytest.approx(0.43 if x < 0.8 else 0.03)
 
 
+def test_object_that_a_person_takes_out_of_the_hand_is_not_in_the_room_any_more() -> None:
+    top = Tabletop([CAN], [TABLE])
+    half = closed(top, hand_at(0.4, 0.0, 0.45))
+    top.step(hand_at(1.5, 0.0, 0.7), half, [], somebody_takes=True)
+    assert top.held == "can"  # as long as the gripper holds it
+    top.step(hand_at(1.5, 0.0, 0.7), 0.045, [], somebody_takes=True)
+    assert (top.held, top.is_taken("can"), top.knocked, top.placed()) == (None, True, [], [])
+    again = Tabletop([CAN], [TABLE], state=top.memory())
+    assert again.is_taken("can")
+    assert closed(again, hand_at(1.5, 0.0, 0.7)) == 0.0
+
+
 def test_box_slips_if_its_faces_are_askew_and_not_if_they_are_flat() -> None:
     for yaw_rad, held in ((0.0, "box"), (0.2, "box"), (0.7, None)):
         top = Tabletop([BOX], [TABLE])

@@ -1,5 +1,6 @@
-"""The modules that see, grasp and bring: what they serve, refuse, publish, and keep over a restart."""
+"""The modules that see and grasp: what they serve, refuse, publish, and keep over a restart."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import pytest
 
 from modules.manipulation.manipulation import Manipulation
 from modules.manipulation.messages import (
+    HandOver,
+    HandStatus,
     PickUp,
     PickUpFeedback,
     PutDown,
@@ -114,6 +117,24 @@ def test_order_survives_a_restart_and_is_told_to_its_client(hand: ModuleHarness[
         # The same order of its client's next process goes on; it does not begin anew.
         again.send_goal(PickUp(object="soup"), client="next")
         assert again.module.work.machine.state.name == "FREE"
+
+
+def test_hand_tells_what_it_holds_and_hands_nothing_over_if_it_is_empty(
+    hand: ModuleHarness[Manipulation],
+) -> None:
+    hear_joints(hand, 0.2)
+    assert [(told.state, told.held) for told in hand.take(HandStatus)] == [("REST", "")]
+    hand.send_goal(HandOver(object="soup"))
+    assert hand.take(CallRefusal)[0].reason == "there is nothing in the hand"
+
+
+def test_missing_library_leaves_the_arm_out_if_the_profile_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    # Not a SettingError: the check of profiles leaves optional modules out that cannot import something.
+    with pytest.raises(ImportError, match="extra 'arm'"):
+        Manipulation.check(
+            {"robot": Path(ROBOT), "joints": NAMES[:6], "fingers": ["gripper", "right_finger"]}
+        )
 
 
 def test_mistakes_in_the_robot_are_named_before_anything_starts() -> None:

@@ -1,0 +1,39 @@
+"""The household robot, run as a user runs it: it brings an object to a person, in lockstep."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.robot.test_stock_robot import StockRobot
+from tools.household_trials import NOISY, Outcome, apartment, judge, plan_of
+from tools.mission_trials import settings_for
+
+pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
+# The time of the order is simulated, but that of the machine is not; on a busy one it takes its time.
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[StockRobot]:
+    made = StockRobot(tmp_path)
+    yield made
+    made.close()
+
+
+def test_robot_finds_an_object_and_hands_it_to_the_person_who_wants_it(
+    robot: StockRobot, tmp_path: Path
+) -> None:
+    text, on = apartment(1)
+    (tmp_path / "apartment.yaml").write_text(text)
+    plan = plan_of("bring", 1, on)
+    settings = settings_for("household-fast", tmp_path / "apartment.yaml", 1, NOISY)
+    settings.append(f'household.start_orders=["{plan.order}"]')
+    words = [word for setting in settings for word in ("--set", setting)]
+    exit_code, _modules, errors = robot.run("household-fast", *words, timeout_s=580.0)
+    assert exit_code == 0, errors
+    outcome = Outcome(seed=1, task="bring")
+    judge(outcome, plan, robot.output)
+    assert outcome.reasons == []
+    assert (outcome.fallen, outcome.contacts, outcome.collisions) == ([], 0, 0)
+    assert outcome.is_right, outcome.places
