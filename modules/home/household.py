@@ -55,6 +55,7 @@ from robbie_mp import (
 )
 from robbie_mp.messages import (
     AnnotateMap,
+    CancelNavigation,
     MapAnnotated,
     MapAnnotations,
     PointOfInterest,
@@ -203,8 +204,7 @@ class Household(Module):
     def on_spoken(self, spoken: SpokenOrder) -> None:
         """Do what somebody has said; say why not."""
         if spoken.order == "stop":
-            if self.on_cancel_order(CancelOrder(reason="was told to stop")).had_order:
-                self._say("I stop.")
+            self._stop_all()
             return
         if spoken.order not in (*Task, SEVERAL):
             return
@@ -215,6 +215,14 @@ class Household(Module):
             self._say(f"{error}.")
             return
         self._replace(None, "somebody has spoken another order")
+
+    def _stop_all(self) -> None:
+        """End the order and every drive, also those that others have ordered."""
+        says_it_itself = self.work.follows or self.work.asks_who
+        had_order = self.on_cancel_order(CancelOrder(reason="was told to stop")).had_order
+        if had_order and not says_it_itself:
+            self._say("I stop.")
+        self.call(CancelNavigation(reason="was told to stop"), lambda _reply: None)
 
     def _replace(self, active: CarryOutGoal | None, reason: str) -> None:
         """Let a new order take the place of the one before."""

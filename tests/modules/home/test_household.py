@@ -266,8 +266,11 @@ def test_cancelled_order_stops_drive_and_ends_for_its_client(how: str, robot: Ro
     robot.wait(0.4)
     (end,) = robot.harness.take(GoalEnd, "person")
     assert end.outcome == GoalEnd.CANCELLED
-    (cancel,) = robot.harness.take(CancelNavigation)
-    robot.harness.reply(cancel, NavigationCancelled())
+    cancels = robot.harness.take(CancelNavigation)
+    # By voice, the goals of all others end, too.
+    assert [cancel.client for cancel in cancels] == (["", "household"] if how == "voice" else ["household"])
+    for cancel in cancels:
+        robot.harness.reply(cancel, NavigationCancelled())
     assert robot.harness.module.work.order is None
 
 
