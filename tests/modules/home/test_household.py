@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
-from modules.home.household import Household
+from modules.home.household import SEVERAL, Household
 from modules.home.messages import (
     CancelOrder,
     CarryOut,
@@ -40,6 +41,9 @@ from robbie_mp.messages import (
     Point,
     PointOfInterest,
 )
+from tests._support.places import PROJECT
+from workers.home.orders import OrderReader, Task
+from workers.speech.order_grammar import OrderGrammar
 
 PLACES = {"desk": [2.0, 0.0, 0.0], "kitchen": [4.0, 2.0, 1.0]}
 SETTINGS: dict[str, object] = {
@@ -360,6 +364,29 @@ def test_status_tells_the_page_what_can_be_ordered(robot: Robot) -> None:
     robot.wait(0.4)
     status = robot.harness.take(HouseholdStatus)[-1]
     assert [one.task for one in status.tasks] == ["go", "follow"]
+
+
+@pytest.mark.parametrize(
+    ("text", "tasks"),
+    [
+        ("please bring me the soup", ["bring"]),
+        ("put the tea on the desk", ["put"]),
+        ("go to the living room and bring me the cola", ["go", "bring"]),
+        ("go to the kitchen and then follow me", ["go", "follow"]),
+        ("this is the sofa", ["learn"]),
+        ("who is who", ["who"]),
+    ],
+)
+def test_what_the_stock_robot_understands_by_voice_is_what_it_carries_out(
+    text: str, tasks: list[str]
+) -> None:
+    modules = yaml.safe_load((PROJECT / "profiles" / "home.yaml").read_text())["modules"]
+    heard, known = modules["orders"]["settings"], modules["household"]["settings"]
+    spoken = OrderGrammar(heard["orders"], heard["words"]).parse(text)
+    assert spoken is not None
+    assert spoken.order in (*Task, SEVERAL)
+    assert [one.task for one in OrderReader(known["orders"], known["words"]).read(spoken.text)] == tasks
+    assert set(known["tables"]) <= set(known["places"]) & set(known["words"]["place"])
 
 
 @pytest.mark.parametrize(
