@@ -7,7 +7,7 @@ written by one process, a store at a time, so the books balance wherever the pro
 import json
 import mmap
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +15,10 @@ from robbie_mp.link.header import MAX_COUNTS, ChannelId
 from robbie_mp.link.traffic import TrafficClass
 
 MAX_ROWS = 8192
+KEPT_SESSIONS = 16
+"""Sessions in each direction that have rows of their own; when rows are short, those before are added up."""
+ADDED_UP = 0
+"""The session of rows that hold the sums of sessions that have ended."""
 WORDS = 8
 TAKEN, REPLACED, DROPPED, RECEIVED, REFUSED, LOST, RECEIVED_BEFORE, REFUSED_BEFORE = range(WORDS)
 """Words of a channel that is sent: messages taken from the bus; replaced by newer ones; dropped here;
@@ -63,6 +67,10 @@ class Row:
     def __init__(self, words: memoryview, place: int):
         self._words = words
         self._place = place
+
+    def move(self, words: memoryview, place: int) -> None:
+        """Use other words from now on."""
+        self._words, self._place = words, place
 
     def __getitem__(self, column: int) -> int:
         value: int = self._words[self._place + column]
@@ -116,23 +124,25 @@ class Books:
         self.session = session
         self.unbooked = 0
         self._rows: dict[Key, Row] = {}
+        self._sessions: dict[tuple[str, bool], dict[int, None]] = {}
+        """By other robot, and whether they send to it: the sessions that have rows, oldest first."""
         self._received: dict[tuple[str, int, int], list[tuple[int, Row]]] = {}
         """Numbers and rows of the channels received, by robot, session and class."""
         self._keys: Path | None = None
-        size = (MAX_ROWS + 1) * WORDS * 8
         if folder is None:
-            self._words = memoryview(bytearray(size)).cast("Q")
+            self._words = memoryview(bytearray(_size())).cast("Q")
             return
         self._keys = folder / f"{link}.link-keys"
-        self._keys.touch(mode=0o600)
-        counts = os.open(folder / f"{link}.link-counts", _FLAGS, 0o600)
-        try:
-            os.posix_fallocate(counts, 0, size)  # full memory is an error here, and not a SIGBUS later
-            self._words = memoryview(mmap.mmap(counts, size)).cast("Q")
-        finally:
-            os.close(counts)
-        for line in self._keys.read_bytes().splitlines():
-            self._place(Key(*json.loads(line)))
+        if not self._keys.exists():
+            self._write_keys(f"{link}.link-counts-1", [])
+        counts, *keys = map(json.loads, self._keys.read_bytes().splitlines())
+        self._counts = folder / counts
+        for left in (*folder.glob(f"{link}.link-counts-*"), folder / f"{link}.link-new"):
+            if left != self._counts:  # a process was killed while it wrote new files
+                left.unlink(missing_ok=True)
+        self._words = _map(self._counts)
+        for key in keys:
+            self._place(Key(*key))
 
     def row(self, key: Key) -> Row:
         """Return the row of a key, a new one if there is none."""
@@ -176,6 +186,8 @@ class Books:
             session: the earlier session.
             counts: received and refused, by number of the channel.
         """
+        if session == ADDED_UP:
+            return
         for key, row in self._rows.items():
             if key.kind == "out" and key.peer == peer and key.session == session and key.number in counts:
                 received, refused = counts[key.number]
@@ -216,6 +228,8 @@ class Books:
 
     def _open(self, key: Key) -> Row:
         if len(self._rows) >= MAX_ROWS:
+            self._add_up()
+        if len(self._rows) >= MAX_ROWS:
             self.unbooked += 1
             return Row(memoryview(bytearray(WORDS * 8)).cast("Q"), 0)
         if self._keys is not None:
@@ -223,8 +237,81 @@ class Books:
                 file.write(json.dumps(key).encode() + b"\n")
         return self._place(key)
 
-    def _place(self, key: Key) -> Row:
-        row = self._rows[key] = Row(self._words, WORDS * (len(self._rows) + 1))
+    def _write_keys(self, counts: str, keys: Iterable[Key]) -> None:
+        """Write the file of the keys anew. A process that is killed here leaves the old one or the new one.
+
+        Args:
+            counts: name of the file of the counts that belong to it.
+            keys: the keys in the order of their rows.
+        """
+        assert self._keys is not None
+        new = self._keys.with_suffix(".link-new")
+        new.unlink(missing_ok=True)
+        new.touch(mode=0o600)
+        new.write_text("".join(json.dumps(line) + "\n" for line in (counts, *keys)))
+        new.replace(self._keys)
+
+    def _add_up(self) -> None:
+        """Give back the rows of sessions that ended long ago; the sums of their channels stay."""
+        ended = {
+            (*direction, session)
+            for direction, sessions in self._sessions.items()
+            for session in [one for one in sessions if one not in (ADDED_UP, self.session)][:-KEPT_SESSIONS]
+        }
+        if not ended:
+            return
+        kept = {
+            key: row
+            for key, row in self._rows.items()
+            if (key.peer, key.kind == "out", key.session) not in ended
+        }
+        sums: dict[Key, list[int]] = {key: [row[one] for one in range(WORDS)] for key, row in kept.items()}
+        for key, row in self._rows.items():
+            if key not in kept and key.kind != "stream":
+                total = sums.setdefault(key._replace(session=ADDED_UP, number=0), [0] * WORDS)
+                for column in range(WORDS):
+                    total[column] += row[column]
+        self._replace(sums, kept)
+
+    def _replace(self, counts: dict[Key, list[int]], kept: dict[Key, Row]) -> None:
+        """Go on with new files; who has a row that is kept goes on with it, too."""
+        old = None
+        if self._keys is None:
+            self._words = memoryview(bytearray(_size())).cast("Q")
+        else:
+            old, number = self._counts, int(self._counts.name.rpartition("-")[2])
+            self._counts = old.with_name(f"{old.name.rpartition('-')[0]}-{number + 1}")
+            self._counts.unlink(missing_ok=True)  # of a process that was killed here
+            self._words = _map(self._counts)
+        self._rows.clear()
+        self._sessions.clear()
+        self._received.clear()
+        for key, values in counts.items():
+            row = self._place(key, kept.get(key))
+            for column, value in enumerate(values):
+                row[column] = value
+        if old is not None:
+            self._write_keys(self._counts.name, counts)
+            old.unlink()
+
+    def _place(self, key: Key, known: Row | None = None) -> Row:
+        row = self._rows[key] = known or Row(self._words, 0)
+        row.move(self._words, WORDS * len(self._rows))
+        self._sessions.setdefault((key.peer, key.kind == "out"), {})[key.session] = None
         if key.kind == "in":
             self._received.setdefault((key.peer, key.session, key.traffic), []).append((key.number, row))
         return row
+
+
+def _size() -> int:
+    """Return the bytes of a file of counts."""
+    return (MAX_ROWS + 1) * WORDS * 8
+
+
+def _map(file: Path) -> memoryview:
+    counts = os.open(file, _FLAGS, 0o600)
+    try:
+        os.posix_fallocate(counts, 0, _size())  # full memory is an error here, and not a SIGBUS later
+        return memoryview(mmap.mmap(counts, _size())).cast("Q")
+    finally:
+        os.close(counts)

@@ -1,0 +1,128 @@
+"""The books of many sessions: rows are given back, and no count is lost, wherever the process is killed."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.link import books as link_books
+from robbie_mp.link.books import KEPT_SESSIONS, NEXT, RECEIVED, REFUSED, TAKEN, Account, Books, Key
+from robbie_mp.link.traffic import TrafficClass
+
+ROWS = 200
+ODOM = ("nav_msgs/msg/Odometry", 1, "odom")
+MAP = ("nav_msgs/msg/OccupancyGrid", 1, "map")
+
+
+@pytest.fixture(autouse=True)
+def few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link_books, "MAX_ROWS", ROWS)
+
+
+def receive(books: Books, session: int) -> None:
+    """Count what comes in a session of blue: a message of each channel, and one that is refused."""
+    books.row(Key("stream", "blue", session, TrafficClass.STATE))[NEXT] = session
+    for number, channel in enumerate((ODOM, MAP)):
+        row = books.row(Key("in", "blue", session, TrafficClass.STATE, number, *channel))
+        row.add(RECEIVED)
+        row.add(REFUSED)
+
+
+def send(books: Books) -> None:
+    """Count what goes to blue: three messages, of which one arrives."""
+    row = books.row(Key("out", "blue", books.session, TrafficClass.STATE, 0, *ODOM))
+    row.add(TAKEN, 3)
+    row.add(RECEIVED)
+
+
+def figures(books: Books) -> dict[tuple[bool, str], Account]:
+    return {(one.is_sent, one.channel.topic): one for one in books.accounts()}
+
+
+def test_rows_of_sessions_that_ended_long_ago_are_given_back_and_their_sums_stay() -> None:
+    books = Books(None, "link", 7)
+    send(books)
+    row = books.find(Key("out", "blue", 7, TrafficClass.STATE, 0, *ODOM))
+    assert row is not None
+    for session in range(1000, 2000):
+        receive(books, session)
+    assert books.unbooked == 0
+    row.add(TAKEN)  # a channel that was opened before still counts in its row
+    found = figures(books)
+    assert (found[False, "odom"].received, found[False, "map"].dropped) == (1000, 1000)
+    assert (found[True, "odom"].sent, found[True, "odom"].under_way) == (4, 3)
+    assert books.sessions_of("blue")[-KEPT_SESSIONS:] == list(range(2000 - KEPT_SESSIONS, 2000))
+    assert books.streams_of("blue", 1999)[TrafficClass.STATE][NEXT] == 1999
+    assert books.received_from("blue", 1999, TrafficClass.STATE) == [(0, 1, 1), (1, 1, 1)]
+
+
+def test_sums_of_own_earlier_sessions_stay_and_what_was_under_way_is_lost(tmp_path: Path) -> None:
+    for session in range(1, 500):
+        books = Books(tmp_path, "link", session)
+        send(books)
+        books.close()
+    books = Books(tmp_path, "link", 500)
+    found = figures(books)[True, "odom"]
+    assert books.unbooked == 0
+    assert (found.sent, found.received, found.lost) == (3 * 499, 499, 2 * 499)
+    assert len(list(tmp_path.iterdir())) == 2
+    books.close()
+
+
+@pytest.mark.parametrize("step", ["_map", "json.dumps", "Path.replace", "Path.unlink"])
+def test_no_count_is_lost_if_the_process_is_killed_while_rows_are_given_back(
+    step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    books = Books(tmp_path, "link", 7)
+    send(books)
+    sessions = iter(range(1000, 2000))
+    while len(list(books)) < ROWS - 2:
+        receive(books, next(sessions))
+    before = figures(books)
+    with monkeypatch.context() as patch:
+        kill_at(step, patch)
+        with pytest.raises(Killed):
+            for session in sessions:
+                books.row(Key("stream", "blue", session, TrafficClass.STATE))
+    again = Books(tmp_path, "link", 8)
+    after = figures(again)
+    assert {key: one.received for key, one in after.items()} == {
+        key: one.received for key, one in before.items()
+    }
+    assert after[True, "odom"].sent == 3
+    assert len(list(tmp_path.iterdir())) == 2
+    receive(again, 3000)
+    again.close()
+
+
+class Killed(Exception):
+    """Stands for the end of the process."""
+
+
+def kill_at(step: str, patch: pytest.MonkeyPatch) -> None:
+    """Have a step of the replacement raise."""
+
+    def killed(*_: object, **__: object) -> None:
+        raise Killed
+
+    def later(after: int, call: Callable[..., object]) -> Callable[..., object]:
+        count = 0
+
+        def counted(*given: object, **named: object) -> object:
+            nonlocal count
+            count += 1
+            if count > after:
+                raise Killed
+            return call(*given, **named)
+
+        return counted
+
+    if step == "_map":
+        patch.setattr(link_books, "_map", killed)
+    elif step == "json.dumps":  # that of the first keys are those of rows that are opened before
+        patch.setattr(json, "dumps", later(10, json.dumps))
+    elif step == "Path.replace":
+        patch.setattr(Path, "replace", killed)
+    else:  # the first two make way for the new files
+        patch.setattr(Path, "unlink", later(2, Path.unlink))
