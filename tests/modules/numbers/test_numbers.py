@@ -141,6 +141,10 @@ def test_image_from_a_turning_camera_is_not_read(monkeypatch: pytest.MonkeyPatch
         finder.module.teardown()
         [written] = json.loads((tmp_path / "signs.json").read_text())
         assert (written["text"], written["places"]) == (None, [[0.0, 0.0, {"7": 2}]])
+        kept = finder.checkpoint
+    with ModuleHarness(NumberSignFinder, restored=kept) as finder:
+        [again] = finder.module.signs.signs
+        assert (again.votes, again.places[0].xy_m) == ({"7": 2}, (0.0, 0.0))
 
 
 def test_mission_takes_signs_and_writes_its_results(tmp_path: Path) -> None:
