@@ -257,7 +257,7 @@ class Cockpit:
     def _show(self) -> None:
         in_layout = {tile.panel for tile in self._layout}
         shown = {self._alone} if self._alone else in_layout
-        self._page.shown = frozenset(shown)
+        self._page.show(frozenset(shown))
         for name, frame in self._frames.items():
             frame.show(name in shown)
             self._heads[name].show(is_alone=name == self._alone, is_in_layout=name in in_layout)

@@ -167,6 +167,8 @@ class Page:
         self._station = station
         self._asked: list[tuple[Asked, str]] = []
         """The requests that have not ended yet, each with the text to show when it succeeds."""
+        self._timers: list[tuple[str, ui.timer]] = []
+        """The timers of panels, which run only while the page shows these."""
         self.shown: frozenset[str] = frozenset()
         """Names of the panels that the page shows now."""
         self.driver: Drives | None = None
@@ -256,11 +258,19 @@ class Page:
 
         If the update is a coroutine, it ends before the next one begins.
         """
-        self.always(period_s, lambda: update() if panel in self.shown else None)
+        timer = self.always(period_s, update)
+        timer.active = panel in self.shown
+        self._timers.append((panel, timer))
 
-    def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> None:
+    def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> ui.timer:
         """Call an update periodically whatever the page shows, except while the browser does not keep up."""
-        ui.timer(period_s, lambda: update() if self.link.is_free else None)
+        return ui.timer(period_s, lambda: update() if self.link.is_free else None)
+
+    def show(self, panels: frozenset[str]) -> None:
+        """Show these panels, and update no others."""
+        self.shown = panels
+        for panel, timer in self._timers:
+            timer.active = panel in panels
 
 
 def ending(asked: Asked) -> str:

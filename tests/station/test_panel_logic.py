@@ -8,6 +8,7 @@ import pytest
 
 from robbie_mp.messages import LaserScan, Path, Point, Pose, PoseStamped
 from robbie_mp.messages.descriptions import KnownTypes
+from robbie_mp.station.context import Page
 from robbie_mp.station.goals import checked
 from robbie_mp.station.panels import plots
 from robbie_mp.station.panels.map import MAX_PATH_POINTS, way_points
@@ -100,3 +101,26 @@ def test_long_path_is_thinned_but_keeps_its_end() -> None:
 
 def test_goal_without_a_heading_has_none() -> None:
     assert checked({"what": "goal", "x_m": 1, "y_m": 2.5, "yaw_rad": None}) == ("goal", 1.0, 2.5, None)
+
+
+def test_panel_is_updated_only_while_the_page_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    timers: list[Mock] = []
+
+    def timer(_period_s: float, _update: object) -> Mock:
+        timers.append(Mock(active=True))
+        return timers[-1]
+
+    monkeypatch.setattr("nicegui.ui.timer", timer)
+    page = Page("key", "session", Mock(), Mock())
+    page.every(0.1, "map", Mock())
+    page.every(0.1, "view", Mock())
+    page.always(0.1, Mock())
+
+    def running() -> list[bool]:
+        return [one.active for one in timers]
+
+    assert running() == [False, False, True]
+    page.show(frozenset({"view"}))
+    assert running() == [False, True, True]
+    page.show(frozenset({"map"}))
+    assert running() == [True, False, True]

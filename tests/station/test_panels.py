@@ -382,6 +382,7 @@ def goals_are_added_and_a_distance_is_measured(page: Page, told: Told) -> None:
     page.mouse.click(middle_x - 60, middle_y)  # it waits for the first one, which is then cancelled
     page.click("#map-undo")
     page.click("#map-measure")
+    page.wait_for_function("Object.values(mounted_app.$refs).flat().find((one) => one?.measure).measures")
     page.mouse.move(middle_x, middle_y)
     page.mouse.down()
     page.mouse.move(middle_x + 60, middle_y)
@@ -403,7 +404,7 @@ def joint_moves_while_its_pose_is_held(page: Page) -> None:
 
 def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> None:
     page.click("#tab-view")
-    page.wait_for_selector("#view-moving[data-walls='7']")  # one block for each row of the map that is known
+    page.wait_for_selector("#view-moving[data-walls='1']")  # the wall at the left, in all rows that are known
     page.click("#view-goal")
     page.wait_for_selector("#view-moving[data-placing=goal]")
     page.click("#view-scene canvas")  # the camera looks at the origin

@@ -22,7 +22,8 @@ modules:
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
 SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"
 REFERENCES = "Object.values(mounted_app.$refs).flat()"
-CAMERA = f"{REFERENCES}.find((one) => one?.$el?.id === 'view-scene').camera.position.x"
+SCENE_COMPONENT = f"{REFERENCES}.find((one) => one?.$el?.id === 'view-scene')"
+CAMERA = f"{SCENE_COMPONENT}.camera.position.x"
 VIEW = f"{REFERENCES}.find((one) => one?.effort)"
 # As without a graphics card, where a picture takes long: what was told to be computed never becomes complete.
 NEVER_COMPLETE = f"""() => {{
@@ -108,11 +109,13 @@ def view_has_no_picture_in_work_while_it_is_hidden(page: Page) -> None:
     page.click("#tab-map")
     page.wait_for_function(f"!{VIEW}.live.in_sight")
     page.wait_for_function(f"{VIEW}.effort.fence === null")
+    page.wait_for_function(f"{SCENE_COMPONENT}.fps === 4")
     page.evaluate(BY_ITSELF)
 
 
 def view_takes_the_colours_of_the_look(page: Page) -> None:
     page.click("#tab-view")
+    page.wait_for_function(f"{SCENE_COMPONENT}.fps === 60")
     page.wait_for_function(f"{SKY} === '1d232a'")
     page.click("#look")
     page.wait_for_function(f"{SKY} === 'b8c5d0'")

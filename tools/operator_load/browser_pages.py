@@ -18,7 +18,7 @@ from tools.operator_load import HIDDEN, LIVE, TILES, token_of
 from tools.operator_trials.chromium import chromium
 
 LOAD_LIMIT_MS = 180_000
-COUNT_IMAGES = """addEventListener("load", (event) => {
+COUNT_IMAGES = """document.addEventListener("load", (event) => { // the window never hears of an image
   if (event.target.classList?.contains("newest-image")) window.images = (window.images ?? 0) + 1;
 }, true);
 const watch = () => {

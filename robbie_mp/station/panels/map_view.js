@@ -350,7 +350,8 @@ export default {
         const long = pen.measureText(name).width;
         const places = [[10, -8], [10, 18], [-10 - long, -8], [-10 - long, 18], [-long / 2, -16], [-long / 2, 26]];
         const boxes = places.map(([right, down]) => [u + right, v + down - 12, u + right + long, v + down + 4]);
-        const free = boxes.find((one) => taken.every((other) => apart(one, other)));
+        const all_free = boxes.filter((one) => taken.every((other) => apart(one, other)));
+        const free = all_free.find((one) => one[0] >= 0 && one[1] >= 0 && one[2] <= width && one[3] <= height) ?? all_free[0];
         if (!free) continue;
         taken.push(free);
         pen.strokeText(name, free[0], free[1] + 12);

@@ -24,8 +24,6 @@ GROUP = "view"
 """Group of live parts that move."""
 PERIOD_S = 0.2
 """Time between updates of the objects and of the line of text."""
-FRAMES_PER_S = 60
-"""Maximum rate at which the page draws; it draws only what has changed."""
 COLOURS = {"plain": "one colour", "height": "by height", "intensity": "by intensity"}
 BEHIND_AND_ABOVE_M = (-3.0, 0.0, 3.0)
 """Initial position of the camera relative to the robot."""
@@ -77,7 +75,7 @@ class ViewPanel(Panel):
                 walls = ui.checkbox("walls", value=True).props("id=view-walls")
                 names = ui.checkbox("frame names").props("id=view-names")
         with Moving().classes("w-full").props("id=view-moving") as moving:
-            scene = ui.scene(grid=False, background_color="#1d232a", fps=FRAMES_PER_S, click_events=[])
+            scene = ui.scene(grid=False, background_color="#1d232a", click_events=[])
             scene.style("width: 100%; height: 65vh").props("id=view-scene")
         shown = ui.label("nothing is known yet").props("id=view-figures")
         scene.move_camera(*BEHIND_AND_ABOVE_M, 0.0, 0.0, 0.0, duration=0)

@@ -13,6 +13,9 @@ const SLOW_MS = 80; // a picture that takes longer keeps the other tiles from be
 const SLOW_PICTURES = 8; // after these, the scene gets coarser
 const LEAST_RATIO = 0.5; // computed pixels for each pixel of the screen, in each direction
 const GIVEN_UP_MS = 3000;
+const FRAMES_PER_S = 60; // most; a hidden scene only looks whether it is in sight again
+const HIDDEN_FRAMES_PER_S = 4;
+const WALL = open_box();
 const LINES = ["view/path", "view/trail"];
 // The floor is brighter than the sky in both, so that what is known of the map stands out.
 const PALETTES = {
@@ -106,9 +109,12 @@ export default {
     },
     // Nodes, marks and names come with the page's other messages, so every now and then something is new.
     look() {
-      const { renderer, controls } = getElement(this.scene) ?? {};
+      const component = getElement(this.scene);
+      const { renderer, controls } = component ?? {};
       if (!controls) return;
-      if (renderer !== this.renderer) this.draw_only_changes(renderer, controls);
+      if (renderer !== this.renderer) this.draw_only_changes(component);
+      component.$.props.fps = this.live.in_sight ? FRAMES_PER_S : HIDDEN_FRAMES_PER_S;
+      if (!this.live.in_sight) return;
       controls.maxPolarAngle = LOWEST_VIEW_RAD;
       this.move_nodes();
       this.has_changed = true;
@@ -118,11 +124,17 @@ export default {
       this.has_changed = true;
     },
     // The scene is drawn again and again, in sight or not, and that is most of what a page costs.
-    draw_only_changes(renderer, controls) {
+    draw_only_changes({ renderer, text_renderer, text3d_renderer, controls }) {
+      let has_drawn = false;
+      for (const texts of [text_renderer, text3d_renderer]) {
+        const render = texts.render;
+        texts.render = (...what) => has_drawn && render.apply(texts, what);
+      }
       const render = renderer.render;
       const gl = renderer.getContext();
       this.effort = { fence: null, begun_ms: 0, rests_until_ms: 0, slow: 0 };
       renderer.render = (...what) => {
+        has_drawn = false;
         if (!this.live.in_sight) {
           if (this.effort.fence) gl.deleteSync(this.effort.fence);
           this.effort.fence = null; // or the time out of sight would count as the picture's
@@ -136,6 +148,7 @@ export default {
           this.effort.slow = 0;
         }
         render.apply(renderer, what);
+        has_drawn = true; // so that the names, which are elements of the page, are placed anew
         if (!gl.fenceSync) return;
         this.effort.begun_ms = performance.now();
         this.effort.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -256,6 +269,8 @@ export default {
         const [across, up] = name.split("/").map(Number);
         const mesh = blocks_of(picture, size, this.wall_material);
         mesh.position.set(across * size, up * size, 0);
+        // What is out of sight is not drawn. The radius grows with the largest scale, which is that of the heights, 1.
+        mesh.boundingSphere = new THREE.Sphere(new THREE.Vector3(size / 2, size / 2, 0), size * pixel_m + WALL_M);
         raised.add(mesh);
         blocks.set(name, { mesh, picture });
       }
@@ -308,29 +323,44 @@ function rainbow(value, brightness) {
   return new THREE.Color().setHSL(0.66 * (1 - part), 1, brightness).toArray();
 }
 
-// One block for each run of occupied pixels in a row, in pixels of the tile.
+// Blocks of occupied pixels, in pixels of the tile. Runs of a row that lie exactly above those of the row before make one
+// block with them, so that a wall is a block in whatever direction it goes.
 function blocks_of(picture, size, material) {
   const canvas = new OffscreenCanvas(size, size);
   const pen = canvas.getContext("2d", { willReadFrequently: true });
   pen.drawImage(picture, 0, 0);
   const { data } = pen.getImageData(0, 0, size, size);
   const is_wall = (x, row) => data[4 * (row * size + x) + 3] > 0 && data[4 * (row * size + x)] < DARKEST_WALL;
-  const runs = [];
-  for (let row = 0; row < size; row += 1)
+  const blocks = [];
+  let before = new Map(); // the blocks that reach the row before, by where they begin and end
+  for (let row = 0; row < size; row += 1) {
+    const here = new Map();
     for (let x = 0; x < size; x += 1) {
       if (!is_wall(x, row)) continue;
       const begin = x;
       while (x < size && is_wall(x, row)) x += 1;
-      runs.push([begin, x, size - row - 0.5]); // the first row of a picture is the top
+      const key = begin * (size + 1) + x;
+      const block = before.get(key) ?? { begin, end: x, first: row };
+      if (block.first === row) blocks.push(block);
+      block.last = row;
+      here.set(key, block);
     }
-  const mesh = new THREE.InstancedMesh(new THREE.BoxGeometry(1, 1, WALL_M), material, runs.length);
+    before = here;
+  }
+  const mesh = new THREE.InstancedMesh(WALL, material, blocks.length);
   const matrix = new THREE.Matrix4();
-  runs.forEach(([begin, end, y], at) => {
-    matrix.makeScale(end - begin, 1, 1).setPosition((begin + end) / 2, y, WALL_M / 2);
+  blocks.forEach(({ begin, end, first, last }, at) => {
+    const y = size - (first + last + 1) / 2; // the first row of a picture is the top
+    matrix.makeScale(end - begin, last - first + 1, 1).setPosition((begin + end) / 2, y, WALL_M / 2);
     mesh.setMatrixAt(at, matrix);
   });
-  mesh.frustumCulled = false;
   return mesh;
+}
+
+// A cube without its bottom, which nobody sees.
+function open_box() {
+  const box = new THREE.BoxGeometry(1, 1, WALL_M);
+  return box.setIndex([...box.index.array.slice(0, 30)]);
 }
 
 function goal_arrow(material) {
