@@ -179,7 +179,7 @@ def judge(outcome: Outcome, introduced: list[str], output: Path) -> None:
     """Compare the robot's answer with the truth."""
     told, base = (json.loads((output / f"{name}.json").read_text()) for name in ("guests", "base"))
     found = list(told["found"])
-    outcome.people = found
+    outcome.people = list(found)
     outcome.known, outcome.strangers = len(introduced), len(told["truth"]) - len(introduced)
     outcome.learnt = len(told["known"])
     outcome.faces = sum(one["faces"] for one in found)
