@@ -199,6 +199,7 @@ class PersonTour:
         self._tried: list[tuple[float, float]] = []
         self._area = SeenArea()
         self._place: tuple[float, float] | None = None
+        self._heading_rad: float | None = None
         self._searched_s = -math.inf
         self._candidate: _Candidate | None = None
         self.to_learn: SeenFace | None = None
@@ -360,9 +361,13 @@ class PersonTour:
         robot = self._pose[:2].tolist()
         self._area.look_from(robot)
         if self._place is None or self._area.is_seen(self._place):
-            self._place = self._area.next_place(robot)
+            self._place = self._area.next_place(robot, self._heading_rad)
             if self._place is None:
                 self._end(True, "has looked everywhere")
+                return
+            away = np.subtract(self._place, robot)
+            # It stays the same on the way: each new goal restarts navigation.
+            self._heading_rad = math.atan2(away[1], away[0])
 
     def _approach(self, track: str) -> None:
         self._candidate = _Candidate(track, self._persons[track].xy_m)
@@ -418,9 +423,8 @@ class PersonTour:
     def _orders(self) -> TourOrders:
         assert self._pose is not None
         candidate = self._candidate
-        if self.state is TourState.SEARCH and self._place is not None:
-            away = np.subtract(self._place, self._pose[:2])
-            return TourOrders(np.array([*self._place, math.atan2(away[1], away[0])]))
+        if self._place is not None and self._heading_rad is not None:
+            return TourOrders(np.array([*self._place, self._heading_rad]))
         if candidate is None:
             return TourOrders()
         if self.state is TourState.APPROACH:

@@ -84,6 +84,15 @@ def test_robot_meets_everybody_and_ends_when_it_has_looked_everywhere(scene: Sce
     assert max(one.faces for one in scene.tour.met) == TourSettings().most_faces
 
 
+def test_each_place_is_one_goal_and_the_robot_does_not_weave_through_a_wide_room(scene: Scene) -> None:
+    scene.tour.go_round(0)
+    goals = [tuple(goal.tolist()) for _ in range(130) if (goal := scene.run(0.1).goal) is not None]
+    different = list(dict.fromkeys(goals))
+    assert len(different) == len({goal[:2] for goal in different})
+    sides = np.sign([goal[1] for goal in different])
+    assert np.count_nonzero(np.diff(sides)) <= 4
+
+
 def test_round_for_one_person_ends_with_that_person(scene: Scene) -> None:
     scene.persons, scene.faces = {"1": (2.0, 1.0), "2": (6.0, 1.0)}, {"1": "Anna", "2": "Ben"}
     scene.tour.go_round(1)
