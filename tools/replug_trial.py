@@ -219,6 +219,7 @@ class Trial:
         busy: the same during the rounds.
         collisions: of the robot.
         restarts: of its modules.
+        slips: times that mapping missed a motion in the odometry, and searched for the robot.
     """
 
     replugs: dict[str, Replugs] = field(default_factory=lambda: {name: Replugs() for name in MEASUREMENT})
@@ -226,6 +227,7 @@ class Trial:
     busy: Waits = field(default_factory=Waits)
     collisions: int = 0
     restarts: int = 0
+    slips: int = 0
 
     @property
     def rounds(self) -> int:
@@ -258,7 +260,8 @@ class Trial:
             summary = robot.stop() if robot.is_up else robot.wait_for_end()
             if summary["exit_code"]:
                 raise RobotTrouble(f"a run has failed: {summary['reason']}")
-            self.collisions += json.loads((robot.output / "base.json").read_text())["collisions"]
+            self.collisions += _told_by(robot, "base")["collisions"]
+            self.slips += _told_by(robot, "mapping")["slips_noticed"]
             self.restarts += sum(module["restarts"] for module in summary["modules"])
         finally:
             robot.close()
@@ -270,8 +273,14 @@ class Trial:
             "p99_ms": {"calm": self.calm.p99_ms(), "replugs": self.busy.p99_ms()},
             "collisions": self.collisions,
             "restarts": self.restarts,
+            "slips": self.slips,
         }
         return json.dumps(told, indent=2) + "\n"
+
+
+def _told_by(robot: Robot, module: str) -> dict[str, int]:
+    found: dict[str, int] = json.loads((robot.output / f"{module}.json").read_text())
+    return found
 
 
 def as_text(result: Trial) -> str:
@@ -286,7 +295,8 @@ def as_text(result: Trial) -> str:
         for name, ms in calm_ms.items()
         if name in busy_ms
     ]
-    return "\n".join([*lines, f"{result.collisions} collisions, {result.restarts} restarts"])
+    counted = f"{result.collisions} collisions, {result.restarts} restarts, {result.slips} slips of odometry"
+    return "\n".join([*lines, counted])
 
 
 def _told(values: list[float]) -> str:

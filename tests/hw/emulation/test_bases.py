@@ -1,5 +1,6 @@
 """The drivers of bases and their emulators were written by the manuals alone: they understand each other."""
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -115,3 +116,29 @@ def test_pioneer_stands_within_0_4_s_after_its_line_broke(wanted: tuple[float, f
             assert clock.now_s - broke_s <= 0.4
     # It drove as fast as it may.
     assert max(abs(driven[0]) / 400, abs(driven[1]) / 60) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("wanted", [(0.4, 0.0), (0.0, 1.0), (-0.3, 0.5)])
+def test_odometry_has_what_a_pioneer_drove_while_its_line_was_broken(wanted: tuple[float, float]) -> None:
+    clock = SimulatedTime()
+    device = EmulatedPioneer(EmulatedClock(monotonic=clock), Base(bit_rate=57_600, watchdog_s=0.15))
+    line = SteppedLine(device, clock)
+    with closing(PioneerBase("simulated", 57_600, clock=clock, monotonic=clock)) as base:
+        base._open_port = line.opened
+        while not base.poll(0.02):
+            pass
+        began_s = clock.now_s
+        while clock.now_s < began_s + 2.0:
+            base.command(*wanted, 0.3)
+            base.poll(0.02)
+        heard = base.read().pose
+        base._lose(OSError("pulled out"))
+        while device.velocity != (0.0, 0.0):
+            line.read(0.001)
+        clock.now_s += 1.0
+        while not base.poll(0.02):
+            pass
+        pose = base.read().pose
+    assert math.dist(heard[:2], pose[:2]) > 0.05 or abs(heard.heading_rad - pose.heading_rad) > 0.1
+    assert pose[:2] == pytest.approx((device._x_mm / 1000, device._y_mm / 1000), abs=0.003)
+    assert pose.heading_rad == pytest.approx(device._heading_rad, abs=0.005)
