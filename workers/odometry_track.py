@@ -10,6 +10,7 @@ from workers.row_log import RowLog
 
 SAME_STAMP_S = 1e-4
 SEARCHED = 200  # newest entries searched for a sweep's stamp
+PAUSE_S, PAUSE_PERIODS = 0.5, 4  # a pause is longer than both
 
 
 @dataclass(frozen=True)
@@ -71,3 +72,23 @@ class OdometryTrack:
         rows = self.log.rows[max(first - 1, 0) : last + 1]
         steps = relative(rows[:-1, 1:], rows[1:, 1:])
         return np.array([np.hypot(steps[:, 0], steps[:, 1]).sum(), 0.0, np.abs(steps[:, 2]).sum()])
+
+    def is_in_pause(self, place: Place, least_m: float, least_rad: float) -> bool:
+        """Return whether a place lies in a pause of the odometry in which the robot moved.
+
+        Where the robot was then is not known: it may have stood for most of the pause.
+
+        Args:
+            place: A place between the newest entries.
+            least_m: A shorter way is no motion.
+            least_rad: Likewise for turns.
+        """
+        first = int(np.floor(place.position)) - self.log.forgotten
+        rows = self.log.rows[max(0, first) : first + 2]
+        if place.position == np.floor(place.position) or len(rows) < 2:
+            return False
+        pause_s = rows[1, 0] - rows[0, 0]
+        if pause_s <= PAUSE_S or pause_s <= PAUSE_PERIODS * np.median(np.diff(self.log.rows[-SEARCHED:, 0])):
+            return False
+        step = relative(rows[0, 1:], rows[1, 1:])
+        return bool(np.hypot(step[0], step[1]) > least_m or abs(step[2]) > least_rad)

@@ -283,6 +283,9 @@ class GridMapper:
                 # No odometry has this stamp: the entry that arrived just before the sweep is the nearest.
                 place = self._odometry.numbered(first.arrival - 1)
             self._waiting.popleft()
+            if self._odometry.is_in_pause(place, HARDLY_M, HARDLY_RAD):
+                self.refused["sweeps in a pause of odometry"] += 1
+                continue
             self._use(first.stamp_s, first.sweep, place)
 
     def _use(self, stamp_s: float, sweep: LaserSweep, place: Place) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 from workers.mapping.grid_mapper import GridMapper
 from workers.mapping.pose_graph import PoseGraph
-from workers.planar_pose import relative
+from workers.planar_pose import compose, relative
 
 BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 SWEEP_STEPS = 10
@@ -58,6 +58,37 @@ def test_gap_into_unknown_space_stays_open_until_a_loop_is_closed() -> None:
 def test_drive_without_a_gap_has_none() -> None:
     mapper = run(GridMapper(), Drive.around_the_pillar(4.0), (0, 0))
     assert mapper.gaps_noticed == 0
+
+
+def test_sweeps_in_a_pause_of_odometry_in_which_the_robot_turned_are_left_out() -> None:
+    """As after a replug of the base: it turned for 0.3 s, and then stood for 1.2 s."""
+    drive, mapper, turn_rad = Drive.around_the_pillar(4.0), GridMapper(), 0.35
+    run(mapper, drive, (0, 0))
+    stamp_s, *odometry = drive.odometry[-1].tolist()
+
+    def turned(stamp: float) -> NDArray[np.float64]:
+        return compose(drive.true_at(stamp_s), [0.0, 0.0, min(1.0, (stamp - stamp_s) / 0.3) * turn_rad])
+
+    for number in range(1, 31):
+        stamp = stamp_s + 0.1 * number
+        if number > 15:
+            mapper.add_odometry(stamp - 0.05, compose(odometry, [0.0, 0.0, turn_rad]))
+        mapper.add_scan(stamp, measure(turned(stamp), np.random.default_rng(number)), *BEAMS)
+    assert mapper.refused["sweeps in a pause of odometry"] > 5
+    assert mapper.slips_noticed == 0
+    assert relative(turned(stamp), mapper.pose) == pytest.approx([0.0, 0.0, 0.0], abs=0.01)
+
+
+def test_slow_odometry_is_no_pause() -> None:
+    drive = Drive.around_the_pillar(8.0)
+    mapper = GridMapper()
+    for number, (stamp, *odometry) in enumerate(drive.odometry.tolist()):
+        if number % 30 == 0:
+            mapper.add_odometry(stamp, odometry)
+        if number % SWEEP_STEPS == 5:
+            mapper.add_scan(stamp, measure(drive.true_at(stamp), np.random.default_rng(number)), *BEAMS)
+    assert mapper.refused["sweeps in a pause of odometry"] == 0
+    assert mapper.key_sweeps > 3
 
 
 def test_loose_edge_counts_as_a_long_way() -> None:
