@@ -6,10 +6,9 @@ import math
 import time
 from typing import TYPE_CHECKING, NamedTuple
 
-from robbie_mp.messages import LightsState, SetLight
+from robbie_mp.messages import LightsState
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page
     from robbie_mp.station.latest import MessageSource
 
 MAX_MODULES, MAX_LIGHTS = 8, 32
@@ -60,14 +59,3 @@ class LightsWatch:
     def are_on(self) -> bool:
         """Whether any light is known to shine."""
         return any(self.shown().values())
-
-    def turn(self, page: Page) -> None:
-        """Switch all lights off for an operator, or, if all are dark, on."""
-        brightness = 0.0 if self.are_on else 1.0
-        for light in self.shown():
-            ask_for(page, light, brightness)
-
-
-def ask_for(page: Page, light: LightId, brightness: float) -> None:
-    """Ask for the brightness of a light; the page shows an error if its module refuses."""
-    page.ask(SetLight(name=light.name, brightness=brightness), f"the {light.name}", topic=light.module)

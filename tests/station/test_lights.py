@@ -9,6 +9,7 @@ import pytest
 
 from robbie_mp.messages import LightsState, Message, SetLight
 from robbie_mp.station.lights import MAX_LIGHTS, MAX_MODULES, LightId, LightsWatch
+from robbie_mp.station.panels.light_controls import turn
 
 HEAD, REAR = LightId("lamps", "head", True), LightId("board", "rear", False)
 
@@ -65,10 +66,10 @@ def test_all_lights_are_switched_off_if_one_shines_and_on_if_all_are_dark(
     page: Any = SimpleNamespace(ask=ask)
     source.tell("lamps", {"head": 0.0})
     source.tell("board", {"rear": 1.0}, can_dim=False)
-    watch.turn(page)
+    turn(watch, page)
     assert asked == [("lamps", "head", 0.0), ("board", "rear", 0.0)]
     source.tell("board", {"rear": 0.0}, can_dim=False)
-    watch.turn(page)
+    turn(watch, page)
     assert asked[2:] == [("lamps", "head", 1.0), ("board", "rear", 1.0)]
 
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from robbie_mp.messages import SetLight
 from robbie_mp.station.access import Role
-from robbie_mp.station.lights import LightId, ask_for
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page
-    from robbie_mp.station.lights import LightsWatch
+    from robbie_mp.station.lights import LightId, LightsWatch
 
 LOOK_S = 0.3
 FULL_PERCENT = 100
@@ -29,10 +29,12 @@ class LightSwitch:
     def __init__(self, page: Page, lights: LightsWatch, panel: str):
         self._lights = lights
         label = "Lights on or off"
-        self._button = ui.button(icon="lightbulb", on_click=lambda: lights.turn(page)).classes("camera-light")
+        self._button = ui.button(icon="lightbulb", on_click=lambda: turn(lights, page)).classes(
+            "camera-light"
+        )
         self._button.props(f'id=lights dense color=dark aria-label="{label}" title="{label} (F)"')
         self._button.set_visibility(False)
-        page.add_key("f", label, lambda: lights.turn(page))
+        page.add_key("f", label, lambda: turn(lights, page))
         page.every(LOOK_S, panel, self._update)
 
     def _update(self) -> None:
@@ -81,3 +83,15 @@ class LightSliders:
             slider.on("change", lambda event: ask_for(self._page, light, float(event.args) / FULL_PERCENT))
             text = ui.label("").classes("joint-at").props(f'data-light-at="{light.name}"')
         return slider, text
+
+
+def turn(lights: LightsWatch, page: Page) -> None:
+    """Switch all lights off for an operator, or, if all are dark, on."""
+    brightness = 0.0 if lights.are_on else 1.0
+    for light in lights.shown():
+        ask_for(page, light, brightness)
+
+
+def ask_for(page: Page, light: LightId, brightness: float) -> None:
+    """Ask for the brightness of a light; the page shows an error if its module refuses."""
+    page.ask(SetLight(name=light.name, brightness=brightness), f"the {light.name}", topic=light.module)
