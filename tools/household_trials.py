@@ -51,7 +51,7 @@ TASKS = ("bring", "put", "learn", "several")
 LEARNT, PLACE_M = "sofa", 0.8
 PEOPLE = """\
 people:
-  - {name: Anna, way: [[2.35, 4.1, 0], [2.45, 4.1, 0]], from_s: 100000}
+  - {name: Anna, way: [[3.4, 4.5, 0], [3.5, 4.5, 0]], from_s: 100000}
   - {name: David, way: [[2.5, 5.4, 4], [2.5, 6.2, 0], [5.0, 6.3, 3], [5.0, 2.4, 5]], speed_m_per_s: %.2f}
 """
 
