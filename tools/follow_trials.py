@@ -168,7 +168,6 @@ def main(words: list[str] | None = None) -> int:
     parser = command_line("python -m tools.follow_trials", __doc__, "home-fast", "number of runs")
     parser.add_argument("--minutes", type=float, default=2.0, help="duration of a run in the robot's time")
     parser.add_argument("--hurries", action="store_true", help="the person is faster than the robot")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
     options = parser.parse_args(words)
 
     def play_one(seed: int, folder: Path) -> Outcome:

@@ -212,7 +212,6 @@ def main(words: list[str] | None = None) -> int:
         "python -m tools.household_trials", __doc__, "household-fast", "number of apartments"
     )
     parser.add_argument("--tasks", default=",".join(TASKS), help="the tasks, joined by commas")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep the runs in this folder")
     options = parser.parse_args(words)
     tasks = options.tasks.split(",")
     if unknown := [task for task in tasks if task not in TASKS]:

@@ -57,6 +57,7 @@ def command_line(prog: str, description: str | None, profile: str, seeds: str) -
     parser.add_argument("--profile", default=profile)
     parser.add_argument("--kill", action="store_true", help="kill every module once")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
     return parser
 
 
@@ -124,13 +125,13 @@ def play_all(
     """Play all seeds, print each result and the summary, and write them to the file of `--json`.
 
     Args:
-        options: of `command_line`. With `keep`, the folder of that name takes the runs and is kept.
+        options: of `command_line`.
         play_one: plays a seed in an empty folder.
         summary: figures of all results together.
         name: what the results are called in the file, such as "missions".
     """
     trials: list[AnyTrial] = []
-    with _folder(getattr(options, "keep", None)) as folder:
+    with _folder(options.keep) as folder:
         for seed in range(options.first, options.first + options.seeds):
             (folder / str(seed)).mkdir(parents=True)
             trials.append(play_one(seed, folder / str(seed)))

@@ -151,7 +151,6 @@ def main(words: list[str] | None = None) -> int:
         help="time of the run by which all were killed",
     )
     parser.add_argument("--ground", type=Path, metavar="FILE", help="play on this ground only")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
     parser.add_argument("--sheet", action="store_true", help="a sheet at the start shows the order")
     options = parser.parse_args(words)
 

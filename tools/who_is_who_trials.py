@@ -94,11 +94,11 @@ def heads_in(folder: Path) -> dict[str, list[Pixels]]:
         SystemExit: there are fewer than three persons.
     """
     cv2: Any = import_module("cv2")
-    recognizer = FaceRecognizer()
+    recognizer = FaceRecognizer(doublings=1)
     heads: dict[str, list[Pixels]] = {}
     for file in sorted(folder.glob("*.jpg")):
         picture = cv2.cvtColor(cv2.imread(str(file)), cv2.COLOR_BGR2RGB)
-        boxes = recognizer.boxes(picture)
+        boxes = [one.box for one in recognizer.find(picture)]
         if not boxes:
             continue
         box = max(boxes, key=lambda one: one.width * one.height)
@@ -231,7 +231,6 @@ def main(words: list[str] | None = None) -> int:
     """Run the command line. The exit code is 0 if every run was right, else 1."""
     parser = command_line("python -m tools.who_is_who_trials", __doc__, "home-faces", "number of runs")
     parser.add_argument("--faces", type=Path, required=True, help="with pictures PERSON_NUMBER.jpg")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
     options = parser.parse_args(words)
     heads = heads_in(options.faces)
 

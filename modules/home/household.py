@@ -126,7 +126,8 @@ class Household(Module):
         except WrongGrammar as error:
             raise SettingError(str(error), "orders") from error
         except WrongOrder as error:
-            raise SettingError(str(error), "start_orders") from error
+            text = f"{error}; the settings 'orders' and 'words' say what can be ordered"
+            raise SettingError(text, "start_orders") from error
 
     def setup(self) -> None:
         """Subscribe; continue the order of the process before."""
@@ -377,13 +378,13 @@ class Household(Module):
     # -- who is who ----------------------------------------------------------------------------------------
 
     def _look_who(self) -> None:
-        """Have the module that knows faces look who is where, or end that."""
+        """Have the module that knows faces find out who is where, or end that."""
         if not self.work.asks_who:
             if self.round is not None and self.round.is_active:
                 self.round.cancel("not wanted any more")
             self.round = None
         elif self.round is None and self._time_s() - self.round_s >= REPEAT_S:
-            self.goals.cancel("looks who is where")
+            self.goals.cancel("finds out who is where")
             self.round_s = self._time_s()
             self.round = self.send_goal(WhoIsWho(), self._on_looked, self._on_not_looked)
 

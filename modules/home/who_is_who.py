@@ -218,7 +218,7 @@ class WhoIsWhoTask(Module):
         self.tour.see_persons(reports_of(message, self.clock.now_ns()))
 
     def on_names(self, message: TaughtNames) -> None:
-        """Note who is known."""
+        """Note the names of known persons."""
         self.names = list(message.names)
 
     def on_camera(self, camera: CameraInfo) -> None:
@@ -262,7 +262,7 @@ class WhoIsWhoTask(Module):
         )
 
     def teardown(self) -> None:
-        """Write who was met last."""
+        """Write which persons were met last."""
         persons = [
             {"name": one.name, "x_m": one.xy_m[0], "y_m": one.xy_m[1], "faces": one.faces}
             for one in self.tour.met

@@ -33,7 +33,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
     position is half of the opening, in m, and stops at what is between the fingers. Its effort in
     `JointState` is then that of the fingers, in N, as servos measure it.
 
-    A person who is near takes what the hand lets go.
+    A person near the hand takes what it lets go.
 
     Where the objects truly are goes out as `TabletopTruth` on `ground_truth`, and at the end into
     `arm.json`. Joints and objects survive a restart.
@@ -135,7 +135,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         (self.output_directory / "arm.json").write_text(json.dumps(result) + "\n")
 
     def _below(self, name: str) -> str:
-        """Return the name of the table on which an object stands or lies, or who has it; or 'floor'."""
+        """Return where an object is: the name of a table, 'hand', 'person' or 'floor'."""
         if name == self.objects.held:
             return "hand"
         if self.objects.is_taken(name):

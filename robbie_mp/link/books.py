@@ -274,7 +274,7 @@ class Books:
         self._replace(sums, kept)
 
     def _replace(self, counts: dict[Key, list[int]], kept: dict[Key, Row]) -> None:
-        """Go on with new files; who has a row that is kept goes on with it, too."""
+        """Go on with new files. A kept row moves to them, so everything that holds one can go on using it."""
         old = None
         if self._keys is None:
             self._words = memoryview(bytearray(_size())).cast("Q")

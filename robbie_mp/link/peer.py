@@ -66,7 +66,7 @@ class Network(Protocol):
         """Send a packet; it may be lost without a word. Return False if there was no room for it at once.
 
         Args:
-            robot: who gets it.
+            robot: the receiver.
             packet: its header.
             payload: the rest of it.
             as_datagram: send it alone, so that it never waits for others that the network repeats.

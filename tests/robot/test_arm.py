@@ -1,23 +1,13 @@
 """The robot with the arm, run as a user runs it: it brings one object, in lockstep."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
-from tests.robot.test_stock_robot import StockRobot
+from tests.robot._support.stock_robot import StockRobot
 from tools.grasp_trials import Outcome, judge
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 # The time of the orders is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 def test_robot_brings_an_object_from_one_table_to_the_other(robot: StockRobot) -> None:

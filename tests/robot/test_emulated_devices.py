@@ -1,26 +1,17 @@
 """The stock robots drive and map with the drivers of real hardware, on serial lines to emulated devices."""
 
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from hw.simulation.arena_file import read_arena
-from tests.robot.test_stock_robot import PROJECT, StockRobot
+from tests.robot._support.stock_robot import PROJECT, StockRobot
 from tools.emulation_trial import away_from_walls_m
 
 ARENAS = PROJECT / "hw" / "simulation" / "arenas"
 ROOM = ARENAS / "rescue_small.yaml"
 SEEN_FROM_START_M2 = 4.3
 """The robot's first sweeps show less than this of the small room."""
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 @pytest.mark.slow

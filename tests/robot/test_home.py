@@ -1,22 +1,12 @@
 """The household robot, run as a user runs it: it follows a person in lockstep, judged by a referee."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
-from tests.robot.test_stock_robot import StockRobot
+from tests.robot._support.stock_robot import StockRobot
 from tools.follow_trials import Outcome, judge
 
 # The time of the task is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 def test_robot_follows_the_person_who_told_it_to(robot: StockRobot) -> None:

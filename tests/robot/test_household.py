@@ -1,24 +1,16 @@
 """The household robot, run as a user runs it: it brings an object to a person, in lockstep."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.robot.test_stock_robot import StockRobot
+from tests.robot._support.stock_robot import StockRobot
 from tools.household_trials import NOISY, Outcome, apartment, judge, plan_of
 from tools.mission_trials import settings_for
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 # The time of the order is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 def test_robot_finds_an_object_and_hands_it_to_the_person_who_wants_it(

@@ -5,22 +5,13 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from tests.robot.test_stock_robot import StockRobot
+from tests.robot._support.stock_robot import StockRobot
 
 pytestmark = pytest.mark.timeout(150)
 LIMIT_S = 60.0
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 def goal_at(x_m: float, frame: str = "map") -> str:

@@ -1,23 +1,13 @@
 """The robot of the numbered signs, run as a user runs it: on a small ground, in lockstep, with a referee."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
-from tests.robot.test_stock_robot import StockRobot
+from tests.robot._support.stock_robot import StockRobot
 from tests.workers.numbers.test_board_reader import needs_reader
 from tools.numbers_trials import Outcome, judge
 
 # The time of the task is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900), needs_reader]
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 def test_robot_reads_the_sheet_and_drives_to_its_digits_in_order(robot: StockRobot) -> None:

@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from robbie_mp.recording.reader import LoggedMessage, open_log
-from tests.robot.test_stock_robot import PROJECT, StockRobot
+from tests.robot._support.stock_robot import PROJECT, StockRobot
 from tools.intel_lockstep import write_log
 
 pytestmark = pytest.mark.timeout(500)

@@ -3,25 +3,16 @@
 import csv
 import json
 import math
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from hw.simulation.arena_file import read_arena
 from tests._support.places import ARENAS
-from tests.robot.test_stock_robot import StockRobot
+from tests.robot._support.stock_robot import StockRobot
 from tools.rescue_trials import Outcome, judge
 
 # The time of the mission is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = pytest.mark.timeout(400)
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 def test_small_mission_finds_all_victims_maps_everything_and_comes_home(robot: StockRobot) -> None:

@@ -3,13 +3,12 @@
 import json
 import shutil
 import wave
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.robot.test_stock_robot import StockRobot
+from tests.robot._support.stock_robot import StockRobot
 from workers.speech.order_recognizer import RATE_HZ
 from workers.speech.voice import speak
 
@@ -23,13 +22,6 @@ SPOKEN = [(8.0, "this is the kitchen"), (8.0, "go to the kitchen"), (6.0, "yes")
 """How long it is silent, and what is said then. The robot answers in the silence."""
 MAX_TEXTS = 16
 """Texts of the robot while the recording is played some four times."""
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Iterator[StockRobot]:
-    made = StockRobot(tmp_path)
-    yield made
-    made.close()
 
 
 @pytest.fixture

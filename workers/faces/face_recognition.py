@@ -121,13 +121,6 @@ class FaceRecognizer:
                 found.append(Sighting(name, confidence_of(distance, self._max_distance), box))
         return found
 
-    def boxes(self, pixels: Pixels) -> list[Box]:
-        """Return where all faces in an image are; also small ones, of 40 pixels."""
-        return [
-            Box(face.left(), face.top(), face.width(), face.height())
-            for face in self._detector(np.ascontiguousarray(pixels), 1)
-        ]
-
     def describe(self, pixels: Pixels) -> list[Description]:
         """Return the descriptions of all faces in an image, each (128,)."""
         return [self._describe(pixels, face) for face in self._detector(np.ascontiguousarray(pixels), 1)]

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.state_machine import StateMachine
+from workers.home.area_search import AreaSearch
 from workers.home.follow_states import FOLLOWS, SEARCHES, TRANSITIONS, FollowSettings, FollowState
-from workers.home.seen_area import SeenArea
 from workers.people.clothes import blended, similarity
 
 Array = NDArray[np.float64]
@@ -26,8 +26,6 @@ MAX_LOOKS = 6
 LEARN_SHARE = 0.1
 """Share of a new picture in what the robot knows of the person's clothes."""
 MAX_SAYINGS = 8
-SEARCH_PERIOD_S = 0.5
-"""Time between two looks at the map while it searches."""
 
 I_FOLLOW = "I follow you."
 NOBODY = "I see nobody in front of me."
@@ -100,7 +98,7 @@ class Follow:
         self._stopped: str | None = None
         self._sayings: deque[str] = deque(maxlen=MAX_SAYINGS)
         self._goal: tuple[Array, float] | None = None
-        self._map: tuple[NDArray[np.int8], float, Sequence[float]] | None = None
+        self._area = AreaSearch(clock)
         self._forget_person()
 
     def _forget_person(self) -> None:
@@ -115,12 +113,7 @@ class Follow:
         self._sure: tuple[tuple[float, float], tuple[float, float], float] | None = None
         self._is_here_s = -math.inf
         self._asked_s = -math.inf
-        self._forget_search()
-
-    def _forget_search(self) -> None:
-        self._area = SeenArea()
-        self._place: tuple[float, float] | None = None
-        self._searched_s = -math.inf
+        self._area.begin()
 
     @property
     def state(self) -> FollowState:
@@ -168,7 +161,7 @@ class Follow:
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: Sequence[float]) -> None:
         """Take the newest map: see `SeenArea.see_map`."""
-        self._map = cells, resolution_m, corner_xy_m
+        self._area.see_map(cells, resolution_m, corner_xy_m)
 
     def see_persons(self, persons: Sequence[PersonReport]) -> None:
         """Take all persons that are tracked now."""
@@ -208,9 +201,8 @@ class Follow:
 
     def _leave_place(self) -> None:
         """Search elsewhere: the robot was there, or cannot get there."""
-        if self.state is FollowState.SEARCH and self._place is not None:
-            self._area.leave_out(self._place)
-            self._place = None
+        if self.state is FollowState.SEARCH:
+            self._area.leave_place()
 
     # -- outputs ---------------------------------------------------------------------------------------
 
@@ -300,7 +292,7 @@ class Follow:
         self.losses += 1
         self._likeness = {}
         self._goal = None
-        self._forget_search()
+        self._area.begin()
         self.machine.go(FollowState.LOST, reason)
 
     def _judge_distance(self) -> None:
@@ -335,27 +327,18 @@ class Follow:
 
     def _look_on_map(self) -> None:
         """Note what is in sight, and choose where to look next; ask if there is nothing more to search."""
-        if self._map is None or self._clock() - self._searched_s < SEARCH_PERIOD_S:
-            if self._map is None and self.state is FollowState.SEARCH:
-                self.machine.go(FollowState.ASK, "there is no map to search")
-            return
         assert self._pose is not None
-        self._searched_s = self._clock()
-        self._area.see_map(*self._map)
-        robot = self._pose[:2].tolist()
-        self._area.look_from(robot)
-        if self.state is not FollowState.SEARCH or (
-            self._place is not None and not self._area.is_seen(self._place)
-        ):
+        area, robot = self._area, self._pose[:2].tolist()
+        if self.state is FollowState.SEARCH and not area.has_map:
+            self.machine.go(FollowState.ASK, "there is no map to search")
+        if not area.look(robot) or self.state is not FollowState.SEARCH or not area.needs_place:
             return
-        course = float(self._last_place()[2])
-        self._place = self._area.next_place(robot, course)
-        if self._place is None:  # the person may have walked to where the robot has looked before
-            self._area = SeenArea()
-            self._area.see_map(*self._map)
-            self._area.look_from(robot)
-            self._place = self._area.next_place(robot)
-        if self._place is None:
+        area.choose(robot, float(self._last_place()[2]))
+        if area.place is None:  # the person may have walked to where the robot has looked before
+            area.begin()
+            area.look(robot)
+            area.choose(robot)
+        if area.place is None:
             self.machine.go(FollowState.ASK, "has looked everywhere")
 
     def _found_again(self) -> tuple[PersonReport | None, str]:
@@ -438,8 +421,8 @@ class Follow:
         look_at = self._to_look_at() if self.state in SEARCHES else None
         if self.state is FollowState.LOST and self.last_xy_m is not None:
             return FollowOrders(self._kept(self._last_place()), look_at or self._ahead_of_last())
-        if self.state is FollowState.SEARCH and self._place is not None:
-            return FollowOrders(self._kept(self._to_place(self._place)), look_at)
+        if self.state is FollowState.SEARCH and self._area.place is not None:
+            return FollowOrders(self._kept(self._to_place(self._area.place)), look_at)
         return FollowOrders(None, look_at)
 
     def _to_place(self, place: tuple[float, float]) -> Array:

@@ -151,7 +151,7 @@ class HouseholdWork:
 
     @property
     def asks_who(self) -> bool:
-        """Return whether the robot should look who is where."""
+        """Return whether the robot should find out who is where."""
         return self.state is HouseholdState.WHO
 
     @property
@@ -349,7 +349,7 @@ class HouseholdWork:
             self._end(is_done, reason, says=False)  # the one that follows has said why
 
     def who_ended(self, is_done: bool, reason: str) -> None:
-        """Record that the robot has looked who is where, or why not."""
+        """Record that the robot has found out who is where, or why not."""
         if self.state is HouseholdState.WHO:
             self._end(is_done, reason, says=False)  # the one that looks has said it
 

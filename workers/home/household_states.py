@@ -19,7 +19,7 @@ class HouseholdState(StrEnum):
     GO = "drives to a place"
     LEARN = "learns the name of a place"
     FOLLOW = "follows a person"
-    WHO = "looks who is where"
+    WHO = "finds out who is where"
 
 
 _S = HouseholdState
@@ -71,7 +71,7 @@ class HouseholdSettings:
         far_m: ... or this near, if it cannot come nearer ...
         ahead_rad: ... and at most this far beside its heading.
         before_m: It comes to the place this far before the person.
-        fresh_s: A person counts who was seen within this time.
+        fresh_s: A person counts as present if seen within this time.
         moved_m: It drives to another place if the person has moved by this.
     """
 

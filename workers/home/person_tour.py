@@ -1,8 +1,8 @@
 """The tasks "learn this person" and "who is who": the robot drives to persons, and looks at their faces.
 
 Call `step` a few times each second and carry out what it returns. A face counts for a person only if the
-picture shows it in the person's direction. Who has shown no face is nobody: legs of furniture, too, may look
-like a person's.
+picture shows it in the person's direction. A person who has shown no face does not count, because legs
+of furniture may look like a person's.
 """
 
 import math
@@ -16,15 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.state_machine import StateMachine, TimeOut
+from workers.home.area_search import AreaSearch
 from workers.home.follow import PersonReport
-from workers.home.seen_area import SeenArea
 
 Array = NDArray[np.float64]
-Map = tuple[NDArray[np.int8], float, Sequence[float]]
 
 MAX_MET = 32
-SEARCH_PERIOD_S = 0.5
-"""Time between two looks at the map."""
 
 
 class TourState(StrEnum):
@@ -55,9 +52,9 @@ class TourSettings:
 
     Attributes:
         beside_m: The robot drives to this distance from a person.
-        front_m: The person who is to be learnt is at most this far away ...
+        front_m: The person whose face is to be learnt is at most this far away ...
         front_rad: ... and at most this far beside the robot's heading.
-        same_m: Who stands this near to where somebody was met is the same person.
+        same_m: A person this near to where one was met is taken for the same person.
         aside_rad: A face belongs to a person if its direction differs by at most this.
         faces: Number of pictures of a face in which a known person must have the same name.
         most_faces: An unknown person has shown the face in this number of pictures.
@@ -100,7 +97,7 @@ class SeenFace(NamedTuple):
     """A face in a picture.
 
     Attributes:
-        name: '' if it is nobody's who is known.
+        name: whose face it is; '' if the robot does not know the person.
         bearing_rad: its direction from the camera, map frame.
         key: what finds the face in its picture again.
     """
@@ -172,8 +169,8 @@ class PersonTour:
 
     Attributes:
         machine: The state machine, and why it entered the current state.
-        met: Who was met in this tour.
-        learns: The name of the person who is to be learnt; '': it goes round.
+        met: The persons met in this tour.
+        learns: The name of the person whose face is to be learnt; '' during a round.
         end: How the last order ended; None: it has not.
         to_learn: The face that is to be learnt now; its owner calls `learnt` or `not_learnt`.
     """
@@ -189,7 +186,7 @@ class PersonTour:
         self._clock = clock
         self._persons: dict[str, PersonReport] = {}
         self._pose: Array | None = None
-        self._map: Map | None = None
+        self._area = AreaSearch(clock)
         self.end: TourEnd | None = None
         self._begin("", 0)
 
@@ -197,10 +194,8 @@ class PersonTour:
         self.learns, self._wanted = learns, wanted
         self.met: list[Met] = []
         self._tried: list[tuple[float, float]] = []
-        self._area = SeenArea()
-        self._place: tuple[float, float] | None = None
+        self._area.begin()
         self._heading_rad: float | None = None
-        self._searched_s = -math.inf
         self._candidate: _Candidate | None = None
         self.to_learn: SeenFace | None = None
         self._refusals = 0
@@ -242,7 +237,7 @@ class PersonTour:
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: Sequence[float]) -> None:
         """Take the newest map: see `SeenArea.see_map`."""
-        self._map = cells, resolution_m, corner_xy_m
+        self._area.see_map(cells, resolution_m, corner_xy_m)
 
     def see_persons(self, persons: Sequence[PersonReport]) -> None:
         """Take all persons that are tracked now."""
@@ -283,12 +278,12 @@ class PersonTour:
             self._meet("", candidate)
 
     def learnt(self) -> None:
-        """Take that the face of `to_learn` is known."""
+        """Record that the face of `to_learn` is known."""
         if self.state is TourState.LEARN:
             self._end(True, f"knows {self.learns}")
 
     def not_learnt(self, reason: str) -> None:
-        """Take that the face of `to_learn` could not be learnt: it takes another picture."""
+        """Record that the face of `to_learn` could not be learnt; the robot tries another picture."""
         if self.state is not TourState.LEARN:
             return
         self.to_learn = None
@@ -311,9 +306,8 @@ class PersonTour:
         self._leave_place()
 
     def _leave_place(self) -> None:
-        if self.state is TourState.SEARCH and self._place is not None:
-            self._area.leave_out(self._place)
-            self._place = None
+        if self.state is TourState.SEARCH:
+            self._area.leave_place()
 
     # -- outputs ---------------------------------------------------------------------------------------
 
@@ -354,24 +348,20 @@ class PersonTour:
         if new:
             self._approach(min(new)[1])
             return
-        if self._map is None or self._clock() - self._searched_s < SEARCH_PERIOD_S:
+        area, robot = self._area, self._pose[:2].tolist()
+        if not area.look(robot) or not area.needs_place:
             return
-        self._searched_s = self._clock()
-        self._area.see_map(*self._map)
-        robot = self._pose[:2].tolist()
-        self._area.look_from(robot)
-        if self._place is None or self._area.is_seen(self._place):
-            self._place = self._area.next_place(robot, self._heading_rad)
-            if self._place is None:
-                self._end(True, "has looked everywhere")
-                return
-            away = np.subtract(self._place, robot)
-            # It stays the same on the way: each new goal restarts navigation.
-            self._heading_rad = math.atan2(away[1], away[0])
+        area.choose(robot, self._heading_rad)
+        if area.place is None:
+            self._end(True, "has looked everywhere")
+            return
+        away = np.subtract(area.place, robot)
+        # It stays the same on the way: each new goal restarts navigation.
+        self._heading_rad = math.atan2(away[1], away[0])
 
     def _approach(self, track: str) -> None:
         self._candidate = _Candidate(track, self._persons[track].xy_m)
-        self._place = None
+        self._area.place = None
         self.machine.go(TourState.APPROACH, f"has not met person {track}")
 
     def _judge_look(self) -> None:
@@ -422,9 +412,9 @@ class PersonTour:
 
     def _orders(self) -> TourOrders:
         assert self._pose is not None
-        candidate = self._candidate
-        if self._place is not None and self._heading_rad is not None:
-            return TourOrders(np.array([*self._place, self._heading_rad]))
+        candidate, place = self._candidate, self._area.place
+        if self.state is TourState.SEARCH and place is not None and self._heading_rad is not None:
+            return TourOrders(np.array([*place, self._heading_rad]))
         if candidate is None:
             return TourOrders()
         if self.state is TourState.APPROACH:

@@ -1,4 +1,4 @@
-"""The tasks "learn this person" and "who is who": whom the robot meets, and whom it takes a face for."""
+"""The tasks "learn this person" and "who is who": which persons the robot meets, and whose face it sees."""
 
 import math
 
@@ -185,6 +185,13 @@ def test_cancelled_order_ends_at_once_and_none_is_not_cancelled(scene: Scene) ->
     scene.tour.cancel("was told to stop")
     assert scene.tour.state is TourState.IDLE
     assert scene.run(0.2) == TourOrders()
+
+
+def test_order_that_ends_on_the_way_to_a_place_leaves_no_goal(scene: Scene) -> None:
+    scene.tour.go_round(0)
+    assert scene.run(1.0).goal is not None
+    scene.tour.cancel("enough")
+    assert scene.run(0.1) == TourOrders()
 
 
 def test_restarted_task_goes_on_with_those_who_were_met(scene: Scene) -> None:
