@@ -88,11 +88,11 @@ class Renderer:
         height = ranges_m.astype(np.float32)[rays.bearing_of]
         height *= rays.slope
         height += eye_z
-        entry = np.where(height < SKIRTING_M, rays.bearing_of + count, rays.bearing_of)
+        entry = np.where(height < SKIRTING_M, rays.bearing_of + np.int32(count), rays.bearing_of)
         entry[height > arena.wall_height_m] = 2 * count + 2
         floor = np.flatnonzero(height.ravel() < 0.0)
         entry.ravel()[floor] = 2 * count + self._tiles(eye, floor)
-        image: Values = table[entry]
+        image: Values = table.take(entry, axis=0)  # faster than table[entry]
         return image
 
     def _tiles(self, eye: Pose, pixels: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -42,4 +42,4 @@ class ViewRays:
         count = min(2 * geometry.width, int((most - least) * geometry.focal_length_px * 2) + 2)
         self.bearings_rad: NDArray[np.float64] = np.linspace(least, most, count)
         step = (most - least) / (count - 1)
-        self.bearing_of = np.rint((bearings - np.float32(least)) / np.float32(step)).astype(np.intp)
+        self.bearing_of = np.rint((bearings - np.float32(least)) / np.float32(step)).astype(np.int32)

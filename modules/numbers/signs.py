@@ -103,9 +103,6 @@ class NumberSignFinder(Module):
         if self._now_s() - self.told_s >= self.tell_period_s:
             self.told_s = self._now_s()
             self._tell()
-        digits = "".join(sorted(sign.text or "" for sign in self.signs.signs))
-        open_posts = sum(sign.is_open for sign in self.signs.signs)
-        self.status = f"digits {digits or 'none'}; {open_posts} open posts; {self.images} images"
 
     def teardown(self) -> None:
         """Write what was read on each post."""
@@ -185,8 +182,12 @@ class NumberSignFinder(Module):
         return np.asarray(ends + np.array([X_ML.x, X_ML.y]))
 
     def _tell(self) -> None:
-        """Publish all signs."""
+        """Publish all signs, and show which digits and how many open posts there are."""
         signs = self.signs.signs
+        codes = [_digit(sign) for sign in signs]
+        found = "".join(sorted(str(code) for code in codes if code >= 0))
+        open_posts = codes.count(NumberSigns.UNKNOWN)
+        self.status = f"digits {found or 'none'}; {open_posts} open posts; {self.images} images"
         header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
         places = np.array([sign.xy_m for sign in signs]).reshape(-1, 2)
         self.publish(
@@ -195,7 +196,7 @@ class NumberSignFinder(Module):
                 x_m=places[:, 0].copy(),
                 y_m=places[:, 1].copy(),
                 facing_rad=np.array([sign.facing_rad for sign in signs], np.float64),
-                digits=np.array([_digit(sign) for sign in signs], np.int8),
+                digits=np.array(codes, np.int8),
                 likely=np.array([int(sign.likely or NumberSigns.UNKNOWN) for sign in signs], np.int8),
                 views=np.array([sign.times(sign.likely) for sign in signs], np.uint16),
                 searched=np.array([sign.searched for sign in signs], np.uint16),
@@ -204,11 +205,9 @@ class NumberSignFinder(Module):
             )
         )
         points = [
-            PointOfInterest(
-                name=sign.text or "", pose=pose_stamped([*sign.xy_m, sign.facing_rad], header).pose
-            )
-            for sign in signs
-            if sign.text
+            PointOfInterest(name=str(code), pose=pose_stamped([*sign.xy_m, sign.facing_rad], header).pose)
+            for sign, code in zip(signs, codes, strict=True)
+            if code >= 0
         ]
         self.publish(PointsOfInterest(header=header, points=points), topic="signs")
 
@@ -221,8 +220,8 @@ class NumberSignFinder(Module):
 
 def _digit(sign: Sign) -> int:
     """Return a sign's digit as in the message."""
-    if sign.text:
-        return int(sign.text)
+    if text := sign.text:
+        return int(text)
     return NumberSigns.UNKNOWN if sign.is_open else NumberSigns.OTHER
 
 
