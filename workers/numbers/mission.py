@@ -5,7 +5,7 @@ Call `step` a few times each second and carry out what it returns.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -221,7 +221,7 @@ class NumbersMission:
         look = looks[self._look]
         passed_s = self.machine.time_in_state_s
         is_over = passed_s >= TIME_OUTS[NumbersState.VIEW].after_s
-        is_left = any(self._wish(sign).bits & look.bits for sign in self._signs_at(look.xy_m))
+        is_left = any(self._wish(sign).seen_from(look.from_xy_m) for sign in self._signs_at(look.xy_m))
         if not is_over and (is_left or passed_s < LEAST_VIEW_S):
             return
         self._looked.append(look)
@@ -294,16 +294,19 @@ class NumbersMission:
         """Return what the robot wants to see of a post in this round."""
         is_closed = sign.digit is not None or not (sign.is_open or self._round)
         bits = 0 if is_closed else ALL_SECTORS
+        if sign.likely is None or math.isnan(sign.facing_rad):
+            wish = Wish(sign.xy_m, bits if self._round else bits & ~sign.searched)
+        else:
+            for number in range(SECTORS):
+                if abs(math.remainder(sector_rad(number) - sign.facing_rad, math.tau)) > CONFIRM_RAD:
+                    bits &= ~(1 << number)
+            worth = WANTED_WORTH if sign.likely == self.wanted else OTHER_WORTH
+            wish = Wish(sign.xy_m, bits, worth, sign.facing_rad)
+        # A look that found the digit covers less of the wish to make sure of it than of the search before.
         for look in self._looked:
             if math.dist(look.xy_m, sign.xy_m) <= MOVED_M:
-                bits &= ~look.bits
-        if sign.likely is None or math.isnan(sign.facing_rad):
-            return Wish(sign.xy_m, bits if self._round else bits & ~sign.searched)
-        for number in range(SECTORS):
-            if abs(math.remainder(sector_rad(number) - sign.facing_rad, math.tau)) > CONFIRM_RAD:
-                bits &= ~(1 << number)
-        worth = WANTED_WORTH if sign.likely == self.wanted else OTHER_WORTH
-        return Wish(sign.xy_m, bits, worth, sign.facing_rad)
+                wish = replace(wish, bits=wish.bits & ~wish.seen_from(look.from_xy_m))
+        return wish
 
     def _take(self, target: Target) -> None:
         """Take a target, unless it is almost the current one: each new goal restarts navigation."""
@@ -401,7 +404,7 @@ class NumbersMission:
             "order": list(self.order),
             "reached": list(self.reached),
             "given_up": [list(one) for one in self._given_up],
-            "looked": [[*look.xy_m, look.bits] for look in self._looked],
+            "looked": [[*look.xy_m, *look.from_xy_m] for look in self._looked],
             "round": self._round,
         }
 
@@ -411,7 +414,7 @@ class NumbersMission:
         self.order = tuple(memory["order"])
         self.reached = list(memory["reached"])
         self._given_up = [(x, y) for x, y in memory["given_up"]]
-        self._looked = [Look((x, y), int(bits)) for x, y, bits in memory["looked"]]
+        self._looked = [Look((x, y), (from_x, from_y)) for x, y, from_x, from_y in memory["looked"]]
         self._round = memory["round"]
         if memory["over"] is not None:
             self.machine.go(NumbersState.DONE, memory["over"])

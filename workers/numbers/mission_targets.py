@@ -91,10 +91,10 @@ class Wish:
 
 @dataclass(frozen=True)
 class Look:
-    """One look at a post: where it is, m, map frame, and which bits of its `Wish` the look covers."""
+    """One look at a post: where the post is, and the place of the look, m, map frame."""
 
     xy_m: tuple[float, float]
-    bits: int
+    from_xy_m: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -257,10 +257,11 @@ class NumbersTargets:
         bearings = [math.atan2(wish.xy_m[1] - place[1], wish.xy_m[0] - place[0]) for wish in seen]
         heading_rad = bearings[0]
         looks: list[Look] = []
+        x, y = place.tolist()
         for wish, bearing_rad in zip(seen, bearings, strict=True):
             if abs(math.remainder(bearing_rad - heading_rad, math.tau)) <= MAX_PAN_RAD:
-                looks.append(Look(wish.xy_m, wish.seen_from(place)))
-        goal = np.array([*place, heading_rad])
+                looks.append(Look(wish.xy_m, (x, y)))
+        goal = np.array([x, y, heading_rad])
         return Target(NumbersState.SEARCH, goal, seen[0].xy_m, tuple(looks[:MAX_LOOKS]), value)
 
     @staticmethod

@@ -159,6 +159,19 @@ def test_glimpse_of_the_next_number_is_followed_before_other_posts_are_searched(
     assert ground.pose[0] > 9.0
 
 
+def test_next_number_read_from_one_place_is_looked_at_from_another_place_before_other_posts() -> None:
+    others = [Board(None, x, y, 0.0) for x in (1.5, 4.0, 11.5) for y in (1.5, 8.5)]
+    ground = Ground([Board(0, 9.0, 5.0, math.pi), *others])
+    number = ground.signs.signs[0]
+    while not number.places:
+        ground.step()
+    began_s = ground.now_s
+    while ground.mission.state is not NumbersState.REACHED:
+        assert ground.now_s < began_s + 30.0, ground.mission.status
+        ground.step()
+    assert {place.text for place in number.places} == {"0"}
+
+
 def test_digit_read_from_one_place_only_is_not_reached_before_a_look_from_another_place() -> None:
     """What looks like a digit from one place may be something else: here, a board with a letter."""
     ground = Ground([Board(None, 10.0, 5.0, math.pi)])
