@@ -241,6 +241,8 @@ class NumbersMission:
         assert self._ground is not None
         assert self._pose is not None
         self._planned_s = self._clock()
+        if self._is_on_its_way():
+            return
         targets = NumbersTargets(self._ground, self._pose, self.settings)
         if not targets.can_drive:
             return
@@ -252,6 +254,14 @@ class NumbersMission:
         self._empty_plans += 1
         if self._empty_plans >= EMPTY_PLANS:
             self._begin_round()
+
+    def _is_on_its_way(self) -> bool:
+        """Return whether the robot drives to the surest sign with the wanted digit and may stop there."""
+        target, carriers = self._target, self._carriers()
+        if self.state is not NumbersState.APPROACH or target is None or not carriers:
+            return False
+        is_near = math.dist(target.about_xy_m, carriers[0].xy_m) <= MOVED_M / 2
+        return is_near and self._is_allowed(target)
 
     def _wanted_front(self, targets: NumbersTargets) -> Target | None:
         """Return where to stop in front of the wanted digit, if its place is known."""
