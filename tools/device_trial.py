@@ -101,7 +101,7 @@ TRIALS = {
         lambda base: base.command(0.2, 0.0, 5.0),
         lambda device: device.velocity == (0.0, 0.0),
     ),
-    "hokuyo": Trial(lambda: EmulatedHokuyo(UTM_30LX, lambda: WALL_M), HokuyoLaser),
+    "hokuyo": Trial(lambda: EmulatedHokuyo(UTM_30LX, lambda _: WALL_M), HokuyoLaser),
     "lms2xx": Trial(
         lambda: EmulatedLms2xx(lambda _, angles: 3 + angles),
         lambda url: SickLms2xx(url, bit_rate=500_000, resolution_deg=1.0),
@@ -238,42 +238,25 @@ def cost(trial: Trial, seconds: float, folder: Path) -> tuple[float, float]:
         return (time.thread_time() - began_cpu_s) / passed_s, count / passed_s
 
 
-class _TimedHokuyo(EmulatedHokuyo):
-    """Notes the shortest time that it took from a measurement to its frame."""
-
-    latency_s = LIMIT_S
-    _measured_s = 0.0
-
-    def _ranges_mm(self) -> NDArray[np.int64]:
-        self._measured_s = time.monotonic()
-        return super()._ranges_mm()
-
-    def send(self, frame: bytes) -> None:
-        super().send(frame)
-        if self.sweeps:
-            self.latency_s = min(self.latency_s, time.monotonic() - self._measured_s)
-
-
 def stamp_errors(seconds: float, folder: Path, faults: Faults = LATE) -> NDArray[np.float64]:
     """Return the errors of a laser's stamps, s, without those of the first seconds: (N,).
 
-    The time that the emulated laser itself takes to put a sweep into words is a constant delay, which a
-    driver cannot see (its `latency_s`). The least of it is taken off.
+    The driver is told the constant delay that it cannot see: the laser sends a sweep a turn after its stamp.
     """
     measured_s: dict[int, float] = {}
 
-    def measure() -> NDArray[np.float64]:
+    def measure(at_s: float) -> NDArray[np.float64]:
         number = len(measured_s)
-        measured_s[number] = time.monotonic()
+        measured_s[number] = at_s
         ranges_m = WALL_M.copy()
         ranges_m[0] = (FIRST_MM + number % DIFFERENT) / 1000
         return ranges_m
 
     errors = []
-    device = _TimedHokuyo(UTM_30LX, measure)
+    device = EmulatedHokuyo(UTM_30LX, measure)
     with (
         EmulatedLine(device, PseudoTerminal(folder / "device"), faults) as line,
-        closing(HokuyoLaser(line.url, time.monotonic)) as laser,
+        closing(HokuyoLaser(line.url, time.monotonic, latency_s=UTM_30LX.turn_s)) as laser,
     ):
         began_s = time.monotonic()
         while (now_s := time.monotonic()) < began_s + seconds:
@@ -281,7 +264,7 @@ def stamp_errors(seconds: float, folder: Path, faults: Faults = LATE) -> NDArray
                 number = round(float(sweep.ranges_m[0]) * 1000) - FIRST_MM
                 if now_s > began_s + SETTLED_S:
                     errors.append(sweep.stamp_s - measured_s[number])
-    return np.array(errors) - device.latency_s
+    return np.array(errors)
 
 
 def main(arguments: list[str] | None = None) -> int:

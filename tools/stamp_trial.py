@@ -67,10 +67,10 @@ class Measured:
         self.began_s[number % DIFFERENT] = self._clock.now_s if began_s is None else began_s
         return FIRST_M + STEP_M * (number % DIFFERENT)
 
-    def next_range_m(self) -> float:
+    def next_range_m(self, began_s: float | None = None) -> float:
         """Return the range of a sweep that nobody has numbered."""
         self._numbered = getattr(self, "_numbered", -1) + 1
-        return self.range_m(self._numbered)
+        return self.range_m(self._numbered, began_s)
 
     def next_number(self) -> int:
         """Return the number of a report that is made now."""
@@ -100,8 +100,10 @@ class Subject(NamedTuple):
 def _hokuyo(model: LaserModel) -> Subject:
     beams = len(model.angles_rad())
     return Subject(
-        lambda measured, clock: EmulatedHokuyo(model, lambda: np.full(beams, measured.next_range_m()), clock),
-        lambda clock: HokuyoLaser("simulated", clock),
+        lambda measured, clock: EmulatedHokuyo(
+            model, lambda measured_s: np.full(beams, measured.next_range_m(measured_s)), clock
+        ),
+        lambda clock: HokuyoLaser("simulated", clock, latency_s=model.turn_s),
     )
 
 

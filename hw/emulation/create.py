@@ -6,7 +6,7 @@ Source: iRobot, Create 2 Open Interface (OI) Specification based on the Roomba 6
 import math
 
 from hw.emulation.body import Body, ObedientBody
-from hw.emulation.device import EmulatedClock, EmulatedDevice, next_after
+from hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 BIT_RATES = (300, 600, 1200, 2400, 4800, 9600, 14_400, 19_200, 28_800, 38_400, 57_600, 115_200)
 STREAM_HEADER = 19
@@ -97,12 +97,13 @@ class EmulatedCreate(EmulatedDevice):
         if not (self.is_streaming and self.mode):
             self._move(now_s)
             return None
-        if now_s >= self._next_s:
+        self._next_s = oldest_due(self._next_s, STREAM_PERIOD_S, now_s)
+        while now_s >= self._next_s:
             self._move(self._next_s)
             ids = b"".join(bytes([one]) + self._packet(one) for one in self._stream)
             frame = bytes([STREAM_HEADER, len(ids)]) + ids
-            self.send(frame + bytes([-sum(frame) & 0xFF]))
-            self._next_s = next_after(self._next_s, STREAM_PERIOD_S, now_s)
+            self.send(frame + bytes([-sum(frame) & 0xFF]), self._next_s)
+            self._next_s += STREAM_PERIOD_S
         self._move(now_s)
         return self._next_s
 
@@ -207,10 +208,9 @@ class EmulatedCreate(EmulatedDevice):
         if until_s <= self._moved_s:
             return
         passed_s, self._moved_s = until_s - self._moved_s, until_s
-        late_s = max(0.0, self.clock.now_s() - until_s)
         right, left = (speed / 1000 for speed in self.speeds_mm_per_s)
         speeds = (left + right) / 2, (right - left) / WHEEL_BASE_M
-        way_m, turn_rad = self._body.move(*speeds, passed_s, late_s)
+        way_m, turn_rad = self._body.move(*speeds, passed_s, self.clock.true_s(until_s))
         half_m = turn_rad * WHEEL_BASE_M / 2
         self._counts[0] += (way_m - half_m) * COUNTS_PER_M
         self._counts[1] += (way_m + half_m) * COUNTS_PER_M

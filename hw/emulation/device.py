@@ -4,6 +4,10 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import NamedTuple
+
+# An emulator that a busy machine let wait no longer than this makes up for the beats that it has missed.
+MAX_LATE_S = 0.5
 
 
 class EmulatedClock:
@@ -38,15 +42,30 @@ class EmulatedClock:
         return self._since_s + (shown_s - self._shown_s) / self._rate
 
 
-def next_after(due_s: float, period_s: float, now_s: float) -> float:
-    """Return the next time of a regular beat that is not over; one that was missed is left out.
+def oldest_due(due_s: float, period_s: float, now_s: float) -> float:
+    """Return the oldest time of a regular beat that is not over for longer than `MAX_LATE_S`.
+
+    A device leaves out no beat, however busy the machine of its emulator is. Only after a long pause, such as
+    that of a stopped process, would it take too long to make up for all.
 
     Args:
-        due_s: the beat that is done.
+        due_s: the first beat that is not done.
         period_s: from beat to beat.
         now_s: the time now.
     """
-    return due_s + period_s * max(1, math.ceil((now_s - due_s) / period_s))
+    return due_s + period_s * max(0, math.ceil((now_s - MAX_LATE_S - due_s) / period_s))
+
+
+class SentFrame(NamedTuple):
+    """A frame on its way to the host.
+
+    Attributes:
+        data: its bytes.
+        at_s: when, on the device's clock, the device sends it; None: as soon as it is made.
+    """
+
+    data: bytes
+    at_s: float | None
 
 
 class EmulatedDevice(ABC):
@@ -75,7 +94,7 @@ class EmulatedDevice(ABC):
 
     def __init__(self, clock: EmulatedClock | None = None) -> None:
         self.clock = clock or EmulatedClock()
-        self._sent: list[bytes] = []
+        self._sent: list[SentFrame] = []
 
     @abstractmethod
     def power_on(self) -> None:
@@ -89,11 +108,21 @@ class EmulatedDevice(ABC):
         """Do what is due by now. Return when, on `clock`, the next thing is due; None: nothing is."""
         return None
 
-    def send(self, frame: bytes) -> None:
-        """Send a whole frame to the host."""
-        self._sent.append(frame)
+    def send(self, frame: bytes, at_s: float | None = None) -> None:
+        """Send a whole frame to the host.
 
-    def taken(self) -> list[bytes]:
-        """Return the frames sent since the last call."""
+        Args:
+            frame: its bytes.
+            at_s: when the device sends it, on its clock; None: now. Tell it if you can: the machine of an
+                emulator may be late, and making a frame takes a while. A device is not late.
+        """
+        self._sent.append(SentFrame(frame, at_s))
+
+    def sent(self) -> list[SentFrame]:
+        """Return the frames sent since the last call, and when."""
         sent, self._sent = self._sent, []
         return sent
+
+    def taken(self) -> list[bytes]:
+        """Return the bytes of the frames sent since the last call."""
+        return [frame.data for frame in self.sent()]

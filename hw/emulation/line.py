@@ -8,7 +8,7 @@ from threading import RLock, Thread
 from types import TracebackType
 
 from hw.emulation.carrier import Carrier
-from hw.emulation.device import EmulatedDevice
+from hw.emulation.device import EmulatedDevice, SentFrame
 from hw.emulation.faults import Faults, FaultyWay
 
 # The longest wait without a look at the device, so that a clock that you set takes effect.
@@ -143,7 +143,7 @@ class EmulatedLine:
             self.device.receive(self.way.scramble(received) if self._has_wrong_rate() else received)
         next_s = self.device.step()
         now_s = time.monotonic()
-        for frame in self.device.taken():
+        for frame in self.device.sent():
             self._send(frame, now_s)
         while self._due and self._due[0][0] <= now_s:
             self._waiting += self._due.popleft()[1]
@@ -158,12 +158,14 @@ class EmulatedLine:
             wait_s = min(wait_s, self._due[0][0] - now_s)
         return max(0.0, wait_s)
 
-    def _send(self, frame: bytes, now_s: float) -> None:
+    def _send(self, frame: SentFrame, now_s: float) -> None:
         """Send a frame, as the faults let it: later frames never overtake it."""
         if self.faults.is_silent or not self._is_plugged_in:
             return
-        arriving = self.way.damage(self.way.scramble(frame) if self._has_wrong_rate() else frame)
-        due_s = now_s + self.way.delay_s()
+        data = frame.data
+        arriving = self.way.damage(self.way.scramble(data) if self._has_wrong_rate() else data)
+        sent_s = now_s if frame.at_s is None else self.device.clock.true_s(frame.at_s)
+        due_s = sent_s + self.way.delay_s()
         if self._due:
             due_s = max(due_s, self._due[-1][0])
         rate = self.faults.bytes_per_s

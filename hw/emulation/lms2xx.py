@@ -138,7 +138,7 @@ class EmulatedLms2xx(EmulatedDevice):
         angles = self._angles()[self._part :: 4] if step == 25 else self._angles()
         if self._line_free_s <= ended_s:
             head = 0x2000 | self._part << 11 if step == 25 else 0
-            telegram = self._reply(0xB0, self._values(self._number, angles, head))
+            telegram = self._reply(0xB0, self._values(self._number, angles, head), ended_s)
             self._line_free_s = ended_s + len(telegram) * BITS_PER_BYTE / (self.bit_rate or 1)
         if step == 25 and self._part < 3:
             self._part += 1
@@ -157,11 +157,11 @@ class EmulatedLms2xx(EmulatedDevice):
         words = np.where(seen, np.round(np.where(seen, centimetres, 0)), NO_RETURN).astype("<u2")
         return struct.pack("<H", len(words) | head) + words.tobytes()
 
-    def _reply(self, kind: int, data: bytes) -> bytes:
+    def _reply(self, kind: int, data: bytes, at_s: float | None = None) -> bytes:
         inside = bytes([kind]) + data + STATUS
         body = struct.pack("<BBH", STX, ADDRESS_OF_REPLIES, len(inside)) + inside
         telegram = body + checksum(body).to_bytes(2, "little")
-        self.send(telegram)
+        self.send(telegram, at_s)
         return telegram
 
 

@@ -84,7 +84,8 @@ class EmulatedMip(EmulatedDevice):
         if not self.is_streaming:
             return None
         while self._next_s <= self.clock.now_s():
-            self.send(packet(SENSOR_DATA, [(kind, self._content(kind)) for kind in self._fields]))
+            content = [(kind, self._content(kind)) for kind in self._fields]
+            self.send(packet(SENSOR_DATA, content), self._next_s)
             self._next_s += self._period_s
         return self._next_s
 

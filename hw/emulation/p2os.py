@@ -8,7 +8,7 @@ import struct
 from dataclasses import dataclass, field
 
 from hw.emulation.body import Body, ObedientBody
-from hw.emulation.device import EmulatedClock, EmulatedDevice, next_after
+from hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 HEADER = b"\xfa\xfb"
 SIP_PERIOD_S = 0.1
@@ -124,18 +124,14 @@ class EmulatedPioneer(EmulatedDevice):
         if not self.is_open:
             self._move(now_s)
             return None
-        bites_s = self._heard_s + self.base.watchdog_s
-        if now_s >= bites_s and any(self.wanted):
-            self._move(bites_s)
-            self.wanted = (0.0, 0.0)
-            self.watchdog_stops += 1
-        if now_s >= self._next_s:
-            self._move(self._next_s)
-            self._send(self._report())
-            self._next_s = next_after(self._next_s, SIP_PERIOD_S, now_s)
-        self._move(now_s)
+        self._next_s = oldest_due(self._next_s, SIP_PERIOD_S, now_s)
+        while now_s >= self._next_s:
+            self._move_watched(self._next_s)
+            self.send(packet(self._report()), self._next_s)
+            self._next_s += SIP_PERIOD_S
+        self._move_watched(now_s)
         due = [self._next_s]
-        due += [bites_s] if any(self.wanted) else []
+        due += [self._heard_s + self.base.watchdog_s] if any(self.wanted) else []
         due += [now_s + RAMP_STEP_S] if self.velocity != self.wanted else []
         return min(due)
 
@@ -207,6 +203,15 @@ class EmulatedPioneer(EmulatedDevice):
     def _origin(self) -> None:
         self._x_mm = self._y_mm = self._heading_rad = 0.0
 
+    def _move_watched(self, until_s: float) -> None:
+        """Drive up to a time; brake from when the host has been silent for too long."""
+        bites_s = self._heard_s + self.base.watchdog_s
+        if until_s >= bites_s and any(self.wanted):
+            self._move(bites_s)
+            self.wanted = (0.0, 0.0)
+            self.watchdog_stops += 1
+        self._move(until_s)
+
     def _move(self, until_s: float) -> None:
         """Drive up to a time that is not over for longer than a busy machine makes it."""
         while until_s > self._moved_s:
@@ -228,8 +233,8 @@ class EmulatedPioneer(EmulatedDevice):
 
     def _drive_for(self, passed_s: float) -> None:
         forward, turn = self.velocity
-        late_s = max(0.0, self.clock.now_s() - self._moved_s)
-        way_m, turned_rad = self._body.move(forward / 1000, math.radians(turn), passed_s, late_s)
+        at_s = self.clock.true_s(self._moved_s)
+        way_m, turned_rad = self._body.move(forward / 1000, math.radians(turn), passed_s, at_s)
         middle = self._heading_rad + turned_rad / 2
         self._x_mm += 1000 * way_m * math.cos(middle)
         self._y_mm += 1000 * way_m * math.sin(middle)

@@ -89,18 +89,18 @@ class RecordedBody(Body):
 
     Args:
         drive: the recorded drive.
-        since_start_s: returns the time since the start of the drive; negative: not started yet.
+        start_s: returns the true time at which the drive starts.
     """
 
-    def __init__(self, drive: RecordedDrive, since_start_s: Callable[[], float]) -> None:
-        self._drive, self._since_start_s = drive, since_start_s
+    def __init__(self, drive: RecordedDrive, start_s: Callable[[], float]) -> None:
+        self._drive, self._start_s = drive, start_s
         self._told = (0.0, 0.0)
 
     def move(
-        self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float, late_s: float = 0.0
+        self, linear_m_per_s: float, angular_rad_per_s: float, passed_s: float, at_s: float
     ) -> tuple[float, float]:
         """Tell how far the wheels have turned since the last call."""
-        now_s, drive = self._since_start_s() - late_s, self._drive
+        now_s, drive = at_s - self._start_s(), self._drive
         here = (
             float(np.interp(now_s, drive.times_s, drive.ways_m)),
             float(np.interp(now_s, drive.times_s, drive.turns_rad)),

@@ -10,13 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 LINE_CHARACTERS = 64
 STAMP_MODULUS = 1 << 24
 # A laser that cannot measure a range sends an error code below its least range.
 NO_RANGE = 1
 BRIGHTNESS = 1000
+# A sweep is made this long before it is sent, because making it takes an emulator a while.
+MAKING_S = 0.005
 REBOOT_WITHIN_S = 1.0
 
 Array = NDArray[np.float64]
@@ -46,6 +48,11 @@ class LaserModel:
     front_step: int
     turns_per_min: int
 
+    @property
+    def turn_s(self) -> float:
+        """Return the time of a turn; a sweep is sent that much later than its stamp."""
+        return 60.0 / self.turns_per_min
+
     def angles_rad(self) -> Array:
         """Return the direction of each step: (last_step - first_step + 1,)."""
         steps = np.arange(self.first_step, self.last_step + 1)
@@ -72,9 +79,12 @@ class _Stream:
 class EmulatedHokuyo(EmulatedDevice):
     """A laser that measures with every turn of its mirror, and sends what a host asks for.
 
+    A sweep shows one moment, that of its stamp. It is sent when the turn that began then is over.
+
     Args:
         model: which laser.
-        measure: returns the ranges in the directions of `model.angles_rad()`, m; not finite: none.
+        measure: gets the true time of a sweep's stamp, s, which is over; returns the ranges in the directions
+            of `model.angles_rad()`, m; not finite: none.
         clock: its clock.
 
     Attributes:
@@ -83,12 +93,11 @@ class EmulatedHokuyo(EmulatedDevice):
     """
 
     def __init__(
-        self, model: LaserModel, measure: Callable[[], Array], clock: EmulatedClock | None = None
+        self, model: LaserModel, measure: Callable[[float], Array], clock: EmulatedClock | None = None
     ) -> None:
         super().__init__(clock)
         self.model, self.sweeps = model, 0
         self._measure = measure
-        self._period_s = 60.0 / model.turns_per_min
         self.power_on()
 
     def power_on(self) -> None:
@@ -97,7 +106,7 @@ class EmulatedHokuyo(EmulatedDevice):
         self._received = b""
         self._stream: _Stream | None = None
         self._turn = 0
-        self._next_s = self.clock.now_s()
+        self._began_s = self.clock.now_s()
         self._asked_to_reboot_s = -math.inf
 
     def receive(self, data: bytes) -> None:
@@ -108,15 +117,18 @@ class EmulatedHokuyo(EmulatedDevice):
                 self._obey(line.decode("ascii", "replace"))
 
     def step(self) -> float | None:
-        """Send a sweep at the end of each turn that the host wants."""
-        if self._stream is None:
-            return None
-        if self.clock.now_s() >= self._next_s:
-            self._turn += 1
-            if (self._turn - 1) % (1 + int(self._stream.command[12])) == 0:
+        """Make the sweep of each turn that the host wants, shortly before the turn ends, and send it then."""
+        made_after_s = self.model.turn_s - MAKING_S
+        while self._stream is not None:
+            now_s = self.clock.now_s()
+            self._began_s = oldest_due(self._began_s, self.model.turn_s, now_s - made_after_s)
+            if now_s < self._began_s + made_after_s:
+                return self._began_s + made_after_s
+            if self._turn % (1 + int(self._stream.command[12])) == 0:
                 self._send_sweep(self._stream)
-            self._next_s = max(self._next_s + self._period_s, self.clock.now_s())
-        return self._next_s if self._stream is not None else None
+            self._turn += 1
+            self._began_s += self.model.turn_s
+        return None
 
     def _obey(self, command: str) -> None:
         kind = command[:2]
@@ -136,7 +148,11 @@ class EmulatedHokuyo(EmulatedDevice):
             self._answer(command, "00", [_summed(self._state())])
         elif kind == "TM":
             self._is_telling_time = command != "TM2"
-            self._answer(command, "00", [_summed(coded(self._stamp(), 4))] if command == "TM1" else [])
+            self._answer(
+                command,
+                "00",
+                [_summed(coded(self._stamp(self.clock.now_s()), 4))] if command == "TM1" else [],
+            )
         elif kind in ("GD", "GS", "GE", "MD", "MS", "ME"):
             self._begin(command)
         else:
@@ -155,37 +171,43 @@ class EmulatedHokuyo(EmulatedDevice):
             count = int(command[13:15])
             self.is_on, self._turn = True, 0
             self._stream = _Stream(command[:13], count or None)
-            self._next_s = self.clock.now_s() + self._period_s
+            self._began_s = self.clock.now_s()
             self._answer(command, "00")
         elif not self.is_on:
             self._answer(command, "10")
         else:
-            self._answer(command, "00", self._data(command))
+            self._answer(command, "00", self._data(command, self.clock.now_s()))
 
     def _send_sweep(self, stream: _Stream) -> None:
         if stream.left is not None:
             stream.left -= 1
-        self._answer(f"{stream.command}{stream.left or 0:02d}", "99", self._data(stream.command))
+        self._answer(
+            f"{stream.command}{stream.left or 0:02d}",
+            "99",
+            self._data(stream.command, self._began_s),
+            self._began_s + self.model.turn_s,
+        )
         self.sweeps += 1
         if stream.left == 0:
             self._stream = None
 
-    def _data(self, command: str) -> list[str]:
-        """Return the stamp and the lines of one sweep."""
-        stamp = self._stamp()
+    def _data(self, command: str, measured_s: float) -> list[str]:
+        """Return the stamp and the lines of the sweep that was measured at a time."""
         first, last, merged = int(command[2:6]), int(command[6:10]), max(1, int(command[10:12]))
-        ranges_mm = self._ranges_mm()[first - self.model.first_step : last + 1 - self.model.first_step]
+        steps = slice(first - self.model.first_step, last + 1 - self.model.first_step)
+        nearest = _merged(self._ranges_mm(self.clock.true_s(measured_s))[steps], merged)
         kind = command[1]
-        text = "".join(
-            coded(min(nearest, 4095) if kind == "S" else nearest, 2 if kind == "S" else 3)
-            + (coded(BRIGHTNESS, 3) if kind == "E" else "")
-            for nearest in _merged(ranges_mm, merged)
-        )
+        if kind == "S":
+            text = all_coded(np.minimum(nearest, 4095), 2)
+        elif kind == "E":
+            text = all_coded(np.column_stack([nearest, np.full_like(nearest, BRIGHTNESS)]), 3)
+        else:
+            text = all_coded(nearest, 3)
         lines = [text[at : at + LINE_CHARACTERS] for at in range(0, len(text), LINE_CHARACTERS)]
-        return [_summed(coded(stamp, 4)), *map(_summed, lines)]
+        return [_summed(coded(self._stamp(measured_s), 4)), *map(_summed, lines)]
 
-    def _ranges_mm(self) -> NDArray[np.int64]:
-        measured = self._measure() * 1000
+    def _ranges_mm(self, measured_s: float) -> NDArray[np.int64]:
+        measured = self._measure(measured_s) * 1000
         seen = np.isfinite(measured) & (measured >= self.model.least_mm) & (measured <= self.model.most_mm)
         return np.where(seen, np.round(np.where(seen, measured, 0)), NO_RANGE).astype(np.int64)
 
@@ -201,7 +223,7 @@ class EmulatedHokuyo(EmulatedDevice):
             "II": [("MODL", model.name), ("LASR", "ON" if self.is_on else "OFF"),
                    ("SCSP", f"Initial({model.turns_per_min}[rpm])<-Default setting by user"),
                    ("MESM", "IDLE" if self._stream is None else "CLASSIC"), ("SBPS", "USB only"),
-                   ("TIME", f"{self._stamp():06X}"), ("STAT", "Sensor works well.")],
+                   ("TIME", f"{self._stamp(self.clock.now_s()):06X}"), ("STAT", "Sensor works well.")],
         }[kind]  # fmt: skip
 
     def _state(self) -> str:
@@ -222,15 +244,18 @@ class EmulatedHokuyo(EmulatedDevice):
         else:
             self._asked_to_reboot_s = now_s
 
-    def _stamp(self) -> int:
-        return int(self.clock.now_s() * 1000) % STAMP_MODULUS
+    @staticmethod
+    def _stamp(shown_s: float) -> int:
+        return int(shown_s * 1000) % STAMP_MODULUS
 
-    def _answer(self, echo: str, status: str, lines: list[str] | None = None) -> None:
+    def _answer(
+        self, echo: str, status: str, lines: list[str] | None = None, at_s: float | None = None
+    ) -> None:
         text = "\n".join([echo, _summed(status), *(lines or [])]) + "\n\n"
-        self.send(text.encode("ascii", "replace"))
+        self.send(text.encode("ascii", "replace"), at_s)
 
 
-def _merged(ranges_mm: NDArray[np.int64], steps: int) -> list[int]:
+def _merged(ranges_mm: NDArray[np.int64], steps: int) -> NDArray[np.int64]:
     """Return the nearest range of each group of steps; an error code only if there is no range.
 
     What is left over at the end is a smaller group.
@@ -238,13 +263,18 @@ def _merged(ranges_mm: NDArray[np.int64], steps: int) -> list[int]:
     none = np.iinfo(np.int64).max
     groups = np.where(ranges_mm == NO_RANGE, none, ranges_mm)
     nearest = np.minimum.reduceat(groups, np.arange(0, len(groups), steps))
-    merged: list[int] = np.where(nearest == none, NO_RANGE, nearest).tolist()
-    return merged
+    return np.where(nearest == none, NO_RANGE, nearest)
 
 
 def coded(value: int, characters: int) -> str:
     """Return a number in characters of six bits, the most significant first."""
     return "".join(chr((value >> 6 * place & 0x3F) + 0x30) for place in reversed(range(characters)))
+
+
+def all_coded(values: NDArray[np.int64], characters: int) -> str:
+    """Return numbers one after the other, each as `coded`."""
+    digits = values.reshape(-1, 1) >> 6 * np.arange(characters)[::-1] & 0x3F
+    return (digits + 0x30).astype(np.uint8).tobytes().decode("ascii")
 
 
 def checksum(text: str) -> str:

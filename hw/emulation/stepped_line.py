@@ -106,11 +106,12 @@ class SteppedLine(Port):
         self._due.clear()
 
     def _send(self) -> None:
-        for frame in self._device.taken():
-            sent = self._way.scramble(frame) if self._has_wrong_rate() else frame
+        for data, at_s in self._device.sent():
+            sent = self._way.scramble(data) if self._has_wrong_rate() else data
             rate = self._device.bit_rate
-            self._free_s = max(self._free_s, self._clock.now_s)
-            self._free_s += len(frame) * BITS_PER_BYTE / rate if rate else 0.0
+            sent_s = self._clock.now_s if at_s is None else self._device.clock.true_s(at_s)
+            self._free_s = max(self._free_s, sent_s)
+            self._free_s += len(data) * BITS_PER_BYTE / rate if rate else 0.0
             self._arrives_s = max(self._arrives_s, self._free_s + self._way.delay_s())
             self._due.append((self._arrives_s, self._way.damage(sent)))
 

@@ -101,7 +101,7 @@ class EmulatedMti(EmulatedDevice):
         rates = [rate for _, rate in self._outputs if 0 < rate < 0xFFFF]
         period_s = 1.0 / max(rates, default=100)
         while self._next_s <= now_s:
-            self.send(message(MTDATA2, self._data(self._next_s)))
+            self.send(message(MTDATA2, self._data(self._next_s)), self._next_s)
             self._counter = self._counter + 1 & 0xFFFF
             self._next_s += period_s
         return self._next_s

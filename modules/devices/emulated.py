@@ -6,8 +6,9 @@ crosses a serial line as bytes.
 
 import math
 from abc import abstractmethod
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from hw.emulation.line import BITS_PER_BYTE, EmulatedLine
 from hw.emulation.p2os import BIT_RATES, Base, EmulatedPioneer
 from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
 from hw.laser import LaserGeometry
+from hw.pose import Pose, wrapped
 from hw.simulation.bumper import SimulatedBumper
 from hw.simulation.differential_drive import CREATE_2, DifferentialDrive
 from hw.simulation.laser import SimulatedLaser
@@ -32,6 +34,9 @@ from robbie_mp import Module, SettingError, Time, setting
 
 FRONT = ("front_left", "front_right")
 REAR = ("back_left", "back_right")
+# Two readings of clocks within this time are one; it is tried so often.
+AT_ONCE_NS, READINGS = 100_000, 10
+KEPT_TRUTHS = 50
 
 
 class EmulatedDeviceModule(Module):
@@ -73,6 +78,18 @@ class EmulatedDeviceModule(Module):
             self.line.__exit__(None, None, None)
             self.line = None
 
+    def run_time_s(self, monotonic_s: float) -> float:
+        """Return what the run's time was at a moment of the clock that never goes back.
+
+        A busy machine may stop this process between the readings of both clocks: then it reads them again.
+        """
+        clock = self.clock
+        for _ in range(READINGS):
+            before_ns, now_ns, after_ns = clock.monotonic_ns(), clock.now_ns(), clock.monotonic_ns()
+            if after_ns - before_ns < AT_ONCE_NS:
+                break
+        return now_ns / 1e9 - (before_ns / 1e9 - monotonic_s)
+
     @property
     def line_status(self) -> str:
         """Return a status line on what the line has lost."""
@@ -94,7 +111,7 @@ class EmulatedBase(TrueBase, EmulatedDeviceModule):
         """Put the robot into the arena and plug the base in."""
         shape = self.shape()
         self.enter_arena(shape)
-        self.body = SimulatedBody(self.drive, shape, lambda: self.clock.monotonic_ns() / 1e9)
+        self.body = SimulatedBody(self.drive, shape)
         self.bumper = SimulatedBumper(self.world, shape.body_radius_m)
         device = self.create_device(self.body)
         # The driver takes off the time that a frame takes on the line.
@@ -123,12 +140,8 @@ class EmulatedBase(TrueBase, EmulatedDeviceModule):
         self.status = f"{self.line_status}, {self.drive.collisions} collisions"
 
     def time_of(self, truth: DriveState) -> Time:
-        """Return when, by the run's time, the robot was in a state.
-
-        The drive moves in steps, and this process may be stopped after it has read the state.
-        """
-        age_ns = self.clock.monotonic_ns() - round(truth.stamp_s * 1e9)
-        return Time.from_nanoseconds(self.clock.now_ns() - max(0, age_ns))
+        """Return when, by the run's time, the robot was in a state."""
+        return Time.from_nanoseconds(round(self.run_time_s(truth.stamp_s) * 1e9))
 
     def teardown(self) -> None:
         """Pull the base out; write collisions and distance from the start to `base.json`."""
@@ -212,28 +225,50 @@ class EmulatedHokuyoLaser(SimulatedDevice, EmulatedDeviceModule):
             range_min_m=UTM_30LX.least_mm / 1000,
             range_max_m=self.range_max_m,
         )
+        self.truths: tuple[DriveState, ...] = ()
         self.world = SharedWorld(self, self.on_truth)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
         self.hokuyo = EmulatedHokuyo(UTM_30LX, self.measure)
         self.plug_in(self.hokuyo)
 
-    def on_truth(self, _truth: Any) -> None:
-        """Show how many sweeps were sent."""
+    def on_truth(self, truth: DriveState) -> None:
+        """Remember where the robot was, and show how many sweeps were sent."""
+        # The line's thread may be reading the old ones.
+        self.truths = (*self.truths[1 - KEPT_TRUTHS :], truth)
         self.status = f"{self.line_status}, {self.hokuyo.sweeps} sweeps"
 
-    def measure(self) -> NDArray[np.float64]:
-        """Return the ranges of a sweep from where the robot is now; the line's thread calls it."""
-        truth = self.world.truth
-        if truth is None:
+    def measure(self, measured_s: float) -> NDArray[np.float64]:
+        """Return the ranges from where the robot was at a monotonic time; the line's thread calls it."""
+        truths = self.truths
+        if not truths:
             return np.full(self.laser.geometry.beams, np.inf)
-        # The robot has moved since then. `world.stamp` may belong to a newer pose: the module's own thread
-        # may be handling one at this moment.
-        since_s = max(0.0, self.clock.now_ns() / 1e9 - truth.stamp_s)
-        pose = truth.pose.after_arc(truth.linear_m_per_s * since_s, truth.angular_rad_per_s * since_s)
+        stamp_s = self.run_time_s(measured_s)
         self.laser.arena = self.world.arena
-        self.laser.place(pose, truth.stamp_s + since_s)
+        self.laser.place(pose_at(truths, stamp_s), stamp_s)
         return self.laser.scan().ranges_m.astype(np.float64)
 
     def teardown(self) -> None:
         """Pull the laser out."""
         self.pull_out()
+
+
+def pose_at(states: Sequence[DriveState], stamp_s: float) -> Pose:
+    """Return where a robot was at a time, from states in order of their stamps.
+
+    Between two states it is interpolated; after the last, the robot has driven on at its last speeds.
+    """
+    after = bisect_right(states, stamp_s, key=lambda state: state.stamp_s)
+    if after == 0:
+        return states[0].pose
+    before = states[after - 1]
+    since_s = stamp_s - before.stamp_s
+    if after == len(states):
+        way_m, turn_rad = before.linear_m_per_s * since_s, before.angular_rad_per_s * since_s
+        return before.pose.after_arc(way_m, turn_rad)
+    later = states[after]
+    share = since_s / (later.stamp_s - before.stamp_s)
+    return Pose(
+        before.pose.x_m + share * (later.pose.x_m - before.pose.x_m),
+        before.pose.y_m + share * (later.pose.y_m - before.pose.y_m),
+        wrapped(before.pose.heading_rad + share * wrapped(later.pose.heading_rad - before.pose.heading_rad)),
+    )

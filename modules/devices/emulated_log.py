@@ -55,7 +55,7 @@ class EmulatedLog(Module):
         self.records = list(CarmenLog(self.file, skip_broken=self.skip_broken))
         self.drive = drive_of(self.records, self.rate)
         self.scanner = EmulatedLms2xx(self.measure)
-        self.base = EmulatedCreate(body=RecordedBody(self.drive, self.since_start_s))
+        self.base = EmulatedCreate(body=RecordedBody(self.drive, lambda: self.start_s))
         self.start_s = math.inf
         self.first_scan_s: float | None = None
         self.sent: set[int] = set()
@@ -75,7 +75,7 @@ class EmulatedLog(Module):
         return link
 
     def since_start_s(self) -> float:
-        """Return the time since the start of the drive; the lines' threads call it, too."""
+        """Return the time since the start of the drive; negative before it."""
         return time.monotonic() - self.start_s
 
     def measure(self, _number: int, angles_rad: Array) -> Array:

@@ -27,7 +27,7 @@ ACCELERATION_S = 1.0
 
 def body_in_room(clock: Callable[[], float]) -> SimulatedBody:
     shape = DifferentialDrive()
-    return SimulatedBody(SimulatedDrive(ROOM, clock, body=shape, errors=EXACT), shape, clock)
+    return SimulatedBody(SimulatedDrive(ROOM, clock, body=shape, errors=EXACT), shape)
 
 
 def test_encoders_count_between_the_steps_of_the_simulation_too() -> None:
@@ -36,7 +36,7 @@ def test_encoders_count_between_the_steps_of_the_simulation_too() -> None:
     ways_m, turns_rad, times_s = [0.0], [0.0], [0.0]
     for _ in range(900):
         now[0] += 0.0037
-        way_m, turn_rad = body.move(SPEED_M_PER_S, TURN_RAD_PER_S, 0.0037)
+        way_m, turn_rad = body.move(SPEED_M_PER_S, TURN_RAD_PER_S, 0.0037, now[0])
         times_s.append(now[0])
         ways_m.append(ways_m[-1] + way_m)
         turns_rad.append(turns_rad[-1] + turn_rad)
@@ -53,10 +53,10 @@ def test_body_that_has_stopped_counts_no_more() -> None:
     body = body_in_room(lambda: now[0])
     for _ in range(100):
         now[0] += 0.013
-        body.move(SPEED_M_PER_S, 0.0, 0.013)
+        body.move(SPEED_M_PER_S, 0.0, 0.013, now[0])
     for _ in range(100):
         now[0] += 0.013
-        last = body.move(0.0, 0.0, 0.013)
+        last = body.move(0.0, 0.0, 0.013, now[0])
     assert last == (0.0, 0.0)
 
 
@@ -66,11 +66,27 @@ def test_encoders_that_are_read_late_tell_what_they_had_counted_in_time() -> Non
     ways_m = [0.0, 0.0]
     for number in range(300):
         now[0] = number * 0.015
-        ways_m[0] += prompt.move(SPEED_M_PER_S, 0.0, 0.015)[0]
+        ways_m[0] += prompt.move(SPEED_M_PER_S, 0.0, 0.015, now[0])[0]
         # A busy machine lets every other report wait for 8 ms.
-        late_s = 0.008 * (number % 2)
-        now[0] += late_s
-        ways_m[1] += late.move(SPEED_M_PER_S, 0.0, 0.015, late_s)[0]
+        at_s = now[0]
+        now[0] += 0.008 * (number % 2)
+        ways_m[1] += late.move(SPEED_M_PER_S, 0.0, 0.015, at_s)[0]
         if number > 100:
             # A tick is 0.15 mm; in 8 ms it drives 4.8 mm.
             assert ways_m[0] == pytest.approx(ways_m[1], abs=0.002)
+
+
+def test_encoders_that_are_read_late_after_a_pause_tell_how_it_was_in_between() -> None:
+    now = [0.0]
+    prompt, late = body_in_room(lambda: now[0]), body_in_room(lambda: now[0])
+    told = [[body.move(SPEED_M_PER_S, 0.0, 0.015, 0.0)[0]] for body in (prompt, late)]
+    for number in range(1, 41):
+        now[0] = number * 0.015
+        told[0].append(prompt.move(SPEED_M_PER_S, 0.0, 0.015, now[0])[0])
+        if number % 4 == 0:
+            # Four reports at once, while the robot gathers speed.
+            told[1] += [
+                late.move(SPEED_M_PER_S, 0.0, 0.015, now[0] - 0.015 * missed)[0] for missed in (3, 2, 1, 0)
+            ]
+    assert np.cumsum(told[1]) == pytest.approx(np.cumsum(told[0]), abs=0.002)
+    assert min(told[1]) >= 0.0

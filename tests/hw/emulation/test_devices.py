@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hw.emulation import create, fletcher, gnss, mip, p2os, xsens
 from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from hw.emulation.device import MAX_LATE_S, EmulatedClock, EmulatedDevice
 from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
 from hw.emulation.mip import EmulatedMip
 from hw.emulation.p2os import EmulatedPioneer
@@ -182,7 +182,9 @@ def test_pioneer_tells_its_watchdog_and_accelerations_until_the_host_goes() -> N
 
 
 @pytest.mark.parametrize("make", [EmulatedCreate, EmulatedPioneer])
-def test_base_that_was_late_keeps_the_beat_of_its_reports(make: Callable[[Clock], EmulatedDevice]) -> None:
+def test_late_emulator_of_a_base_makes_up_for_every_report(
+    make: Callable[[Clock], EmulatedDevice],
+) -> None:
     clock = Clock()
     robot = make(clock)
     if isinstance(robot, EmulatedPioneer):
@@ -194,8 +196,13 @@ def test_base_that_was_late_keeps_the_beat_of_its_reports(make: Callable[[Clock]
     began_s = clock.true
     clock.true = began_s + 3.6 * period_s
     due_s = robot.step()
-    assert len(robot.taken()) == 1
-    assert due_s == pytest.approx(began_s + 4 * period_s)
+    sent_s = [robot.clock.true_s(frame.at_s) for frame in robot.sent() if frame.at_s is not None]
+    assert sent_s == pytest.approx([began_s + beat * period_s for beat in (1, 2, 3)])
+    assert due_s == pytest.approx(robot.clock.at_s(began_s + 4 * period_s))
+    # After a long pause, such as that of a stopped process, it leaves out what is long over.
+    clock.true = began_s + 100.3 * period_s
+    robot.step()
+    assert len(robot.taken()) == 100 - math.ceil(100.3 - MAX_LATE_S / period_s) + 1
 
 
 def test_pioneer_ignores_a_command_with_a_wrong_checksum() -> None:

@@ -25,14 +25,12 @@ def arcs(count: int) -> tuple[list[float], list[Pose]]:
 def test_body_drives_the_recorded_way_whatever_the_motors_are_told() -> None:
     stamps, poses = arcs(200)
     drive = recorded_drive(stamps, np.array(poses), [None] * len(poses), PERIOD_S)
-    now = [-1.0]
-    body = RecordedBody(drive, lambda: now[0])
-    assert body.move(1.0, 1.0, 0.02) == (0.0, 0.0)
+    body = RecordedBody(drive, lambda: 5.0)
+    assert body.move(1.0, 1.0, 0.02, 4.0) == (0.0, 0.0)
     here, visited = ORIGIN, {}
     times = np.unique(np.concatenate([drive.times_s, np.arange(0.0, drive.duration_s + 1.0, 0.015)]))
     for time_s in times:
-        now[0] = float(time_s)
-        here = here.after_arc(*body.move(0.0, 0.0, 0.015))
+        here = here.after_arc(*body.move(0.0, 0.0, 0.015, 5.0 + float(time_s)))
         visited[float(time_s)] = here
     for time_s, pose in zip(drive.times_s, poses, strict=True):
         there = poses[0].plus(visited[float(time_s)])

@@ -34,7 +34,7 @@ def test_checksums_are_those_of_the_specification(text: str, told: str) -> None:
 
 
 def test_laser_switches_on_once_and_refuses_what_it_cannot_do() -> None:
-    laser = EmulatedHokuyo(UTM_30LX, lambda: WALL_M)
+    laser = EmulatedHokuyo(UTM_30LX, lambda _: WALL_M)
     assert heard(laser, "GD0000108000\n").split("\n")[1][:2] == "10"
     assert heard(laser, "BM\nBM\n") == "BM\n00P\n\nBM\n02R\n\n"
     assert heard(laser, "MD0000200000000\n").split("\n")[1][:2] == "04"
@@ -42,7 +42,7 @@ def test_laser_switches_on_once_and_refuses_what_it_cannot_do() -> None:
 
 
 def test_asked_number_of_sweeps_counts_down_and_ends() -> None:
-    laser = EmulatedHokuyo(UTM_30LX, lambda: WALL_M)
+    laser = EmulatedHokuyo(UTM_30LX, lambda _: WALL_M)
     heard(laser, "MD0000001001002\n")
     sent = []
     while (due_s := laser.step()) is not None:
@@ -54,7 +54,7 @@ def test_asked_number_of_sweeps_counts_down_and_ends() -> None:
 
 @pytest.mark.parametrize("data", Data)
 def test_driver_reads_what_the_laser_measures(data: Data, tmp_path: Path) -> None:
-    device = EmulatedHokuyo(UTM_30LX, lambda: WALL_M)
+    device = EmulatedHokuyo(UTM_30LX, lambda _: WALL_M)
     with (
         EmulatedLine(device, PseudoTerminal(tmp_path / "laser")) as line,
         closing(HokuyoLaser(line.url, silence_s=10.0, data=data)) as laser,
@@ -70,7 +70,7 @@ def test_driver_reads_what_the_laser_measures(data: Data, tmp_path: Path) -> Non
 
 
 def test_driver_merges_steps_and_goes_on_after_damage(tmp_path: Path) -> None:
-    device = EmulatedHokuyo(UTM_30LX, lambda: WALL_M)
+    device = EmulatedHokuyo(UTM_30LX, lambda _: WALL_M)
     faults = Faults(cut_share=0.2, noise_share=0.2)
     with (
         EmulatedLine(device, PseudoTerminal(tmp_path / "laser")) as line,

@@ -39,10 +39,10 @@ def test_true_pose_has_the_time_at_which_the_robot_was_there(settings: dict[str,
     truths = []
     # The simulated drive moves in steps of 10 ms; these times lie between them.
     with ModuleHarness(HandMovedBase, settings | {"period_s": 0.0233}, name="base_emulator") as base:
-        base.module.body.move(SPEED_M_PER_S, 0.0, 0.0)
+        base.module.body.move(SPEED_M_PER_S, 0.0, 0.0, base.clock.monotonic_ns() / 1e9)
         for _ in range(60):
             base.advance(0.0233)
-            base.module.body.move(SPEED_M_PER_S, 0.0, 0.0)
+            base.module.body.move(SPEED_M_PER_S, 0.0, 0.0, base.clock.monotonic_ns() / 1e9)
             truths += base.take(Odometry, "ground_truth")
     full_speed = [truth for truth in truths if truth.twist.twist.linear.x == SPEED_M_PER_S]
     times_s = np.array([truth.header.stamp.nanoseconds / 1e9 for truth in full_speed])
@@ -51,21 +51,36 @@ def test_true_pose_has_the_time_at_which_the_robot_was_there(settings: dict[str,
     assert np.diff(ways_m) / np.diff(times_s) == pytest.approx(SPEED_M_PER_S, rel=1e-3)
 
 
-def test_laser_moves_with_the_robot_from_the_time_of_the_pose_that_it_uses(
+def truth(x_m: float, speed_m_per_s: float, at_ns: int) -> Odometry:
+    """Return where the robot truly is."""
+    return Odometry(
+        header=Header(stamp=Time.from_nanoseconds(at_ns)),
+        pose=PoseWithCovariance(pose=Pose(position=Point(x=x_m))),
+        twist=TwistWithCovariance(twist=Twist(linear=Vector3(x=speed_m_per_s))),
+    )
+
+
+def test_laser_measures_from_where_the_robot_was_at_the_time_of_the_sweep(
     settings: dict[str, object],
 ) -> None:
     with ModuleHarness(EmulatedHokuyoLaser, settings | {"noise_m": 0.0}, name="laser_emulator") as laser:
-        began_ns = laser.clock.now_ns()
-        pose = PoseWithCovariance(pose=Pose(position=Point(x=0.5)))
-        twist = TwistWithCovariance(twist=Twist(linear=Vector3(x=SPEED_M_PER_S)))
-        header = Header(stamp=Time.from_nanoseconds(began_ns))
-        laser.send(Odometry(header=header, pose=pose, twist=twist), topic="ground_truth")
-        at_once_m = float(laser.module.measure()[AHEAD])
+        began_s = laser.clock.monotonic_ns() / 1e9
+        # It brakes within the second: between both states it is where it truly was, not where it was heading.
+        laser.send(truth(0.5, SPEED_M_PER_S, laser.clock.now_ns()), topic="ground_truth")
+        laser.advance(1.0)
+        laser.send(truth(0.7, 0.0, laser.clock.now_ns()), topic="ground_truth")
         laser.advance(0.5)
-        # The module's thread has begun to handle a newer pose, while the line's thread measures.
-        laser.module.world.stamp = Time.from_nanoseconds(laser.clock.now_ns())
-        later_m = float(laser.module.measure()[AHEAD])
-    assert math.isfinite(at_once_m)
+        ahead_m = [float(laser.module.measure(began_s + after_s)[AHEAD]) for after_s in (0.0, 0.5, 1.0, 1.5)]
+    assert math.isfinite(ahead_m[0])
+    assert [ahead_m[0] - each for each in ahead_m] == pytest.approx([0.0, 0.1, 0.2, 0.2], abs=1e-3)
+
+
+def test_laser_moves_on_with_the_robot_after_its_last_true_pose(settings: dict[str, object]) -> None:
+    with ModuleHarness(EmulatedHokuyoLaser, settings | {"noise_m": 0.0}, name="laser_emulator") as laser:
+        began_s = laser.clock.monotonic_ns() / 1e9
+        laser.send(truth(0.5, SPEED_M_PER_S, laser.clock.now_ns()), topic="ground_truth")
+        laser.advance(0.5)
+        at_once_m, later_m = (float(laser.module.measure(began_s + after_s)[AHEAD]) for after_s in (0.0, 0.5))
     assert at_once_m - later_m == pytest.approx(SPEED_M_PER_S * 0.5, abs=1e-3)
 
 
