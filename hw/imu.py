@@ -1,10 +1,14 @@
 """The interface of inertial measurement units."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+GATHER_S = 0.005
+"""The modules of drivers look that often; a driver need not read more often, either."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,15 @@ class OrientedSample:
 
     sample: ImuSample
     quaternion: NDArray[np.float64] | None
+
+
+def gathered_s(rate_hz: float) -> float:
+    """Return how long a driver lets samples gather before it reads them, at the rate of its unit.
+
+    Whole periods of the unit: so the newest sample has just arrived, and its stamp is right.
+    """
+    periods = math.floor(GATHER_S * rate_hz + 1e-9)
+    return periods / rate_hz if periods > 1 else 0.0
 
 
 class Imu(ABC):

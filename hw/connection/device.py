@@ -82,7 +82,9 @@ class PluggableDevice(ABC, Generic[T]):
         self._monotonic, self._open_port = monotonic, open_port
         self._port: Port | None = None
         self._backoff_s, self._next_attempt_s = MIN_BACKOFF_S, monotonic()
-        self._valid_s = 0.0
+        self._valid_s = self._read_s = 0.0
+        self.gather_s = 0.0
+        """Least time between two reads. Each read has a price of its own, whatever it brings."""
 
     @property
     def state(self) -> ConnectionState:
@@ -118,7 +120,9 @@ class PluggableDevice(ABC, Generic[T]):
             end_s = self._monotonic()  # measurements may have come with the answers
         assert self._port is not None
         try:
+            self._gather(end_s)
             data = self._port.read(end_s - self._monotonic())
+            self._read_s = self._monotonic()
             self.counters.bytes_received += len(data)
             values = self._take(data)
             now_s = self._monotonic()
@@ -179,6 +183,13 @@ class PluggableDevice(ABC, Generic[T]):
     def _is_alive(self) -> bool:
         """Return True once after something valid arrived that is no measurement, such as an answer."""
         return False
+
+    def _gather(self, end_s: float) -> None:
+        """Let more bytes come, until the next read is due, or until `end_s`."""
+        if self.gather_s:
+            until_s = min(end_s, self._read_s + self.gather_s)
+            if (wait_s := until_s - self._monotonic()) > 0:
+                time.sleep(wait_s)
 
     def _connect(self, end_s: float) -> bool:
         """Try to connect if it is time to, else wait until `end_s` at most. Return whether it worked."""

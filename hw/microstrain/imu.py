@@ -15,7 +15,7 @@ from hw.connection.device import PluggableDevice
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.connection.port import Port
 from hw.framing import DamagedFrame, FrameDecoder
-from hw.imu import ImuSample, OrientedSample
+from hw.imu import ImuSample, OrientedSample, gathered_s
 from hw.microstrain import mip
 from hw.microstrain.mip import STANDARD_GRAVITY_M_PER_S2, MipFraming, MipPacket, SensorField
 
@@ -28,6 +28,7 @@ REQUIRED = (SensorField.ACCELERATION, SensorField.TURN_RATE)
 WELCOME = ((SensorField.QUATERNION,), (SensorField.REFERENCE_TIME, SensorField.GPS_TIME))
 # From the unit's axes (ahead, right, down) to those of REP 103 (ahead, left, up), and back.
 AXES = np.array([1.0, -1.0, -1.0])
+HALF = math.sqrt(0.5)
 
 
 class MicroStrainImu(PluggableDevice[OrientedSample]):
@@ -87,6 +88,7 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
         for request in (_format(fields, divisor), mip.enable_sensor_stream(), mip.resume()):
             self._ask(port, decoder, request)
         self.fields = tuple(fields)
+        self.gather_s = gathered_s(base_hz / divisor)
 
     def _ask(self, port: Port, decoder: FrameDecoder[MipPacket], request: bytes) -> MipPacket:
         answer = self._answer(port, decoder, request)
@@ -142,8 +144,12 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
         return samples
 
     def _sample(self, values: dict[SensorField, tuple[float, ...]], arrived_s: float) -> OrientedSample:
-        turn = AXES * values[SensorField.TURN_RATE]
-        acceleration = AXES * values[SensorField.ACCELERATION] * STANDARD_GRAVITY_M_PER_S2
+        # Hundreds of times a second: as numbers of Python's this takes half as long as with arrays.
+        ahead, right, down = values[SensorField.TURN_RATE]
+        turn = np.array((ahead, -right, -down))
+        ahead, right, down = values[SensorField.ACCELERATION]
+        one_g = STANDARD_GRAVITY_M_PER_S2
+        acceleration = np.array((ahead * one_g, -right * one_g, -down * one_g))
         told = values.get(SensorField.QUATERNION)
         quaternion = None if told is None else with_z_up(told)
         return OrientedSample(ImuSample(self._stamp_s(values, arrived_s), turn, acceleration), quaternion)
@@ -173,7 +179,7 @@ def with_z_up(quaternion: Sequence[float] | NDArray[np.float64]) -> NDArray[np.f
     """
     w, x, y, z = quaternion
     # Half a turn about the line between north and east, and half a turn about the unit's x.
-    return np.array([w + z, x + y, x - y, w - z]) * math.sqrt(0.5)
+    return np.array(((w + z) * HALF, (x + y) * HALF, (x - y) * HALF, (w - z) * HALF))
 
 
 def _format(fields: Sequence[SensorField], divisor: int) -> bytes:

@@ -49,6 +49,8 @@ _FORMATS: dict[int, struct.Struct] = {
     # ns since the unit was switched on.
     SensorField.REFERENCE_TIME: struct.Struct(">Q"),
 }
+# Looking a field up here is much quicker than `SensorField(descriptor)`.
+_LAYOUTS = {int(field): (SensorField(field), layout) for field, layout in _FORMATS.items()}
 _BASE_RATE, _BASE_RATE_REPLY = 0x06, 0x83
 
 
@@ -164,11 +166,12 @@ def sensor_values(sent: MipPacket) -> dict[SensorField, tuple[float, ...]]:
         DamagedFrame: a field has another length.
     """
     values: dict[SensorField, tuple[float, ...]] = {}
-    for field in sent.fields if sent.descriptor_set == DescriptorSet.SENSOR_DATA else ():
-        if layout := _FORMATS.get(field.descriptor):
-            if len(field.data) != layout.size:
-                raise DamagedFrame(f"field {field.descriptor:02X} has {len(field.data)} bytes")
-            values[SensorField(field.descriptor)] = layout.unpack(field.data)
+    for descriptor, data in sent.fields if sent.descriptor_set == DescriptorSet.SENSOR_DATA else ():
+        if known := _LAYOUTS.get(descriptor):
+            field, layout = known
+            if len(data) != layout.size:
+                raise DamagedFrame(f"field {descriptor:02X} has {len(data)} bytes")
+            values[field] = layout.unpack(data)
     return values
 
 

@@ -11,7 +11,7 @@ from hw.connection.device import PluggableDevice
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.connection.port import Port
 from hw.framing import DamagedFrame, FrameDecoder
-from hw.imu import ImuSample, OrientedSample
+from hw.imu import ImuSample, OrientedSample, gathered_s
 from hw.xsens import xbus
 from hw.xsens.xbus import MessageId, OutputMode, OutputSettings, XbusData, XbusMessage
 
@@ -55,6 +55,7 @@ class XsensImu(PluggableDevice[OrientedSample]):
     ) -> None:
         super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
         self.rate_hz = rate_hz
+        self.gather_s = gathered_s(rate_hz)
         self._clock = clock
         self._decoder = FrameDecoder(xbus.XbusFraming())
         self._unreadable = 0

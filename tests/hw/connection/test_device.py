@@ -59,6 +59,25 @@ def test_measurements_arrive_in_order(beacon: Beacon) -> None:
     assert beacon.counters.values == len(numbers)
 
 
+def test_driver_that_gathers_reads_several_measurements_at_once(beacon: Beacon) -> None:
+    received(beacon)
+    beacon.gather_s = 0.1
+    began_s = time.monotonic()
+    polled = [beacon.poll(1.0) for _ in range(4)]
+    assert time.monotonic() - began_s >= 0.3
+    # The emulated beacon sends every 10 ms.
+    assert min(map(len, polled[1:])) > 3
+
+
+def test_driver_that_gathers_waits_no_longer_than_its_caller_allows(beacon: Beacon) -> None:
+    received(beacon)
+    beacon.gather_s = 100.0
+    beacon.poll()
+    began_s = time.monotonic()
+    beacon.poll(0.01)
+    assert time.monotonic() - began_s < 10.0
+
+
 def test_device_that_is_pulled_out_ten_times_is_back_within_two_seconds(
     line: EmulatedLine, beacon: Beacon
 ) -> None:

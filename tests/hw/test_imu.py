@@ -1,0 +1,10 @@
+"""How long drivers of inertial units let samples gather."""
+
+import pytest
+
+from hw.imu import gathered_s
+
+
+@pytest.mark.parametrize(("rate_hz", "expected_s"), [(100, 0.0), (200, 0.0), (400, 0.005), (500, 0.004)])
+def test_samples_gather_for_whole_periods_of_the_unit(rate_hz: float, expected_s: float) -> None:
+    assert gathered_s(rate_hz) == pytest.approx(expected_s)
