@@ -1,6 +1,6 @@
 """Pulls the cables of a running rescue robot's devices and plugs them in again.
 
-    python -m tools.replug_trial [--rounds 50] [--load 2] [--calm 8] [--json FILE]
+    python -m tools.replug_trial [--rounds 50] [--seconds 3600] [--load 2] [--calm 8] [--seed 0] [--json FILE]
 
 The robot explores a maze with an emulated Pioneer (whose watchdog is set to 0.15 s), Hokuyo and Xsens. The
 tool pulls one plug after another while other processes compute. For each it measures how long the robot
@@ -234,8 +234,15 @@ class Trial:
         """Return how often each device was back."""
         return min(len(each.back_s) for each in self.replugs.values())
 
-    def run(self, folder: Path, rounds: int, calm_s: float, chance: random.Random) -> None:
+    def run(self, folder: Path, rounds: int, until_s: float, calm_s: float, chance: random.Random) -> None:
         """Run a robot and pull its plugs, until there were enough rounds or its mission has ended.
+
+        Args:
+            folder: for the robot's output.
+            rounds: number of rounds of the whole trial.
+            until_s: no round begins after this time, machine's monotonic clock.
+            calm_s: time without replugs after each round.
+            chance: source of random waits.
 
         Raises:
             RobotTrouble: something that should happen did not happen in time, or the run failed.
@@ -249,7 +256,7 @@ class Trial:
             with suppress(RunEnded), closing(Tool(run, "pulls plugs")) as tool:
                 witness = Witness(tool)
                 witness.wait_for(lambda: witness.moves, "the robot moves", 120.0)
-                while self.rounds < rounds:
+                while self.rounds < rounds and time.monotonic() < until_s:
                     began = robot.figures()
                     for name, result in self.replugs.items():
                         replug(witness, name, chance, result)
@@ -325,15 +332,18 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--rounds", type=int, default=50, help="replugs of each device")
+    parser.add_argument("--seconds", type=float, default=3600.0, help="begin no round after this time")
     parser.add_argument("--load", type=int, default=2, help="processes that compute meanwhile")
     parser.add_argument("--calm", type=float, default=8.0, help="time without replugs after each round, s")
+    parser.add_argument("--seed", type=int, default=0, help="of the moments at which plugs are pulled")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args(arguments)
+    until_s = time.monotonic() + options.seconds
     with tempfile.TemporaryDirectory(prefix="robbie-replug-") as folder:
-        result, chance, runs = Trial(), random.Random(0), 0
+        result, chance, runs = Trial(), random.Random(options.seed), 0
         with load(options.load):
-            while result.rounds < options.rounds and runs < MAX_RUNS:
-                result.run(Path(folder) / str(runs), options.rounds, options.calm, chance)
+            while result.rounds < options.rounds and runs < MAX_RUNS and time.monotonic() < until_s:
+                result.run(Path(folder) / str(runs), options.rounds, until_s, options.calm, chance)
                 runs += 1
                 if options.json:
                     options.json.write_text(result.as_json())
