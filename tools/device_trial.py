@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -228,9 +229,33 @@ class _Watch:
         self._stood_s = [time.monotonic() - self._began_s]
 
 
+@contextmanager
+def served(trial: Trial, folder: Path) -> Iterator[str]:
+    """Emulate a device in a process of its own; return the URL of its line."""
+
+    def serve() -> None:
+        with EmulatedLine(trial.emulated(), PseudoTerminal(folder / "device")):
+            end.wait()
+
+    context = get_context("fork")
+    end = context.Event()
+    process = context.Process(target=serve)
+    process.start()
+    try:
+        yield str(folder / "device")
+    finally:
+        end.set()
+        process.join()
+
+
 def cost(trial: Trial, seconds: float, folder: Path) -> tuple[float, float]:
-    """Return the share of a core that the driver takes, and its measurements each second."""
-    with connected(trial, folder) as (_, driver):
+    """Return the share of a core that the driver takes, and its measurements each second.
+
+    The device is emulated in another process, so that the driver does not wait for Python's lock, as little
+    as in its module.
+    """
+    with served(trial, folder) as url, closing(trial.driver(url)) as driver:
+        _until(driver, bool)
         count, began_s, began_cpu_s = 0, time.monotonic(), time.thread_time()
         while time.monotonic() < began_s + seconds:
             count += len(driver.poll(0.1))

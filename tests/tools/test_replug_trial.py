@@ -1,5 +1,6 @@
 """Pulled cables of a running robot: how the trial counts, and that the robot goes on."""
 
+import math
 import random
 from pathlib import Path
 from types import SimpleNamespace
@@ -50,7 +51,7 @@ def test_waits_of_several_times_count_together() -> None:
 @pytest.mark.timeout(420)
 def test_robot_goes_on_after_each_of_its_cables_was_pulled(tmp_path: Path) -> None:
     result = Trial()
-    result.run(tmp_path, rounds=1, calm_s=0.0, chance=random.Random(1))
+    result.run(tmp_path, rounds=1, until_s=math.inf, calm_s=0.0, chance=random.Random(1))
     assert result.rounds == 1
     assert result.restarts == 0
     assert all(each.stale == 0 for each in result.replugs.values())
