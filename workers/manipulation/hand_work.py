@@ -27,6 +27,7 @@ MARGINS_M = (0.01, 0.003, 0.0)
 """Distances from obstacles, tried in this order: the arm may stand nearer to one than the first allows."""
 GRASP_RESTARTS = 6
 ARRIVED_RAD = 0.02
+STOWED_RAD = 0.1
 GIVES_AWAY = {HandState.OFFER, HandState.OPEN, HandState.WITHDRAW}
 WRIST_PITCH = 4
 """Place of the joint that turns the hand up and down, if the forearm lies level."""
@@ -85,6 +86,8 @@ class HandWork:
         self.view: TableView | None = None
         self._is_released = False
         """Whether the object that was to be put down or handed over has been let go."""
+        self._problem = ""
+        """Why the order has failed, while the arm is stowed; then the order ends."""
         self._grasp: Shape | None = None
         """What the gripper closes, or has closed, around."""
         self._positions: Floats | None = None
@@ -134,7 +137,7 @@ class HandWork:
 
     def _begin(self, task: Task, target: str) -> None:
         self.task, self.target, self.tries, self.outcome = task, target, 0, None
-        self._is_released = False
+        self._is_released, self._problem = False, ""
         self.view = None if self.view is None else replace(self.view, stamp_s=-math.inf)
         self._go(HandState.RECOVER, f"{task} {target}")
 
@@ -166,7 +169,7 @@ class HandWork:
         if self.machine.expire():
             if self.machine.state is HandState.REST:
                 if self.view is not None and self.tries:
-                    self._end(False, f"sees no {self.target} on a table")  # it has looked twice
+                    self._give_up(f"sees no {self.target} on a table")  # it has looked twice
                 else:
                     self._try_again(f"sees no {self.target} on a table" if self.view else "sees no table")
             else:
@@ -202,8 +205,19 @@ class HandWork:
         self.tries += 1
         has_nothing = self.task is not Task.PICK_UP and self.held is None and not self._is_released
         if self.tries >= self.settings.max_tries or has_nothing:
-            self._end(False, reason)
-            return
+            self._give_up(reason)
+        else:
+            self._recover(reason)
+
+    def _give_up(self, reason: str) -> None:
+        """End the order, but stow the arm first: the robot will drive on, and the arm must not stand out."""
+        if self._problem or self._is_stowed():
+            self._end(False, self._problem or reason)
+        else:
+            self._problem = reason
+            self._recover(reason)
+
+    def _recover(self, reason: str) -> None:
         if self.machine.state is HandState.RECOVER:
             self.machine.go(HandState.REST, reason)
         self._go(HandState.RECOVER, reason)
@@ -221,14 +235,14 @@ class HandWork:
             self.held = self._grasp = None
         if self._grasp is not None:
             self.held = self._grasp
-            if self.task is Task.HAND_OVER:
+            if self.task is Task.HAND_OVER and not self._problem:
                 return HandState.OFFER, f"holds {self.held.name}"
-            if self.task is Task.PUT_DOWN or self.held.name == self.target:
+            if self.task is Task.PUT_DOWN or self.held.name == self.target or self._problem:
                 return HandState.LIFT, f"holds {self.held.name}"
-            self._end(False, f"the hand holds {self.held.name}")
+            self._give_up(f"the hand holds {self.held.name}")
             return None
-        if self.task is not Task.PICK_UP and not self._is_released:
-            self._end(False, "there is nothing in the hand")
+        if self.task is not Task.PICK_UP and not self._is_released and not self._problem:
+            self._give_up("there is nothing in the hand")
             return None
         return HandState.FREE, "holds nothing"
 
@@ -240,7 +254,8 @@ class HandWork:
     def _in_free(self) -> tuple[HandState, str] | None:
         if not self._has_arrived():
             return None
-        return (HandState.STOW if self._is_released else HandState.ASIDE), "the hand is free"
+        is_over = self._is_released or self._problem
+        return (HandState.STOW if is_over else HandState.ASIDE), "the hand is free"
 
     def _begin_aside(self) -> None:
         self._follow(self._plan_to(np.array(self.settings.aside)), self.settings.speed)
@@ -304,7 +319,8 @@ class HandWork:
     def _in_lift(self) -> tuple[HandState, str] | None:
         if not self._has_arrived():
             return None
-        return (HandState.STOW if self.task is Task.PICK_UP else HandState.ASIDE), "lifted"
+        is_over = self.task is Task.PICK_UP or self._problem
+        return (HandState.STOW if is_over else HandState.ASIDE), "lifted"
 
     def _begin_offer(self) -> None:
         assert self.held is not None
@@ -354,7 +370,9 @@ class HandWork:
         self._follow(self._plan_to(np.array(self.settings.stow)), self.settings.speed)
 
     def _in_stow(self) -> tuple[HandState, str] | None:
-        if self._has_arrived():
+        if self._has_arrived() and self._problem and not self._is_released:
+            self._end(False, self._problem)
+        elif self._has_arrived():
             done = "has handed over" if self.task is Task.HAND_OVER else "has put down"
             self._end(True, f"holds {self.target}" if self.held else f"{done} {self.target}")
         return None
@@ -450,6 +468,9 @@ class HandWork:
         assert self._positions is not None
         return self._positions
 
+    def _is_stowed(self) -> bool:
+        return float(np.abs(self._here() - np.array(self.settings.stow)).max()) < STOWED_RAD
+
     def _standing(self) -> Trajectory:
         self._way_began_s = self._clock()
         speed = self._arm.max_speed
@@ -492,6 +513,7 @@ class HandWork:
             "grasp": None if self._grasp is None else _plain(self._grasp),
             "held": self.held is not None,
             "released": self._is_released,
+            "problem": self._problem,
             "view": None
             if self.view is None
             else [_plain(one) for one in (self.view.table, *self.view.objects)],
@@ -500,6 +522,7 @@ class HandWork:
     def remember(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` returned: find out what the hand holds, and begin the order anew."""
         self.target, self.tries, self._is_released = memory["target"], memory["tries"], memory["released"]
+        self._problem = memory["problem"]
         self._grasp = None if memory["grasp"] is None else _shape(memory["grasp"])
         self.held = self._grasp if memory["held"] else None
         self._opening_m = 0.0 if self._grasp is not None else self._arm.opening_m

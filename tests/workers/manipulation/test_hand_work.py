@@ -188,6 +188,30 @@ def test_orders_that_cannot_be_done_end_with_the_reason() -> None:
     assert world.is_unharmed
 
 
+def test_arm_is_stowed_before_a_failed_order_ends_because_the_robot_then_drives() -> None:
+    world = World()
+    world.work.pick_up("mustard")
+    world.run(120.0, until=HandState.STOW)
+    kept = world.work.memory()
+    world.work = world.new_work()
+    world.work.remember(kept)
+    assert world.run() == Outcome(False, "sees no mustard on a table")
+    at = np.array([world.at()[name] for name in JOINTS])
+    np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
+
+
+def test_arm_stows_what_it_holds_if_there_is_no_table_to_put_it_on() -> None:
+    world = World()
+    world.work.pick_up("soup")
+    world.run()
+    world.is_blind = True
+    world.work.put_down()
+    assert world.run(120.0) == Outcome(False, "sees no table")
+    at = np.array([world.at()[name] for name in JOINTS])
+    np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
+    assert (world.objects.held, world.is_unharmed) == ("soup", True)
+
+
 def test_arm_stands_still_while_its_joints_are_silent_and_then_goes_on() -> None:
     world = World()
     world.work.pick_up("soup")
