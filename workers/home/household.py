@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 MAX_SAYINGS = 8
 MAX_ENDS = 100
 TAKE_IT = "Here is the {}. Please take it."
+COME = "I have the {}. Please come to me."
+STILL_HERE_M = 0.5
+"""Whoever stands near before the robot has driven this far has given the order."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,9 @@ class HouseholdWork:
         self._tables = tuple(tables)
         self._pose: Array | None = None
         self._given_at: Array | None = None
+        self._giver: Array | None = None
         self._persons: list[PersonReport] = []
+        self._doubtful: list[PersonReport] = []
         self._sayings: deque[str] = deque(maxlen=MAX_SAYINGS)
         self._began_s = clock()
         self._renew()
@@ -105,7 +110,7 @@ class HouseholdWork:
         self._to_search: list[str] = []
         self._rounds = self._tries = self._losses = self._failed_drives = 0
         self._meeting: tuple[Array, Array] | None = None
-        self._is_near_person = False
+        self._is_near_person = self._has_called = False
 
     # -- what the owner does -----------------------------------------------------------------------------
 
@@ -183,8 +188,32 @@ class HouseholdWork:
         check_orders(orders, self.places, self.holds)
         self.cancel("another order has come")
         self.orders, self.at = tuple(orders), 0
-        self._given_at = None if self._pose is None else self._pose.copy()
+        self._order_is_given_here()
         self._begin_task()
+
+    def _order_is_given_here(self) -> None:
+        """Note where the robot is, and where the person stands to whom it brings things."""
+        self._given_at = None if self._pose is None else self._pose.copy()
+        self._giver = None
+        self._note_giver()
+
+    def _note_giver(self) -> None:
+        """Note where the person stands who gave the order, if the robot still is where it was given."""
+        if self._giver is not None or not self.orders or self._pose is None or self._given_at is None:
+            return
+        if math.dist(self._pose[:2], self._given_at[:2]) > STILL_HERE_M:
+            return
+        near = []
+        for one in self._fresh(self._persons):
+            away_m, bearing = self._direction(np.asarray(one.xy_m))
+            is_aside = abs(math.remainder(bearing - float(self._pose[2]), math.tau)) > self.settings.front_rad
+            if away_m <= self.settings.person_m:
+                near.append((is_aside, away_m, one.xy_m))
+        if near:
+            self._giver = np.array(min(near)[2])
+
+    def _fresh(self, persons: Iterable[PersonReport]) -> list[PersonReport]:
+        return [one for one in persons if one.unseen_s <= self.settings.fresh_s]
 
     def cancel(self, reason: str) -> bool:
         """End the order; the robot stands, and holds what it holds. Return whether there was one."""
@@ -242,6 +271,11 @@ class HouseholdWork:
     def see_persons(self, persons: Iterable[PersonReport]) -> None:
         """Take all persons that are tracked now."""
         self._persons = list(persons)
+        self._note_giver()
+
+    def see_doubtful(self, doubtful: Iterable[PersonReport]) -> None:
+        """Take what looks like the legs of standing persons, but is on the map: it may be furniture."""
+        self._doubtful = list(doubtful)
 
     def see_hand(self, holds: str) -> None:
         """Take what the arm says that it holds; without an order, others may have used it."""
@@ -345,7 +379,7 @@ class HouseholdWork:
     def follow_ended(self, is_done: bool, reason: str) -> None:
         """Record that the robot follows nobody any more."""
         if self.state is HouseholdState.FOLLOW:
-            self._given_at = None if self._pose is None else self._pose.copy()  # the person is there now
+            self._order_is_given_here()  # the person is here now
             self._end(is_done, reason, says=False)  # the one that follows has said why
 
     def who_ended(self, is_done: bool, reason: str) -> None:
@@ -398,27 +432,65 @@ class HouseholdWork:
         return near and abs(turned_rad) <= self.settings.at_table_rad
 
     def _meet(self) -> None:
-        """Come to the nearest person, and then hand over."""
+        """Come to the person who gave the order, or else to the nearest one, and then hand over."""
         if self._pose is None:
             return
-        fresh = [one for one in self._persons if one.unseen_s <= self.settings.fresh_s]
-        away = {math.dist(one.xy_m, self._pose[:2]): one for one in fresh}
-        if not away or min(away) > self.settings.person_m:
+        waits = self.machine.time_in_state_s < self.settings.wait_s
+        xy_m = self._taker(waits)
+        if xy_m is None:
+            if self._giver is not None and self._meeting is None:
+                self._come_to(self._giver)  # the person may be hidden from here
+            if not waits and not self._has_called:
+                self._has_called = True
+                self._sayings.append(COME.format(self.holds))
             return
-        away_m = min(away)
-        xy_m = np.asarray(away[away_m].xy_m)
-        bearing = math.atan2(*(xy_m - self._pose[:2])[::-1])
+        away_m, bearing = self._direction(xy_m)
         aside_rad = abs(math.remainder(bearing - float(self._pose[2]), math.tau))
         limit_m = self.settings.far_m if self._is_near_person else self.settings.near_m
+        has_moved = self._meeting is None or math.dist(self._meeting[1], xy_m) > self.settings.moved_m
         if away_m <= limit_m and aside_rad <= self.settings.ahead_rad:
             self._sayings.append(TAKE_IT.format(self.holds))
             self.machine.go(HouseholdState.HAND, f"a person is {away_m:.1f} m away")
-        elif self._meeting is None or math.dist(self._meeting[1], xy_m) > self.settings.moved_m:
-            before = xy_m - self.settings.before_m * np.array([math.cos(bearing), math.sin(bearing)])
-            if away_m < self.settings.before_m:
-                before = self._pose[:2]
-            self._meeting = np.array([*before, bearing]), xy_m
-            self._is_near_person = False
+        elif has_moved or self._is_near_person:
+            self._come_to(xy_m)
+
+    def _taker(self, waits: bool) -> Array | None:
+        """Return where the person is who should take what the robot brings; None if nobody is seen.
+
+        Args:
+            waits: whether only the person who gave the order may take it, if the robot has seen that person.
+        """
+        assert self._pose is not None
+        persons, settings = [np.asarray(one.xy_m) for one in self._fresh(self._persons)], self.settings
+        if self._giver is not None:
+            # Near by, the legs of somebody who stands get on the map as those of furniture do. But here the
+            # robot has seen a person before.
+            doubtful = [np.asarray(one.xy_m) for one in self._fresh(self._doubtful)]
+            for places, within_m in ((persons, settings.same_m), (doubtful, settings.doubtful_m)):
+                away = [(math.dist(place, self._giver), tuple(place)) for place in places]
+                if away and min(away)[0] <= within_m:
+                    return np.array(min(away)[1])
+            if waits:
+                return None
+        away = [(self._direction(place)[0], tuple(place)) for place in persons]
+        return np.array(min(away)[1]) if away and min(away)[0] <= settings.person_m else None
+
+    def _direction(self, xy_m: Array) -> tuple[float, float]:
+        """Return how far away a place is, m, and its bearing, rad, map frame."""
+        assert self._pose is not None
+        x, y = (xy_m - self._pose[:2]).tolist()
+        return math.hypot(x, y), math.atan2(y, x)
+
+    def _come_to(self, xy_m: Array) -> None:
+        """Drive to the place before a person; only turn if that is near enough, or nearer is not possible."""
+        assert self._pose is not None
+        away_m, bearing = self._direction(xy_m)
+        before_m = self.settings.before_m
+        before = xy_m - before_m * np.array([math.cos(bearing), math.sin(bearing)])
+        if away_m <= (self.settings.far_m if self._is_near_person else before_m):
+            before = self._pose[:2]
+        self._meeting = np.array([*before, bearing]), xy_m
+        self._is_near_person = False
 
     # -- restarts ----------------------------------------------------------------------------------------
 
@@ -434,6 +506,7 @@ class HouseholdWork:
             "to_search": list(self._to_search),
             "counts": [self._rounds, self._tries, self._losses, self._failed_drives],
             "given_at": None if self._given_at is None else self._given_at.tolist(),
+            "giver": None if self._giver is None else self._giver.tolist(),
             "used_s": self._clock() - self._began_s,
             "ends": [[_plain(one.order), one.is_done, one.reason, one.duration_s] for one in self.ends],
         }
@@ -448,6 +521,7 @@ class HouseholdWork:
         self._table, self._to_search = memory["table"], list(memory["to_search"])
         self._rounds, self._tries, self._losses, self._failed_drives = memory["counts"]
         self._given_at = None if memory["given_at"] is None else np.array(memory["given_at"])
+        self._giver = None if memory["giver"] is None else np.array(memory["giver"])
         self._began_s = self._clock() - memory["used_s"]
         for state in WAYS[HouseholdState[memory["state"]]] if self.orders else ():
             self.machine.go(state, "goes on after a restart")

@@ -66,7 +66,11 @@ class HouseholdSettings:
         at_table_rad: ... and its heading is this near to that of the place.
         max_tries: How often the robot tries the same again: a drive, a grasp.
         rounds: How often it looks on all tables for an object.
-        person_m: A person this near to the robot may take what it brings.
+        person_m: A person this near to the robot may have given the order, or take what the robot brings.
+        front_rad: Those in front of the robot, at most this far beside its heading, rather give orders.
+        same_m: A person this near to where the one who gave the order stood is taken for the same person ...
+        doubtful_m: ... and this near, whatever looks like legs is that person, even if it is on the map.
+        wait_s: For this time, nobody else may take what the robot brings; then it calls.
         near_m: The robot hands over to a person this near ...
         far_m: ... or this near, if it cannot come nearer ...
         ahead_rad: ... and at most this far beside its heading.
@@ -84,6 +88,10 @@ class HouseholdSettings:
     max_tries: int = 3
     rounds: int = 2
     person_m: float = 3.0
+    front_rad: float = 0.6
+    same_m: float = 1.0
+    doubtful_m: float = 0.4
+    wait_s: float = 8.0
     near_m: float = 1.1
     far_m: float = 1.6
     ahead_rad: float = 0.4

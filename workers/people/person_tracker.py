@@ -152,6 +152,19 @@ class PersonTracker:
     @property
     def persons(self) -> list[TrackedPerson]:
         """Return who is tracked and likely a person."""
+        return self._tracked(self._is_person)
+
+    @property
+    def doubtful(self) -> list[TrackedPerson]:
+        """Return what looks like the legs of a person, but is on the map and has not moved.
+
+        It may be furniture, or somebody who has stood there since the map shows the place.
+        """
+        return self._tracked(
+            lambda track: self._looks_like_legs(track) and track.is_on_map and not track.has_moved
+        )
+
+    def _tracked(self, which: Callable[[_Track], bool]) -> list[TrackedPerson]:
         now_s = self._now_s or 0.0
         return [
             TrackedPerson(
@@ -163,13 +176,16 @@ class PersonTracker:
                 now_s - track.seen_s,
             )
             for track in self._tracks
-            if self._is_person(track)
+            if which(track)
         ]
 
     def _is_person(self, track: _Track) -> bool:
-        if track.hits < self.settings.hits:
-            return False
-        return track.has_moved or (not track.is_on_map and track.confidence >= self.settings.confidence)
+        if track.has_moved:
+            return track.hits >= self.settings.hits
+        return self._looks_like_legs(track) and not track.is_on_map
+
+    def _looks_like_legs(self, track: _Track) -> bool:
+        return track.hits >= self.settings.hits and track.confidence >= self.settings.confidence
 
     def _predict(self, stamp_s: float) -> None:
         step_s = 0.0 if self._now_s is None else stamp_s - self._now_s

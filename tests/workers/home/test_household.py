@@ -1,6 +1,7 @@
 """What the household robot does with an order: its drives, the arm's tasks, persons, and failures."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from robbie_mp.state_machine import mermaid
 from tests._support.places import DOCS
 from workers.home.follow import PersonReport
-from workers.home.household import TAKE_IT, HouseholdWork
+from workers.home.household import COME, TAKE_IT, HouseholdWork
 from workers.home.household_states import TRANSITIONS, HouseholdSettings, HouseholdState
 from workers.home.orders import Task, TaskOrder, WrongOrder
 
@@ -58,9 +59,23 @@ class Robot:
             self.look()
 
     def person(self, x_m: float, y_m: float = 0.0) -> None:
+        self.see([(x_m, y_m)])
+
+    def see(
+        self, persons: Sequence[tuple[float, float]], doubtful: Sequence[tuple[float, float]] = ()
+    ) -> None:
         self.now_s += 0.2
-        self.work.see_persons([PersonReport("1", (x_m, y_m))])
+        self.work.see_persons([PersonReport(str(number), xy_m) for number, xy_m in enumerate(persons)])
+        self.work.see_doubtful([PersonReport(str(number), xy_m) for number, xy_m in enumerate(doubtful)])
         self.work.step()
+
+    def bring_to(self, giver: tuple[float, float]) -> None:
+        """Come back with the soup to where somebody has ordered it."""
+        self.work.begin([BRING])
+        self.see([giver])
+        self.fetch()
+        self.drive()
+        assert self.work.state is HouseholdState.MEET
 
 
 @pytest.fixture
@@ -182,6 +197,52 @@ def test_nobody_who_takes_the_object_ends_the_order_and_the_robot_keeps_it(robot
     assert robot.work.state is HouseholdState.CARRY
 
 
+def test_person_who_stands_where_the_order_was_given_is_met_even_if_the_map_shows_the_legs(
+    robot: Robot,
+) -> None:
+    robot.bring_to((2.0, 1.0))
+    robot.see([], doubtful=[(2.05, 1.0), (0.5, -0.5)])
+    goal = robot.work.goal
+    assert goal is not None
+    assert math.dist(goal[:2], (2.05, 1.0)) == pytest.approx(HouseholdSettings().before_m)
+    robot.work.see_pose(goal)
+    robot.see([], doubtful=[(2.05, 1.0), (0.5, -0.5)])
+    assert robot.work.arm_task is HouseholdState.HAND
+
+
+def test_furniture_that_looks_like_legs_gets_nothing(robot: Robot) -> None:
+    robot.bring_to((2.0, 1.0))
+    for _ in range(60):
+        robot.see([], doubtful=[(0.9, 0.0)])
+        assert robot.work.arm_task is None
+    assert robot.work.sayings()[-1] == COME.format("soup")
+
+
+def test_object_goes_to_the_person_who_ordered_it_and_only_later_to_somebody_else(robot: Robot) -> None:
+    robot.bring_to((2.0, 1.0))
+    robot.see([(1.0, 0.0)])
+    assert robot.work.arm_task is None
+    goal = robot.work.goal
+    assert goal is not None
+    assert math.dist(goal[:2], (2.0, 1.0)) == pytest.approx(HouseholdSettings().before_m)
+    robot.now_s += HouseholdSettings().wait_s
+    robot.see([(1.0, 0.0)])
+    assert robot.work.arm_task is HouseholdState.HAND
+
+
+def test_robot_that_stands_near_a_person_but_looks_elsewhere_turns(robot: Robot) -> None:
+    robot.bring_to((2.0, 0.0))
+    robot.see([(2.0, 0.0)])
+    robot.work.see_pose((0.6, 0.0, 1.5))
+    robot.work.arrived()
+    robot.see([(2.0, 0.0)])
+    assert robot.work.arm_task is None
+    np.testing.assert_allclose(robot.work.goal, (0.6, 0.0, 0.0), atol=1e-9)
+    robot.drive()
+    robot.see([(2.0, 0.0)])
+    assert robot.work.arm_task is HouseholdState.HAND
+
+
 def test_place_gets_its_name_where_the_robot_stands(robot: Robot) -> None:
     robot.work.begin([TaskOrder(Task.LEARN, place="sofa")])
     lesson = robot.work.lesson
@@ -216,6 +277,7 @@ def test_restarted_task_goes_on_with_the_same_step(state: HouseholdState, robot:
         HouseholdState.LEARN: TaskOrder(Task.LEARN, place="sofa"), HouseholdState.WHO: TaskOrder(Task.WHO),
     }  # fmt: skip
     robot.work.begin([orders.get(state, BRING), GO])
+    robot.person(2.0, 1.0)
     while robot.work.state is not state:
         if robot.work.state is HouseholdState.PICK:
             robot.look()
@@ -227,6 +289,7 @@ def test_restarted_task_goes_on_with_the_same_step(state: HouseholdState, robot:
     robot.work.remember(before.memory())
     robot.work.see_pose(HERE)
     assert (robot.work.state, robot.work.order, robot.work.holds) == (state, before.order, before.holds)
+    assert robot.work.memory()["giver"] == [2.0, 1.0]
     if before.goal is not None:
         np.testing.assert_array_equal(robot.work.goal, before.goal)
     assert robot.work.arm_task is before.arm_task
