@@ -117,6 +117,9 @@ class Manipulation(Module):
         if all(name in at for name in wanted):
             positions = np.array([at[name] for name in self.joints])
             self.work.see_joints(positions, at[self.fingers[0]], self._stamp_s(state.header))
+            if len(state.effort) == len(state.name):
+                efforts = dict(zip(state.name, state.effort.tolist(), strict=True))
+                self.work.see_efforts(np.array([efforts[name] for name in self.joints]))
 
     def on_table(self, message: TableObjects) -> None:
         """Pass what the camera sees to the worker."""

@@ -33,6 +33,7 @@ class RobotShapes:
             for placed in self._graph
             if placed.joint is not None and placed.joint.type is not JointType.FLOATING
         }
+        self._links = {placed.joint.name: placed.name for placed in self._graph if placed.joint is not None}
         self._moving = [shape for shape in self._solids if self._moves(shape.link)]
         self._time_ns = 0
         self.move({name: 0.0 for name, joint in self.joints.items() if joint.mimic is None})
@@ -47,6 +48,21 @@ class RobotShapes:
     def pose(self, link: str, robot: Pose) -> NDArray[np.float64]:
         """Return X_AL of a link: (4, 4), where the robot's base has a pose in the arena."""
         return on_floor(robot) @ self._graph.pose(BASE, link).matrix
+
+    def torque_nm(
+        self, name: str, robot: Pose, point: NDArray[np.float64], force: NDArray[np.float64]
+    ) -> float:
+        """Return the torque of a force about a joint that turns.
+
+        Args:
+            name: the joint.
+            robot: the pose of the robot's base in the arena.
+            point: (3,), m, arena frame: where the force acts.
+            force: (3,), N, arena frame.
+        """
+        X_AL = self.pose(self._links[name], robot)
+        axis = X_AL[:3, :3] @ np.array(self.joints[name].axis)
+        return float(axis @ np.cross(point - X_AL[:3, 3], force))
 
     def arm(self, robot: Pose) -> list[Placed]:
         """Return the shapes that joints move."""

@@ -4,11 +4,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.joints import Joint, JointReading
 from hw.simulation.joints import SimulatedJoints
 from hw.simulation.solid import Solid, pose_at
 from hw.simulation.tabletop import TableObject, Tabletop
+from hw.simulation.taking_person import TakingPerson
 from hw.simulation.urdf_solids import UrdfShapeError
 from modules.devices.joints import CommandedJoints
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
@@ -30,10 +32,10 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
     """The joints of a simulated arm and its gripper; see `CommandedJoints`. Their limits are the URDF's.
 
     A command that expires leaves the arm standing where it is. The gripper is the joint `gripper`: its
-    position is half of the opening, in m, and stops at what is between the fingers. Its effort in
-    `JointState` is then that of the fingers, in N, as servos measure it.
+    position is half of the opening, in m, and stops at what is between the fingers. The efforts in
+    `JointState` are those of the fingers, in N, and of a person who pulls, in Nm, as servos measure them.
 
-    A person near the hand takes what it lets go.
+    A person near the hand tugs at what it holds out, and takes it when it lets go.
 
     Where the objects truly are goes out as `TabletopTruth` on `ground_truth`, and at the end into
     `arm.json`. Joints and objects survive a restart.
@@ -43,8 +45,9 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
     period_s: float = setting(0.04, "time between messages", minimum=0.005)
     grip_n: float = setting(15.0, "force of the fingers on what they hold", minimum=0.0)
     takes_m: float = setting(
-        1.0, "a person this near to the hand, seen from above, takes what it lets go", minimum=0.0
+        1.0, "a person this near to the hand, seen from above, takes what it holds out", minimum=0.0
     )
+    pull_n: float = setting(10.0, "force with which a person pulls at what the hand holds out", minimum=0.0)
     rest: list[float] = setting([], "where the joints are at the start; default 0")
 
     @classmethod
@@ -90,6 +93,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
             table_solids(self.world.arena),
             state=None if self.restored is None else self.restored["objects"],
         )
+        self.person = TakingPerson(self.takes_m, self.pull_n)
         self.obey()
 
     def limits(self, place: int) -> dict[str, float]:
@@ -108,13 +112,14 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         self.shapes.move(at)
         robot = self.world.truth.pose
         hand = self.shapes.pose(GRASP_POINT, robot)
-        away_m = np.hypot(*(self.world.people[:, :2] - hand[:2, 3]).T)
-        somebody_takes = bool((away_m <= self.takes_m).any())
-        least = self.objects.step(hand, at[GRIPPER], self.shapes.arm(robot), somebody_takes)
+        least = self.objects.step(hand, at[GRIPPER], self.shapes.arm(robot), self.person.has_hold)
         self.simulated.block(GRIPPER, least or None)
         reading = self.simulated.read()
+        held_out = hand[:3, 3] if self.objects.held else None
+        pull = self.person.pull(self.clock.monotonic_ns() / 1e9, held_out, self.world.people[:, :2])
+        efforts = [self.shapes.torque_nm(name, robot, hand[:3, 3], pull) for name in self.names]
         now = Time.from_nanoseconds(self.clock.now_ns())
-        self._publish(reading, now)
+        self._publish(reading, np.array(efforts), now)
         self.checkpoint({"joints": self._positions(), "objects": self.objects.memory()})
         held = f"holds {self.objects.held}" if self.objects.held else "holds nothing"
         self.status = f"{held}, {self.simulated.expired_commands} expired commands"
@@ -146,11 +151,9 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
     def _positions(self) -> dict[str, float]:
         return dict(zip(self.names, self.simulated.read().positions_rad, strict=True))
 
-    def _publish(self, reading: JointReading, now: Time) -> None:
+    def _publish(self, reading: JointReading, efforts: NDArray[np.float64], now: Time) -> None:
         """Publish the joints, with the force of the gripper, and the truth."""
-        efforts = np.zeros(len(self.names))
-        if self.simulated.is_pushing(GRIPPER):
-            efforts[self.names.index(GRIPPER)] = -self.grip_n
+        efforts[self.names.index(GRIPPER)] = -self.grip_n if self.simulated.is_pushing(GRIPPER) else 0.0
         self.publish(
             JointState(
                 header=Header(stamp=now),

@@ -31,7 +31,7 @@ MAX_ENDS = 100
 TAKE_IT = "Here is the {}. Please take it."
 COME = "I have the {}. Please come to me."
 STILL_HERE_M = 0.5
-"""Whoever stands near before the robot has driven this far has given the order."""
+"""Until the robot has driven this far, it looks for the person who has given the order."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,8 @@ class HouseholdWork:
         self._pose: Array | None = None
         self._given_at: Array | None = None
         self._giver: Array | None = None
+        self._giver_rank = True, math.inf
+        self._is_where_given = False
         self._persons: list[PersonReport] = []
         self._doubtful: list[PersonReport] = []
         self._sayings: deque[str] = deque(maxlen=MAX_SAYINGS)
@@ -110,6 +112,8 @@ class HouseholdWork:
         self._to_search: list[str] = []
         self._rounds = self._tries = self._losses = self._failed_drives = 0
         self._meeting: tuple[Array, Array] | None = None
+        self._taker_xy_m: Array | None = None
+        self._refusals: list[Array] = []
         self._is_near_person = self._has_called = False
 
     # -- what the owner does -----------------------------------------------------------------------------
@@ -194,23 +198,24 @@ class HouseholdWork:
     def _order_is_given_here(self) -> None:
         """Note where the robot is, and where the person stands to whom it brings things."""
         self._given_at = None if self._pose is None else self._pose.copy()
-        self._giver = None
+        self._giver, self._giver_rank, self._is_where_given = None, (True, math.inf), True
         self._note_giver()
 
     def _note_giver(self) -> None:
-        """Note where the person stands who gave the order, if the robot still is where it was given."""
-        if self._giver is not None or not self.orders or self._pose is None or self._given_at is None:
+        """Note where the person stands who has given the order: in front of the robot, or the nearest one.
+
+        Persons need a moment to be noticed, so the robot looks for a better one until it has driven away.
+        """
+        if not self._is_where_given or self._pose is None or self._given_at is None:
             return
-        if math.dist(self._pose[:2], self._given_at[:2]) > STILL_HERE_M:
-            return
-        near = []
-        for one in self._fresh(self._persons):
-            away_m, bearing = self._direction(np.asarray(one.xy_m))
-            is_aside = abs(math.remainder(bearing - float(self._pose[2]), math.tau)) > self.settings.front_rad
-            if away_m <= self.settings.person_m:
-                near.append((is_aside, away_m, one.xy_m))
-        if near:
-            self._giver = np.array(min(near)[2])
+        x, y, heading = self._given_at.tolist()
+        self._is_where_given = math.dist(self._pose[:2], (x, y)) <= STILL_HERE_M
+        for one in self._fresh(self._persons) if self._is_where_given else ():
+            away_m = math.dist(one.xy_m, (x, y))
+            bearing = math.atan2(one.xy_m[1] - y, one.xy_m[0] - x)
+            is_aside = abs(math.remainder(bearing - heading, math.tau)) > self.settings.front_rad
+            if away_m <= self.settings.person_m and (is_aside, away_m) < self._giver_rank:
+                self._giver, self._giver_rank = np.array(one.xy_m), (is_aside, away_m)
 
     def _fresh(self, persons: Iterable[PersonReport]) -> list[PersonReport]:
         return [one for one in persons if one.unseen_s <= self.settings.fresh_s]
@@ -266,7 +271,8 @@ class HouseholdWork:
         """Take the robot's pose (x, y, heading), m and rad, map frame."""
         self._pose = np.asarray(pose, float)
         if self._given_at is None and self.orders:
-            self._given_at = self._pose.copy()
+            self._order_is_given_here()
+        self._note_giver()
 
     def see_persons(self, persons: Iterable[PersonReport]) -> None:
         """Take all persons that are tracked now."""
@@ -363,6 +369,9 @@ class HouseholdWork:
         else:
             self._tries += 1
             again = HouseholdState.CARRY if self.state is HouseholdState.PUT else HouseholdState.MEET
+            if self._taker_xy_m is not None:
+                self._refusals.append(self._taker_xy_m)
+                self._meeting = self._taker_xy_m = None
             if self._tries < self.settings.max_tries:
                 self.machine.go(again, f"once more: {reason}")
             else:
@@ -438,7 +447,7 @@ class HouseholdWork:
         waits = self.machine.time_in_state_s < self.settings.wait_s
         xy_m = self._taker(waits)
         if xy_m is None:
-            if self._giver is not None and self._meeting is None:
+            if self._giver is not None and self._meeting is None and not self._has_refused(self._giver):
                 self._come_to(self._giver)  # the person may be hidden from here
             if not waits and not self._has_called:
                 self._has_called = True
@@ -450,6 +459,7 @@ class HouseholdWork:
         has_moved = self._meeting is None or math.dist(self._meeting[1], xy_m) > self.settings.moved_m
         if away_m <= limit_m and aside_rad <= self.settings.ahead_rad:
             self._sayings.append(TAKE_IT.format(self.holds))
+            self._taker_xy_m = xy_m
             self.machine.go(HouseholdState.HAND, f"a person is {away_m:.1f} m away")
         elif has_moved or self._is_near_person:
             self._come_to(xy_m)
@@ -461,11 +471,14 @@ class HouseholdWork:
             waits: whether only the person who gave the order may take it, if the robot has seen that person.
         """
         assert self._pose is not None
-        persons, settings = [np.asarray(one.xy_m) for one in self._fresh(self._persons)], self.settings
+        persons, doubtful = (
+            [xy_m for one in self._fresh(seen) if not self._has_refused(xy_m := np.asarray(one.xy_m))]
+            for seen in (self._persons, self._doubtful)
+        )
+        settings = self.settings
         if self._giver is not None:
             # Near by, the legs of somebody who stands get on the map as those of furniture do. But here the
             # robot has seen a person before.
-            doubtful = [np.asarray(one.xy_m) for one in self._fresh(self._doubtful)]
             for places, within_m in ((persons, settings.same_m), (doubtful, settings.doubtful_m)):
                 away = [(math.dist(place, self._giver), tuple(place)) for place in places]
                 if away and min(away)[0] <= within_m:
@@ -474,6 +487,10 @@ class HouseholdWork:
                 return None
         away = [(self._direction(place)[0], tuple(place)) for place in persons]
         return np.array(min(away)[1]) if away and min(away)[0] <= settings.person_m else None
+
+    def _has_refused(self, xy_m: Array) -> bool:
+        """Return whether nobody there has taken the object: what looked like legs may be furniture."""
+        return any(math.dist(place, xy_m) <= self.settings.refused_m for place in self._refusals)
 
     def _direction(self, xy_m: Array) -> tuple[float, float]:
         """Return how far away a place is, m, and its bearing, rad, map frame."""
@@ -506,7 +523,8 @@ class HouseholdWork:
             "to_search": list(self._to_search),
             "counts": [self._rounds, self._tries, self._losses, self._failed_drives],
             "given_at": None if self._given_at is None else self._given_at.tolist(),
-            "giver": None if self._giver is None else self._giver.tolist(),
+            "giver": None if self._giver is None else [*self._giver.tolist(), *self._giver_rank],
+            "is_where_given": self._is_where_given,
             "used_s": self._clock() - self._began_s,
             "ends": [[_plain(one.order), one.is_done, one.reason, one.duration_s] for one in self.ends],
         }
@@ -521,7 +539,10 @@ class HouseholdWork:
         self._table, self._to_search = memory["table"], list(memory["to_search"])
         self._rounds, self._tries, self._losses, self._failed_drives = memory["counts"]
         self._given_at = None if memory["given_at"] is None else np.array(memory["given_at"])
-        self._giver = None if memory["giver"] is None else np.array(memory["giver"])
+        self._is_where_given = memory["is_where_given"]
+        if memory["giver"] is not None:
+            x, y, *rank = memory["giver"]
+            self._giver, self._giver_rank = np.array([x, y]), (bool(rank[0]), rank[1])
         self._began_s = self._clock() - memory["used_s"]
         for state in WAYS[HouseholdState[memory["state"]]] if self.orders else ():
             self.machine.go(state, "goes on after a restart")

@@ -70,6 +70,7 @@ class HouseholdSettings:
         front_rad: Those in front of the robot, at most this far beside its heading, rather give orders.
         same_m: A person this near to where the one who gave the order stood is taken for the same person ...
         doubtful_m: ... and this near, whatever looks like legs is that person, even if it is on the map.
+        refused_m: Nobody this near to where nobody has taken the object is asked again.
         wait_s: For this time, nobody else may take what the robot brings; then it calls.
         near_m: The robot hands over to a person this near ...
         far_m: ... or this near, if it cannot come nearer ...
@@ -91,6 +92,7 @@ class HouseholdSettings:
     front_rad: float = 0.6
     same_m: float = 1.0
     doubtful_m: float = 0.4
+    refused_m: float = 0.5
     wait_s: float = 8.0
     near_m: float = 1.1
     far_m: float = 1.6

@@ -93,6 +93,9 @@ class HandWork:
         self._positions: Floats | None = None
         self._half_m = 0.0
         self._heard_s = -math.inf
+        self._efforts: Floats | None = None
+        self._calm_efforts: Floats | None = None
+        """The joints' torques before anybody pulls at what the arm holds out."""
         self._halves: deque[tuple[float, float]] = deque(maxlen=200)
         self._opening_m = arm.opening_m
         self._way: Trajectory | None = None
@@ -105,6 +108,10 @@ class HandWork:
         """Take where the joints are."""
         self._positions, self._half_m, self._heard_s = positions, half_opening_m, stamp_s
         self._halves.append((stamp_s, half_opening_m))
+
+    def see_efforts(self, efforts: Floats) -> None:
+        """Take the torques of the joints: (joints,), Nm. Without them, the arm feels nobody pull."""
+        self._efforts = efforts
 
     def see_table(self, view: TableView) -> None:
         """Take what the camera sees; it counts only while the arm is out of its view and stands."""
@@ -126,7 +133,7 @@ class HandWork:
         self._begin(Task.PUT_DOWN, self.held.name if self.held is not None else "")
 
     def hand_over(self) -> None:
-        """Begin to hold out what is held, and then let it go; an order before ends."""
+        """Begin to hold out what is held, and let it go when somebody pulls; an order before ends."""
         self._begin(Task.HAND_OVER, self.held.name if self.held is not None else "")
         self.view = None  # there is no table
 
@@ -324,6 +331,7 @@ class HandWork:
 
     def _begin_offer(self) -> None:
         assert self.held is not None
+        self._calm_efforts = None
         offer = np.array(self.settings.offer)
         # The hand has the pitch again that it had when it grasped the object, which stood.
         pitch_rad = -math.asin(float(np.clip(np.linalg.inv(self.held.pose)[2, 0], -1.0, 1.0)))
@@ -337,7 +345,15 @@ class HandWork:
             return None
         assert self._way is not None
         held_out_s = self._clock() - self._way_began_s - self._way.duration_s
-        return (HandState.OPEN, "held out long enough") if held_out_s >= self.settings.offer_s else None
+        if self._calm_efforts is None and held_out_s >= self.settings.still_s:
+            self._calm_efforts = self._efforts
+        elif self._calm_efforts is not None and self._efforts is not None:
+            change_nm = float(np.abs(self._efforts - self._calm_efforts).max())
+            if change_nm >= self.settings.pull_nm:
+                return HandState.OPEN, f"somebody pulls with {change_nm:.1f} Nm"
+        if held_out_s >= self.settings.offer_s:
+            self._give_up(f"nobody has taken {self.target}")
+        return None
 
     def _begin_open(self) -> None:
         if self.task is Task.PUT_DOWN and self.held is not None and self.view is not None:

@@ -64,7 +64,8 @@ class HandSettings:
         stow: joints with the hand above the robot, to drive; rad.
         aside: joints with the arm out of the camera's view; rad.
         offer: joints with the hand held out to a person; the wrist then keeps upright what it holds; rad.
-        offer_s: time until the gripper lets go what it holds out.
+        offer_s: time after which the arm gives up that somebody takes what it holds out.
+        pull_nm: somebody pulls if the torque of a joint changes by this.
         back_m: how far before the object the hand begins to move straight.
         lift_m: how far an object is lifted straight up.
         line_speed: share of the joints' greatest speeds on straight lines.
@@ -81,7 +82,8 @@ class HandSettings:
     stow: tuple[float, ...] = (0.0, -0.8, -0.3, 0.0, 1.1, 0.0)
     aside: tuple[float, ...] = (1.9, 0.3, 0.9, 0.0, -1.2, 0.0)
     offer: tuple[float, ...] = (0.0, 0.3, -0.3, 0.0, 0.0, 0.0)
-    offer_s: float = 3.0
+    offer_s: float = 15.0
+    pull_nm: float = 0.8
     back_m: float = 0.09
     lift_m: float = 0.07
     line_speed: float = 0.35

@@ -14,6 +14,7 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.joints import SimulatedJoints
 from hw.simulation.solid import Solid, pose_at
 from hw.simulation.tabletop import TableObject, Tabletop
+from hw.simulation.taking_person import TakingPerson
 from modules.manipulation.robot_shapes import RobotShapes, table_solids
 from robbie_mp.state_machine import mermaid
 from tests._support.places import ARENAS, DOCS, PROJECT
@@ -59,6 +60,8 @@ class World:
         self.arm = ArmModel(ROBOT, JOINTS, ["gripper", "right_finger"])
         self.states: list[HandState] = []
         self.is_blind = self.is_silent = False
+        self.person = TakingPerson(1.0, 10.0)
+        self.people: list[tuple[float, float]] = []
         self.before: Callable[[], None] = lambda: None
         self.work = self.new_work()
 
@@ -86,11 +89,18 @@ class World:
             self.before()
             self.shapes.move(self.at())
             hand = self.shapes.pose("grasp_point", STANDS)
-            least = self.objects.step(hand, self.at()["gripper"], self.shapes.arm(STANDS))
+            least = self.objects.step(
+                hand, self.at()["gripper"], self.shapes.arm(STANDS), self.person.has_hold
+            )
+            held_out = hand[:3, 3] if self.objects.held else None
+            pull = self.person.pull(self.now_s, held_out, self.people)
             self.joints.block("gripper", least or None)
             if not self.is_silent:
                 positions = np.array([self.at()[name] for name in JOINTS])
                 self.work.see_joints(positions, self.at()["gripper"], self.now_s)
+                self.work.see_efforts(
+                    np.array([self.shapes.torque_nm(name, STANDS, hand[:3, 3], pull) for name in JOINTS])
+                )
             if turn % 10 == 0 and not self.is_blind:
                 self.work.see_table(self.view())
             order = self.work.step()
@@ -232,8 +242,9 @@ def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
 
 
 @pytest.mark.parametrize("restarts", [False, True])
-def test_object_is_held_out_upright_and_let_go_after_a_moment(restarts: bool) -> None:
+def test_object_is_held_out_upright_and_let_go_when_a_person_pulls(restarts: bool) -> None:
     world = World()
+    world.people = [(STANDS.x_m + 1.0, STANDS.y_m + 0.2)]
     world.work.pick_up("cola")
     world.run()
     world.work.outcome = None
@@ -251,6 +262,19 @@ def test_object_is_held_out_upright_and_let_go_after_a_moment(restarts: bool) ->
     assert held[2, 3] > 0.55
     assert world.run() == Outcome(True, "has handed over cola")
     assert world.objects.held is None
+    assert world.objects.is_taken("cola")
+
+
+def test_arm_keeps_what_nobody_takes() -> None:
+    world = World()
+    world.work.pick_up("cola")
+    world.run()
+    world.work.outcome = None
+    world.work.hand_over()
+    assert world.run() == Outcome(False, "nobody has taken cola")
+    at = np.array([world.at()[name] for name in JOINTS])
+    np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
+    assert (world.objects.held, world.is_unharmed) == ("cola", True)
 
 
 def test_empty_hand_hands_nothing_over() -> None:
