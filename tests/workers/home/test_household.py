@@ -264,7 +264,9 @@ def test_robot_that_stands_near_a_person_but_looks_elsewhere_turns(robot: Robot)
     robot.work.arrived()
     robot.see([(2.0, 0.0)])
     assert robot.work.arm_task is None
-    np.testing.assert_allclose(robot.work.goal, (0.6, 0.0, 0.0), atol=1e-9)
+    goal = robot.work.goal
+    assert goal is not None
+    np.testing.assert_allclose(goal, (0.6, 0.0, 0.0), atol=1e-9)
     robot.drive()
     robot.see([(2.0, 0.0)])
     assert robot.work.arm_task is HouseholdState.HAND
