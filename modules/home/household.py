@@ -29,6 +29,7 @@ from modules.manipulation.messages import (
     PickUpResult,
     PutDown,
     PutDownResult,
+    StowArm,
     TableObjects,
 )
 from modules.navigation_goals import NavigationGoals
@@ -138,6 +139,7 @@ class Household(Module):
         self.arm: SentGoal | None = None
         self.arm_task: HouseholdState | None = None
         self.round: SentGoal | None = None
+        self.arm_stands_out = False
         self.arm_s = self.round_s = self.asked_s = self.pose_s = -math.inf
         self.is_asking = self.follows = self.has_taught = False
         self.began_s = self.accepted_s = self._time_s()
@@ -261,6 +263,7 @@ class Household(Module):
     def on_hand(self, message: HandStatus) -> None:
         """Know that there is an arm, and what it holds."""
         self.work.see_hand(message.held)
+        self.arm_stands_out = message.stands_out
 
     def on_following(self, message: Following) -> None:
         """Notice that the robot follows nobody any more."""
@@ -345,7 +348,7 @@ class Household(Module):
         if goal is not None and self.following not in ("", FOLLOWS_NOBODY):
             self._ask(FollowOrder(order="stop"), self._on_follow_stopped, self._on_not_told)
             goal = None
-        if goal is None:
+        if goal is None or self.arm_stands_out:
             self.goals.cancel(self.work.machine.reason)
         else:
             self.goals.drive_to(goal, self.pose)
@@ -461,18 +464,28 @@ class Household(Module):
                 self.arm.cancel("not wanted any more")
             self.arm, self.arm_task, self.arm_s = None, task, -math.inf
         order = self.work.order
-        if task is None or order is None or self.arm is not None:
+        stows = task is None and self.arm_stands_out
+        if order is None or self.arm is not None or (task is None and not stows):
             return
         if self._time_s() - self.arm_s < REPEAT_S:
             return
         self.arm_s = self._time_s()
         what = self.work.holds
-        if task is HouseholdState.PICK:
+        if stows:  # an order that was cancelled has left the arm where it was
+            self.arm = self.send_goal(StowArm(), lambda _result: self._on_stowed(), self._on_not_stowed)
+        elif task is HouseholdState.PICK:
             self.arm = self.send_goal(PickUp(object=order.object), self._on_arm_done, self._on_arm_error)
         elif task is HouseholdState.PUT:
             self.arm = self.send_goal(PutDown(object=what), self._on_arm_done, self._on_arm_error)
         else:
             self.arm = self.send_goal(HandOver(object=what), self._on_arm_done, self._on_arm_error)
+
+    def _on_stowed(self) -> None:
+        self.arm = None
+
+    def _on_not_stowed(self, error: CallError) -> None:
+        self.arm = None
+        self.log.warning("the arm is not stowed: %s: %s", type(error).__name__, error)
 
     def _on_arm_done(self, result: PickUpResult | PutDownResult | HandOverResult) -> None:
         self.arm = None

@@ -19,6 +19,9 @@ from modules.manipulation.messages import (
     PutDown,
     PutDownFeedback,
     PutDownResult,
+    StowArm,
+    StowArmFeedback,
+    StowArmResult,
     TableObjects,
 )
 from modules.manipulation.shape_messages import view_of
@@ -43,11 +46,12 @@ from workers.manipulation.hand_work_states import Task
 PickUpGoal = ActiveGoal[PickUp, PickUpFeedback, PickUpResult]
 PutDownGoal = ActiveGoal[PutDown, PutDownFeedback, PutDownResult]
 HandOverGoal = ActiveGoal[HandOver, HandOverFeedback, HandOverResult]
-AnyGoal = PickUpGoal | PutDownGoal | HandOverGoal
+StowArmGoal = ActiveGoal[StowArm, StowArmFeedback, StowArmResult]
+AnyGoal = PickUpGoal | PutDownGoal | HandOverGoal | StowArmGoal
 
 
 class Manipulation(Module):
-    """Serves `PickUp`, `PutDown` and `HandOver`: moves the arm by what the depth camera and the joints tell.
+    """Serves `PickUp`, `PutDown`, `HandOver` and `StowArm`, by what the depth camera and the joints tell.
 
     It publishes `JointCommand`, which expires, on topic `arm` while it has an order or holds something, and
     `HandStatus`. The order survives a restart: the arm stands still meanwhile, and its client notices
@@ -88,13 +92,14 @@ class Manipulation(Module):
         self.accepted_s = self._time_s()
         self.released = ""
         self.fed_back = ""
-        self.told: tuple[str, str] | None = None
+        self.told: tuple[str, str, bool] | None = None
         if self.restored is not None:
             self._restore(self.restored)
         self.show_state(self.work.machine.state)
         self.serve_goals(PickUp, self.on_pick_up, self.on_cancel)
         self.serve_goals(PutDown, self.on_put_down, self.on_cancel)
         self.serve_goals(HandOver, self.on_hand_over, self.on_cancel)
+        self.serve_goals(StowArm, self.on_stow, self.on_cancel)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(JointState, self.on_joints, newest, topic="arm")
         self.subscribe(TableObjects, self.on_table, newest)
@@ -106,6 +111,8 @@ class Manipulation(Module):
             self.active = self.resume_goal(PickUp, goal)
         elif goal is not None and kept["task"] == Task.PUT_DOWN:
             self.active = self.resume_goal(PutDown, goal)
+        elif goal is not None and kept["task"] == Task.STOW:
+            self.active = self.resume_goal(StowArm, goal)
         elif goal is not None:
             self.active = self.resume_goal(HandOver, goal)
         self.work.remember(kept["work"])
@@ -148,6 +155,14 @@ class Manipulation(Module):
             self._release(active, Task.HAND_OVER, self.work.hand_over)
         else:
             active.succeed(HandOverResult())
+
+    def on_stow(self, active: StowArmGoal) -> None:
+        """Move the arm above the robot from now on."""
+        is_same = self.work.task is Task.STOW
+        self._take(active)
+        if not is_same:
+            self.work.stow()
+        self._keep()
 
     def _has_released(self, goal: PutDown | HandOver) -> bool:
         """Return whether its client's last process asked for the same, and did not hear of the end."""
@@ -209,7 +224,7 @@ class Manipulation(Module):
         self.log.info("%s", outcome.text)
         self.active = None
         duration_s = self._time_s() - self.accepted_s
-        if outcome.is_done:
+        if outcome.is_done and not isinstance(active.goal, StowArm):
             self.released = "" if isinstance(active.goal, PickUp) else self.work.target
         self._keep()
         if not outcome.is_done:
@@ -218,6 +233,8 @@ class Manipulation(Module):
             active.succeed(PutDownResult(duration_s=duration_s))
         elif isinstance(active.goal, HandOver):
             active.succeed(HandOverResult(duration_s=duration_s))
+        elif isinstance(active.goal, StowArm):
+            active.succeed(StowArmResult(duration_s=duration_s))
         else:
             width_m = 2 * self.work.half_opening_m
             active.succeed(PickUpResult(duration_s=duration_s, width_m=width_m, tries=self.work.tries))
@@ -232,16 +249,21 @@ class Manipulation(Module):
             active.feedback(PutDownFeedback(state=state, reason=reason))
         elif isinstance(active.goal, HandOver):
             active.feedback(HandOverFeedback(state=state, reason=reason))
+        elif isinstance(active.goal, StowArm):
+            active.feedback(StowArmFeedback(state=state, reason=reason))
         else:
             active.feedback(PickUpFeedback(state=state, reason=reason))
 
     def _tell(self) -> None:
         """Publish what the arm does and holds, if that has changed."""
         state, held = self.work.machine.state.name, self.work.held.name if self.work.held else ""
-        if self.told != (state, held):
-            self.told = state, held
+        stands_out = self.work.stands_out
+        if self.told != (state, held, stands_out):
+            self.told = state, held, stands_out
             header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()))
-            self.publish(HandStatus(header=header, state=state, held=held), latched=True)
+            self.publish(
+                HandStatus(header=header, state=state, held=held, stands_out=stands_out), latched=True
+            )
 
     def _keep(self) -> None:
         """Keep what the next process needs."""

@@ -31,6 +31,11 @@ class TabletopTruth(
     taken: list[str] = DEFAULT  # names of those that people have taken out of the hand
 
 
+def _stowed(fields: dict[str, Any]) -> dict[str, Any]:
+    """Take the arm for stowed: version 1 did not say."""
+    return {**fields, "stands_out": False}
+
+
 class SeenShape(Message, name="manipulation_msgs/msg/SeenShape", version=1):
     """A box, or an upright cylinder."""
 
@@ -48,12 +53,22 @@ class TableObjects(Message, name="manipulation_msgs/msg/TableObjects", version=1
     objects: list[SeenShape] = DEFAULT  # names that are not known begin with "unknown"
 
 
-class HandStatus(Message, name="manipulation_msgs/msg/HandStatus", version=1):
+class HandStatus(
+    Message,
+    name="manipulation_msgs/msg/HandStatus",
+    version=2,
+    upgrades={
+        1: Upgrade(_stowed),
+    },
+):
     """What the arm does and holds. Latched, and published on each change."""
 
     header: Header = DEFAULT
     state: str = DEFAULT  # name of a state of workers/manipulation/hand_work_states.py
     held: str = DEFAULT  # what is in the hand; '': nothing
+    stands_out: bool = (
+        DEFAULT  # whether the arm has no order, but is not stowed: send StowArm before you drive
+    )
 
 
 class PickUpFeedback(Feedback, name="manipulation_msgs/action/PickUp_Feedback", version=1):
@@ -115,3 +130,20 @@ class HandOver(
     """Hold out what is in the hand to somebody in front of the robot, and let it go after a moment."""
 
     object: str = DEFAULT  # its name; '': whatever it is
+
+
+class StowArmFeedback(Feedback, name="manipulation_msgs/action/StowArm_Feedback", version=1):
+    """What the arm does; sent on each change."""
+
+    state: str = DEFAULT  # as in PickUpFeedback
+    reason: str = DEFAULT  # why it is in that state, for people
+
+
+class StowArmResult(Result, name="manipulation_msgs/action/StowArm_Result", version=1):
+    """The arm is above the robot."""
+
+    duration_s: float64 = DEFAULT
+
+
+class StowArm(Goal[StowArmFeedback, StowArmResult], name="manipulation_msgs/action/StowArm_Goal", version=1):
+    """Move the arm above the robot, with what it holds, so that the robot can drive."""

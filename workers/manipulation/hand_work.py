@@ -137,6 +137,10 @@ class HandWork:
         self._begin(Task.HAND_OVER, self.held.name if self.held is not None else "")
         self.view = None  # there is no table
 
+    def stow(self) -> None:
+        """Begin to move the arm above the robot, with what it holds; an order before ends."""
+        self._begin(Task.STOW, self.held.name if self.held is not None else "")
+
     def stop(self, reason: str) -> None:
         """End the order; the arm stands still."""
         if self.task is not None:
@@ -210,7 +214,7 @@ class HandWork:
     def _try_again(self, reason: str) -> None:
         """Begin the order anew, unless it was tried too often."""
         self.tries += 1
-        has_nothing = self.task is not Task.PICK_UP and self.held is None and not self._is_released
+        has_nothing = self._gives_away and self.held is None and not self._is_released
         if self.tries >= self.settings.max_tries or has_nothing:
             self._give_up(reason)
         else:
@@ -244,11 +248,11 @@ class HandWork:
             self.held = self._grasp
             if self.task is Task.HAND_OVER and not self._problem:
                 return HandState.OFFER, f"holds {self.held.name}"
-            if self.task is Task.PUT_DOWN or self.held.name == self.target or self._problem:
+            if self.task is not Task.PICK_UP or self.held.name == self.target or self._problem:
                 return HandState.LIFT, f"holds {self.held.name}"
             self._give_up(f"the hand holds {self.held.name}")
             return None
-        if self.task is not Task.PICK_UP and not self._is_released and not self._problem:
+        if self._gives_away and not self._is_released and not self._problem:
             self._give_up("there is nothing in the hand")
             return None
         return HandState.FREE, "holds nothing"
@@ -261,7 +265,7 @@ class HandWork:
     def _in_free(self) -> tuple[HandState, str] | None:
         if not self._has_arrived():
             return None
-        is_over = self._is_released or self._problem
+        is_over = self._is_released or self._problem or self.task is Task.STOW
         return (HandState.STOW if is_over else HandState.ASIDE), "the hand is free"
 
     def _begin_aside(self) -> None:
@@ -326,7 +330,7 @@ class HandWork:
     def _in_lift(self) -> tuple[HandState, str] | None:
         if not self._has_arrived():
             return None
-        is_over = self.task is Task.PICK_UP or self._problem
+        is_over = self.task is not Task.PUT_DOWN or self._problem
         return (HandState.STOW if is_over else HandState.ASIDE), "lifted"
 
     def _begin_offer(self) -> None:
@@ -390,7 +394,8 @@ class HandWork:
             self._end(False, self._problem)
         elif self._has_arrived():
             done = "has handed over" if self.task is Task.HAND_OVER else "has put down"
-            self._end(True, f"holds {self.target}" if self.held else f"{done} {self.target}")
+            what = "is stowed" if self.task is Task.STOW else f"{done} {self.target}"
+            self._end(True, f"holds {self.target}" if self.held else what)
         return None
 
     # -- planning ------------------------------------------------------------------------------------------
@@ -483,6 +488,15 @@ class HandWork:
     def _here(self) -> Floats:
         assert self._positions is not None
         return self._positions
+
+    @property
+    def _gives_away(self) -> bool:
+        return self.task in (Task.PUT_DOWN, Task.HAND_OVER)
+
+    @property
+    def stands_out(self) -> bool:
+        """Return whether the arm has no order, but is not stowed: then the robot must not drive."""
+        return self.task is None and self._positions is not None and not self._is_stowed()
 
     def _is_stowed(self) -> bool:
         return float(np.abs(self._here() - np.array(self.settings.stow)).max()) < STOWED_RAD

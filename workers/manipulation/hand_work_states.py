@@ -12,6 +12,7 @@ class Task(StrEnum):
     PICK_UP = "pick up"
     PUT_DOWN = "put down"
     HAND_OVER = "hand over"
+    STOW = "stow"
 
 
 class HandState(StrEnum):

@@ -22,7 +22,16 @@ from modules.home.messages import (
     WhoIsWho,
     WhoIsWhoResult,
 )
-from modules.manipulation.messages import HandOver, HandStatus, PickUp, PickUpResult, PutDown, PutDownResult
+from modules.manipulation.messages import (
+    HandOver,
+    HandStatus,
+    PickUp,
+    PickUpResult,
+    PutDown,
+    PutDownResult,
+    StowArm,
+    StowArmResult,
+)
 from modules.people_messages import People, Person
 from modules.planar_messages import pose_stamped
 from modules.speech_messages import Say, SpokenOrder
@@ -132,6 +141,21 @@ def test_call_in_words_drives_grasps_puts_down_and_tells_its_client(robot: Robot
     robot.harness.module.teardown()
     (end,) = json.loads((robot.harness.module.output_directory / "household.json").read_text())
     assert (end["task"], end["object"], end["place"], end["is_done"]) == ("put", "soup", "desk", True)
+
+
+def test_robot_does_not_drive_before_it_has_stowed_an_arm_that_stands_out(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send(HandStatus(state="REST", stands_out=True))
+    robot.wait(0.4)
+    assert not robot.harness.take(StowArm)  # without an order, nothing moves
+    robot.harness.send_goal(CarryOut(text="go to the kitchen"), client="person")
+    robot.wait(1.0)
+    (stow,) = robot.harness.take(StowArm)
+    assert not robot.harness.take(NavigateTo)
+    robot.harness.end_goal(stow, StowArmResult())
+    robot.harness.send(HandStatus(state="REST"))
+    robot.wait(0.4)
+    assert robot.harness.take(NavigateTo)
 
 
 def test_spoken_order_brings_the_object_to_the_person_who_has_spoken(robot: Robot) -> None:

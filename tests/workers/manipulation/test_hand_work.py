@@ -210,6 +210,19 @@ def test_arm_is_stowed_before_a_failed_order_ends_because_the_robot_then_drives(
     np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
 
 
+def test_arm_that_was_stopped_stands_out_until_it_is_stowed() -> None:
+    world = World()
+    world.work.pick_up("soup")
+    world.run(until=HandState.APPROACH)
+    world.work.stop("enough")
+    assert world.work.stands_out
+    world.work.stow()
+    assert world.run() == Outcome(True, "is stowed")
+    at = np.array([world.at()[name] for name in JOINTS])
+    np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
+    assert world.is_unharmed
+
+
 def test_arm_stows_what_it_holds_if_there_is_no_table_to_put_it_on() -> None:
     world = World()
     world.work.pick_up("soup")
