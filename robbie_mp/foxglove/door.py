@@ -12,22 +12,28 @@ import hashlib
 import hmac
 import itertools
 import logging
+import os
 import socket
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from urllib.parse import parse_qs, urlsplit
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.foxglove.frames import FrameCounter, greeting
 
-READ_BYTES = 1 << 18
-"""Most bytes of a client that wait in the door, in each direction."""
+PIECE_BYTES = 1 << 16
+"""Most bytes that are passed on at once: many kernels let nobody interrupt them meanwhile."""
+TURN_BYTES = 1 << 18
+"""Most bytes for a client before it is the turn of the others."""
+SMALL_BYTES = 1 << 14
+"""Messages up to this size are read and written, which costs less than two calls of splice(2) for each."""
 UNSENT_BYTES = 1 << 16
 UNREAD_LIMIT_S = 20.0
 """A client that reads nothing for this time is disconnected."""
 MAX_HEAD_BYTES = 1 << 14
 HEAD_LIMIT_S = 5.0
 WRONG_TOKEN_PAUSE_S = 1.0
+ACCEPT_PAUSE_S = 0.5
 START_LIMIT_S = 10.0
 STOP_LIMIT_S = 3.0
 BACKLOG = 16
@@ -64,10 +70,20 @@ class Passage:
         """Messages passed on to the client."""
         return self._frames.messages
 
+    @property
+    def left(self) -> int:
+        """Bytes of the present message that are still to come."""
+        return self._frames.left
+
     def note(self, data: bytes) -> None:
         """Count what is passed on."""
         self.bytes += len(data)
         self._frames.feed(data)
+
+    def skip(self, size: int) -> None:
+        """Count bytes of the present message that are passed on unseen."""
+        self.bytes += size
+        self._frames.left -= size
 
 
 class Door:
@@ -151,43 +167,51 @@ class Door:
     async def _serve(self) -> None:
         loop, stopped = asyncio.get_running_loop(), asyncio.Event()
         self._stop = lambda: loop.call_soon_threadsafe(stopped.set)
+        self._listener.setblocking(False)
         clients: set[asyncio.Task[None]] = set()
+        accepts = loop.create_task(self._accept(clients))
+        self._opened.set()
+        await stopped.wait()
+        self._stop = lambda: None
+        tasks = [accepts, *clients]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
-        def on_client(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            task = loop.create_task(self._on_client(reader, writer))
+    async def _accept(self, clients: set[asyncio.Task[None]]) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                client, address = await loop.sock_accept(self._listener)
+            except OSError:  # such as too many open files
+                await asyncio.sleep(ACCEPT_PAUSE_S)
+                continue
+            task = loop.create_task(self._on_client(client, str(address[0])))
             clients.add(task)
             task.add_done_callback(clients.discard)
 
-        server = await asyncio.start_server(on_client, sock=self._listener, limit=READ_BYTES)
-        self._opened.set()
-        await stopped.wait()
-        server.close()
-        self._stop = lambda: None
-        for task in clients:
-            task.cancel()
-        await asyncio.gather(*clients, return_exceptions=True)
+    async def _on_client(self, client: socket.socket, address: str) -> None:
+        with client:
+            try:
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                await self._receive(client, address)
+            except (OSError, EOFError):  # it has gone, or was too slow
+                pass
+            except Exception:
+                logging.getLogger("foxglove door").exception("a client was disconnected")
 
-    async def _on_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        try:
-            with contextlib.suppress(OSError, EOFError, asyncio.LimitOverrunError, TimeoutError):
-                await self._receive(reader, writer)
-        except Exception:
-            logging.getLogger("foxglove door").exception("a client was disconnected")
-        finally:
-            writer.close()
-
-    async def _receive(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _receive(self, client: socket.socket, address: str) -> None:
         async with asyncio.timeout(HEAD_LIMIT_S):
-            head = await reader.readuntil(_END)
+            head, rest = await _head_from(client)
         if len(self.passages) >= self._max_clients:
             self.refused += 1
-            await _answer(writer, "503 Service Unavailable")
-        elif len(head) > MAX_HEAD_BYTES or not self._admits(head):
+            await _answer(client, "503 Service Unavailable")
+        elif not self._admits(head):
             self.refused += 1
             await asyncio.sleep(WRONG_TOKEN_PAUSE_S)
-            await _answer(writer, "401 Unauthorized")
+            await _answer(client, "401 Unauthorized")
         else:
-            await self._let_pass(head, reader, writer)
+            await self._let_pass(head, rest, client, address)
 
     def _admits(self, head: bytes) -> bool:
         """Whether the request has the token in its address. Every token takes the same time."""
@@ -196,41 +220,115 @@ class Door:
         given = parse_qs(query).get("token", [""])[0]
         return hmac.compare_digest(hashlib.sha256(given.encode()).digest(), self._token)
 
-    async def _let_pass(
-        self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        number = next(self._numbers)
-        passage = Passage(number, str(writer.get_extra_info("peername")[0]))
+    async def _let_pass(self, head: bytes, rest: bytes, client: socket.socket, address: str) -> None:
+        loop, number = asyncio.get_running_loop(), next(self._numbers)
+        passage = Passage(number, address)
         self.passages[number] = passage
         try:
-            inner = await asyncio.open_connection("127.0.0.1", self.inside_port, limit=READ_BYTES)
-            from_inside, to_inside = inner
-            try:
-                to_inside.write(b"GET / HTTP/1.1\r\n" + head.partition(b"\r\n")[2])
-                answer = await from_inside.readuntil(_END)
-                writer.write(answer)
+            with socket.socket() as inner:
+                inner.setblocking(False)
+                inner.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                await loop.sock_connect(inner, ("127.0.0.1", self.inside_port))
+                await loop.sock_sendall(inner, b"GET / HTTP/1.1\r\n" + head.partition(b"\r\n")[2])
+                answer, first = await _head_from(inner)
+                await loop.sock_sendall(client, answer)
                 if answer.startswith(_SWITCHED):
-                    to_inside.write(greeting(f"{self._greeting_topic}{number}"))
+                    greets = greeting(f"{self._greeting_topic}{number}")
                     await _first_of(
-                        _pass_on(reader, to_inside, None), _pass_on(from_inside, writer, passage.note)
+                        _pass_in(client, inner, greets + rest), _pass_out(inner, client, passage, first)
                     )
-            finally:
-                to_inside.close()
         finally:
             del self.passages[number]
 
 
-async def _pass_on(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, note: Callable[[bytes], None] | None
-) -> None:
-    """Pass bytes on until the end. A reader who does not keep up makes the server behind the door wait."""
-    writer.transport.set_write_buffer_limits(high=READ_BYTES)
-    with contextlib.suppress(OSError):
-        while data := await reader.read(READ_BYTES):
-            if note is not None:
-                note(data)
-            writer.write(data)
-            await writer.drain()
+async def _head_from(sender: socket.socket) -> tuple[bytes, bytes]:
+    """Return the head of a request or of an answer, and what has come behind it.
+
+    Raises:
+        EOFError: it has no end, or is too large.
+    """
+    loop, data = asyncio.get_running_loop(), b""
+    while _END not in data:
+        got = await loop.sock_recv(sender, MAX_HEAD_BYTES)
+        if not got or len(data) > MAX_HEAD_BYTES:
+            raise EOFError
+        data += got
+    head, end, rest = data.partition(_END)
+    return head + end, rest
+
+
+async def _pass_in(client: socket.socket, inner: socket.socket, data: bytes) -> None:
+    """Pass on what the client sends, behind some data, until its end."""
+    loop = asyncio.get_running_loop()
+    while data:
+        await loop.sock_sendall(inner, data)
+        data = await loop.sock_recv(client, PIECE_BYTES)
+
+
+async def _pass_out(inner: socket.socket, client: socket.socket, passage: Passage, data: bytes) -> None:
+    """Pass on what the server sends, behind some data, until its end.
+
+    A reader who does not keep up makes the server behind the door wait. Of large messages, this process
+    sees only the beginning: the kernel passes the rest on, splice(2).
+    """
+    loop, turn_ends_at = asyncio.get_running_loop(), TURN_BYTES
+    with _pipe() as pipe:
+        while True:
+            passage.note(data)
+            await loop.sock_sendall(client, data)
+            while passage.left > SMALL_BYTES:
+                passage.skip(await _splice(inner, client, pipe, min(passage.left, PIECE_BYTES)))
+                if passage.bytes >= turn_ends_at:  # it may be that neither end has to be waited for
+                    turn_ends_at = passage.bytes + TURN_BYTES
+                    await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            data = await loop.sock_recv(inner, SMALL_BYTES)
+            if not data:
+                return
+
+
+async def _splice(inner: socket.socket, client: socket.socket, pipe: tuple[int, int], size: int) -> int:
+    """Pass on at most this number of bytes; return how many.
+
+    Raises:
+        EOFError: the server has closed the connection.
+    """
+    loop, (pipe_out, pipe_in) = asyncio.get_running_loop(), pipe
+    while True:
+        try:
+            taken = os.splice(inner.fileno(), pipe_in, size, flags=os.SPLICE_F_NONBLOCK)
+            break
+        except BlockingIOError:
+            await _ready(inner, loop.add_reader, loop.remove_reader)
+    if not taken:
+        raise EOFError
+    left = taken
+    while left:
+        try:
+            left -= os.splice(pipe_out, client.fileno(), left, flags=os.SPLICE_F_NONBLOCK)
+        except BlockingIOError:
+            await _ready(client, loop.add_writer, loop.remove_writer)
+    return taken
+
+
+async def _ready(end: socket.socket, add: Callable[..., None], remove: Callable[[int], bool]) -> None:
+    """Wait until an end of a passage can be read from, or written to."""
+    ready = asyncio.Event()
+    add(end.fileno(), ready.set)
+    try:
+        await ready.wait()
+    finally:
+        remove(end.fileno())
+
+
+@contextlib.contextmanager
+def _pipe() -> Iterator[tuple[int, int]]:
+    ends = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        yield ends
+    finally:
+        for end in ends:
+            os.close(end)
 
 
 async def _first_of(*ways: Coroutine[None, None, None]) -> None:
@@ -244,6 +342,6 @@ async def _first_of(*ways: Coroutine[None, None, None]) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _answer(writer: asyncio.StreamWriter, status: str) -> None:
-    writer.write(f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n".encode())
-    await writer.drain()
+async def _answer(client: socket.socket, status: str) -> None:
+    text = f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+    await asyncio.get_running_loop().sock_sendall(client, text.encode())

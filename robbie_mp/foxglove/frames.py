@@ -17,20 +17,21 @@ class FrameCounter:
 
     Attributes:
         messages: the number of messages.
+        left: bytes of the present frame that are still to come, and need not be fed.
     """
 
     def __init__(self) -> None:
         self.messages = 0
+        self.left = 0
         self._head = bytearray()
-        self._left = 0
 
     def feed(self, data: bytes) -> None:
         """Count the frames that begin in a further part of the stream."""
         at = 0
         while at < len(data):
-            if self._left:
-                skipped = min(self._left, len(data) - at)
-                self._left -= skipped
+            if self.left:
+                skipped = min(self.left, len(data) - at)
+                self.left -= skipped
                 at += skipped
                 continue
             self._head.append(data[at])
@@ -50,7 +51,7 @@ class FrameCounter:
             return  # the first byte of the content says what it is
         if size:
             self.messages += (head[0] & 0x0F, head[-1]) == (_BINARY, MESSAGE_DATA)
-            self._left = size - 1
+            self.left = size - 1
         head.clear()
 
 

@@ -6,6 +6,7 @@ bounded queue, or change a set under a lock, and wake the module.
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
@@ -29,6 +30,8 @@ MAX_CLIENT_CHANNELS = 64
 MAX_SCHEMA_BYTES = 16 << 20
 """Size of the schemas of clients that are kept."""
 MAX_ASSET_BYTES = 64 << 20
+SDK_THREADS = "1"
+"""Threads in which the SDK sends. With one for each processor, a large message would take all at once."""
 ANSWER_LIMIT_S = 2.0
 """A service without an answer for this time has failed."""
 SET_BOOL = "bool data"
@@ -167,6 +170,7 @@ class Server:
         self.is_breached = False
         self.overflowed = 0
         self.oversized = 0
+        os.environ.setdefault("TOKIO_WORKER_THREADS", SDK_THREADS)
         self._context = foxglove.Context()
         capability = foxglove.websocket.Capability
         self._server = foxglove.start_server(

@@ -17,6 +17,7 @@ from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
     Header,
+    Image,
     LaserScan,
     PoseStamped,
     String,
@@ -87,6 +88,24 @@ def test_client_decodes_what_a_module_published(
     assert client.data[0].data == scan.encode()
     seen = client.data[0].decode()
     assert (seen.range_max, list(seen.ranges)) == (9.0, [1.0, 2.5])
+
+
+def test_large_messages_arrive_unchanged_beside_small_ones_and_a_client_that_reads_nothing(
+    harness: ModuleHarness[FoxgloveServer], client: Client
+) -> None:
+    chance = np.random.default_rng(0)
+    sizes = (3_000_000, 10, door.SMALL_BYTES, door.SMALL_BYTES + 1, door.PIECE_BYTES, 1_000_001)
+    images = [Image(data=chance.integers(0, 256, size, np.uint8)) for size in sizes]
+    harness.send(images[0], topic="camera")
+    with connected(harness.module.link) as idle:
+        for one in (client, idle):
+            one.subscribe("/camera")
+        tick_until(harness, lambda: any(len(one) == 2 for one in harness.module.server.readers().values()))
+        for image in images:
+            harness.send(image, topic="camera")
+        client.until(lambda: len(client.data) == len(images))
+    assert [one.data for one in client.data] == [image.encode() for image in images]
+    assert max(one.messages for one in harness.module.door.passages.values()) >= len(images)
 
 
 class Lookout:

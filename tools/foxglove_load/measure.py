@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from robbie_mp.messages import EmergencyStop
+from robbie_mp.observe.figures import RunReading
 from robbie_mp.observe.rates import rates_between
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.tool.tool import Tool
@@ -22,7 +23,7 @@ from tools.bench.contender import work_folder
 from tools.device_trial import load
 from tools.foxglove_load.modules import NAME
 from tools.kill_campaign.robot import COMMAND, LIMIT_S, Robot, RobotTrouble
-from tools.logger_load.measure import latency_of
+from tools.logger_load.measure import histogram_of
 
 Result = dict[str, Any]
 
@@ -34,7 +35,7 @@ class Session:
     Attributes:
         clients: the options of each client.
         is_busy: whether other processes keep all processors busy.
-        compared_to: the session without clients to compare with; "" for such a session.
+        compared_to: the session without clients to compare with; "" for that session itself.
     """
 
     clients: tuple[tuple[str, ...], ...] = ()
@@ -42,12 +43,14 @@ class Session:
     compared_to: str = ""
 
 
-READS, STOPS_READING = (), ("--stopped",)
-WITHOUT, THREE, STOPPED = "without", "three", "stopped"
+READS, READS_ELSEWHERE, STOPS_READING = (), ("--elsewhere",), ("--stopped",)
+WITHOUT, AGAIN, THREE, ELSEWHERE, STOPPED = "without", "without again", "three", "three elsewhere", "stopped"
 BUSY_WITHOUT, BUSY_THREE = "busy, without", "busy, three"
 SESSIONS = {
     WITHOUT: Session(),
+    AGAIN: Session(compared_to=WITHOUT),
     THREE: Session((READS,) * 3, compared_to=WITHOUT),
+    ELSEWHERE: Session((READS_ELSEWHERE,) * 3, compared_to=WITHOUT),
     STOPPED: Session((STOPS_READING,), compared_to=WITHOUT),
     BUSY_WITHOUT: Session(is_busy=True),
     BUSY_THREE: Session((READS,) * 3, is_busy=True, compared_to=BUSY_WITHOUT),
@@ -56,7 +59,7 @@ CLIENT = Path(__file__).parent / "client.py"
 SERVER = "foxglove"
 PAIRS = 4
 SMALL_HZ = 800.0
-SETTLE_S = 3.0
+SETTLE_S = 1.0
 PRESSES_APART_S = 0.02, 0.1
 MEGABYTE = 1e6
 
@@ -168,8 +171,8 @@ def measure(robot: Robot, link: str, name: str, seconds: float, settle_s: float 
     took_s = (now.at_ns - before.at_ns) / 1e9
     return {
         "session": name,
-        "small": latency_of(before, now, [f"listener{number}" for number in range(PAIRS)]),
-        "image": latency_of(before, now, ["viewer"]),
+        "small": latencies_between(before, now, [f"listener{number}" for number in range(PAIRS)]),
+        "image": latencies_between(before, now, ["viewer"]),
         "server_percent": rates.modules[SERVER].cpu_percent,
         "machine_percent": sum(rates.cpu_percent) / len(rates.cpu_percent),
         "client_mb_per_s": [
@@ -177,6 +180,12 @@ def measure(robot: Robot, link: str, name: str, seconds: float, settle_s: float 
         ],
         "stops_ms": stops_ms,
     }
+
+
+def latencies_between(before: RunReading, now: RunReading, names: Sequence[str]) -> list[int]:
+    """Return how many messages of some modules had which latency, by the buckets of `Histogram`."""
+    counts: list[int] = (histogram_of(now, names).counts - histogram_of(before, names).counts).tolist()
+    return counts
 
 
 def press_stop(robot: Robot, reader: Reader, seconds: float) -> list[float]:

@@ -11,7 +11,7 @@ import numpy as np
 import psutil
 import yaml
 
-from robbie_mp.observe.figures import ModuleFigures, RunReading
+from robbie_mp.observe.figures import RunReading
 from robbie_mp.observe.rates import rates_between
 from robbie_mp.recording.info import last_counts
 from robbie_mp.recording.reader import open_log
@@ -122,15 +122,17 @@ def _figures(before: RunReading, now: RunReading) -> Result:
 
 def latency_of(before: RunReading, now: RunReading, names: Sequence[str]) -> Result:
     """Return the latency of some modules' messages, taken together."""
-    earlier = _together([before.module(name) for name in names])
-    distribution = _together([now.module(name) for name in names]).distribution(earlier)
+    earlier, later = histogram_of(before, names), histogram_of(now, names)
+    distribution = later.distribution(earlier)
     assert distribution.p50_s is not None
     assert distribution.p99_s is not None
     p50_us, p99_us = distribution.p50_s * 1e6, distribution.p99_s * 1e6
     return {"count": distribution.count, "p50_us": p50_us, "p99_us": p99_us}
 
 
-def _together(modules: Sequence[ModuleFigures | None]) -> Histogram:
+def histogram_of(reading: RunReading, names: Sequence[str]) -> Histogram:
+    """Return the latencies of some modules' messages so far, taken together."""
+    modules = [reading.module(name) for name in names]
     latencies = [module.work.latency for module in modules if module is not None and module.work is not None]
     counts = np.sum([latency.counts for latency in latencies], axis=0)
     return Histogram(
