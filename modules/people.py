@@ -29,7 +29,7 @@ from workers.people.person_tracker import PersonTracker, TrackedPerson, TrackerS
 from workers.planar_pose import transform_points
 
 SCANS = 5
-DOUBTFUL = "doubtful"
+THINGS = "things_like_people"
 """Topic of `People` with what looks like legs, but is on the map and has not moved."""
 HIDES_M = 0.3
 """Something hides a place from the laser if it is nearer by this."""
@@ -41,9 +41,9 @@ class PeopleFinder(Module):
     """Finds persons by their legs; publishes `People` and, if there is a camera, `PeopleClothes`.
 
     Needs `LaserScan` and the transforms of the scene graph; uses `OccupancyGrid`, so that what is on the map
-    counts as a person only once it moves. Until then it is among the `People` on topic `doubtful`, for tasks
-    that know from elsewhere that a person stands there. The page shows the persons as `PointsOfInterest` on
-    topic `people`. Persons keep their names over a restart.
+    counts as a person only once it moves. Until then it is among the `People` on topic `things_like_people`,
+    for tasks that know from elsewhere that a person stands there. The page shows the persons as
+    `PointsOfInterest` on topic `people`. Persons keep their names over a restart.
     """
 
     period_s: float = setting(0.1, "time between looks at new scans and pictures", minimum=0.02)
@@ -128,8 +128,8 @@ class PeopleFinder(Module):
         header = Header(stamp=self.stamp, frame_id="map")
         persons = self.tracker.persons
         self.publish(People(header=header, people=[message_of(one) for one in persons]))
-        doubtful = [message_of(one) for one in self.tracker.doubtful]
-        self.publish(People(header=header, people=doubtful), topic=DOUBTFUL)
+        things = [message_of(one) for one in self.tracker.things]
+        self.publish(People(header=header, people=things), topic=THINGS)
         points = [
             PointOfInterest(name=f"person {one.number}", pose=Pose(position=_point(one.xy_m)))
             for one in persons

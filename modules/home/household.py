@@ -33,7 +33,7 @@ from modules.manipulation.messages import (
     TableObjects,
 )
 from modules.navigation_goals import NavigationGoals
-from modules.people import DOUBTFUL, reports_of
+from modules.people import THINGS, reports_of
 from modules.people_messages import People
 from modules.planar_messages import planar, pose_stamped
 from modules.speech_messages import Say, SpokenOrder
@@ -163,7 +163,7 @@ class Household(Module):
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(MapAnnotations, self.on_annotations, newest)
         self.subscribe(People, self.on_people, newest, optional=True)
-        self.subscribe(People, self.on_doubtful, newest, topic=DOUBTFUL, optional=True)
+        self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TableObjects, self.on_table, newest, optional=True)
         self.subscribe(HandStatus, self.on_hand, newest, optional=True)
         self.subscribe(Following, self.on_following, newest, optional=True)
@@ -252,9 +252,9 @@ class Household(Module):
         """Pass on the persons."""
         self.work.see_persons(reports_of(message, self.clock.now_ns()))
 
-    def on_doubtful(self, message: People) -> None:
+    def on_things(self, message: People) -> None:
         """Pass on what may be persons who stand."""
-        self.work.see_doubtful(reports_of(message, self.clock.now_ns()))
+        self.work.see_things(reports_of(message, self.clock.now_ns()))
 
     def on_table(self, message: TableObjects) -> None:
         """Pass on what stands on the table."""

@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 MAX_SAYINGS = 8
 MAX_ENDS = 100
+MAX_GIVERS = 8
 TAKE_IT = "Here is the {}. Please take it."
 COME = "I have the {}. Please come to me."
 STILL_HERE_M = 0.5
@@ -49,6 +50,14 @@ class TaskEnd:
     is_done: bool
     reason: str
     duration_s: float
+
+
+class _Giver(NamedTuple):
+    """Somebody who may have given the order; the likeliest is the least."""
+
+    is_aside: bool
+    away_m: float
+    xy_m: tuple[float, float]
 
 
 class HouseholdWork:
@@ -97,11 +106,10 @@ class HouseholdWork:
         self._tables = tuple(tables)
         self._pose: Array | None = None
         self._given_at: Array | None = None
-        self._giver: Array | None = None
-        self._giver_rank = True, math.inf
+        self._givers: dict[str, _Giver] = {}
         self._is_where_given = False
         self._persons: list[PersonReport] = []
-        self._doubtful: list[PersonReport] = []
+        self._things: list[PersonReport] = []
         self._sayings: deque[str] = deque(maxlen=MAX_SAYINGS)
         self._began_s = clock()
         self._renew()
@@ -196,15 +204,15 @@ class HouseholdWork:
         self._begin_task()
 
     def _order_is_given_here(self) -> None:
-        """Note where the robot is, and where the person stands to whom it brings things."""
+        """Note where the robot is, and where those stand to whom it may bring things."""
         self._given_at = None if self._pose is None else self._pose.copy()
-        self._giver, self._giver_rank, self._is_where_given = None, (True, math.inf), True
-        self._note_giver()
+        self._givers, self._is_where_given = {}, True
+        self._note_givers()
 
-    def _note_giver(self) -> None:
-        """Note where the person stands who has given the order: in front of the robot, or the nearest one.
+    def _note_givers(self) -> None:
+        """Note where those stand who may have given the order: first who is in front, then the nearest.
 
-        Persons need a moment to be noticed, so the robot looks for a better one until it has driven away.
+        Persons need a moment to be noticed, so the robot goes on with it until it has driven away.
         """
         if not self._is_where_given or self._pose is None or self._given_at is None:
             return
@@ -214,8 +222,15 @@ class HouseholdWork:
             away_m = math.dist(one.xy_m, (x, y))
             bearing = math.atan2(one.xy_m[1] - y, one.xy_m[0] - x)
             is_aside = abs(math.remainder(bearing - heading, math.tau)) > self.settings.front_rad
-            if away_m <= self.settings.person_m and (is_aside, away_m) < self._giver_rank:
-                self._giver, self._giver_rank = np.array(one.xy_m), (is_aside, away_m)
+            if away_m <= self.settings.person_m and (
+                one.name in self._givers or len(self._givers) < MAX_GIVERS
+            ):
+                self._givers[one.name] = _Giver(is_aside, away_m, one.xy_m)
+
+    def _likely_givers(self) -> list[Array]:
+        """Return where those stand who may have given the order and have not refused, the likeliest first."""
+        places = [np.array(giver.xy_m) for giver in sorted(self._givers.values())]
+        return [xy_m for xy_m in places if not self._has_refused(xy_m)]
 
     def _fresh(self, persons: Iterable[PersonReport]) -> list[PersonReport]:
         return [one for one in persons if one.unseen_s <= self.settings.fresh_s]
@@ -272,16 +287,16 @@ class HouseholdWork:
         self._pose = np.asarray(pose, float)
         if self._given_at is None and self.orders:
             self._order_is_given_here()
-        self._note_giver()
+        self._note_givers()
 
     def see_persons(self, persons: Iterable[PersonReport]) -> None:
         """Take all persons that are tracked now."""
         self._persons = list(persons)
-        self._note_giver()
+        self._note_givers()
 
-    def see_doubtful(self, doubtful: Iterable[PersonReport]) -> None:
+    def see_things(self, things: Iterable[PersonReport]) -> None:
         """Take what looks like the legs of standing persons, but is on the map: it may be furniture."""
-        self._doubtful = list(doubtful)
+        self._things = list(things)
 
     def see_hand(self, holds: str) -> None:
         """Take what the arm says that it holds; without an order, others may have used it."""
@@ -447,8 +462,8 @@ class HouseholdWork:
         waits = self.machine.time_in_state_s < self.settings.wait_s
         xy_m = self._taker(waits)
         if xy_m is None:
-            if self._giver is not None and self._meeting is None and not self._has_refused(self._giver):
-                self._come_to(self._giver)  # the person may be hidden from here
+            if self._meeting is None and (givers := self._likely_givers()):
+                self._come_to(givers[0])  # the person may be hidden from here
             if not waits and not self._has_called:
                 self._has_called = True
                 self._sayings.append(COME.format(self.holds))
@@ -471,20 +486,21 @@ class HouseholdWork:
             waits: whether only the person who gave the order may take it, if the robot has seen that person.
         """
         assert self._pose is not None
-        persons, doubtful = (
+        persons, things = (
             [xy_m for one in self._fresh(seen) if not self._has_refused(xy_m := np.asarray(one.xy_m))]
-            for seen in (self._persons, self._doubtful)
+            for seen in (self._persons, self._things)
         )
         settings = self.settings
-        if self._giver is not None:
+        givers = self._likely_givers()
+        for giver in givers:
             # Near by, the legs of somebody who stands get on the map as those of furniture do. But here the
             # robot has seen a person before.
-            for places, within_m in ((persons, settings.same_m), (doubtful, settings.doubtful_m)):
-                away = [(math.dist(place, self._giver), tuple(place)) for place in places]
+            for places, within_m in ((persons, settings.same_m), (things, settings.thing_m)):
+                away = [(math.dist(place, giver), tuple(place)) for place in places]
                 if away and min(away)[0] <= within_m:
                     return np.array(min(away)[1])
-            if waits:
-                return None
+        if givers and waits:
+            return None
         away = [(self._direction(place)[0], tuple(place)) for place in persons]
         return np.array(min(away)[1]) if away and min(away)[0] <= settings.person_m else None
 
@@ -523,7 +539,9 @@ class HouseholdWork:
             "to_search": list(self._to_search),
             "counts": [self._rounds, self._tries, self._losses, self._failed_drives],
             "given_at": None if self._given_at is None else self._given_at.tolist(),
-            "giver": None if self._giver is None else [*self._giver.tolist(), *self._giver_rank],
+            "givers": {
+                name: [giver.is_aside, giver.away_m, *giver.xy_m] for name, giver in self._givers.items()
+            },
             "is_where_given": self._is_where_given,
             "used_s": self._clock() - self._began_s,
             "ends": [[_plain(one.order), one.is_done, one.reason, one.duration_s] for one in self.ends],
@@ -540,9 +558,8 @@ class HouseholdWork:
         self._rounds, self._tries, self._losses, self._failed_drives = memory["counts"]
         self._given_at = None if memory["given_at"] is None else np.array(memory["given_at"])
         self._is_where_given = memory["is_where_given"]
-        if memory["giver"] is not None:
-            x, y, *rank = memory["giver"]
-            self._giver, self._giver_rank = np.array([x, y]), (bool(rank[0]), rank[1])
+        for name, (is_aside, away_m, x, y) in memory["givers"].items():
+            self._givers[name] = _Giver(is_aside, away_m, (x, y))
         self._began_s = self._clock() - memory["used_s"]
         for state in WAYS[HouseholdState[memory["state"]]] if self.orders else ():
             self.machine.go(state, "goes on after a restart")

@@ -69,7 +69,7 @@ class HouseholdSettings:
         person_m: A person this near to the robot may have given the order, or take what the robot brings.
         front_rad: Those in front of the robot, at most this far beside its heading, rather give orders.
         same_m: A person this near to where the one who gave the order stood is taken for the same person ...
-        doubtful_m: ... and this near, whatever looks like legs is that person, even if it is on the map.
+        thing_m: ... and this near, whatever looks like legs is that person, even if it is on the map.
         refused_m: Nobody this near to where nobody has taken the object is asked again.
         wait_s: For this time, nobody else may take what the robot brings; then it calls.
         near_m: The robot hands over to a person this near ...
@@ -91,7 +91,7 @@ class HouseholdSettings:
     person_m: float = 3.0
     front_rad: float = 0.6
     same_m: float = 1.0
-    doubtful_m: float = 0.4
+    thing_m: float = 0.4
     refused_m: float = 0.5
     wait_s: float = 8.0
     near_m: float = 1.1

@@ -155,7 +155,7 @@ class PersonTracker:
         return self._tracked(self._is_person)
 
     @property
-    def doubtful(self) -> list[TrackedPerson]:
+    def things(self) -> list[TrackedPerson]:
         """Return what looks like the legs of a person, but is on the map and has not moved.
 
         It may be furniture, or somebody who has stood there since the map shows the place.

@@ -100,11 +100,11 @@ def test_hidden_person_does_not_take_a_leg_of_the_one_in_front() -> None:
 def test_thing_on_the_map_is_no_person_until_it_moves() -> None:
     tracker = PersonTracker()
     assert watch(tracker, lambda _t: legs_of(1.0, 1.0), 2.0, on_map=True) == []
-    (doubtful,) = tracker.doubtful
-    np.testing.assert_allclose(doubtful.xy_m, (1.0, 1.0), atol=0.05)
+    (thing,) = tracker.things
+    np.testing.assert_allclose(thing.xy_m, (1.0, 1.0), atol=0.05)
     persons = watch(tracker, lambda t: legs_of(1.0 + 0.6 * (t - 2.0), 1.0), 2.0, begin_s=2.0)
     assert [one.has_moved for one in persons] == [True]
-    assert tracker.doubtful == []
+    assert tracker.things == []
 
 
 def test_unlikely_legs_begin_no_track_but_continue_one() -> None:
