@@ -17,6 +17,7 @@ from hw.simulation.arena_contents import (
     Table,
     Victim,
 )
+from hw.simulation.doors import Door, door_leaves
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ class Arena:
         tables: tables; their sides are in `segments`.
         objects: what stands on the tables at the start.
         people: people who walk; their legs are not in `circles`, because they move.
+        doors: doors; their leaves are not in `segments`, because they turn.
     """
 
     segments: Array
@@ -56,6 +58,7 @@ class Arena:
     tables: tuple[Table, ...] = ()
     objects: tuple[StandingObject, ...] = ()
     people: tuple[Person, ...] = ()
+    doors: tuple[Door, ...] = ()
 
     def with_obstacles(self, indices: Iterable[int]) -> "Arena":
         """Return this arena with some of its temporary obstacles present.
@@ -69,6 +72,16 @@ class Arena:
             segments=np.concatenate([self.segments, *(obstacle.segments for obstacle in there)]),
             circles=np.concatenate([self.circles, *(obstacle.circles for obstacle in there)]),
         )
+
+    def with_doors(self, opened_rad: Iterable[float]) -> "Arena":
+        """Return this arena with the leaves of its doors.
+
+        Args:
+            opened_rad: how far each of `doors` is open.
+        """
+        if not self.doors:
+            return self
+        return replace(self, segments=np.concatenate([self.segments, door_leaves(self.doors, opened_rad)]))
 
     def with_robots(self, places: Array, radius_m: float) -> "Arena":
         """Return this arena with other robots in it, as round obstacles.

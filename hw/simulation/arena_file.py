@@ -30,6 +30,7 @@ from hw.simulation.arena_contents import (
 from hw.simulation.arena_drawing import Drawing, DrawingError
 from hw.simulation.aruco import TAG_COUNT
 from hw.simulation.box_segments import box_segments
+from hw.simulation.doors import Door
 from hw.simulation.yaml_map import ArenaError, YamlMap, read_yaml_map
 
 __all__ = ["ArenaError", "read_arena"]
@@ -50,9 +51,11 @@ KEYS = (
     "tables",
     "objects",
     "people",
+    "doors",
 )
 OBJECT_KEYS = ("name", "box", "can", "x_m", "y_m", "yaw_rad")
 NUMBER_KEYS = ("text", "x_m", "y_m", "facing_rad", "height_m", "edge_m", "font", "light", "shadow")
+DOOR_KEYS = ("name", "leaf", "opens_rad", "open")
 PERSON_KEYS = ("name", "way", "speed_m_per_s", "from_s", "walks", "shirt", "trousers")
 SPOT_KEYS = ("x_m", "y_m", "height_m", "facing_rad")
 # Maximum distance of victims and signs from their wall.
@@ -96,6 +99,9 @@ def read_arena(path: Path | str) -> Arena:
       `speed_m_per_s` (0.6 if absent); `from_s`, when the person begins to walk (0 if absent); `walks`:
       `to_and_fro` (if absent), `in_a_loop`, or `across`: to and fro, close behind the first person; `shirt`
       and `trousers`: colours, `[red, green, blue]`.
+    - `doors`: a list of maps: `name`; `leaf: [x1, y1, x2, y2]`, the closed leaf from the hinge to the other
+      edge, m; `opens_rad`, how far it turns, counter-clockwise if positive; `open`: whether it is open at the
+      start (false if absent).
 
     Raises:
         ArenaError: the file is invalid; the message names the line.
@@ -141,6 +147,7 @@ class _ArenaReader:
             tables=self._tables,
             objects=_objects(self._file, self._tables),
             people=self._people(),
+            doors=_doors(self._file),
         )
 
     def _solid(self) -> Arena:
@@ -313,6 +320,24 @@ def _appearing(file: YamlMap) -> tuple[AppearingObstacle, ...]:
             entry.fail(entry.node("until_s"), "until_s must be later than from_s")
         obstacles.append(obstacle)
     return tuple(obstacles)
+
+
+def _doors(file: YamlMap) -> tuple[Door, ...]:
+    doors: dict[str, Door] = {}
+    for entry in file.maps("doors", "a door", DOOR_KEYS):
+        name = entry.text("name")
+        if name in doors:
+            entry.fail(entry.node("name"), f"another door has the name {name!r} already")
+        x1, y1, x2, y2 = entry.row("leaf", 4)
+        if (x1, y1) == (x2, y2):
+            entry.fail(entry.node("leaf"), "the leaf of a door must have a length")
+        opens_rad = entry.number("opens_rad")
+        if not 0.0 < abs(opens_rad) <= math.pi:
+            entry.fail(
+                entry.node("opens_rad"), f"opens_rad must be from -pi to pi and not 0, not {opens_rad:g}"
+            )
+        doors[name] = Door(name, (x1, y1), (x2, y2), opens_rad, entry.flag("open", default=False))
+    return tuple(doors.values())
 
 
 def _numbers(file: YamlMap) -> tuple[NumberSign, ...]:

@@ -11,7 +11,8 @@ from hw.pose import ORIGIN, Pose
 from hw.simulation.arena import Arena
 from hw.simulation.changing_arena import ChangingArena
 from hw.simulation.differential_drive import DifferentialDrive
-from hw.simulation.people import People, leg_circles
+from hw.simulation.doors import Doors
+from hw.simulation.people import leg_circles
 from hw.simulation.wheel import SimulatedWheel, WheelErrors
 
 STEP_S = 0.01
@@ -33,6 +34,7 @@ class WorldState:
         obstacles: indices of the temporary obstacles that are present.
         people: where people are on their ways, as `hw.simulation.people.PersonState`.
         touches: number of times that the robot drove against a person; each is a collision, too.
+        doors: how far doors are open, as `hw.simulation.doors.Doors.states`.
     """
 
     true_pose: Pose
@@ -44,6 +46,7 @@ class WorldState:
     obstacles: tuple[int, ...] = ()
     people: tuple[tuple[float, ...], ...] = ()
     touches: int = 0
+    doors: tuple[tuple[float, float], ...] = ()
 
 
 class SimulatedDrive(Drive):
@@ -84,8 +87,8 @@ class SimulatedDrive(Drive):
         self.expired_commands = world.expired_commands
         self._emergency_stopped = world.emergency_stopped
         self.touches = world.touches
-        self._surroundings = ChangingArena(arena, self._body.body_radius_m, world.obstacles)
-        self._people = People(arena.people, world.people)
+        radius_m = self._body.body_radius_m
+        self._surroundings = ChangingArena(arena, radius_m, world.obstacles, world.people, world.doors)
         tick_m, slip = self._body.tick_m, errors.slip_m_per_sqrt_m
         self._left = SimulatedWheel(tick_m, errors.left_scale, slip, (seed, 0))
         self._right = SimulatedWheel(tick_m, errors.right_scale, slip, (seed, 1))
@@ -141,7 +144,12 @@ class SimulatedDrive(Drive):
     @property
     def people(self) -> NDArray[np.float64]:
         """Return where people are: (P, 5), as `hw.simulation.people.PersonState.shown`."""
-        return self._people.shown
+        return self._surroundings.people.shown
+
+    @property
+    def doors(self) -> Doors:
+        """Return the arena's doors."""
+        return self._surroundings.doors
 
     def ground_truth(self) -> DriveState:
         """Return the robot's true state (arena frame)."""
@@ -159,8 +167,9 @@ class SimulatedDrive(Drive):
             self._emergency_stopped,
             self._time_s - self._began_s,
             self.obstacles,
-            tuple(tuple(state) for state in self._people.states),
+            tuple(tuple(state) for state in self._surroundings.people.states),
             self.touches,
+            self.doors.states,
         )
 
     def _advance(self) -> None:
@@ -175,7 +184,6 @@ class SimulatedDrive(Drive):
                 self._step()
                 self._time_s += STEP_S
             self._surroundings.change(self._time_s - self._began_s, self._true_pose)
-            self._people.walk_until(self._time_s - self._began_s, self._true_pose)
 
     def _expire(self) -> None:
         if self._time_s >= self._expires_s and self._wanted != (0.0, 0.0):
@@ -202,7 +210,7 @@ class SimulatedDrive(Drive):
         """Return whether the robot can go there; count the start of a contact."""
         positions = np.array([self._true_pose[:2], there[:2]])
         around = self._surroundings.arena.with_robots(self._others, self._body.body_radius_m)
-        legs = leg_circles(self._people.shown)
+        legs = leg_circles(self.people)
         before_m, after_m = around.with_circles(legs).clearance_m(positions)
         if after_m >= self._body.body_radius_m or after_m > before_m:
             self._touching = self._touching and after_m < self._body.body_radius_m + RELEASE_M

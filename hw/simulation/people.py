@@ -12,6 +12,7 @@ from PIL import Image, UnidentifiedImageError
 
 from hw.pose import Pose, wrapped
 from hw.simulation.arena_contents import Colour, Person, WallSpot
+from hw.simulation.doors import Doors
 from hw.simulation.hanging import Hanging
 from hw.simulation.texture import Texture
 
@@ -118,10 +119,17 @@ class People:
     Args:
         persons: the people and their ways.
         states: where they are; by default at the beginning of their ways.
+        doors: doors that they open, and wait for.
     """
 
-    def __init__(self, persons: Sequence[Person], states: Sequence[Sequence[float]] = ()) -> None:
+    def __init__(
+        self,
+        persons: Sequence[Person],
+        states: Sequence[Sequence[float]] = (),
+        doors: Doors | None = None,
+    ) -> None:
         self._persons = tuple(persons)
+        self._doors = Doors(()) if doors is None else doors
         given = [_state_of(one) for one in states]
         self.states = given if len(given) == len(self._persons) else [_first(one) for one in self._persons]
         self._steps = -1
@@ -153,7 +161,8 @@ class People:
         bearing = math.atan2(y - state.y_m, x - state.x_m)
         if now_s < max(person.from_s, state.wait_until_s) or not self._may_start(index, left_m, bearing):
             return _standing(state, 0.0)
-        if self._is_blocked(index, bearing, robot):
+        self._doors.open_for(state[:2], (x, y))
+        if self._doors.blocks(state[:2], (x, y)) or self._is_blocked(index, bearing, robot):
             return self._stopped(person, state)
         way_m = person.speed_m_per_s * STEP_S
         turn = wrapped(bearing - state.heading_rad)

@@ -82,6 +82,15 @@ class YamlMap:
             self.fail(node, f"{key} must be a text")
         return str(node.value)
 
+    def flag(self, key: str, *, default: bool) -> bool:
+        """Return true or false."""
+        if key not in self:
+            return default
+        node = self.node(key)
+        if node.tag != "tag:yaml.org,2002:bool":
+            self.fail(node, f"{key} must be true or false")
+        return bool(yaml.safe_load(node.value))
+
     def one_map(self, key: str, what: str, keys: Collection[str]) -> "YamlMap":
         """Return a map."""
         return YamlMap(self._path, self.node(key), what, keys)

@@ -12,6 +12,7 @@ from hw.drive import DriveState
 from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.arena_file import ArenaError, read_arena
+from hw.simulation.doors import Doors
 from hw.simulation.robot_places import RobotPlaces
 from robbie_mp import (
     DEFAULT,
@@ -21,6 +22,8 @@ from robbie_mp import (
     Message,
     MessageHandling,
     Module,
+    Reply,
+    Request,
     SettingError,
     Time,
     float64,
@@ -34,6 +37,24 @@ class SimulatedPeople(Message, name="home_msgs/msg/SimulatedPeople", version=1):
 
     header: Header = DEFAULT  # frame_id: arena
     shown: Array[float64] = DEFAULT  # (5 * people,): x (m), y (m), heading (rad), phase (rad), stride of each
+
+
+class SimulatedDoors(Message, name="home_msgs/msg/SimulatedDoors", version=1):
+    """How far the doors of a simulated world are truly open. Published by the simulated base."""
+
+    header: Header = DEFAULT  # frame_id: arena
+    opened: Array[float64] = DEFAULT  # (doors,), rad, from where each door is closed
+
+
+class DoorMoved(Reply, name="home_msgs/srv/MoveDoor_Response", version=1):
+    """The door begins to turn."""
+
+
+class MoveDoor(Request[DoorMoved], name="home_msgs/srv/MoveDoor_Request", version=1):
+    """Open or close a door of the simulated world, as somebody in it would."""
+
+    door: str = DEFAULT
+    open: bool = DEFAULT
 
 
 class SimulatedDevice(Module):
@@ -84,7 +105,9 @@ class SharedWorld:
     def __init__(self, module: SimulatedDevice, on_truth: Callable[[DriveState], None] | None = None) -> None:
         self._whole = module.read_arena()
         self._on_truth = on_truth
-        self.arena = self._whole
+        self._obstacles: list[int] = []
+        self._opened_rad = Doors(self._whole.doors).opened_rad
+        self.arena = self._whole.with_doors(self._opened_rad)
         self.people: NDArray[np.float64] = np.empty((0, 5))
         """Where people are: (P, 5), as `hw.simulation.people.PersonState.shown`."""
         self.truth: DriveState | None = None
@@ -95,6 +118,8 @@ class SharedWorld:
         module.subscribe(Odometry, self._on_odometry, handling, topic="ground_truth")
         if self._whole.appearing:
             module.subscribe(SimulatedWorld, self._on_world, topic="ground_truth")
+        if self._whole.doors:
+            module.subscribe(SimulatedDoors, self._on_doors, topic="ground_truth")
         if self._whole.people:
             module.subscribe(SimulatedPeople, self._on_people, handling, topic="ground_truth")
 
@@ -108,7 +133,15 @@ class SharedWorld:
             self._on_truth(self.truth)
 
     def _on_world(self, message: SimulatedWorld) -> None:
-        self.arena = self._whole.with_obstacles(message.obstacles.tolist())
+        self._obstacles = message.obstacles.tolist()
+        self._change()
+
+    def _on_doors(self, message: SimulatedDoors) -> None:
+        self._opened_rad = message.opened.tolist()
+        self._change()
+
+    def _change(self) -> None:
+        self.arena = self._whole.with_obstacles(self._obstacles).with_doors(self._opened_rad)
 
     def _on_people(self, message: SimulatedPeople) -> None:
         self.people = message.shown.reshape(-1, 5)

@@ -12,8 +12,14 @@ from hw.pose import Pose as Pose2D
 from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.drive import SimulatedDrive, WorldState
 from modules.devices.commanded_base import odometry
-from modules.devices.simulated_world import SimulatedDevice, SimulatedPeople
-from robbie_mp import Header, Time, setting
+from modules.devices.simulated_world import (
+    DoorMoved,
+    MoveDoor,
+    SimulatedDevice,
+    SimulatedDoors,
+    SimulatedPeople,
+)
+from robbie_mp import CallRefused, Header, Time, setting
 from robbie_mp.messages import SimulatedWorld
 from workers.planar_pose import relative
 from workers.row_log import RowLog
@@ -50,8 +56,19 @@ class TrueBase(SimulatedDevice):
             others=None if self.places is None else self.places.others,
         )
 
+        if self.world.doors:
+            self.opened_rad: list[float] = []
+            self.serve(MoveDoor, self.on_move_door)
+
+    def on_move_door(self, request: MoveDoor) -> DoorMoved:
+        """Open or close a door from now on."""
+        if not self.drive.doors.want(request.door, is_open=request.open):
+            names = ", ".join(door.name for door in self.world.doors)
+            raise CallRefused(f"there is no door {request.door!r:.80}; there are: {names}")
+        return DoorMoved()
+
     def publish_truth(self, truth: DriveState, stamp: Time) -> None:
-        """Publish the true state; first the arena's people and temporary obstacles, if it has any.
+        """Publish the true state; first where the arena's people are, and which doors have turned.
 
         So a device that hears of a state knows where people were at its time.
         """
@@ -61,6 +78,12 @@ class TrueBase(SimulatedDevice):
             rows = self.drive.people.ravel()
             people = SimulatedPeople(header=Header(stamp=stamp, frame_id="arena"), shown=rows)
             self.publish(people, topic="ground_truth")
+        if self.world.doors and self.opened_rad != self.drive.doors.opened_rad:
+            self.opened_rad = list(self.drive.doors.opened_rad)
+            doors = SimulatedDoors(
+                header=Header(stamp=stamp, frame_id="arena"), opened=np.array(self.opened_rad)
+            )
+            self.publish(doors, topic="ground_truth", latched=True)
         truth = replace(truth, pose=Pose2D(*relative(self.world.start, truth.pose)))
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
         if self.true_path:

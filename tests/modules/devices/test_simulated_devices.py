@@ -23,7 +23,8 @@ from modules.devices.camera import (
 from modules.devices.imu import SimulatedImuModule
 from modules.devices.laser import SimulatedLaserRangeFinder
 from modules.devices.pan_tilt import SimulatedPanTiltModule
-from robbie_mp import Duration, Header, Module, ModuleHarness, SettingError, Time
+from modules.devices.simulated_world import MoveDoor, SimulatedDoors
+from robbie_mp import CallRefused, Duration, Header, Module, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     BatteryState,
     Bumper,
@@ -202,6 +203,25 @@ def test_base_publishes_obstacles_only_if_the_arena_has_any(
     with ModuleHarness(SimulatedBase, {"arena": tmp_path / "plain.yaml"}) as plain:
         plain.advance(0.1)
         assert not plain.take(SimulatedWorld)
+
+
+def test_doors_of_the_world_are_moved_by_a_request_and_seen_by_the_laser(tmp_path: Path) -> None:
+    door = "doors: [{name: cellar, leaf: [3.0, 1.0, 3.0, 2.0], opens_rad: 1.5708}]\n"
+    (tmp_path / "house.yaml").write_text(ARENA[: ARENA.index("victims")] + door)
+    settings: dict[str, object] = {"arena": tmp_path / "house.yaml"}
+    with (
+        ModuleHarness(SimulatedBase, settings) as base,
+        ModuleHarness(SimulatedLaserRangeFinder, settings) as laser,
+    ):
+        base.call(MoveDoor(door="cellar", open=True))
+        for _ in range(30):
+            base.advance(0.1)
+        (moved,) = base.take(SimulatedDoors, "ground_truth")[-1:]
+        assert moved.opened == pytest.approx([1.5708])
+        laser.send(moved, topic="ground_truth")
+        assert laser.module.world.arena.segments[-1] == pytest.approx([3.0, 1.0, 2.0, 1.0], abs=1e-4)
+        with pytest.raises(CallRefused, match="there is no door 'attic'; there are: cellar"):
+            base.call(MoveDoor(door="attic", open=True))
 
 
 def test_cameras_follow_the_pan_tilt_unit_and_publish_their_projection(
