@@ -1,6 +1,6 @@
 """Orders to the household robot in its apartment, judged by the ground truth.
 
-    python -m tools.household_trials --seeds 20 [--tasks bring,put,learn,several] [--kill] [--json FILE]
+    python -m tools.household_trials --seeds 20 [--tasks bring,put,learn,several,door] [--kill] [--json FILE]
 
 Each seed puts the three objects on random tables of `apartment.yaml`, and makes other noise. Anna stands
 where she gives the order, and David walks through the rooms. For each seed the robot starts anew for each
@@ -11,6 +11,8 @@ task:
 - learn: the robot goes to the kitchen, learns it under another name, goes to the study, and comes back to
   that name. It is right if it truly stands there, and the map has the name.
 - several: "go to the kitchen and bring me the … and put the … on the …".
+- door: "go to the bedroom", whose doors are closed. The robot has to ask somebody to open one. It is right
+  if it truly stands in the bedroom.
 
 Besides, nothing else may have fallen, and neither base nor arm may have touched anything. With `--kill`, the
 tool kills every module once, at a random moment; in lockstep, as in the profile `household-fast`, the robot
@@ -47,7 +49,7 @@ TABLES = {
 }
 """For each table the middle of the edge where the robot stands (m), and the direction from there inwards."""
 DEEP_M, BESIDE_M, APART_M = (0.06, 0.16), 0.18, 0.13
-TASKS = ("bring", "put", "learn", "several")
+TASKS = ("bring", "put", "learn", "several", "door")
 LEARNT, PLACE_M = "sofa", 0.8
 PEOPLE = """\
 people:
@@ -92,6 +94,7 @@ class Plan:
     order: str
     wanted: dict[str, str]
     learns: bool = False
+    closes_doors: bool = False
 
 
 def apartment(seed: int) -> tuple[str, dict[str, str]]:
@@ -131,6 +134,8 @@ def plan_of(task: str, seed: int, on: dict[str, str]) -> Plan:
         case "several":
             order = f"go to the kitchen and bring me the {first} and put the {second} on the {target}"
             return Plan(order, {first: "person", second: target})
+        case "door":
+            return Plan("go to the bedroom", {}, closes_doors=True)
     order = f"go to the kitchen and this is the {LEARNT} and go to the study and go to the {LEARNT}"
     return Plan(order, {}, learns=True)
 
@@ -146,8 +151,8 @@ def run(outcome: Outcome, folder: Path, profile: str, kills: bool) -> None:
     """
     text, on = apartment(outcome.seed)
     file = folder / "apartment.yaml"
-    file.write_text(text)
     plan = plan_of(outcome.task, outcome.seed, on)
+    file.write_text(text.replace("open: true", "open: false") if plan.closes_doors else text)
     outcome.order = plan.order
     settings = settings_for(profile, file, outcome.seed, NOISY)
     settings += [f"household.start_orders={json.dumps([plan.order])}", "base.true_path=true"]
@@ -170,6 +175,8 @@ def judge(outcome: Outcome, plan: Plan, output: Path) -> None:
     is_there = all(outcome.places[name] == place for name, place in plan.wanted.items())
     if plan.learns:
         is_there = has_learnt(output)
+    elif plan.closes_doors:
+        is_there = stands_at(output, "bedroom")
     touched = outcome.fallen or outcome.contacts or outcome.collisions
     outcome.is_right = outcome.is_done and is_there and not touched
 
@@ -179,9 +186,15 @@ def has_learnt(output: Path) -> bool:
     places = read_annotations(output / "map.annotations.yaml").now.places
     if LEARNT not in places:
         return False
-    last = np.loadtxt(output / "truth.txt", ndmin=2)[-1, 1:3]
     learnt, kitchen = places[LEARNT][:2], places["kitchen"][:2]
-    return math.dist(learnt, last) <= PLACE_M and math.dist(learnt, kitchen) <= PLACE_M
+    return stands_at(output, LEARNT) and math.dist(learnt, kitchen) <= PLACE_M
+
+
+def stands_at(output: Path, place: str) -> bool:
+    """Return whether the robot truly stands at a place of its map in the end."""
+    places = read_annotations(output / "map.annotations.yaml").now.places
+    last = np.loadtxt(output / "truth.txt", ndmin=2)[-1, 1:3]
+    return place in places and math.dist(places[place][:2], last) <= PLACE_M
 
 
 def summary(outcomes: list[Outcome]) -> dict[str, Any]:

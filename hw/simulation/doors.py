@@ -41,6 +41,11 @@ class Door:
         """Return the length of the leaf."""
         return math.dist(self.hinge_m, self.edge_m)
 
+    @property
+    def middle_m(self) -> tuple[float, float]:
+        """Return x and y of the middle of the closed leaf."""
+        return (self.hinge_m[0] + self.edge_m[0]) / 2, (self.hinge_m[1] + self.edge_m[1]) / 2
+
     def leaf(self, opened_rad: float) -> Array:
         """Return the leaf: (4,), m: x1, y1, x2, y2.
 
@@ -54,8 +59,7 @@ class Door:
 
     def is_near(self, place_m: Sequence[float]) -> bool:
         """Return whether somebody at a place opens the door, or waits for it."""
-        middle = (self.hinge_m[0] + self.edge_m[0]) / 2, (self.hinge_m[1] + self.edge_m[1]) / 2
-        return math.dist(place_m[:2], middle) < self.width_m + BEFORE_M
+        return math.dist(place_m[:2], self.middle_m) < self.width_m + BEFORE_M
 
     def is_between(self, one_m: Sequence[float], other_m: Sequence[float]) -> bool:
         """Return whether the straight way between two places leads through the door."""

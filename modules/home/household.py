@@ -107,6 +107,9 @@ class Household(Module):
     places: dict[str, list[float]] = setting(
         {}, "x, y (m) and heading (rad), map frame, of places that the robot knows from the start"
     )
+    doors: dict[str, list[float]] = setting(
+        {}, "for places behind a door, where the robot waits for somebody to open it: x, y (m), heading (rad)"
+    )
     tables: list[str] = setting([], "places in front of tables on which objects may be")
     start_orders: list[str] = setting([], "orders of the start, such as 'bring me the soup'")
 
@@ -115,9 +118,12 @@ class Household(Module):
         """Check the grammar, the places, and the orders of the start."""
         orders, words, places = settings["orders"], settings["words"], settings["places"]
         assert isinstance(orders, dict) and isinstance(words, dict) and isinstance(places, dict)
-        for name, place in places.items():
-            if len(place) != 3 or not all(map(math.isfinite, place)):
-                raise SettingError(f"{name}: expected x, y (m) and heading (rad), not {place}", "places")
+        doors = settings["doors"]
+        assert isinstance(doors, dict)
+        for where, those in (("places", places), ("doors", doors)):
+            for name, place in those.items():
+                if len(place) != 3 or not all(map(math.isfinite, place)):
+                    raise SettingError(f"{name}: expected x, y (m) and heading (rad), not {place}", where)
         start = settings["start_orders"]
         assert isinstance(start, list)
         try:
@@ -134,6 +140,7 @@ class Household(Module):
         """Subscribe; continue the order of the process before."""
         self.reader = OrderReader(self.orders, self.words)
         self.work = HouseholdWork(self._time_s, self.tables, on_change=self._state_changed)
+        self.work.doors = self.doors
         self.open = list(self.start_orders)
         self.active: CarryOutGoal | None = None
         self.arm: SentGoal | None = None

@@ -33,6 +33,7 @@ TAKE_IT = "Here is the {}. Please take it."
 COME = "I have the {}. Please come to me."
 STILL_HERE_M = 0.5
 """Until the robot has driven this far, it looks for the person who has given the order."""
+OPEN_DOOR = "Please open the door to the {}."
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class HouseholdWork:
         holds: What is in the hand; '' if nothing is.
         seen: For each object the table on which it was seen last.
         places: x, y (m) and heading (rad) of each place that it knows, map frame.
+        doors: The same, in front of the door to each place that has one.
         ends: How the last tasks ended.
     """
 
@@ -101,6 +103,7 @@ class HouseholdWork:
         self.holds = ""
         self.seen: dict[str, str] = {}
         self.places: Mapping[str, tuple[float, float, float]] = {}
+        self.doors: Mapping[str, Sequence[float]] = {}
         self.ends: deque[TaskEnd] = deque(maxlen=MAX_ENDS)
         self._clock = clock
         self._tables = tuple(tables)
@@ -123,6 +126,9 @@ class HouseholdWork:
         self._taker_xy_m: Array | None = None
         self._refusals: list[Array] = []
         self._is_near_person = self._has_called = False
+        self._requests = 0
+        self._behind = HouseholdState.GO
+        self._at_door_s = math.inf
 
     # -- what the owner does -----------------------------------------------------------------------------
 
@@ -142,11 +148,19 @@ class HouseholdWork:
         order = self.order
         if self.state is HouseholdState.MEET:
             return self._meeting[0] if self._meeting is not None else None
+        if self.state is HouseholdState.DOOR:
+            return np.array(self.doors[self._destination])
         if order is None or self.state not in DRIVES:
             return None
         if self.state is HouseholdState.FETCH:
             return self._place(self._table)
         return self._place(order.place) if order.place else self._given_at
+
+    @property
+    def _destination(self) -> str:
+        """Return the name of the place to which the present task leads now; '' if it has none."""
+        drive = self._behind if self.state is HouseholdState.DOOR else self.state
+        return self._table if drive is HouseholdState.FETCH or self.order is None else self.order.place
 
     @property
     def arm_task(self) -> HouseholdState | None:
@@ -313,6 +327,8 @@ class HouseholdWork:
         """Record that navigation has reached the goal; in front of a table, the pose must be right."""
         if self.state is HouseholdState.MEET:
             self._is_near_person = True
+        elif self.state is HouseholdState.DOOR:
+            self._ask_to_open()
         elif self.state is HouseholdState.GO:
             self._end(True, "there")
         elif self.state in DRIVES and self._is_at(self.goal):
@@ -330,7 +346,14 @@ class HouseholdWork:
         """Record that navigation has given the goal up; the owner sends it again."""
         if self.state is HouseholdState.MEET:
             self._is_near_person = True
+        elif self.state is HouseholdState.DOOR:
+            self._requests = self.settings.max_requests
+            self._look_behind_door(f"cannot come to the door: {reason}")
         elif self.state in DRIVES:
+            if self._destination in self.doors and self._requests < self.settings.max_requests:
+                self._behind = self.state
+                self.machine.go(HouseholdState.DOOR, f"cannot come to the {self._destination}: {reason}")
+                return
             self._failed_drives += 1
             if self._failed_drives < self.settings.max_tries:
                 return
@@ -418,6 +441,22 @@ class HouseholdWork:
             self._end(False, f"{state.value}: that took too long")
         elif state is HouseholdState.MEET:
             self._meet()
+        elif self._clock() - self._at_door_s >= self.settings.door_s:
+            self._look_behind_door("looks whether the door is open")
+
+    # -- doors -------------------------------------------------------------------------------------------
+
+    def _ask_to_open(self) -> None:
+        """Ask for the door in front of the robot, once; then wait."""
+        if self._at_door_s == math.inf:
+            self._requests += 1
+            self._at_door_s = self._clock()
+            self._sayings.append(OPEN_DOOR.format(self._destination))
+
+    def _look_behind_door(self, reason: str) -> None:
+        """Drive on to where the door leads."""
+        self._at_door_s = math.inf
+        self.machine.go(self._behind, reason)
 
     # -- objects and persons -----------------------------------------------------------------------------
 
@@ -537,7 +576,8 @@ class HouseholdWork:
             "seen": dict(self.seen),
             "table": self._table,
             "to_search": list(self._to_search),
-            "counts": [self._rounds, self._tries, self._losses, self._failed_drives],
+            "counts": [self._rounds, self._tries, self._losses, self._failed_drives, self._requests],
+            "behind": self._behind.name,
             "given_at": None if self._given_at is None else self._given_at.tolist(),
             "givers": {
                 name: [giver.is_aside, giver.away_m, *giver.xy_m] for name, giver in self._givers.items()
@@ -555,13 +595,16 @@ class HouseholdWork:
         self.orders = tuple(TaskOrder(Task(task), *rest) for task, *rest in memory["orders"])
         self.at = memory["at"]
         self._table, self._to_search = memory["table"], list(memory["to_search"])
-        self._rounds, self._tries, self._losses, self._failed_drives = memory["counts"]
+        self._rounds, self._tries, self._losses, self._failed_drives, self._requests = memory["counts"]
+        self._behind = HouseholdState[memory["behind"]]
         self._given_at = None if memory["given_at"] is None else np.array(memory["given_at"])
         self._is_where_given = memory["is_where_given"]
         for name, (is_aside, away_m, x, y) in memory["givers"].items():
             self._givers[name] = _Giver(is_aside, away_m, (x, y))
         self._began_s = self._clock() - memory["used_s"]
-        for state in WAYS[HouseholdState[memory["state"]]] if self.orders else ():
+        last = HouseholdState[memory["state"]]
+        ways = (*WAYS[self._behind], last) if last is HouseholdState.DOOR else WAYS[last]
+        for state in ways if self.orders else ():
             self.machine.go(state, "goes on after a restart")
 
 

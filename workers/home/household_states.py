@@ -17,6 +17,7 @@ class HouseholdState(StrEnum):
     MEET = "comes near to a person"
     HAND = "hands it over"
     GO = "drives to a place"
+    DOOR = "waits before a door for somebody to open it"
     LEARN = "learns the name of a place"
     FOLLOW = "follows a person"
     WHO = "finds out who is where"
@@ -25,13 +26,14 @@ class HouseholdState(StrEnum):
 _S = HouseholdState
 TRANSITIONS = {
     _S.IDLE: {_S.FETCH, _S.CARRY, _S.GO, _S.LEARN, _S.FOLLOW, _S.WHO},
-    _S.FETCH: {_S.PICK, _S.IDLE},
+    _S.FETCH: {_S.PICK, _S.DOOR, _S.IDLE},
     _S.PICK: {_S.CARRY, _S.FETCH, _S.IDLE},
-    _S.CARRY: {_S.PUT, _S.MEET, _S.IDLE},
+    _S.CARRY: {_S.PUT, _S.MEET, _S.DOOR, _S.IDLE},
     _S.PUT: {_S.CARRY, _S.FETCH, _S.IDLE},
     _S.MEET: {_S.HAND, _S.IDLE},
     _S.HAND: {_S.MEET, _S.FETCH, _S.IDLE},
-    _S.GO: {_S.IDLE},
+    _S.GO: {_S.DOOR, _S.IDLE},
+    _S.DOOR: {_S.FETCH, _S.CARRY, _S.GO, _S.IDLE},
     _S.LEARN: {_S.IDLE},
     _S.FOLLOW: {_S.IDLE},
     _S.WHO: {_S.IDLE},
@@ -50,7 +52,7 @@ WAYS = {
     _S.FOLLOW: (_S.FOLLOW,),
     _S.WHO: (_S.WHO,),
 }
-"""The states by which a restarted task comes to its state."""
+"""The states by which a restarted task comes to its state; to DOOR, it comes from the drive before."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,8 @@ class HouseholdSettings:
         learn_s: Time until a place must have its name.
         at_table_m: The robot stands in front of a table if it is this near to the place there ...
         at_table_rad: ... and its heading is this near to that of the place.
+        door_s: Time for somebody to open a door, before the robot looks whether it is open.
+        max_requests: How often it asks for one door.
         max_tries: How often the robot tries the same again: a drive, a grasp.
         rounds: How often it looks on all tables for an object.
         person_m: A person this near to the robot may have given the order, or take what the robot brings.
@@ -86,6 +90,8 @@ class HouseholdSettings:
     learn_s: float = 10.0
     at_table_m: float = 0.2
     at_table_rad: float = 0.25
+    door_s: float = 6.0
+    max_requests: int = 8
     max_tries: int = 3
     rounds: int = 2
     person_m: float = 3.0
@@ -103,7 +109,7 @@ class HouseholdSettings:
 
     def time_outs(self) -> dict[HouseholdState, TimeOut[HouseholdState]]:
         """Return the states that end after a time."""
-        driving = dict.fromkeys((_S.FETCH, _S.CARRY, _S.GO), self.travel_s)
+        driving = dict.fromkeys((_S.FETCH, _S.CARRY, _S.GO, _S.DOOR), self.travel_s)
         arm = dict.fromkeys((_S.PICK, _S.PUT, _S.HAND), self.arm_s)
         others = {_S.MEET: self.meet_s, _S.LEARN: self.learn_s}
         return {state: TimeOut(limit_s, _S.IDLE) for state, limit_s in (driving | arm | others).items()}

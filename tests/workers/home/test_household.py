@@ -9,7 +9,7 @@ import pytest
 from robbie_mp.state_machine import mermaid
 from tests._support.places import DOCS
 from workers.home.follow import PersonReport
-from workers.home.household import COME, TAKE_IT, HouseholdWork
+from workers.home.household import COME, OPEN_DOOR, TAKE_IT, HouseholdWork
 from workers.home.household_states import TRANSITIONS, HouseholdSettings, HouseholdState
 from workers.home.orders import Task, TaskOrder, WrongOrder
 
@@ -24,6 +24,7 @@ class Robot:
 
     def __init__(self) -> None:
         self.now_s = 100.0
+        self.doors: dict[str, tuple[float, float, float]] = {}
         self.states: list[str] = []
         self.work = self.new_work()
         self.work.see_pose(HERE)
@@ -33,6 +34,7 @@ class Robot:
             lambda: self.now_s, ["desk", "counter"], on_change=lambda state: self.states.append(state.name)
         )
         work.places = PLACES
+        work.doors = self.doors
         work.see_hand("")
         return work
 
@@ -274,6 +276,60 @@ def test_robot_that_stands_near_a_person_but_looks_elsewhere_turns(robot: Robot)
     assert robot.work.arm_task is HouseholdState.HAND
 
 
+def test_robot_asks_for_a_closed_door_and_drives_on_when_somebody_has_opened_it(robot: Robot) -> None:
+    robot.doors["kitchen"] = (4.0, 1.0, 1.5)
+    robot.work.begin([GO])
+    robot.work.unreachable("no path leads to the goal")
+    np.testing.assert_array_equal(robot.work.goal, (4.0, 1.0, 1.5))
+    robot.drive()
+    robot.work.arrived()  # navigation says it again while the robot stands there
+    assert robot.work.sayings()[1:] == [OPEN_DOOR.format("kitchen")]
+    robot.now_s += HouseholdSettings().door_s
+    robot.work.step()
+    np.testing.assert_array_equal(robot.work.goal, PLACES["kitchen"])
+    robot.drive()
+    assert robot.work.ends[-1].is_done
+    assert robot.states == ["GO", "DOOR", "GO", "IDLE"]
+
+
+def test_robot_gives_up_a_place_whose_door_nobody_opens(robot: Robot) -> None:
+    robot.doors["kitchen"] = (4.0, 1.0, 1.5)
+    robot.work.begin([GO])
+    while robot.work.order is not None:
+        robot.work.unreachable("no path leads to the goal")
+        if robot.work.state is HouseholdState.DOOR:
+            robot.drive()
+            robot.now_s += HouseholdSettings().door_s
+            robot.work.step()
+    assert robot.work.sayings()[-1] == "I could not go to the kitchen: no path leads to the goal."
+    assert robot.states.count("DOOR") == HouseholdSettings().max_requests
+
+
+def test_door_that_the_robot_cannot_come_to_is_not_asked_for(robot: Robot) -> None:
+    robot.doors["kitchen"] = (4.0, 1.0, 1.5)
+    robot.work.begin([GO])
+    for _ in range(1 + 1 + HouseholdSettings().max_tries):
+        robot.work.unreachable("no path leads to the goal")
+    assert robot.work.order is None
+    assert robot.states == ["GO", "DOOR", "GO", "IDLE"]
+
+
+def test_restarted_robot_waits_again_before_the_door_to_the_table(robot: Robot) -> None:
+    robot.doors["desk"] = (1.0, 0.0, 0.0)
+    robot.work.begin([BRING])
+    robot.work.unreachable("no path leads to the goal")
+    kept = robot.work.memory()
+    again = robot.new_work()
+    again.remember(kept)
+    assert robot.states[-1] == "DOOR"
+    np.testing.assert_array_equal(again.goal, (1.0, 0.0, 0.0))
+    again.arrived()
+    robot.now_s += HouseholdSettings().door_s
+    again.step()
+    assert robot.states[-1] == "FETCH"
+    np.testing.assert_array_equal(again.goal, PLACES["desk"])
+
+
 def test_place_gets_its_name_where_the_robot_stands(robot: Robot) -> None:
     robot.work.begin([TaskOrder(Task.LEARN, place="sofa")])
     lesson = robot.work.lesson
@@ -307,10 +363,14 @@ def test_restarted_task_goes_on_with_the_same_step(state: HouseholdState, robot:
         HouseholdState.GO: GO, HouseholdState.PUT: PUT, HouseholdState.FOLLOW: FOLLOW,
         HouseholdState.LEARN: TaskOrder(Task.LEARN, place="sofa"), HouseholdState.WHO: TaskOrder(Task.WHO),
     }  # fmt: skip
+    if state is HouseholdState.DOOR:
+        robot.doors["counter"] = robot.doors["desk"] = (1.0, 1.0, 0.0)
     robot.work.begin([orders.get(state, BRING), GO])
     robot.person(2.0, 1.0)
     while robot.work.state is not state:
-        if robot.work.state is HouseholdState.PICK:
+        if state is HouseholdState.DOOR:
+            robot.work.unreachable("no path leads to the goal")
+        elif robot.work.state is HouseholdState.PICK:
             robot.look()
         elif robot.work.state is HouseholdState.MEET:
             robot.person(1.0)
