@@ -11,8 +11,8 @@ task:
 - learn: the robot goes to the kitchen, learns it under another name, goes to the study, and comes back to
   that name. It is right if it truly stands there, and the map has the name.
 - several: "go to the kitchen and bring me the … and put the … on the …".
-- door: "go to the bedroom", whose doors are closed. The robot has to ask somebody to open one. It is right
-  if it truly stands in the bedroom.
+- door: "go to the bedroom", whose doors are closed, while David, who would open one, stays in the study. It is
+  right if the robot truly stands in the bedroom; it has to ask somebody to open a door.
 
 Besides, nothing else may have fallen, and neither base nor arm may have touched anything. With `--kill`, the
 tool kills every module once, at a random moment; in lockstep, as in the profile `household-fast`, the robot
@@ -22,6 +22,7 @@ waits for a restarting module.
 import json
 import math
 import random
+import re
 import signal
 import sys
 from dataclasses import dataclass, field
@@ -56,6 +57,10 @@ people:
   - {name: Anna, way: [[3.4, 4.5, 0], [3.5, 4.5, 0]], from_s: 100000}
   - {name: David, way: [[2.5, 5.4, 4], [2.5, 6.2, 0], [5.0, 6.3, 3], [5.0, 2.4, 5]], speed_m_per_s: %.2f}
 """
+
+
+CROSSES, STAYS = re.compile(r"\[\[2\.5, 5\.4, 4\].*\]\]"), "[[6.0, 6.2, 4], [7.0, 6.2, 4]]"
+"""David's way through the bedroom's door, and one without doors."""
 
 
 @dataclass
@@ -152,7 +157,9 @@ def run(outcome: Outcome, folder: Path, profile: str, kills: bool) -> None:
     text, on = apartment(outcome.seed)
     file = folder / "apartment.yaml"
     plan = plan_of(outcome.task, outcome.seed, on)
-    file.write_text(text.replace("open: true", "open: false") if plan.closes_doors else text)
+    if plan.closes_doors:
+        text = CROSSES.sub(STAYS, text.replace("open: true", "open: false"))
+    file.write_text(text)
     outcome.order = plan.order
     settings = settings_for(profile, file, outcome.seed, NOISY)
     settings += [f"household.start_orders={json.dumps([plan.order])}", "base.true_path=true"]
