@@ -11,8 +11,8 @@ task:
 - learn: the robot goes to the kitchen, learns it under another name, goes to the study, and comes back to
   that name. It is right if it truly stands there, and the map has the name.
 - several: "go to the kitchen and bring me the … and put the … on the …".
-- door: "go to the bedroom", whose doors are closed, while David, who would open one, stays in the study. It is
-  right if the robot truly stands in the bedroom; it has to ask somebody to open a door.
+- door: "go to the bedroom", whose doors are closed, while David, who would open one, stays in the study. It
+  is right if the robot truly stands in the bedroom; it has to ask somebody to open a door.
 
 Besides, nothing else may have fallen, and neither base nor arm may have touched anything. With `--kill`, the
 tool kills every module once, at a random moment; in lockstep, as in the profile `household-fast`, the robot
