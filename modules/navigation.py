@@ -7,6 +7,8 @@ from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, 
 from robbie_mp import ActiveGoal, CallRefused, Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     CancelNavigation,
+    Costmap,
+    CostmapMetaData,
     DriveCommand,
     EmergencyStop,
     LaserScan,
@@ -17,16 +19,21 @@ from robbie_mp.messages import (
     NavigationResult,
     OccupancyGrid,
     Path,
+    Point,
+    Pose,
     PoseStamped,
+    Quaternion,
     TFMessage,
     TimeJump,
 )
 from workers.laser.laser_sweep import LaserSweep
 from workers.maps.map_annotations import forbid
+from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.navigator import Navigator
 from workers.navigation.navigator_states import RESTING, NavigatorSettings, NavigatorState
 from workers.navigation.path_follower import FollowerSettings, PathFollower
+from workers.navigation.path_planner import cell_costs
 
 MAP_FRAMES = ("map", "")
 
@@ -39,7 +46,8 @@ class Navigation(Module):
     It stays out of the no-go areas of `MapAnnotations`, which name the places, too.
 
     Publishes `DriveCommand`, which expires, only while there is a goal; the planned path as `Path` on topic
-    `path`; and the goal that it drives to as `PoseStamped` on topic `goal`. A newer goal takes the place of
+    `path`; the `Costmap` on which it was planned on `costmap`; and the goal that it drives to as
+    `PoseStamped` on topic `goal`. A newer goal takes the place of
     the older one, whose client gets `GoalPreempted`. `CancelNavigation` ends any goal. The goal survives a
     restart: its client notices nothing.
     """
@@ -80,6 +88,7 @@ class Navigation(Module):
         self.fed_back: tuple[str, str] = ("", "")
         self.fed_back_s = -np.inf
         self.path = np.empty((0, 2))
+        self.costs_of: NavigationGrid | None = None
         if self.restored is not None:
             self.active = self.resume_goal(NavigateTo, self.restored["goal"])
             x_m, y_m, heading_rad = self.restored["pose"]
@@ -229,6 +238,8 @@ class Navigation(Module):
             self._command(*speeds)
         if self.navigator.path is not self.path:
             self._publish_path(self.navigator.path)
+        if self.navigator.grid is not None and self.navigator.grid is not self.costs_of:
+            self._publish_costmap(self.navigator.grid)
         self._show()
         state, reason = self.navigator.state, self.navigator.machine.reason
         if self.active is not None and state in RESTING:
@@ -293,6 +304,22 @@ class Navigation(Module):
         headings = np.arctan2(ahead[:, 1], ahead[:, 0])
         poses = [pose_stamped([*xy, heading], header) for xy, heading in zip(path, headings, strict=True)]
         self.publish(Path(header=header, poses=poses), topic="path")
+
+    def _publish_costmap(self, grid: NavigationGrid) -> None:
+        self.costs_of = grid
+        costs = cell_costs(grid)
+        (height, width), (x_m, y_m) = costs.shape, grid.corner_xy_m.tolist()
+        metadata = CostmapMetaData(
+            update_time=self._now(),
+            layer="master",
+            resolution=grid.resolution_m,
+            size_x=width,
+            size_y=height,
+            origin=Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion(w=1.0)),
+        )
+        header = Header(stamp=self._now(), frame_id="map")
+        costmap = Costmap(header=header, metadata=metadata, data=costs.ravel())
+        self.publish(costmap, topic="costmap", latched=True)
 
     def _follower_settings(self) -> FollowerSettings:
         return FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)

@@ -65,6 +65,7 @@ from robbie_mp.messages.stock.link_msgs import (
     OperatorRequest,
     OperatorState,
 )
+from robbie_mp.messages.stock.nav2_msgs import Costmap, CostmapMetaData
 from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
 from robbie_mp.messages.stock.playback_msgs import PlaybackControl, PlaybackState, TimeJump
 from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile, SystemProfile
@@ -157,6 +158,8 @@ __all__ = [
     "CancelNavigation",
     "ChannelProfile",
     "CompressedImage",
+    "Costmap",
+    "CostmapMetaData",
     "DeclarationError",
     "DecodeError",
     "Detection2D",

@@ -36,6 +36,8 @@ class CellMarks(NamedTuple):
     """A number that changes when the cells do."""
     middles: NDArray[np.float64]
     """(N, 2), m, map frame."""
+    edge_m: float = 0.0
+    """Edge of a cell, as large as it is drawn; 0: a dot."""
 
     def thinned(self) -> NDArray[np.float64]:
         """Return at most `MAX_CELLS` of the middles, with a height of 0: (N, 3), m."""
@@ -50,6 +52,8 @@ class CellLayer(NamedTuple):
     colour: str
     """In CSS notation, such as #00897b."""
     source: Callable[[], CellMarks]
+    is_hidden: bool = False
+    """Whether it is hidden until a visitor shows it; until then, no page gets its cells."""
 
 
 class MapMarks:
@@ -72,15 +76,18 @@ class MapMarks:
         """
         self._sources[title] = source
 
-    def add_cells(self, title: str, colour: str, source: Callable[[], CellMarks]) -> None:
+    def add_cells(
+        self, title: str, colour: str, source: Callable[[], CellMarks], *, is_hidden: bool = False
+    ) -> None:
         """Add a layer of cells, which visitors can hide. Constructors of panels call this.
 
         Args:
             title: the layer's name.
             colour: its colour in CSS notation.
             source: returns the present cells; called in the module's thread.
+            is_hidden: whether the layer is hidden until a visitor shows it.
         """
-        self.layers.append(CellLayer(title, colour, source))
+        self.layers.append(CellLayer(title, colour, source, is_hidden))
 
     def now(self) -> dict[str, tuple[MapMark, ...]]:
         """Return the present marks, by the titles of their sources."""

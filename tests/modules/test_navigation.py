@@ -13,6 +13,7 @@ from robbie_mp import Header, Message, ModuleHarness, Time
 from robbie_mp.messages import (
     CallRefusal,
     CancelNavigation,
+    Costmap,
     DriveCommand,
     EmergencyStop,
     GoalEnd,
@@ -131,9 +132,20 @@ def test_robot_drives_to_a_goal_with_expiring_commands_and_a_path(robot: Robot) 
     paths = robot.harness.take(PathMessage, "path")
     end = next(path for path in paths if path.poses).poses[-1].pose.position
     assert math.hypot(end.x - 3.5, end.y - 2.4) < 0.1
+    costmap = robot.harness.take(Costmap, "costmap")[-1]
+    assert cost_at(costmap, end.x, end.y) <= Costmap.AVOIDED
+    assert cost_at(costmap, 2.5, 0.05) == Costmap.OBSTACLE
+    assert cost_at(costmap, 2.5, 0.4) == Costmap.TOO_NEAR
     truth = robot.drive.ground_truth().pose
     assert math.hypot(truth.x_m - 3.5, truth.y_m - 2.4) < 0.2
     assert truth.heading_rad == pytest.approx(1.0, abs=0.2)
+
+
+def cost_at(costmap: Costmap, x_m: float, y_m: float) -> int:
+    """Return what it costs to be at a place, m, map frame."""
+    corner, info = costmap.metadata.origin.position, costmap.metadata
+    column, row = (int((at - begin) // info.resolution) for at, begin in ((x_m, corner.x), (y_m, corner.y)))
+    return int(costmap.data[row * info.size_x + column])
 
 
 def test_silent_laser_stops_the_robot_and_is_told(robot: Robot) -> None:

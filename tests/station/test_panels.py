@@ -292,11 +292,22 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     assert picture.getpixel(unknown) == (170, 170, 170)
     home = (middle_x - round(1.5 * pixels_per_m), middle_y + round(1.25 * pixels_per_m))
     assert picture.getpixel(home) == (57, 73, 171)
+    costs_are_shown_on_request(page, (round(2.75 * pixels_per_m), round(1.5 * pixels_per_m)))
     page.click("#map-in")
     further = (round(1.5 * (wall[0] - middle_x)), round(1.5 * (wall[1] - middle_y)))
     saved_map(page, further, (0, 0, 0))
     page.click("#map-fit")
     pose_is_set_by_dragging(page, told)
+
+
+def costs_are_shown_on_request(page: Page, obstacle: tuple[int, int]) -> None:
+    saved_map(page, obstacle, (255, 255, 255))
+    for colour in ((213, 0, 0), (255, 255, 255)):
+        page.click("#map-layers")
+        page.click(".q-menu .q-checkbox:has-text('Costmap: obstacles')")
+        page.click("#map-text")
+        page.wait_for_selector(".q-menu", state="detached")
+        saved_map(page, obstacle, colour)
 
 
 def refusal_and_cancel_of_a_goal_are_shown(page: Page, told: Told) -> None:

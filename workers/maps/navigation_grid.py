@@ -47,6 +47,11 @@ class NavigationGrid:
         self.drivable = self.clear(clearance_m)
 
     @property
+    def corner_xy_m(self) -> NDArray[np.float64]:
+        """Return the outer corner of cell (0, 0), m, map frame."""
+        return self._corner
+
+    @property
     def known_m2(self) -> float:
         """Return the area seen as free."""
         return float(self.free.sum()) * self.resolution_m**2

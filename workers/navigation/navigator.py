@@ -67,6 +67,7 @@ class Navigator:
         follower: Steers along the planned ways.
         goal: (x m, y m, heading rad), map frame; None before the first.
         recoveries: Number of recoveries since the last progress.
+        grid: The map with live obstacles on which it has planned last; None before the first plan.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class Navigator:
         self.machine = StateMachine(NavigatorState.IDLE, TRANSITIONS, clock, self.settings.time_outs())
         self.goal: NDArray[np.float64] | None = None
         self.recoveries = 0
+        self.grid: NavigationGrid | None = None
         self.laser_pose = np.asarray(laser_pose, float)
         self._clock = clock
         self.follower = follower or PathFollower()
@@ -249,7 +251,8 @@ class Navigator:
     def _plan(self, situation: _Situation) -> None:
         """Plan on the map with live obstacles; if that fails, check whether the map alone has a path."""
         self._planned_s = self._clock()
-        way = self._way(situation, situation.costmap.grid(self._obstacles, self._clock()))
+        self.grid = situation.costmap.grid(self._obstacles, self._clock())
+        way = self._way(situation, self.grid)
         if way.obstruction is Obstruction.NONE:
             self._take(way)
             return

@@ -63,10 +63,28 @@ class PathField:
         return int(self._number[np.ravel_multi_index(cell, self._shape)])
 
 
+def cell_costs(grid: NavigationGrid) -> NDArray[np.uint8]:
+    """Return what it costs to be in each cell `(H, W)`: the more, the nearer an obstacle is.
+
+    0 to 252: drivable; 253: too near to an obstacle; 254: an obstacle; 255: never seen. These are the values
+    of ROS 2's costmaps (nav2_costmap_2d).
+    """
+    costs = np.ceil(252 * _nearness(grid)).astype(np.uint8)
+    costs[~grid.drivable] = 253
+    costs[~grid.free] = 254
+    costs[grid.unknown] = 255
+    return costs
+
+
+def _nearness(grid: NavigationGrid) -> NDArray[np.float64]:
+    """Return how near obstacles are to each cell, from 0 (far) to 1."""
+    nearness: NDArray[np.float64] = np.clip((COMFORT_M - grid.obstacle_distance_m) / COMFORT_M, 0.0, 1.0)
+    return nearness
+
+
 def _graph(grid: NavigationGrid, number: NDArray[np.int32]) -> csr_array:
     """Connect neighbouring drivable cells; a step costs its length, more where obstacles are near."""
-    nearness = np.clip((COMFORT_M - grid.obstacle_distance_m) / COMFORT_M, 0.0, 1.0)
-    price = (1.0 + DETOUR * nearness) * grid.resolution_m / 2
+    price = (1.0 + DETOUR * _nearness(grid)) * grid.resolution_m / 2
     height, width = number.shape
     begins, ends, costs = [], [], []
     for down, right in NEIGHBOURS:

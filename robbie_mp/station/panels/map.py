@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from nicegui import ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import (
     CancelNavigation,
+    Costmap,
     Frontiers,
     LaserScan,
     MapAnnotations,
@@ -28,7 +32,7 @@ from robbie_mp.station.goal_menu import GoalMenu
 from robbie_mp.station.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map_drawing import MapDrawing, area_marks
-from robbie_mp.station.map_marks import MapMark
+from robbie_mp.station.map_marks import CellMarks, MapMark
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
@@ -38,6 +42,7 @@ from robbie_mp.station.trail import Trail
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
+    from robbie_mp.station.latest import Latest
 
 TEXT_PERIOD_S = 0.2
 GOALS_PERIOD_S = 0.3
@@ -60,6 +65,14 @@ LAYERS = {
     "legend": "Legend",
 }
 """The layers that a visitor can hide."""
+COSTS = (
+    ("Costmap: avoided", "#ffab0040", 1, Costmap.AVOIDED),
+    ("Costmap: too near", "#ff3d0060", Costmap.TOO_NEAR, Costmap.TOO_NEAR),
+    ("Costmap: obstacles", "#d50000", Costmap.OBSTACLE, Costmap.OBSTACLE),
+)
+"""Layers of what navigation plans on: each with its colour, and its least and greatest cost."""
+SHOWN_S = 2.0
+"""Cells of a hidden layer are sent for this time after a page has said that it shows the layer."""
 PLACE_COLOUR = "#3949ab"
 
 
@@ -91,7 +104,12 @@ class MapPanel(Panel):
         self._others: list[dict[str, Any]] = []
         self._way: tuple[int, bytes] = (0, b"[]")
         self._trail = Trail(station)
-        self._cells: dict[str, tuple[int, bytes]] = {}
+        self._cells: dict[str, tuple[int, float, bytes]] = {}
+        self._shown_s: dict[str, float] = {}
+        costmap = station.newest(Costmap, "costmap")
+        for title, colour, least, greatest in COSTS:
+            source = partial(cost_cells, costmap, least, greatest)
+            station.map_marks.add_cells(title, colour, source, is_hidden=True)
         self._way_come: tuple[int, bytes] = (0, b"[]")
         self._scans = PointSources(station, (LaserScan,))
 
@@ -111,7 +129,7 @@ class MapPanel(Panel):
             view = MapView().props("id=map-view")
             view.style("width: 100%; height: 100%; touch-action: none; display: block")
             with ui.element("div").classes("map-view-tools"):
-                self._build_view_tools(view)
+                shown = self._build_view_tools(view)
         follows.on_value_change(lambda event: view.set(follows=str(event.value)))
         text = ui.label("").props("id=map-text")
         goals = GoalList(lambda goal: place(page, self.station, goal, self._pose.message))
@@ -145,6 +163,8 @@ class MapPanel(Panel):
 
         def update() -> None:
             text.set_text(self.describe())
+            now_s = time.monotonic()
+            self._shown_s.update(dict.fromkeys(shown, now_s))
             view.set(waiting=[[goal.x_m, goal.y_m] for goal in goals.waiting])
 
         page.every(TEXT_PERIOD_S, self.name, update)
@@ -166,8 +186,9 @@ class MapPanel(Panel):
         view.on("pointed", lambda event: drawn(event, drawing.pointed))
         page.every(TEXT_PERIOD_S, self.name, drawing.tick)
 
-    def _build_view_tools(self, view: MapView) -> None:
-        """Build what changes only how this page shows the map."""
+    def _build_view_tools(self, view: MapView) -> set[str]:
+        """Build what changes only how this page shows the map. Return the layers of cells that it shows."""
+        shown: set[str] = set()
         for name, icon, label in (
             ("in", "zoom_in", "Zoom in"),
             ("out", "zoom_out", "Zoom out"),
@@ -190,19 +211,24 @@ class MapPanel(Panel):
                     button.on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
                 case _:
                     with button, ui.menu():
-                        self._build_layers(view)
+                        self._build_layers(view, shown)
+        return shown
 
-    def _build_layers(self, view: MapView) -> None:
-        shown: dict[str, bool] = {}
+    def _build_layers(self, view: MapView, shown: set[str]) -> None:
+        """Build the list of layers; keep `shown` as the page shows them."""
+        layers = self.station.map_marks.layers
+        of_panels = {layer.title: layer.title for layer in layers}
+        names = {**LAYERS, **of_panels}
+        shown.update(names.keys() - {layer.title for layer in layers if layer.is_hidden})
+        view.set(hidden=sorted(names.keys() - shown))
 
         def show(name: str, *, is_shown: bool) -> None:
-            shown[name] = is_shown
-            view.set(hidden=[layer for layer, wanted in shown.items() if not wanted])
+            (shown.add if is_shown else shown.discard)(name)
+            view.set(hidden=sorted(names.keys() - shown))
 
-        of_panels = {layer.title: layer.title for layer in self.station.map_marks.layers}
-        for name, title in (LAYERS | of_panels).items():
+        for name, title in names.items():
             box = (
-                ui.checkbox(title, value=True)
+                ui.checkbox(title, value=name in shown)
                 .props(f"id=map-layer-{name.replace(' ', '-')}")
                 .classes("q-pr-md")
             )
@@ -224,10 +250,13 @@ class MapPanel(Panel):
     def _encoded_cells(self) -> dict[str, bytes]:
         """Return the cells of each layer, packed as points are."""
         for layer in self.station.map_marks.layers:
+            if layer.is_hidden and time.monotonic() - self._shown_s.get(layer.title, -math.inf) > SHOWN_S:
+                self._cells.pop(layer.title, None)
+                continue
             marked = layer.source()
-            if self._cells.get(layer.title, (-1, b""))[0] != marked.revision:
-                self._cells[layer.title] = (marked.revision, packed(marked.thinned()))
-        return {f"cells/{title}": data for title, (_, data) in self._cells.items()}
+            if layer.title not in self._cells or self._cells[layer.title][0] != marked.revision:
+                self._cells[layer.title] = (marked.revision, marked.edge_m, packed(marked.thinned()))
+        return {f"cells/{title}": data for title, (_, _, data) in self._cells.items()}
 
     def _encoded_path(self) -> bytes:
         if self._way[0] != self._path.count:
@@ -244,6 +273,7 @@ class MapPanel(Panel):
         """Return the marks on the map, without the path; m and rad, map frame."""
         return {
             "cell_colours": {layer.title: layer.colour for layer in self.station.map_marks.layers},
+            "cell_edges": {title: edge_m for title, (_, edge_m, _) in self._cells.items()},
             "robot": planar(self._pose.message),
             "goal": planar(self._goal.message),
             "frontiers": frontier_marks(self._frontiers.message),
@@ -280,6 +310,22 @@ class MapPanel(Panel):
     def _cancel(self, page: Page) -> None:
         """End the goal that the robot drives to, whichever module or operator has set it."""
         page.ask(CancelNavigation(reason="an operator cancelled it"), "the cancel", "the robot has no goal")
+
+
+def cost_cells(newest: Latest[Costmap], least: int, greatest: int) -> CellMarks:
+    """Return the cells of the newest costmap whose cost lies between two values."""
+    costmap = newest.message
+    if costmap is None:
+        return CellMarks(newest.count, np.zeros((0, 2)))
+    info = costmap.metadata
+    if info.size_x * info.size_y != len(costmap.data):
+        return CellMarks(newest.count, np.zeros((0, 2)))
+    rows, columns = np.divmod(
+        np.flatnonzero((costmap.data >= least) & (costmap.data <= greatest)), max(1, info.size_x)
+    )
+    corner = info.origin.position
+    x_m, y_m = corner.x + (columns + 0.5) * info.resolution, corner.y + (rows + 0.5) * info.resolution
+    return CellMarks(newest.count, np.column_stack([x_m, y_m]), info.resolution)
 
 
 def way_points(path: Path | None) -> list[list[float]]:

@@ -226,7 +226,10 @@ export default {
     draw_marks(pen) {
       const { robot, goal, frontiers, marked, places, others, path, trail, no_go } = this.marks;
       for (const [layer, cells] of this.cells)
-        if (this.shows(layer)) this.draw_points(pen, cells, this.marks.cell_colours?.[layer] ?? "#000000", 5);
+        if (this.shows(layer)) {
+          const edge_m = this.marks.cell_edges?.[layer];
+          this.draw_points(pen, cells, this.marks.cell_colours?.[layer] ?? "#000000", edge_m ? edge_m * this.scale : 5);
+        }
       if (this.shows("no_go"))
         for (const { name, corners } of no_go) {
           this.draw_area(pen, corners);

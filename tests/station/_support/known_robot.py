@@ -8,6 +8,8 @@ from robbie_mp.messages import (
     BoundingBox2D,
     CancelNavigation,
     CompressedImage,
+    Costmap,
+    CostmapMetaData,
     Detection2D,
     Detection2DArray,
     Frontiers,
@@ -64,6 +66,14 @@ def grid() -> OccupancyGrid:
     return OccupancyGrid(info=info, data=cells.ravel())
 
 
+def costmap() -> Costmap:
+    """An obstacle in the lower right corner of the map, and a place beside it that is too near to it."""
+    costs = np.zeros((8, 12), np.uint8)
+    costs[0, -1], costs[0, -2] = Costmap.OBSTACLE, Costmap.TOO_NEAR
+    metadata = CostmapMetaData(resolution=0.5, size_x=12, size_y=8, origin=pose(-1.0, 2.0))
+    return Costmap(metadata=metadata, data=costs.ravel())
+
+
 def patch() -> Image:
     """2 x 1 pixels, red and blue, in rows of 8 bytes."""
     data = np.array([0, 0, 255, 255, 0, 0, 9, 9], np.uint8)
@@ -118,6 +128,7 @@ class KnownRobot(Module):
     def tick(self) -> None:
         header = Header(frame_id="map")
         self.publish(grid())
+        self.publish(costmap(), topic="costmap")
         self.publish(PoseStamped(header=header, pose=pose(1.5, 3.25, np.pi / 2)), topic="map_pose")
         way = [PoseStamped(header=header, pose=pose(x / 10, 3.0)) for x in range(1201)]
         self.publish(Path(header=header, poses=way), topic="path")

@@ -1,0 +1,36 @@
+"""Costmaps (ROS nav2_msgs)."""
+
+from typing import ClassVar
+
+from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.primitives import Array, float32, uint8, uint32
+from robbie_mp.messages.stock.builtin_interfaces import Time
+from robbie_mp.messages.stock.geometry_msgs import Pose
+from robbie_mp.messages.stock.std_msgs import Header
+
+
+class CostmapMetaData(Message, name="nav2_msgs/msg/CostmapMetaData", version=1):
+    """The values of cells of a costmap."""
+
+    map_load_time: Time = DEFAULT
+    update_time: Time = DEFAULT
+    layer: str = DEFAULT  # of which layer the costs are
+    resolution: float32 = DEFAULT  # m, edge of a cell
+    size_x: uint32 = DEFAULT  # cells along x
+    size_y: uint32 = DEFAULT  # cells along y
+    origin: Pose = DEFAULT  # of the corner of cell (0, 0), in the frame of the map
+
+
+class Costmap(Message, name="nav2_msgs/msg/Costmap", version=1):
+    """Where a robot may be, and which places it prefers to avoid."""
+
+    FREE: ClassVar[uint8] = 0
+    AVOIDED: ClassVar[uint8] = 252  # more than 0, up to this: paths may lead there, but avoid it
+    TOO_NEAR: ClassVar[uint8] = 253  # for the robot's centre; an obstacle is beside it
+    OBSTACLE: ClassVar[uint8] = 254
+    UNKNOWN: ClassVar[uint8] = 255
+
+    header: Header = DEFAULT
+    metadata: CostmapMetaData = DEFAULT
+    data: Array[uint8] = DEFAULT  # (size_y * size_x,) row-major
