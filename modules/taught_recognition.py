@@ -24,8 +24,8 @@ from robbie_mp.messages import (
     TeachRecognition,
 )
 from robbie_mp.views.image_pixels import NoPicture, pixels_of
-from workers.faces.face_recognition import MAX_DISTANCE, FaceRecognizer, FacesMissing
-from workers.objects.object_recognition import ObjectRecognizer, ObjectsMissing
+from workers.faces.face_recognition import MAX_DISTANCE, FaceRecognizer
+from workers.objects.object_recognition import ObjectRecognizer
 from workers.taught import (
     Box,
     Pixels,
@@ -70,11 +70,12 @@ class TaughtRecognition(Module):
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Raise SettingError if a library is missing, or what was taught cannot be read."""
-        try:
-            recognizer = cls.make_recognizer(settings)
-        except (ObjectsMissing, FacesMissing) as error:
-            raise SettingError(str(error)) from error
+        """Raise SettingError if what was taught cannot be read.
+
+        Raises:
+            ImportError: a library is missing; with `optional: true` in its profile, a robot does without.
+        """
+        recognizer = cls.make_recognizer(settings)
         file = settings["taught_file"]
         if isinstance(file, Path):
             try:

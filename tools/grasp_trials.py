@@ -1,12 +1,15 @@
 """Orders to the robot with the arm in random rooms, judged by the ground truth.
 
-    python -m tools.grasp_trials --seeds 20 [--first 0] [--kill] [--profile NAME] [--json FILE]
+    python -m tools.grasp_trials --seeds 20 [--first 0] [--kill] [--twins] [--profile NAME] [--json FILE]
 
 Each seed makes a room with three objects on a table (`hw.simulation.table_room`), and the robot brings all
 of them to another table. An order is right if the object then stands there upright. A seed is right if all
 orders are, nothing fell over, and neither base, arm nor what it held touched anything else. With `--kill`,
 the tool kills every module once, at a random moment; in lockstep, as in the profile `arm-fast`, the robot
 waits for a restarting module.
+
+With `--twins`, two of the objects differ only by what is printed on them. Both were taught from four pictures
+each, as in `tools.print_trials`, and the robot brings one of them.
 """
 
 import json
@@ -17,11 +20,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hw.simulation.table_room import generate_room
+import numpy as np
+
+from hw.simulation.arena_file import read_arena
+from hw.simulation.table_room import TWINS, generate_room
 from tools.mission_trials import Trial, command_line, play, play_all, settings_for
+from tools.print_trials import PICTURE_WIDTH, Camera, teach
+from workers.objects.object_recognition import ObjectRecognizer
+from workers.taught import as_json
 
 NOISY = ("base", "laser", "depth_camera", "manipulation")
 RUN_LIMIT_S = 1500.0
+TAUGHT_PICTURES = 4
 BEGIN_S = 2.0
 """The tool kills no module before this time of the run."""
 
@@ -52,7 +62,9 @@ class Outcome(Trial):
     simulated_s: float = 0.0
 
 
-def run_room(outcome: Outcome, folder: Path, profile: str, kill_until_s: float) -> None:
+def run_room(
+    outcome: Outcome, folder: Path, profile: str, kill_until_s: float, has_twins: bool = False
+) -> None:
     """Run the orders in one room and judge them.
 
     Args:
@@ -60,12 +72,40 @@ def run_room(outcome: Outcome, folder: Path, profile: str, kill_until_s: float) 
         folder: new folder for the run.
         profile: the profile to run.
         kill_until_s: every module is killed once until this time of the run; 0: none is killed.
+        has_twins: two objects differ only by their print; the robot brings one of them.
     """
     file = folder / "room.yaml"
-    file.write_text(generate_room(outcome.seed))
+    file.write_text(generate_room(outcome.seed, has_twins))
     settings = settings_for(profile, file, outcome.seed, NOISY)
+    if has_twins:
+        settings += twins_settings(outcome.seed, file, folder)
     kills_s = (BEGIN_S, kill_until_s) if kill_until_s else None
     play(outcome, folder, profile, settings, partial(judge, outcome), limit_s=RUN_LIMIT_S, kills_s=kills_s)
+
+
+def twins_settings(seed: int, room: Path, folder: Path) -> list[str]:
+    """Teach the objects that differ only by their print; return the settings of the robot that knows them.
+
+    Args:
+        seed: of the room.
+        room: its file.
+        folder: folder for what was taught.
+    """
+    random = np.random.default_rng(seed)
+    arena = read_arena(room)
+    twins = TWINS[seed % 2][:2]
+    camera, recognizer = Camera(arena, PICTURE_WIDTH, seed, 1.0), ObjectRecognizer()
+    for one in arena.objects:
+        if one.name in twins:
+            teach(recognizer, camera, one, TAUGHT_PICTURES, random)
+    file = folder / "objects.json"
+    file.write_bytes(as_json("objects", recognizer.plain()))
+    words = {"object": [one.name for one in arena.objects], "place": ["table", "counter"]}
+    return [
+        f"objects.taught_file={file}",
+        f"household.words={json.dumps(words)}",
+        f'household.start_orders=["put the {random.choice(twins)} on the counter"]',
+    ]
 
 
 def judge(outcome: Outcome, output: Path) -> None:
@@ -112,11 +152,15 @@ def main(words: list[str] | None = None) -> int:
         metavar="S",
         help="time of the run by which all were killed",
     )
+    parser.add_argument(
+        "--twins", action="store_true", help="two objects differ only by their print; bring one"
+    )
     options = parser.parse_args(words)
 
     def play_one(seed: int, folder: Path) -> Outcome:
         outcome = Outcome(seed)
-        run_room(outcome, folder, options.profile, options.kill_until if options.kill else 0.0)
+        kill_until_s = options.kill_until if options.kill else 0.0
+        run_room(outcome, folder, options.profile, kill_until_s, options.twins)
         return outcome
 
     outcomes = play_all(options, play_one, summary, "rooms")

@@ -234,6 +234,7 @@ class StandingObject:
         y_m: y of its middle.
         base_m: height of the table on which it stands.
         yaw_rad: how far it is turned.
+        print_seed: seed of what is printed on it; None: it is plain.
     """
 
     name: str
@@ -243,6 +244,7 @@ class StandingObject:
     y_m: float
     base_m: float
     yaw_rad: float = 0.0
+    print_seed: int | None = None
 
 
 @dataclass(frozen=True)

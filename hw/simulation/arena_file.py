@@ -53,7 +53,7 @@ KEYS = (
     "people",
     "doors",
 )
-OBJECT_KEYS = ("name", "box", "can", "x_m", "y_m", "yaw_rad")
+OBJECT_KEYS = ("name", "box", "can", "x_m", "y_m", "yaw_rad", "print")
 NUMBER_KEYS = ("text", "x_m", "y_m", "facing_rad", "height_m", "edge_m", "font", "light", "shadow")
 DOOR_KEYS = ("name", "leaf", "opens_rad", "open")
 PERSON_KEYS = ("name", "way", "speed_m_per_s", "from_s", "walks", "shirt", "trousers")
@@ -94,7 +94,8 @@ def read_arena(path: Path | str) -> Arena:
     - `tables`: closed tables, a list of maps: `name`, `box: [x1, y1, x2, y2]` by two opposite corners, and
       `height_m` of the top.
     - `objects`: what stands on them, a list of maps: `name`, `box: [x, y, z]` or `can: [diameter, height]`,
-      `x_m`, `y_m`, and `yaw_rad` if it is turned.
+      `x_m`, `y_m`, `yaw_rad` if it is turned, and `print` if something is printed on it: a whole number, the
+      seed of the print.
     - `people`: people who walk, a list of maps: `name`; `way`, a list of way points `[x, y, pause_s]`;
       `speed_m_per_s` (0.6 if absent); `from_s`, when the person begins to walk (0 if absent); `walks`:
       `to_and_fro` (if absent), `in_a_loop`, or `across`: to and fro, close behind the first person; `shirt`
@@ -301,7 +302,11 @@ def _objects(file: YamlMap, tables: tuple[Table, ...]) -> tuple[StandingObject, 
             entry.fail(entry.node("x_m"), f"no table is below the object at ({x:g}, {y:g})")
         size = (row[0], row[0], row[1]) if is_round else (row[0], row[1], row[2])
         yaw_rad = entry.number("yaw_rad", 0.0)
-        objects[name] = StandingObject(name, size, is_round, x, y, below.height_m, yaw_rad)
+        seed = entry.number("print", 0.0)
+        if seed != int(seed) or seed < 0:
+            entry.fail(entry.node("print"), f"print must be a whole number from 0, not {seed:g}")
+        print_seed = int(seed) if "print" in entry else None
+        objects[name] = StandingObject(name, size, is_round, x, y, below.height_m, yaw_rad, print_seed)
     return tuple(objects.values())
 
 

@@ -1,6 +1,7 @@
 """A simulated depth camera that sees boxes and cylinders."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,20 @@ from hw.camera import CameraGeometry
 from hw.simulation.solid import Placed
 
 MAX_MM = 2**16 - 1
+ON_FLOOR, ON_NOTHING = -2, -1
+"""Instead of the number of a shape."""
+
+
+class View(NamedTuple):
+    """What lies in the direction of each pixel.
+
+    Attributes:
+        depths_m: (height, width), exact depths; inf: nothing.
+        shapes: (height, width), the number of the shape, ON_FLOOR or ON_NOTHING.
+    """
+
+    depths_m: NDArray[np.float64]
+    shapes: NDArray[np.intp]
 
 
 class SimulatedDepthCamera:
@@ -46,24 +61,42 @@ class SimulatedDepthCamera:
             pose: X_AC, the camera's pose, (4, 4): z ahead, x to the right, y down.
             seen: what is there besides the floor.
         """
-        depths = np.full(len(self._rays), np.inf)
+        return self.measured(self.view(pose, seen).depths_m)
+
+    def view(self, pose: NDArray[np.float64], seen: Iterable[Placed], behind: View | None = None) -> View:
+        """Return what the camera sees, without noise and limits of range.
+
+        Args:
+            pose: X_AC, the camera's pose, (4, 4).
+            seen: what is there besides the floor.
+            behind: a view from the same pose, to which these shapes are added.
+        """
         rays = self._rays @ pose[:3, :3].T
-        with np.errstate(divide="ignore"):
-            floor = -pose[2, 3] / rays[:, 2]
-        np.copyto(depths, floor, where=rays[:, 2] < 0.0)
-        for shape in seen:
-            wanted = self._towards(pose, shape)
-            if not wanted.any():
+        if behind is None:
+            with np.errstate(divide="ignore"):
+                floor = -pose[2, 3] / rays[:, 2]
+            is_floor = rays[:, 2] < 0.0
+            depths = np.where(is_floor, floor, np.inf)
+            shapes = np.where(is_floor, ON_FLOOR, ON_NOTHING)
+        else:
+            depths, shapes = behind.depths_m.ravel().copy(), behind.shapes.ravel().copy()
+        for number, shape in enumerate(seen):
+            wanted = np.flatnonzero(self._towards(pose, shape))
+            if not len(wanted):
                 continue
             origin = (pose[:3, 3] - shape.pose[:3, 3]) @ shape.pose[:3, :3]
             ranges = shape.solid.ranges_m(origin, rays[wanted] @ shape.pose[:3, :3])
-            depths[wanted] = np.minimum(depths[wanted], ranges)
+            is_nearer = ranges < depths[wanted]
+            depths[wanted[is_nearer]], shapes[wanted[is_nearer]] = ranges[is_nearer], number
+        size = (self.geometry.height, self.geometry.width)
+        return View(depths.reshape(size), shapes.reshape(size))
+
+    def measured(self, depths_m: NDArray[np.float64]) -> NDArray[np.uint16]:
+        """Return the depth image of exact depths (height, width): mm, with noise."""
         least, most = self._range_m
-        is_seen = (depths >= least) & (depths <= most)
-        depths = np.where(is_seen, depths, 0.0)
-        depths += self._random.normal(0.0, self._noise_m, len(depths)) * depths**2
-        image = np.clip(np.rint(depths * 1000.0), 0, MAX_MM).astype(np.uint16)
-        return image.reshape(self.geometry.height, self.geometry.width)
+        depths = np.where((depths_m >= least) & (depths_m <= most), depths_m, 0.0)
+        depths += self._random.normal(0.0, self._noise_m, depths.shape) * depths**2
+        return np.clip(np.rint(depths * 1000.0), 0, MAX_MM).astype(np.uint16)
 
     def _towards(self, pose: NDArray[np.float64], shape: Placed) -> NDArray[np.bool_]:
         """Return which rays may hit a shape: those through the sphere around it."""

@@ -12,6 +12,8 @@ KINDS = {
     "tea": "box: [0.06, 0.04, 0.12]",
     "cola": "can: [0.052, 0.14]",
 }
+TWINS = (("tea", "mint", "soup"), ("soup", "beans", "tea"))
+"""Names of the objects in rooms with twins: the first two have the same size, that of the first one."""
 TABLE = (3.7, 1.2, 4.3, 2.4)
 """Two opposite corners, m. The robot can stand in front of its left side."""
 FROM_EDGE_M, DEEP_M, BESIDE_M = 0.06, 0.17, 0.20
@@ -43,7 +45,7 @@ class CannotBeArranged(ValueError):
     """The objects found no places."""
 
 
-def generate_room(seed: int) -> str:
+def generate_room(seed: int, has_twins: bool = False) -> str:
     """Return a random room as the text of an arena file.
 
     Three objects stand on a table, at random places and turned at random, where the stock robot with an arm
@@ -51,6 +53,8 @@ def generate_room(seed: int) -> str:
 
     Args:
         seed: random seed; the same seed gives the same text.
+        has_twins: two of the objects differ only by what is printed on them: boxes for even seeds, cans for
+            odd ones.
 
     Raises:
         CannotBeArranged: the objects found no places; choose another seed.
@@ -70,11 +74,20 @@ def generate_room(seed: int) -> str:
     else:
         raise CannotBeArranged(f"found no places for all objects in {MAX_TRIES} tries: choose another seed")
     text = ROOM.format(seed=seed)
-    names = random.permutation(list(KINDS)).tolist()
+    twins = TWINS[seed % 2]
+    kinds = {name: KINDS.get(name, KINDS[twins[0]]) for name in twins} if has_twins else KINDS
+    names = random.permutation(list(kinds)).tolist()
     for name, (x, y) in zip(names, placed, strict=True):
         yaw = float(random.uniform(-math.pi, math.pi))
-        text += f"  - {{name: {name}, {KINDS[name]}, x_m: {x:.3f}, y_m: {y:.3f}, yaw_rad: {yaw:.3f}}}\n"
+        printed = f", print: {print_seed(seed, name)}" if has_twins else ""
+        place = f"x_m: {x:.3f}, y_m: {y:.3f}, yaw_rad: {yaw:.3f}"
+        text += f"  - {{name: {name}, {kinds[name]}, {place}{printed}}}\n"
     return text
+
+
+def print_seed(seed: int, name: str) -> int:
+    """Return the seed of what is printed on an object of a room with twins."""
+    return 10 * seed + ["tea", "mint", "soup", "beans"].index(name)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -84,9 +97,10 @@ def main(words: Sequence[str] | None = None) -> int:
         description="Write a random room with objects on a table as YAML to standard output.",
     )
     parser.add_argument("--seed", type=int, required=True, help="the same seed makes the same room")
+    parser.add_argument("--twins", action="store_true", help="two objects differ only by their print")
     options = parser.parse_args(words)
     try:
-        sys.stdout.write(generate_room(options.seed))
+        sys.stdout.write(generate_room(options.seed, options.twins))
     except CannotBeArranged as error:
         parser.error(str(error))
     return 0

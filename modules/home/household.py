@@ -61,10 +61,11 @@ from robbie_mp.messages import (
     MapAnnotations,
     PointOfInterest,
     PoseStamped,
+    TaughtNames,
 )
 from workers.home.household import HouseholdWork
 from workers.home.household_states import HouseholdState
-from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder
+from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder, words_with_objects
 from workers.manipulation.table_view import UNKNOWN
 from workers.speech.order_grammar import WrongGrammar
 
@@ -139,6 +140,7 @@ class Household(Module):
     def setup(self) -> None:
         """Subscribe; continue the order of the process before."""
         self.reader = OrderReader(self.orders, self.words)
+        self.objects = list(self.words.get("object", []))
         self.work = HouseholdWork(self._time_s, self.tables, on_change=self._state_changed)
         self.work.doors = self.doors
         self.open = list(self.start_orders)
@@ -172,6 +174,7 @@ class Household(Module):
         self.subscribe(People, self.on_people, newest, optional=True)
         self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TableObjects, self.on_table, newest, optional=True)
+        self.subscribe(TaughtNames, self.on_taught, newest, topic="objects", optional=True)
         self.subscribe(HandStatus, self.on_hand, newest, optional=True)
         self.subscribe(Following, self.on_following, newest, optional=True)
 
@@ -266,6 +269,12 @@ class Household(Module):
     def on_table(self, message: TableObjects) -> None:
         """Pass on what stands on the table."""
         self.work.see_objects(one.name for one in message.objects if not one.name.startswith(UNKNOWN))
+
+    def on_taught(self, message: TaughtNames) -> None:
+        """Take orders for the objects that people have taught, too."""
+        known = self.words.get("object", [])
+        self.objects = [*known, *(name for name in message.names if name not in known)]
+        self.reader = OrderReader(self.orders, words_with_objects(self.words, message.names))
 
     def on_hand(self, message: HandStatus) -> None:
         """Know that there is an arm, and what it holds."""
@@ -539,7 +548,7 @@ class Household(Module):
             at=work.at,
             holds=work.holds,
             has_arm=work.has_arm,
-            objects=self.words.get("object", []),
+            objects=self.objects,
             places=sorted(work.places),
             names=self.words.get("place", []),
         )

@@ -1,14 +1,18 @@
-"""A simulated depth camera that sees tables, objects and the robot's own arm."""
+"""A simulated camera for depth and colour that sees tables, objects and the robot's own arm."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.camera import CameraGeometry
 from hw.simulation.arena import Arena
 from hw.simulation.box_segments import box_segments
-from hw.simulation.depth_camera import SimulatedDepthCamera
-from hw.simulation.solid import Placed, Solid, pose_at
+from hw.simulation.depth_camera import SimulatedDepthCamera, View
+from hw.simulation.object_prints import ObjectPrint
+from hw.simulation.solid import Floats, Placed, Solid, pose_at
+from hw.simulation.table_picture import Printed, TablePictures
 from modules.devices.camera import intrinsic_matrix
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from modules.manipulation.messages import TabletopTruth
@@ -18,11 +22,17 @@ from robbie_mp.messages import CameraInfo, Image, JointState
 from robbie_mp.scene_graph.conversion import from_pose
 
 FRAME = "depth_optical"
+PICTURES = "table_camera"
 WALL_M = 0.02
+WOOD, WALL, ROBOT = (150, 110, 70), (190, 190, 180), (60, 62, 66)
 
 
 class SimulatedDepthCameraModule(SimulatedDevice):
-    """A depth camera on the robot; publishes `Image` (16UC1, mm; 0: nothing) and `CameraInfo` on `depth`."""
+    """A depth camera on the robot; publishes `Image` (16UC1, mm; 0: nothing) and `CameraInfo` on `depth`.
+
+    With `picture_width`, it also takes colour pictures (rgb8) from the same place at the same times, and
+    publishes them with their `CameraInfo` on `table_camera`.
+    """
 
     robot: Path = setting(REQUIRED, "the robot's URDF, with the frame depth_optical", must_exist=True)
     width: int = setting(200, "columns of an image", minimum=16, maximum=640)
@@ -31,6 +41,10 @@ class SimulatedDepthCameraModule(SimulatedDevice):
     noise_m: float = setting(
         0.002, "standard deviation of a depth of 1 m; it grows with its square", minimum=0.0
     )
+    picture_width: int = setting(
+        0, "columns of a colour picture; 0: the camera takes none", minimum=0, maximum=1920
+    )
+    light: float = setting(1.0, "brightness of the colour pictures", minimum=0.1, maximum=2.0)
     seed: int = setting(0, "random seed of the noise")
     period_s: float = setting(1.0, "time between images", minimum=0.05)
 
@@ -40,10 +54,19 @@ class SimulatedDepthCameraModule(SimulatedDevice):
         self.world = SharedWorld(self)
         self.shapes = RobotShapes(self.robot)
         self.camera = SimulatedDepthCamera(geometry, self.noise_m, seed=self.seed)
-        self.intrinsics = intrinsic_matrix(geometry)
         arena = self.world.arena
-        self.walls = [*table_solids(arena), *_walls(arena)]
+        tables, walls = table_solids(arena), _walls(arena)
+        self.walls = [*tables, *walls]
+        self.colours = [WOOD] * len(tables) + [WALL] * len(walls)
         self.sizes = {one.name: Solid(one.size_m, one.is_round) for one in arena.objects}
+        self.pictures: TablePictures | None = None
+        if self.picture_width:
+            rows = self.picture_width * self.height // self.width
+            wide = CameraGeometry(self.picture_width, rows, self.field_of_view_rad)
+            self.pictures = TablePictures(wide, light=self.light, seed=self.seed)
+            self.prints = {
+                one.name: ObjectPrint(self.sizes[one.name], one.print_seed) for one in arena.objects
+            }
         self.truth: TabletopTruth | None = None
         self.images = 0
         newest = MessageHandling.KEEP_ONLY_NEWEST
@@ -64,38 +87,54 @@ class SimulatedDepthCameraModule(SimulatedDevice):
             self.status = "waiting for the simulated base and arm"
             return
         robot = self.world.truth.pose
-        objects = [
-            Placed(self.sizes[name], from_pose(pose).matrix)
+        objects = {
+            name: Placed(self.sizes[name], from_pose(pose).matrix)
             for name, pose in zip(self.truth.names, self.truth.poses, strict=True)
             if name not in self.truth.taken
-        ]
-        seen = [*self.walls, *objects, *self.shapes.all(robot)]
-        depths = self.camera.capture(self.shapes.pose(FRAME, robot), seen)
+        }
+        at = self.shapes.pose(FRAME, robot)
+        behind = self.camera.view(at, [*self.walls, *self.shapes.all(robot)])
+        depths = self.camera.measured(self.camera.view(at, objects.values(), behind).depths_m)
+        self._publish("depth", self.camera.geometry, "16UC1", depths)
+        if self.pictures is not None:
+            self._take_picture(self.pictures, at, behind, objects)
+        self.images += 1
+        self.status = f"{self.images} images"
+
+    def _take_picture(
+        self, pictures: TablePictures, at: Floats, behind: View, objects: dict[str, Placed]
+    ) -> None:
+        """Publish a colour picture."""
+        printed = [Printed(placed, self.prints[name]) for name, placed in objects.items()]
+        # What is no table and no wall belongs to the robot.
+        colours = [*self.colours, *[ROBOT] * (int(behind.shapes.max()) + 1 - len(self.colours))]
+        self._publish(PICTURES, pictures.geometry, "rgb8", pictures.capture(at, behind, colours, printed))
+
+    def _publish(self, topic: str, geometry: CameraGeometry, encoding: str, pixels: NDArray[Any]) -> None:
+        """Publish an image, with the camera's projection."""
         header = Header(stamp=self.world.stamp, frame_id=FRAME)
-        k = self.intrinsics
+        k = intrinsic_matrix(geometry)
         info = CameraInfo(
             header=header,
-            height=self.height,
-            width=self.width,
+            height=geometry.height,
+            width=geometry.width,
             distortion_model="plumb_bob",
             k=k.ravel(),
             r=np.eye(3).ravel(),
             p=np.hstack([k, np.zeros((3, 1))]).ravel(),
         )
-        self.publish(info, topic="depth", latched=True)
+        self.publish(info, topic=topic, latched=True)
         self.publish(
             Image(
                 header=header,
-                height=self.height,
-                width=self.width,
-                encoding="16UC1",
-                step=2 * self.width,
-                data=depths.view(np.uint8).ravel(),
+                height=geometry.height,
+                width=geometry.width,
+                encoding=encoding,
+                step=pixels.strides[0],
+                data=np.ascontiguousarray(pixels).view(np.uint8).ravel(),
             ),
-            topic="depth",
+            topic=topic,
         )
-        self.images += 1
-        self.status = f"{self.images} images"
 
 
 def _walls(arena: Arena) -> list[Placed]:

@@ -1,5 +1,6 @@
 """Finds a table and what stands on it in the images of a depth camera."""
 
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +10,27 @@ from modules.manipulation.shape_messages import view_message
 from robbie_mp import REQUIRED, Header, MessageHandling, Module, SettingError, setting
 from robbie_mp.messages import (
     CameraInfo,
+    Detection2DArray,
     Image,
     PointOfInterest,
     PointsOfInterest,
+    TaughtNames,
 )
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener
 from robbie_mp.scene_graph.conversion import to_pose
+from workers.manipulation.object_names import ObjectNamer, Prints
 from workers.manipulation.rotations import quaternion_of
 from workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
+from workers.taught import Box, Sighting
 
 BASE = "base_link"
+TAUGHT = "objects"
+"""The topic on which the names of taught objects are published."""
+SAME_TIME_S = 0.05
+"""A depth image and a picture belong together if they were taken within this time."""
+WAIT_S = 2.0
+"""A depth image waits this long for what is recognized in its picture."""
+MAX_WAITING = 8
 
 
 class ObjectFileError(SettingError):
@@ -28,11 +40,17 @@ class ObjectFileError(SettingError):
 class TableObjectFinder(Module):
     """Publishes `TableObjects` for each image on topic `depth` that shows a table in front of the robot.
 
-    Objects are named by their shape and size. On the map they are `PointsOfInterest` on topic `objects`.
+    Objects have the names that were taught for what is printed on them, if `TaughtObjects` recognizes that in
+    the colour pictures; other objects are named by their shape and size. On the map they are
+    `PointsOfInterest` on topic `objects`.
     """
 
     objects: Path = setting(REQUIRED, "file of the known objects (YAML)", must_exist=True)
     tolerance_m: float = setting(0.015, "largest error of a measured size", minimum=0.001)
+    pictures: str = setting("", "topic of colour pictures taken together with the depth images; '': none")
+    certain: float = setting(
+        0.7, "minimum confidence with which an object is recognized", minimum=0.0, maximum=1.0
+    )
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -42,21 +60,85 @@ class TableObjectFinder(Module):
         read_objects(file)
 
     def setup(self) -> None:
-        """Create the worker; subscribe to the camera."""
-        self.finder = TableFinder(read_objects(self.objects), tolerance_m=self.tolerance_m)
+        """Create the worker; subscribe to the cameras."""
+        namer = ObjectNamer(self.certain)
+        if self.restored is not None:
+            namer.remember(self.restored)
+        self.finder = TableFinder(read_objects(self.objects), tolerance_m=self.tolerance_m, namer=namer)
         self.scene = SceneGraphListener(self)
         self.camera: CameraInfo | None = None
-        self.images = 0
+        self.picture_camera: CameraInfo | None = None
+        self.taught: frozenset[str] = frozenset()
+        self.teacher = ""
+        self.found: Detection2DArray | None = None
+        self.waiting: deque[Image] = deque(maxlen=MAX_WAITING)
+        self.images = self.alone = 0
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(CameraInfo, self.on_camera, newest, topic="depth")
         self.subscribe(Image, self.on_image, newest, topic="depth")
+        if self.pictures:
+            self.subscribe(TaughtNames, self.on_taught, newest, topic=TAUGHT, optional=True)
+            self.subscribe(CameraInfo, self.on_picture_camera, newest, topic=self.pictures, optional=True)
+            self.subscribe(Detection2DArray, self.on_found, topic=self.pictures, optional=True)
 
     def on_camera(self, camera: CameraInfo) -> None:
-        """Store the camera's projection."""
+        """Store the projection of the depth images."""
         self.camera = camera
 
+    def on_picture_camera(self, camera: CameraInfo) -> None:
+        """Store the projection of the pictures."""
+        self.picture_camera = camera
+
+    def on_taught(self, taught: TaughtNames) -> None:
+        """Know which objects can be recognized."""
+        self.taught, self.teacher = frozenset(taught.names), self.envelope.sender
+
     def on_image(self, image: Image) -> None:
-        """Search an image."""
+        """Search an image, as soon as it is known what its picture shows."""
+        if not self.taught:
+            self._look(image, None)
+            return
+        self.waiting.append(image)
+        while _apart_s(self.waiting[0], image) > WAIT_S:
+            self.alone += 1
+            self._look(self.waiting.popleft(), None)
+        self._join()
+
+    def on_found(self, found: Detection2DArray) -> None:
+        """Take what is recognized in a picture; other modules may have found other things in it."""
+        if self.envelope.sender == self.teacher:
+            self.found = found
+            self._join()
+
+    def _join(self) -> None:
+        """Search the image that belongs to the newest picture; older ones are not needed any more."""
+        if self.found is None:
+            return
+        for image in [*self.waiting]:
+            if _apart_s(self.found, image) <= SAME_TIME_S:
+                while self.waiting and self.waiting.popleft() is not image:
+                    pass
+                self._look(image, self.found)
+
+    def _prints(self, found: Detection2DArray | None) -> Prints | None:
+        """Return what is recognized, as the worker takes it; None if nothing was taught."""
+        if not self.taught:
+            return None
+        camera = self.picture_camera
+        if found is None or camera is None:
+            return Prints((), self.taught, np.eye(4), 1.0, (0.0, 0.0))
+        X_CB = self.scene.pose(camera.header.frame_id, BASE).matrix
+        k = camera.k
+        sightings = []
+        for one in found.detections:
+            middle, wide, high = one.bbox.center.position, one.bbox.size_x, one.bbox.size_y
+            box = Box(middle.x - wide / 2, middle.y - high / 2, wide, high)
+            sightings += [Sighting(r.hypothesis.class_id, r.hypothesis.score, box) for r in one.results]
+        taught = [one for one in sightings if one.name in self.taught]
+        return Prints(tuple(taught), self.taught, X_CB, float(k[0]), (float(k[2]), float(k[5])))
+
+    def _look(self, image: Image, found: Detection2DArray | None) -> None:
+        """Search an image, and publish what it shows."""
         if self.camera is None:
             return
         if image.encoding != "16UC1":
@@ -64,6 +146,7 @@ class TableObjectFinder(Module):
             return
         try:
             X_BC = self.scene.pose(BASE, image.header.frame_id)
+            prints = self._prints(found)
         except SceneGraphError as error:
             self.status = str(error)
             return
@@ -71,16 +154,18 @@ class TableObjectFinder(Module):
         depths = image.data.view("<u2").reshape(image.height, image.step // 2)[:, : image.width]
         points = X_BC.apply(points_of(depths, float(k[0]), (float(k[2]), float(k[5]))))
         stamp_s = image.header.stamp.nanoseconds / 1e9
-        view = self.finder.find(points, stamp_s, 1.0 / float(k[0]), X_BC.translation)
+        view = self.finder.find(points, stamp_s, 1.0 / float(k[0]), X_BC.translation, prints)
+        self.checkpoint(self.finder.namer.memory())
         self.images += 1
+        alone = f", {self.alone} of them without a picture" if self.alone else ""
         if view is None:
-            self.status = f"no table; {self.images} images"
+            self.status = f"no table; {self.images} images{alone}"
             return
         header = Header(stamp=image.header.stamp, frame_id=BASE)
         self.publish(view_message(view, header))
         self._show_on_map(view, image)
         names = ", ".join(shape.name for shape in view.objects) or "nothing"
-        self.status = f"table {view.top_m:.2f} m high with {names}; {self.images} images"
+        self.status = f"table {view.top_m:.2f} m high with {names}; {self.images} images{alone}"
 
     def _show_on_map(self, view: TableView, image: Image) -> None:
         """Publish where the objects are on the map, as soon as the robot knows where it is."""
@@ -102,6 +187,11 @@ class TableObjectFinder(Module):
         ]
         header = Header(stamp=image.header.stamp, frame_id="map")
         self.publish(PointsOfInterest(header=header, points=points), topic="objects")
+
+
+def _apart_s(one: Image | Detection2DArray, other: Image) -> float:
+    """Return the time between two images, s."""
+    return abs(one.header.stamp.nanoseconds - other.header.stamp.nanoseconds) / 1e9
 
 
 def read_objects(file: Path) -> list[KnownObject]:

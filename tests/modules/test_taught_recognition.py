@@ -111,5 +111,5 @@ def test_missing_extra_for_faces_is_an_error_before_the_robot_starts(
         raise ImportError(name)
 
     monkeypatch.setattr(face_recognition, "import_module", missing)
-    with pytest.raises(SettingError, match="install dlib-bin and face-recognition-models"):
+    with pytest.raises(ImportError, match="install dlib-bin and face-recognition-models"):
         TaughtFaces.check({"max_distance": 0.5, "doublings": 0, "taught_file": None})

@@ -4,7 +4,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-from workers.speech.order_grammar import OrderGrammar, WrongGrammar
+from workers.speech.order_grammar import (
+    MAX_CHOICES,
+    OrderGrammar,
+    SpokenWords,
+    WrongGrammar,
+    is_sayable,
+    spoken,
+)
 
 CONNECTIONS = ("and then", "then", "and")
 """What stands between two orders of a sentence."""
@@ -70,7 +77,7 @@ class OrderReader:
     Args:
         sentences: for each order's name its sentences, as of an `OrderGrammar`. Names that are no task, such
             as `stop`, are left out.
-        words: the words that fit each place of a sentence.
+        words: the words that fit each place of a sentence; orders have them as they are written here.
 
     Raises:
         WrongGrammar: a sentence is wrong, or a task lacks the place in the sentence that it needs.
@@ -79,6 +86,7 @@ class OrderReader:
     def __init__(self, sentences: Mapping[str, Sequence[str]], words: Mapping[str, Sequence[str]]) -> None:
         tasks = {name: said for name, said in sentences.items() if name in list(Task)}
         self._grammar = OrderGrammar(tasks, words)
+        self._written = {spoken(word): word for choices in words.values() for word in choices}
         for name, said in tasks.items():
             needed = [slot for slot, those in SLOTS.items() if Task(name) in those]
             for sentence in said:
@@ -105,8 +113,7 @@ class OrderReader:
         """Return the tasks of these words: of the whole, or of a first order and the rest."""
         whole = self._grammar.parse(" ".join(words))
         if whole is not None:
-            slots = whole.slots
-            return [TaskOrder(Task(whole.order), slots.get("object", ""), slots.get("place", ""))]
+            return [self._task(whole)]
         for connection in map(str.split, CONNECTIONS):
             for at in range(1, len(words) - len(connection)):
                 if words[at : at + len(connection)] != connection:
@@ -114,12 +121,26 @@ class OrderReader:
                 first = self._grammar.parse(" ".join(words[:at]))
                 rest = self._split(words[at + len(connection) :]) if first is not None else None
                 if first is not None and rest is not None:
-                    slots = first.slots
-                    return [
-                        TaskOrder(Task(first.order), slots.get("object", ""), slots.get("place", "")),
-                        *rest,
-                    ]
+                    return [self._task(first), *rest]
         return None
+
+    def _task(self, said: SpokenWords) -> TaskOrder:
+        object_said, place_said = said.slots.get("object", ""), said.slots.get("place", "")
+        written = self._written
+        return TaskOrder(
+            Task(said.order), written.get(object_said, object_said), written.get(place_said, place_said)
+        )
+
+
+def words_with_objects(words: Mapping[str, Sequence[str]], objects: Iterable[str]) -> dict[str, list[str]]:
+    """Return the words of a grammar with more objects; those that cannot be said in words are left out."""
+    known = list(words.get("object", []))
+    said = {spoken(word) for word in known}
+    for name in objects:
+        if is_sayable(name) and spoken(name) not in said:
+            known.append(name)
+            said.add(spoken(name))
+    return {**words, "object": known[:MAX_CHOICES]} if known else dict(words)
 
 
 SLOTS = {"object": NEEDS_OBJECT, "place": NEEDS_PLACE}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from workers.manipulation.collisions import Shape
+from workers.manipulation.object_names import ObjectNamer, Prints
 
 Floats = NDArray[np.float64]
 
@@ -79,10 +80,11 @@ class TableFinder:
     """Finds a level plane by RANSAC (Fischler and Bolles, 1981), and clusters what is above it.
 
     Args:
-        known: objects that it can name.
+        known: objects that it can name by their size.
         region: where it looks.
         tolerance_m: largest difference between the measured and the known size.
         seed: random seed of the planes that it tries.
+        namer: gives the names.
     """
 
     def __init__(
@@ -91,13 +93,17 @@ class TableFinder:
         region: Region | None = None,
         tolerance_m: float = 0.015,
         seed: int = 0,
+        namer: ObjectNamer | None = None,
     ) -> None:
+        self.namer = namer or ObjectNamer()
         self._known = tuple(known)
         self._region = region or Region()
         self._tolerance_m = tolerance_m
         self._chance = np.random.default_rng(seed)
 
-    def find(self, points: Floats, stamp_s: float, pixel_rad: float, eye: Floats) -> TableView | None:
+    def find(
+        self, points: Floats, stamp_s: float, pixel_rad: float, eye: Floats, prints: Prints | None = None
+    ) -> TableView | None:
         """Return the table and its objects; None without a table.
 
         Args:
@@ -105,6 +111,7 @@ class TableFinder:
             stamp_s: when.
             pixel_rad: angle between neighbouring pixels.
             eye: (3,), m, base's frame: where the camera is.
+            prints: what was recognized in a colour picture of the same time.
         """
         within = ((points > self._region.least_m) & (points < self._region.most_m)).all(axis=1)
         points = points[within]
@@ -115,10 +122,17 @@ class TableFinder:
         table = _table_box(flat, top_m)
         inside = (np.abs(points[:, :2] - table.pose[:2, 3]) < np.array(table.size_m[:2]) / 2).all(axis=1)
         above = points[inside & (points[:, 2] > top_m + ABOVE_M)]
-        objects: list[Shape] = []
-        for cluster in _clusters(above):
-            spacing_m = pixel_rad * float(np.linalg.norm(cluster.mean(axis=0) - eye))
-            objects.append(self._fit(cluster, top_m, spacing_m, len(objects), {one.name for one in objects}))
+        clusters = _clusters(above)
+        seen = [
+            _measured(cluster, top_m, pixel_rad * float(np.linalg.norm(cluster.mean(axis=0) - eye)))
+            for cluster in clusters
+        ]
+        like = [self._of_size(shape.size_m) for shape in seen]
+        names = self.namer.names(clusters, [[known.name for known in possible] for possible in like], prints)
+        objects = [
+            _named(shape, name or f"{UNKNOWN} {number}", possible, top_m)
+            for number, (shape, name, possible) in enumerate(zip(seen, names, like, strict=True))
+        ]
         return TableView(stamp_s, table, tuple(objects))
 
     def _top(self, points: Floats) -> float | None:
@@ -137,35 +151,14 @@ class TableFinder:
                 best, best_count = near, int(np.count_nonzero(near))
         return None if best is None else float(np.median(points[best, 2]))
 
-    def _fit(self, cluster: Floats, top_m: float, spacing_m: float, number: int, taken: set[str]) -> Shape:
-        """Return the shape of a cluster, and its name if its size is known."""
-        height_m = float(np.percentile(cluster[:, 2], 98)) - top_m
-        outline = cluster[cluster[:, 2] > top_m + height_m - TOP_M, :2]
-        (x, y), (long_m, short_m), yaw_rad = smallest_rectangle(outline)
-        long_m, short_m = long_m + spacing_m, short_m + spacing_m
-        known = self._named((long_m, short_m, height_m), taken)
-        if known is None:
-            size, is_round = (long_m, short_m, height_m), False
-        else:
-            size, is_round = known.size_m, known.is_round
-            if size[0] < size[1]:
-                yaw_rad += math.pi / 2  # its x is the short one
-        pose = np.eye(4)
-        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-        pose[:2, :2] = [[cos, -sin], [sin, cos]]
-        pose[:3, 3] = (x, y, top_m + size[2] / 2)
-        return Shape(known.name if known is not None else f"{UNKNOWN} {number}", size, pose, is_round)
-
-    def _named(self, size_m: tuple[float, float, float], taken: set[str]) -> KnownObject | None:
-        """Return the known object whose size is most like this one (long, short, height)."""
-        best, best_m = None, self._tolerance_m
+    def _of_size(self, size_m: tuple[float, float, float]) -> list[KnownObject]:
+        """Return the known objects of about this size (long, short, height), the most like first."""
+        worst_m = {}
         for known in self._known:
             x, y, z = known.size_m
             wanted = (max(x, y), min(x, y), z)
-            worst_m = max(abs(one - other) for one, other in zip(size_m, wanted, strict=True))
-            if worst_m <= best_m and known.name not in taken:
-                best, best_m = known, worst_m
-        return best
+            worst_m[known] = max(abs(one - other) for one, other in zip(size_m, wanted, strict=True))
+        return sorted((one for one in worst_m if worst_m[one] <= self._tolerance_m), key=worst_m.__getitem__)
 
 
 def points_of(depth_mm: NDArray[np.uint16], focal_px: float, centre_px: tuple[float, float]) -> Floats:
@@ -175,6 +168,30 @@ def points_of(depth_mm: NDArray[np.uint16], focal_px: float, centre_px: tuple[fl
     x = (columns - centre_px[0]) / focal_px * depths
     y = (rows - centre_px[1]) / focal_px * depths
     return np.column_stack([x, y, depths])
+
+
+def _measured(cluster: Floats, top_m: float, spacing_m: float) -> Shape:
+    """Return the box around a cluster, with its long side as x, whose points are this far apart."""
+    height_m = float(np.percentile(cluster[:, 2], 98)) - top_m
+    outline = cluster[cluster[:, 2] > top_m + height_m - TOP_M, :2]
+    (x, y), (long_m, short_m), yaw_rad = smallest_rectangle(outline)
+    pose = np.eye(4)
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    pose[:2, :2] = [[cos, -sin], [sin, cos]]
+    pose[:3, 3] = (x, y, top_m + height_m / 2)
+    return Shape(UNKNOWN, (long_m + spacing_m, short_m + spacing_m, height_m), pose)
+
+
+def _named(seen: Shape, name: str, like: Sequence[KnownObject], top_m: float) -> Shape:
+    """Return an object with its name, and with the exact size if objects of its size are known."""
+    if not like:
+        return Shape(name, seen.size_m, seen.pose)
+    known = next((one for one in like if one.name == name), like[0])
+    pose = seen.pose.copy()
+    pose[2, 3] = top_m + known.size_m[2] / 2
+    if known.size_m[0] < known.size_m[1]:  # its x is the short side
+        pose[:3, 0], pose[:3, 1] = seen.pose[:3, 1], -seen.pose[:3, 0]
+    return Shape(name, known.size_m, pose, known.is_round)
 
 
 def smallest_rectangle(points: Floats) -> tuple[tuple[float, float], tuple[float, float], float]:

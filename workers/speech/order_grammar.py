@@ -126,7 +126,7 @@ class OrderGrammar:
 
     def parse(self, text: str) -> SpokenWords | None:
         """Return the order that these words give, or None."""
-        words = " ".join(text.lower().split())
+        words = spoken(text)
         for order, pattern in self._patterns:
             # Each word of a pattern is followed by its space.
             if found := pattern.fullmatch(f"{words} "):
@@ -251,6 +251,17 @@ class _SentenceReader:
         return Slot(name, tuple(sorted(self._words[name], key=len, reverse=True)))
 
 
+def spoken(choice: str) -> str:
+    """Return words as they are compared: lower case, with single spaces."""
+    return " ".join(choice.lower().split())
+
+
+def is_sayable(choice: str) -> bool:
+    """Return whether a grammar takes this as words."""
+    words = choice.lower().split()
+    return bool(words) and all(WORD.fullmatch(word) for word in words)
+
+
 def _checked_words(name: str, choices: Sequence[str]) -> tuple[str, ...]:
     if not ORDER_NAME.fullmatch(name):
         raise WrongGrammar(f'the list of words "{name}" needs a name such as "object"')
@@ -258,8 +269,7 @@ def _checked_words(name: str, choices: Sequence[str]) -> tuple[str, ...]:
         raise WrongGrammar(f'the list "{name}" has {len(choices)} words; 1 to {MAX_CHOICES} fit')
     checked = []
     for choice in choices:
-        words = str(choice).lower().split()
-        if not words or not all(WORD.fullmatch(word) for word in words):
+        if not is_sayable(str(choice)):
             raise WrongGrammar(f'"{choice}" in the list "{name}" is no word; write it as it is spoken')
-        checked.append(" ".join(words))
+        checked.append(spoken(str(choice)))
     return tuple(dict.fromkeys(checked))

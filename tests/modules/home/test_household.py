@@ -49,6 +49,7 @@ from robbie_mp.messages import (
     NavigationResult,
     Point,
     PointOfInterest,
+    TaughtNames,
 )
 from tests._support.places import PROJECT
 from workers.home.orders import OrderReader, Task
@@ -156,6 +157,23 @@ def test_robot_does_not_drive_before_it_has_stowed_an_arm_that_stands_out(robot:
     robot.harness.send(HandStatus(state="REST"))
     robot.wait(0.4)
     assert robot.harness.take(NavigateTo)
+
+
+def test_orders_name_what_people_have_taught_and_are_refused_when_it_is_forgotten(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send(TaughtNames(names=["soup", "Mint Tea", "no. 5"]), topic="objects")
+    robot.wait(0.4)
+    assert robot.harness.take(HouseholdStatus)[-1].objects == ["soup", "Mint Tea", "no. 5"]
+    robot.harness.send_goal(CarryOut(text="bring me the mint tea"))
+    robot.wait(0.4)
+    robot.arrive()
+    assert robot.harness.take(PickUp)[0].object == "Mint Tea"
+    # What no grammar takes for words can still be chosen on the page.
+    robot.harness.send_goal(CarryOut(tasks=[HouseholdTask(task="bring", object="no. 5")]))
+    assert robot.harness.take(CallRefusal) == []
+    robot.harness.send(TaughtNames(), topic="objects")
+    robot.harness.send_goal(CarryOut(text="bring me the mint tea"))
+    assert "I do not understand" in robot.harness.take(CallRefusal)[0].reason
 
 
 def test_spoken_order_brings_the_object_to_the_person_who_has_spoken(robot: Robot) -> None:

@@ -2,7 +2,9 @@
 
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pytest
@@ -20,20 +22,27 @@ from modules.manipulation.messages import (
 from modules.manipulation.simulated_arm import SimulatedArm
 from modules.manipulation.simulated_depth_camera import SimulatedDepthCameraModule
 from modules.manipulation.table_objects import TableObjectFinder, read_objects
+from modules.taught_recognition import TaughtObjects
 from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
+    BoundingBox2D,
     CallRefusal,
     CameraInfo,
+    Detection2DArray,
     GoalEnd,
     Image,
     JointCommand,
     JointState,
     Odometry,
     Point,
+    Point2D,
     PointsOfInterest,
     Pose,
+    Pose2D,
     PoseStamped,
     PoseWithCovariance,
+    TaughtNames,
+    TeachRecognition,
     TFMessage,
 )
 from robbie_mp.services.scene_graph import SceneGraphService
@@ -152,39 +161,69 @@ def test_mistakes_in_the_robot_are_named_before_anything_starts() -> None:
 # -- what the camera sees --------------------------------------------------------------------------------
 
 
-def test_depth_images_become_a_table_with_named_objects_on_the_map() -> None:
-    arena = str(ARENAS / "arm.yaml")
-    # The robot stands 0.3 m before the table, with the arm aside.
+class TableRobot:
+    """The modules that see, of a robot that stands 0.3 m before the table with its arm aside.
+
+    Args:
+        arena: the room.
+        finder: settings of the module that finds objects.
+    """
+
     place = Pose(position=Point(x=0.65, y=0.05))
-    truth = Odometry(pose=PoseWithCovariance(pose=place))
-    aside = [1.9, 0.3, 0.9, 0.0, -1.2, 0.0, 0.0]
-    arm_settings = {"arena": arena, "robot": ROBOT, "names": NAMES, "rest": aside}
-    with (
-        ModuleHarness(SimulatedArm, arm_settings, name="arm") as arm,
-        ModuleHarness(SimulatedDepthCameraModule, {"arena": arena, "robot": ROBOT}) as camera,
-        ModuleHarness(SceneGraphService, {"file": str(PROJECT / "hw/robots/home.yaml")}) as scene,
-        ModuleHarness(TableObjectFinder, {"objects": str(OBJECTS)}) as finder,
-    ):
-        arm.send(truth, topic="ground_truth")
-        camera.send(truth, topic="ground_truth")
-        arm.advance(0.1)
-        camera.send(arm.take(TabletopTruth)[-1], topic="ground_truth")
-        camera.send(arm.take(JointState)[-1], topic="arm")
-        camera.advance(1.1)
+    aside = (1.9, 0.3, 0.9, 0.0, -1.2, 0.0, 0.0)
+
+    def __init__(self, arena: Path, **finder: object) -> None:
+        self._stack = ExitStack()
+        arm_settings = {"arena": str(arena), "robot": ROBOT, "names": NAMES, "rest": [*self.aside]}
+        camera_settings = {"arena": str(arena), "robot": ROBOT, "picture_width": 960}
+        scene_settings = {"file": str(PROJECT / "hw/robots/home.yaml")}
+        enter = self._stack.enter_context
+        self.arm = enter(ModuleHarness(SimulatedArm, arm_settings, name="arm"))
+        self.camera = enter(ModuleHarness(SimulatedDepthCameraModule, camera_settings))
+        self.finder = enter(ModuleHarness(TableObjectFinder, {"objects": str(OBJECTS), **finder}))
+        with ModuleHarness(SceneGraphService, scene_settings) as scene:
+            self._tell_scene(scene)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self._stack.close()
+
+    def _tell_scene(self, scene: ModuleHarness[SceneGraphService]) -> None:
         stamp = Header(stamp=Time.from_nanoseconds(1_000), frame_id="odom")
-        odometry = Odometry(header=stamp, child_frame_id="base_link", pose=PoseWithCovariance(pose=place))
-        scene.send(odometry, topic="odom")
+        there = PoseWithCovariance(pose=self.place)
+        scene.send(Odometry(header=stamp, child_frame_id="base_link", pose=there), topic="odom")
         scene.send(
-            PoseStamped(header=Header(stamp=stamp.stamp, frame_id="map"), pose=place), topic="map_pose"
+            PoseStamped(header=Header(stamp=stamp.stamp, frame_id="map"), pose=self.place), topic="map_pose"
         )
         scene.advance(1.0)
         for topic in ("tf_static", "tf"):
             for message in scene.take(TFMessage, topic):
-                finder.send(message, topic=topic)
-        finder.send(camera.take(CameraInfo, "depth")[-1], topic="depth")
-        finder.send(camera.take(Image, "depth")[-1], topic="depth")
-        (seen,) = finder.take(TableObjects)
-        (shown,) = finder.take(PointsOfInterest, "objects")
+                self.finder.send(message, topic=topic)
+
+    def look(self, stamp_s: float = 0.0) -> tuple[Image, Image]:
+        """Take a depth image and a picture, and let the finder see the depth image."""
+        stamp = Time.from_nanoseconds(round(stamp_s * 1e9))
+        truth = Odometry(header=Header(stamp=stamp), pose=PoseWithCovariance(pose=self.place))
+        self.arm.send(truth, topic="ground_truth")
+        self.camera.send(truth, topic="ground_truth")
+        self.arm.advance(0.1)
+        self.camera.send(self.arm.take(TabletopTruth)[-1], topic="ground_truth")
+        self.camera.send(self.arm.take(JointState)[-1], topic="arm")
+        self.camera.advance(1.1)
+        for topic in ("depth", "table_camera"):
+            self.finder.send(self.camera.take(CameraInfo, topic)[-1], topic=topic)
+        depth = self.camera.take(Image, "depth")[-1]
+        self.finder.send(depth, topic="depth")
+        return depth, self.camera.take(Image, "table_camera")[-1]
+
+
+def test_depth_images_become_a_table_with_named_objects_on_the_map() -> None:
+    with TableRobot(ARENAS / "arm.yaml") as robot:
+        robot.look()
+        (seen,) = robot.finder.take(TableObjects)
+        (shown,) = robot.finder.take(PointsOfInterest, "objects")
     assert seen.table.size.z == pytest.approx(0.4, abs=0.005)
     # The arena's (3.82, 1.80) lies (1.07, 0.05) from the robot's start, so 0.42 m ahead.
     by_name = {one.name: one.pose.position for one in seen.objects}
@@ -192,6 +231,68 @@ def test_depth_images_become_a_table_with_named_objects_on_the_map() -> None:
     assert (by_name["soup"].x, by_name["soup"].y) == pytest.approx((0.42, 0.0), abs=0.01)
     on_map = {point.name: point.pose.position for point in shown.points}
     assert (on_map["soup"].x, on_map["soup"].y) == pytest.approx((1.07, 0.05), abs=0.01)
+
+
+def room_of_twins(file: Path, left: int, right: int) -> Path:
+    """Write a room with two boxes of the same size; these are the seeds of their prints."""
+    text = (ARENAS / "arm.yaml").read_text().partition("objects:")[0] + "objects:\n"
+    for name, y_m, print_seed in (("one", 1.90, left), ("other", 1.70, right)):
+        place = f"x_m: 3.82, y_m: {y_m}, yaw_rad: 1.2, print: {print_seed}"
+        text += f"  - {{name: {name}, box: [0.06, 0.04, 0.12], {place}}}\n"
+    file.write_text(text)
+    return file
+
+
+def beside(robot: TableRobot) -> dict[str, int]:
+    """Where the objects are that were found: 1 to the left, -1 to the right."""
+    (seen,) = robot.finder.take(TableObjects)
+    return {one.name: 1 if one.pose.position.y > 0 else -1 for one in seen.objects}
+
+
+def test_boxes_of_one_size_that_were_taught_from_pictures_are_told_apart(tmp_path: Path) -> None:
+    pytest.importorskip("cv2", reason="recognition of objects needs the extra 'vision'")
+    settings = {"camera": "table_camera"}
+    with ModuleHarness(TaughtObjects, settings, name="objects") as recognizer:
+        before = room_of_twins(tmp_path / "before.yaml", left=11, right=12)
+        with TableRobot(before, pictures="table_camera") as robot:
+            _, picture = robot.look()
+            by_size = beside(robot)
+            assert len(by_size) == 2 and "tea" in by_size and "Mint" not in by_size
+            for name, column in (("tea", 358.0), ("Mint", 602.0)):
+                centre = Pose2D(position=Point2D(x=column, y=408.0))
+                box = BoundingBox2D(center=centre, size_x=100.0, size_y=170.0)
+                recognizer.call(TeachRecognition(name=name, image=picture, box=box), topic="objects")
+        names = recognizer.latched(TaughtNames, "objects")
+        assert names is not None
+        after = room_of_twins(tmp_path / "after.yaml", left=12, right=11)
+        with TableRobot(after, pictures="table_camera") as robot:
+            robot.finder.send(names, topic="objects", sender="objects")
+            _, picture = robot.look()
+            assert robot.finder.take(TableObjects) == []  # what the picture shows is not known yet
+            recognizer.send(picture, topic="table_camera")
+            recognizer.advance(0.2)
+            found = recognizer.take(Detection2DArray, "table_camera")[-1]
+            robot.finder.send(found, topic="table_camera", sender="somebody else")
+            assert robot.finder.take(TableObjects) == []
+            robot.finder.send(found, topic="table_camera", sender="objects")
+            assert beside(robot) == {"Mint": 1, "tea": -1}
+            assert robot.finder.checkpoint == {"Mint": ["tea"], "tea": ["tea"]}
+
+
+def test_depth_image_whose_picture_is_not_searched_is_used_after_a_while() -> None:
+    with TableRobot(ARENAS / "arm.yaml", pictures="table_camera") as robot:
+        robot.finder.send(TaughtNames(names=["mint"]), topic="objects", sender="objects")
+        for stamp_s in (1.0, 2.0, 3.0):
+            robot.look(stamp_s)
+            assert robot.finder.take(TableObjects) == []
+        robot.look(4.0)
+        (seen,) = robot.finder.take(TableObjects)
+        assert seen.header.stamp == Time(sec=1)
+        assert {one.name for one in seen.objects} == {"soup", "tea", "cola"}
+        # What is found in a picture belongs to the depth image of the same time.
+        late = Detection2DArray(header=Header(stamp=Time(sec=3), frame_id="depth_optical"))
+        robot.finder.send(late, topic="table_camera", sender="objects")
+        assert robot.finder.take(TableObjects)[-1].header.stamp == Time(sec=3)
 
 
 @pytest.mark.parametrize(
