@@ -71,8 +71,8 @@ class TableObjectFinder(Module):
         self.taught: frozenset[str] = frozenset()
         self.teacher = ""
         self.found: Detection2DArray | None = None
-        self.waiting: deque[Image] = deque(maxlen=MAX_WAITING)
-        self.images = self.alone = 0
+        self.waiting: deque[Image] = deque()
+        self.images = self.alone = self.skipped = 0
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(CameraInfo, self.on_camera, newest, topic="depth")
         self.subscribe(Image, self.on_image, newest, topic="depth")
@@ -92,12 +92,16 @@ class TableObjectFinder(Module):
     def on_taught(self, taught: TaughtNames) -> None:
         """Know which objects can be recognized."""
         self.taught, self.teacher = frozenset(taught.names), self.envelope.sender
+        if not self.taught:
+            self.waiting.clear()  # what waits would come too late
 
     def on_image(self, image: Image) -> None:
         """Search an image, as soon as it is known what its picture shows."""
         if not self.taught:
             self._look(image, None)
             return
+        if len(self.waiting) == MAX_WAITING:
+            self._skip()
         self.waiting.append(image)
         while _apart_s(self.waiting[0], image) > WAIT_S:
             self.alone += 1
@@ -112,13 +116,17 @@ class TableObjectFinder(Module):
 
     def _join(self) -> None:
         """Search the image that belongs to the newest picture; older ones are not needed any more."""
-        if self.found is None:
+        found = self.found
+        if found is None or not any(_apart_s(found, image) <= SAME_TIME_S for image in self.waiting):
             return
-        for image in [*self.waiting]:
-            if _apart_s(self.found, image) <= SAME_TIME_S:
-                while self.waiting and self.waiting.popleft() is not image:
-                    pass
-                self._look(image, self.found)
+        while _apart_s(found, self.waiting[0]) > SAME_TIME_S:
+            self._skip()
+        self._look(self.waiting.popleft(), found)
+
+    def _skip(self) -> None:
+        """Drop the oldest image that waits: no picture of its time was searched."""
+        self.waiting.popleft()
+        self.skipped += 1
 
     def _prints(self, found: Detection2DArray | None) -> Prints | None:
         """Return what is recognized, as the worker takes it; None if nothing was taught."""
@@ -157,15 +165,15 @@ class TableObjectFinder(Module):
         view = self.finder.find(points, stamp_s, 1.0 / float(k[0]), X_BC.translation, prints)
         self.checkpoint(self.finder.namer.memory())
         self.images += 1
-        alone = f", {self.alone} of them without a picture" if self.alone else ""
+        counts = f"{self.images} images, {self.alone} without a picture, {self.skipped} skipped"
         if view is None:
-            self.status = f"no table; {self.images} images{alone}"
+            self.status = f"no table; {counts}"
             return
         header = Header(stamp=image.header.stamp, frame_id=BASE)
         self.publish(view_message(view, header))
         self._show_on_map(view, image)
         names = ", ".join(shape.name for shape in view.objects) or "nothing"
-        self.status = f"table {view.top_m:.2f} m high with {names}; {self.images} images{alone}"
+        self.status = f"table {view.top_m:.2f} m high with {names}; {counts}"
 
     def _show_on_map(self, view: TableView, image: Image) -> None:
         """Publish where the objects are on the map, as soon as the robot knows where it is."""

@@ -53,7 +53,7 @@ def test_tables_stop_robots_and_objects_stand_on_them(tmp_path: Path) -> None:
     text = (
         "tables: [{name: shelf, box: [1.5, 0.6, 2.2, 0.9], height_m: 0.4}]\n"
         "objects: [{name: soup, can: [0.06, 0.1], x_m: 1.6, y_m: 0.7},"
-        " {name: tea, box: [0.06, 0.04, 0.12], x_m: 2.0, y_m: 0.8, yaw_rad: 0.3}]\n"
+        " {name: tea, box: [0.06, 0.04, 0.12], x_m: 2.0, y_m: 0.8, yaw_rad: 0.3, print: 7}]\n"
     )
     room = arena(tmp_path, ROOM + text)
     assert len(room.segments) == 8 + 4
@@ -61,11 +61,13 @@ def test_tables_stop_robots_and_objects_stand_on_them(tmp_path: Path) -> None:
     soup, tea = room.objects
     assert (soup.size_m, soup.is_round, soup.base_m) == ((0.06, 0.06, 0.1), True, 0.4)
     assert (tea.size_m, tea.is_round, tea.yaw_rad) == ((0.06, 0.04, 0.12), False, 0.3)
+    assert (soup.print_seed, tea.print_seed) == (None, 7)
     for wrong, problem in (
         (text.replace("x_m: 1.6", "x_m: 1.3"), "no table is below the object at"),
         (text.replace("name: tea", "name: soup"), "another object has the name 'soup' already"),
         (text.replace("can: [0.06, 0.1], ", ""), "an object is either a box or a can"),
         (text.replace("[0.06, 0.1]", "[0.06, -0.1]"), "the size of an object must be positive"),
+        (text.replace("print: 7", "print: 7.5"), "print must be a whole number from 0, not 7.5"),
         (text.replace("[1.5, 0.6, 2.2, 0.9]", "[0.6, 0.6, 0.9, 0.9]"), "lies within a box or table"),
     ):
         with pytest.raises(ArenaError, match=problem):

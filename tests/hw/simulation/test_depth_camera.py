@@ -11,7 +11,7 @@ from hw.camera import CameraGeometry
 from hw.simulation.arena_file import read_arena
 from hw.simulation.depth_camera import SimulatedDepthCamera
 from hw.simulation.solid import Placed, Solid, pose_at
-from hw.simulation.table_room import KINDS, generate_room, main
+from hw.simulation.table_room import KINDS, TWINS, generate_room, main
 
 GEOMETRY = CameraGeometry(81, 61, 1.0)
 
@@ -60,3 +60,14 @@ def test_random_rooms_are_valid_and_differ(tmp_path: Path, capsys: pytest.Captur
         assert {one.name for one in read_arena(file).objects} == set(KINDS)
     assert main(["--seed", "3"]) == 0
     assert capsys.readouterr().out == texts[3]
+
+
+def test_twins_of_a_random_room_differ_only_by_their_print(tmp_path: Path) -> None:
+    file = tmp_path / "room.yaml"
+    for seed in range(6):
+        file.write_text(generate_room(seed, has_twins=True))
+        named = {one.name: one for one in read_arena(file).objects}
+        assert len(named) == 3
+        one, other = (named[name] for name in TWINS[seed % 2][:2])
+        assert (one.size_m, one.is_round) == (other.size_m, other.is_round)
+        assert None not in (one.print_seed, other.print_seed) and one.print_seed != other.print_seed

@@ -293,6 +293,11 @@ def test_depth_image_whose_picture_is_not_searched_is_used_after_a_while() -> No
         late = Detection2DArray(header=Header(stamp=Time(sec=3), frame_id="depth_optical"))
         robot.finder.send(late, topic="table_camera", sender="objects")
         assert robot.finder.take(TableObjects)[-1].header.stamp == Time(sec=3)
+        assert (robot.finder.module.alone, robot.finder.module.skipped) == (1, 1)
+        # If all is forgotten, nothing waits.
+        robot.finder.send(TaughtNames(), topic="objects", sender="objects")
+        robot.look(5.0)
+        assert [seen.header.stamp for seen in robot.finder.take(TableObjects)] == [Time(sec=5)]
 
 
 @pytest.mark.parametrize(
