@@ -67,9 +67,8 @@ class Solid:
         """
         half = np.array(self.size_m) / 2
         with np.errstate(divide="ignore", invalid="ignore"):  # a ray may be parallel to a face
-            first, last = np.sort(
-                np.stack([(-half - origin) / directions, (half - origin) / directions]), axis=0
-            )
+            one, other = (-half - origin) / directions, (half - origin) / directions
+        first, last = np.minimum(one, other), np.maximum(one, other)
         first, last = np.nan_to_num(first, nan=-np.inf), np.nan_to_num(last, nan=np.inf)
         if self.is_round:
             enter, leave = _through_circle(origin, directions, half[0])
