@@ -114,4 +114,4 @@ class TablePictures:
     def _with_noise(self, picture: NDArray[np.float32]) -> Pixels:
         begin = int(self._random.integers(NOISE_TABLE))
         noise = np.resize(np.roll(self._noise, begin), picture.size).reshape(picture.shape)
-        return np.clip(picture + noise, 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(picture + noise, 0, 255), np.uint8)

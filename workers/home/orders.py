@@ -132,7 +132,9 @@ class OrderReader:
         )
 
 
-def words_with_objects(words: Mapping[str, Sequence[str]], objects: Iterable[str]) -> dict[str, list[str]]:
+def words_with_objects(
+    words: Mapping[str, Sequence[str]], objects: Iterable[str]
+) -> dict[str, Sequence[str]]:
     """Return the words of a grammar with more objects; those that cannot be said in words are left out."""
     known = list(words.get("object", []))
     said = {spoken(word) for word in known}
