@@ -255,10 +255,9 @@ def main(arguments: list[str] | None = None) -> int:
     figures = Figures()
     for seed in range(options.first, options.first + options.seeds):
         run_room(figures, seed, options.width)
-    text = json.dumps(asdict(figures), indent=1)
-    print(text)
-    if options.json is not None:
-        options.json.write_text(text + "\n")
+        if options.json is not None:  # after each room, so that a trial that is ended has figures, too
+            options.json.write_text(json.dumps(asdict(figures), indent=1) + "\n")
+    print(json.dumps(asdict(figures), indent=1))
     return 0
 
 
