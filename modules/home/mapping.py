@@ -5,18 +5,23 @@ import numpy as np
 from modules.mapping import Mapping
 from robbie_mp import replace, setting
 from robbie_mp.messages import LaserScan
-from workers.people.leg_classifier import LegClassifier, without_legs
+from workers.people.leg_classifier import LegClassifier
+from workers.people.leg_removal import without_legs
 
 
 class MappingAmongPeople(Mapping):
     """Maps as `Mapping` does, but leaves out what may be legs.
 
-    Somebody who stood still would remain on the map until the robot has looked at the place again, and
-    block its way. Legs of furniture are left out, too; navigation sees them by the laser.
+    Somebody who stands still would remain on the map, block the robot's way, and count as furniture. Things
+    as narrow as legs are left out, too, as long as they are far away; navigation sees them by the laser.
     """
 
     leg_probability: float = setting(0.3, "likelier legs are left out", minimum=0.0, maximum=1.0)
-    leg_range_m: float = setting(6.0, "farther legs are not left out", minimum=0.5)
+    known_leg_range_m: float = setting(
+        4.0,
+        "farther away, everything that is as narrow as a leg and stands by itself is left out",
+        minimum=0.5,
+    )
 
     def setup(self) -> None:
         """Read the model of legs."""
@@ -30,7 +35,7 @@ class MappingAmongPeople(Mapping):
             scan.ranges,
             scan.angle_min,
             scan.angle_increment,
-            min(self.leg_range_m, scan.range_max),
-            self.leg_probability,
+            probability=self.leg_probability,
+            known_range_m=self.known_leg_range_m,
         )
         super().on_scan(replace(scan, ranges=ranges.astype(np.float32)))

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from workers.people.leg_segments import FEATURES, find_segments
+from workers.people.leg_segments import FEATURES
 
 Array = NDArray[np.float64]
 
@@ -85,28 +85,3 @@ class LegClassifier:
         score = self._base + self._value[np.arange(len(self._value)), leaf].sum(axis=1)
         probability: Array = 1.0 / (1.0 + np.exp(-score))
         return probability
-
-
-def without_legs(
-    classifier: LegClassifier,
-    ranges_m: ArrayLike,
-    angle_min_rad: float,
-    angle_increment_rad: float,
-    max_range_m: float,
-    probability: float,
-) -> Array:
-    """Return a scan in which beams on what may be legs have no return.
-
-    Args:
-        classifier: says what may be legs.
-        ranges_m: (B,), as for `find_segments`.
-        angle_min_rad: direction of the first beam.
-        angle_increment_rad: from beam to beam.
-        max_range_m: farther legs are not removed.
-        probability: less likely legs are not removed.
-    """
-    ranges = np.array(ranges_m, np.float64)
-    segments = find_segments(ranges, angle_min_rad, angle_increment_rad, max_range_m)
-    for first, last in segments.beams[classifier.probabilities(segments.features) >= probability].tolist():
-        ranges[np.arange(first, last + 1 if last >= first else last + 1 + len(ranges)) % len(ranges)] = np.nan
-    return ranges

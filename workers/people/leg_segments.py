@@ -62,27 +62,72 @@ def find_segments(
         angle_increment_rad: from beam to beam.
         max_range_m: farther returns are not used.
     """
+    pieces = cut_scan(ranges_m, angle_min_rad, angle_increment_rad, max_range_m)
+    if len(pieces.beams) < FEWEST_POINTS:
+        return Segments(np.empty((0, 2)), np.empty((0, len(FEATURES))), np.empty((0, 2), np.intp))
+    first, last = pieces.ends.T
+    kept = (last - first + 1 >= FEWEST_POINTS) & (pieces.widths_m <= MAX_WIDTH_M)
+    jumps = np.clip(pieces.jumps_m, -MAX_JUMP_M, MAX_JUMP_M)
+    centres, features = _described(pieces.points, first, last, kept, jumps, angle_increment_rad)
+    return Segments(centres, features, pieces.beams[pieces.ends[kept]])
+
+
+class Pieces(NamedTuple):
+    """A scan cut where neighbouring returns are far apart.
+
+    Attributes:
+        beams: (P,), the beam of each return.
+        points: (P, 2), m, where the returns are, in the laser's frame.
+        ends: (S, 2), positions of each piece's first and last return in `beams` and `points`.
+        jumps_m: (2, S), how much farther the beams before and after each piece reach; negative: something
+            hides it.
+    """
+
+    beams: Places
+    points: Array
+    ends: Places
+    jumps_m: Array
+
+    @property
+    def widths_m(self) -> Array:
+        """Return the distance from the first to the last return of each piece: (S,)."""
+        first, last = self.ends.T
+        width: Array = np.hypot(*(self.points[last] - self.points[first]).T)
+        return width
+
+    @property
+    def middles_m(self) -> Array:
+        """Return the point between the first and the last return of each piece: (S, 2)."""
+        return self.points[self.ends].mean(axis=1)
+
+
+def cut_scan(
+    ranges_m: ArrayLike,
+    angle_min_rad: float,
+    angle_increment_rad: float,
+    max_range_m: float,
+    gap_m: float = GAP_M,
+) -> Pieces:
+    """Cut a scan where neighbouring returns are farther apart than `gap_m`; else as `find_segments`."""
     ranges = np.asarray(ranges_m, np.float64)
     angles = angle_min_rad + angle_increment_rad * np.arange(len(ranges))
     shift = 0
     if len(ranges) * angle_increment_rad > 2 * np.pi - 1.5 * angle_increment_rad:
-        shift = _cut(ranges)  # so that no segment is cut at the scan's ends
+        shift = _cut(ranges)  # so that no piece is cut at the scan's ends
         ranges, angles = np.roll(ranges, -shift), np.roll(angles, -shift)
-    returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < max_range_m)
-    beams = np.flatnonzero(returned)
-    if len(beams) < FEWEST_POINTS:
-        return Segments(np.empty((0, 2)), np.empty((0, len(FEATURES))), np.empty((0, 2), np.intp))
+    beams = np.flatnonzero(np.isfinite(ranges) & (ranges > 0.0) & (ranges < max_range_m))
+    if not len(beams):
+        none = np.empty(0, np.intp)
+        return Pieces(none, np.empty((0, 2)), np.empty((0, 2), np.intp), np.empty((2, 0)))
     points = ranges[beams, None] * np.column_stack([np.cos(angles[beams]), np.sin(angles[beams])])
     apart = np.hypot(*np.diff(points, axis=0).T)
-    first = np.concatenate([[0], np.flatnonzero((apart > GAP_M) | (np.diff(beams) > 2)) + 1])
+    first = np.concatenate([[0], np.flatnonzero((apart > gap_m) | (np.diff(beams) > 2)) + 1])
     last = np.concatenate([first[1:], [len(beams)]]) - 1
-    chord = np.hypot(*(points[last] - points[first]).T)
-    kept = (last - first + 1 >= FEWEST_POINTS) & (chord <= MAX_WIDTH_M)
     background = np.where(np.isnan(ranges), np.inf, ranges)
-    jumps = _jumps(background, beams, first, last)
-    centres, features = _described(points, first, last, kept, jumps, angle_increment_rad)
-    ends = (np.column_stack([beams[first], beams[last]])[kept] + shift) % len(ranges)
-    return Segments(centres, features, ends)
+    before = background[beams[first] - 1] - background[beams[first]]
+    after = background[(beams[last] + 1) % len(background)] - background[beams[last]]
+    ends = np.column_stack([first, last])
+    return Pieces((beams + shift) % len(ranges), points, ends, np.stack([before, after]))
 
 
 def _cut(ranges: Array) -> int:
@@ -91,19 +136,12 @@ def _cut(ranges: Array) -> int:
     return int(np.argmax(np.abs(filled - np.roll(filled, 1))))
 
 
-def _jumps(background: Array, beams: Places, first: Places, last: Places) -> tuple[Array, Array]:
-    """Return how much farther the beams before and after each segment reach; negative: something hides it."""
-    before = background[beams[first] - 1] - background[beams[first]]
-    after = background[(beams[last] + 1) % len(background)] - background[beams[last]]
-    return np.clip(before, -MAX_JUMP_M, MAX_JUMP_M), np.clip(after, -MAX_JUMP_M, MAX_JUMP_M)
-
-
 def _described(
     points: Array,
     first: Places,
     last: Places,
     kept: NDArray[np.bool_],
-    jumps: tuple[Array, Array],
+    jumps: Array,
     increment_rad: float,
 ) -> tuple[Array, Array]:
     """Compute middles and features of the segments that are kept, all at once."""

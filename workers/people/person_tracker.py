@@ -19,6 +19,8 @@ FAR = 1e6
 """Cost of a leg that is out of a track's reach."""
 MAX_STEP_S = 1.0
 """After a longer pause, speeds are forgotten."""
+NEWEST_SHARE = 0.1
+"""Share of the newest scan in what is known about a track's legs."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,13 @@ class _Track:
     born_xy_m: Array
     seen_s: float
     confidence: float
-    is_on_map: bool  # began on something that the map shows
+    on_map: float  # how often it was on something that the map shows, 0 to 1
     hits: int = 1
     has_moved: bool = False
+
+    @property
+    def is_on_map(self) -> bool:
+        return self.on_map > 0.5
 
 
 def _nothing_hidden(_xy_m: Array) -> bool:
@@ -145,7 +151,9 @@ class PersonTracker:
         for track, taken in zip(self._tracks, self._shared_out(legs, chances, on_map), strict=True):
             if taken:
                 free[taken] = False
-                self._correct(track, legs[taken], float(chances[taken].max()), stamp_s)
+                self._correct(
+                    track, legs[taken], float(chances[taken].max()), bool(on_map[taken].any()), stamp_s
+                )
         self._end_old(stamp_s, is_hidden)
         self._begin(stamp_s, legs[free], chances[free], on_map[free])
 
@@ -229,7 +237,7 @@ class PersonTracker:
                 pair.remove(max(pair, key=lambda leg: float(np.hypot(*(legs[leg] - track.state[:2])))))
         return taken
 
-    def _correct(self, track: _Track, legs: Array, chance: float, stamp_s: float) -> None:
+    def _correct(self, track: _Track, legs: Array, chance: float, on_map: bool, stamp_s: float) -> None:
         """Correct a track by one or two legs."""
         settings = self.settings
         sigma_m = settings.two_legs_m if len(legs) == 2 else settings.one_leg_m
@@ -239,7 +247,9 @@ class PersonTracker:
         track.spread = track.spread - gain @ track.spread[:2]
         track.hits += 1
         track.seen_s = stamp_s
-        track.confidence += 0.1 * (chance - track.confidence)
+        track.confidence += NEWEST_SHARE * (chance - track.confidence)
+        # A map that has grown since the track began may show now what the thing is.
+        track.on_map += NEWEST_SHARE * (on_map - track.on_map)
         if np.hypot(*(track.state[:2] - track.born_xy_m)) >= settings.moved_m:
             track.has_moved = True
 
@@ -281,7 +291,7 @@ class PersonTracker:
                     place,
                     stamp_s,
                     float(chances[pair].max()),
-                    bool(on_map[pair].any()),
+                    float(on_map[pair].any()),
                 )
             )
             self._next += 1
@@ -302,7 +312,7 @@ class PersonTracker:
                     *track.born_xy_m.tolist(),
                     track.seen_s,
                     track.confidence,
-                    track.is_on_map,
+                    track.on_map,
                     track.hits,
                     track.has_moved,
                 ]
@@ -318,7 +328,7 @@ class PersonTracker:
 
 
 def _restored(row: Sequence[Any]) -> _Track:
-    number, x, y, vx, vy, born_x, born_y, seen_s, confidence, is_on_map, hits, has_moved = row
+    number, x, y, vx, vy, born_x, born_y, seen_s, confidence, on_map, hits, has_moved = row
     return _Track(
         int(number),
         np.array([x, y, vx, vy]),
@@ -326,7 +336,7 @@ def _restored(row: Sequence[Any]) -> _Track:
         np.array([born_x, born_y]),
         seen_s,
         confidence,
-        bool(is_on_map),
+        float(on_map),
         int(hits),
         bool(has_moved),
     )

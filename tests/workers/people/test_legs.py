@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tools.train_legs import held_back, main, read, train
-from workers.people.leg_classifier import MODEL, LegClassifier, WrongLegModel, without_legs
+from workers.people.leg_classifier import MODEL, LegClassifier, WrongLegModel
 from workers.people.leg_segments import FEATURES, Segments, find_segments
 
 STEP_RAD = math.tau / 1024
@@ -73,16 +73,6 @@ def test_shipped_model_takes_legs_for_legs_and_a_pillar_for_none() -> None:
     is_leg = np.abs(segments.centres_m[:, 1]) < 0.3
     assert is_leg.tolist().count(True) == 2
     assert probability[is_leg].min() > 0.5 > probability[~is_leg].max()
-
-
-def test_scan_without_legs_keeps_everything_else() -> None:
-    for leg_x_m in (1.5, -1.5):  # ahead, and where a full scan begins and ends
-        ranges = scan_of((leg_x_m, 0.0, 0.06), (2.0, 2.0, 0.4))
-        cleaned = without_legs(LegClassifier.from_file(), ranges, -math.pi, STEP_RAD, 5.0, 0.3)
-        on_leg = ranges < 1.6
-        assert on_leg.sum() > 10
-        assert np.isnan(cleaned[on_leg]).all()
-        np.testing.assert_array_equal(cleaned[~on_leg], ranges[~on_leg])
 
 
 @pytest.mark.parametrize(

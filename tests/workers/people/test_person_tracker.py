@@ -153,3 +153,9 @@ def test_map_shows_things_at_their_places_and_a_little_around() -> None:
     things = MapThings(cells, 0.05, (-1.0, 2.0))
     at = np.array([[0.525, 2.525], [0.45, 2.525], [0.3, 2.525], [50.0, 50.0], [-1.2, 2.5]])
     assert things.at(at).tolist() == [True, True, False, False, False]
+
+
+def test_leg_of_furniture_counts_as_a_person_only_until_the_map_shows_it() -> None:
+    tracker = PersonTracker()
+    assert len(watch(tracker, lambda _t: legs_of(1.0, 1.0), 1.0)) == 1
+    assert watch(tracker, lambda _t: legs_of(1.0, 1.0), 2.0, begin_s=1.0, on_map=True) == []

@@ -1,0 +1,64 @@
+"""Scans without what may be legs, for a map on which nobody who stands still remains.
+
+One sweep that shows a leg is enough to put it on a map, and no beam looks through it later. So a leg must be
+left out in each scan, also where the classifier does not know it: a leg half hidden by the other one, its
+last beam beyond a gap, and legs too far away for the scans by which the classifier was trained.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.people.leg_classifier import LegClassifier
+from workers.people.leg_segments import Pieces, cut_scan, find_segments
+
+Array = NDArray[np.float64]
+
+NARROW_M = 0.35
+"""Wider pieces of a scan are neither a leg nor two legs side by side."""
+BESIDE_M = 0.4
+"""What is narrow and this near to a leg may be the other leg of the person."""
+STANDS_OUT_M, IS_HIDDEN_M = 0.25, 1.0
+"""Beside a far person, the background is farther away by this; or one thing beside it is nearer by that."""
+
+
+def without_legs(
+    classifier: LegClassifier,
+    ranges_m: ArrayLike,
+    angle_min_rad: float,
+    angle_increment_rad: float,
+    *,
+    probability: float,
+    known_range_m: float,
+) -> Array:
+    """Return a scan in which beams on what may be legs have no return.
+
+    Args:
+        classifier: says what may be legs.
+        ranges_m: (B,), as for `find_segments`.
+        angle_min_rad: direction of the first beam.
+        angle_increment_rad: from beam to beam.
+        probability: things less likely legs are kept, unless they are narrow and beside a leg.
+        known_range_m: farther away, everything narrow that stands by itself may be a leg.
+    """
+    ranges = np.array(ranges_m, np.float64)
+    scan = ranges, angle_min_rad, angle_increment_rad, np.inf
+    segments, pieces, things = find_segments(*scan), cut_scan(*scan), cut_scan(*scan, gap_m=STANDS_OUT_M)
+    legs = np.concatenate(
+        [
+            segments.centres_m[classifier.probabilities(segments.features) >= probability],
+            things.middles_m[_stands_alone(things) & (np.hypot(*things.middles_m.T) > known_range_m)],
+        ]
+    )
+    if not len(legs):
+        return ranges
+    beside = np.hypot(*np.moveaxis(pieces.middles_m[:, None] - legs, -1, 0)).min(axis=1) <= BESIDE_M
+    for first, last in pieces.ends[beside & (pieces.widths_m <= NARROW_M)].tolist():
+        ranges[pieces.beams[first : last + 1]] = np.nan
+    return ranges
+
+
+def _stands_alone(things: Pieces) -> NDArray[np.bool_]:
+    """Return which things have nothing beside them, unless it hides a part of them: (S,)."""
+    stands_out, is_hidden = things.jumps_m >= STANDS_OUT_M, things.jumps_m <= -IS_HIDDEN_M
+    alone: NDArray[np.bool_] = (stands_out | is_hidden).all(axis=0) & stands_out.any(axis=0)
+    return alone & (things.widths_m <= NARROW_M)
