@@ -207,15 +207,6 @@ def message_of(person: TrackedPerson) -> Person:
     )
 
 
-def unseen_s(person: Person) -> float:
-    """Return for how long a person of a message was not seen; inf if the message does not say."""
-    tags = dict(zip(person.tagnames, person.tags, strict=False))
-    try:
-        return float(tags["unseen_s"])
-    except (KeyError, ValueError):
-        return math.inf
-
-
 def reports_of(message: People, now_ns: int) -> list[PersonReport]:
     """Return the persons of a message as the tasks take them; their age counts from now."""
     age_s = max(0.0, (now_ns - message.header.stamp.nanoseconds) / 1e9)
@@ -224,10 +215,20 @@ def reports_of(message: People, now_ns: int) -> list[PersonReport]:
             one.name,
             (one.position.x, one.position.y),
             (one.velocity.x, one.velocity.y),
-            unseen_s(one) + age_s,
+            number_of(one, "unseen_s", math.inf) + age_s,
+            number_of(one, "has_moved", 0.0) > 0.0,
+            one.reliability,
         )
         for one in message.people
     ]
+
+
+def number_of(person: Person, tag: str, unknown: float) -> float:
+    """Return a number that a message tells of a person; `unknown` if it does not."""
+    try:
+        return float(dict(zip(person.tagnames, person.tags, strict=False))[tag])
+    except (KeyError, ValueError):
+        return unknown
 
 
 def _point(xy: NDArray[np.float64]) -> Point:

@@ -15,7 +15,7 @@ from modules.home.messages import (
     WhoIsWhoResult,
 )
 from modules.navigation_goals import NavigationGoals
-from modules.people import reports_of
+from modules.people import THINGS, reports_of
 from modules.people_messages import People
 from modules.planar_messages import map_cells, planar
 from modules.speech_messages import Say, SpokenOrder
@@ -45,8 +45,10 @@ from robbie_mp.messages import (
     TeachRecognition,
 )
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from workers.home.follow import PersonReport
 from workers.home.follow_states import FollowState
-from workers.home.person_tour import Met, PersonTour, SeenFace, TourState
+from workers.home.person_places import Eye, SeenFace
+from workers.home.person_tour import Met, PersonTour, TourState
 from workers.taught import TeachingError, checked_name
 
 ActiveRound = ActiveGoal[WhoIsWho, WhoIsWhoFeedback, WhoIsWhoResult]
@@ -85,6 +87,7 @@ class WhoIsWhoTask(Module):
         self.intrinsics: tuple[float, float] | None = None
         self.pictures: dict[int, Image] = {}
         self.found: Detection2DArray | None = None
+        self.things: list[PersonReport] = []
         self.direction = (math.nan, math.nan)
         self.is_teaching = self.follows = False
         self.fed_back = ""
@@ -104,6 +107,7 @@ class WhoIsWhoTask(Module):
         self.subscribe(OccupancyGrid, self.on_map, newest, optional=True)
         self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
         self.subscribe(People, self.on_people, newest)
+        self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TaughtNames, self.on_names, newest, topic=PERSONS, optional=True)
         self.subscribe(CameraInfo, self.on_camera, newest, topic=self.camera, optional=True)
         self.subscribe(Image, self.on_image, newest, topic=self.camera, optional=True)
@@ -215,7 +219,13 @@ class WhoIsWhoTask(Module):
 
     def on_people(self, message: People) -> None:
         """Pass on the persons."""
-        self.tour.see_persons(reports_of(message, self.clock.now_ns()))
+        persons = reports_of(message, self.clock.now_ns())
+        names = {one.name for one in persons}
+        self.tour.see_persons([*persons, *(one for one in self.things if one.name not in names)])
+
+    def on_things(self, message: People) -> None:
+        """Keep what may be a person or a thing on the map, until the next persons."""
+        self.things = reports_of(message, self.clock.now_ns())
 
     def on_names(self, message: TaughtNames) -> None:
         """Note the names of known persons."""
@@ -273,7 +283,7 @@ class WhoIsWhoTask(Module):
     def _see_faces(self) -> None:
         """Pass on the newest faces with their directions, as soon as the camera's pose is known."""
         found = self.found
-        if found is None or self.intrinsics is None or self.tour.state is not TourState.LOOK:
+        if found is None or self.intrinsics is None or self.tour.state is TourState.IDLE:
             self.found = None
             return
         stamp_ns = found.header.stamp.nanoseconds
@@ -287,7 +297,11 @@ class WhoIsWhoTask(Module):
             return
         self.found = None
         faces = [self._seen_face(stamp_ns, one, X_MC) for one in found.detections if self._is_face(one)]
-        self.tour.see_faces(faces, (X_MC.x, X_MC.y))
+        if found.detections and not faces:
+            return  # of another module, which does not look for faces
+        x, y, _ = X_MC.apply((0.0, 0.0, 1.0)) - X_MC.translation
+        focal_px, centre_px = self.intrinsics
+        self.tour.see_faces(faces, Eye(X_MC.x, X_MC.y, math.atan2(y, x), math.atan2(centre_px, focal_px)))
 
     def _seen_face(self, stamp_ns: int, face: Detection2D, X_MC: RigidTransform) -> SeenFace:
         assert self.intrinsics is not None

@@ -45,12 +45,16 @@ class PersonReport:
         xy_m: m, map frame.
         velocity_m_per_s: map frame.
         unseen_s: time since it was seen.
+        has_moved: whether it has moved since it was first seen.
+        confidence: 0 to 1, how likely its legs are legs.
     """
 
     name: str
     xy_m: tuple[float, float]
     velocity_m_per_s: tuple[float, float] = (0.0, 0.0)
     unseen_s: float = 0.0
+    has_moved: bool = False
+    confidence: float = 1.0
 
 
 @dataclass(frozen=True)

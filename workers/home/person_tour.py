@@ -2,7 +2,8 @@
 
 Call `step` a few times each second and carry out what it returns. A face counts for a person only if the
 picture shows it in the person's direction. A person who has shown no face does not count, because legs
-of furniture may look like a person's.
+of furniture may look like a person's. So on its way through the rooms, the robot turns its camera to whatever
+looks like legs: `person_places`.
 """
 
 import math
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_mp.state_machine import StateMachine, TimeOut
 from workers.home.area_search import AreaSearch
 from workers.home.follow import PersonReport
+from workers.home.person_places import Eye, PersonPlaces, Place, SeenFace
 
 Array = NDArray[np.float64]
 
@@ -51,36 +53,43 @@ class TourSettings:
     """How the robot meets persons.
 
     Attributes:
-        beside_m: The robot drives to this distance from a person.
+        beside_m: The robot drives to this distance from a person ...
+        check_m: ... or to this one, to see whether there is a face at all.
+        likely: It goes to those whose legs are legs with this probability, or have walked; at others, it only
+            looks in passing.
+        glance_m: While it searches, its camera turns to legs that are at most this far away ...
+        glance_rad: ... and this far beside the robot's heading.
         front_m: The person whose face is to be learnt is at most this far away ...
         front_rad: ... and at most this far beside the robot's heading.
         same_m: A person this near to where one was met is taken for the same person.
-        aside_rad: A face belongs to a person if its direction differs by at most this.
         faces: Number of pictures of a face in which a known person must have the same name.
         most_faces: An unknown person has shown the face in this number of pictures.
-        tries: How often it drives to a person who shows no face.
+        tries: How often it drives to somebody who has walked or shown a face, and shows none there.
         teachings: How often it has the face learnt again if that was refused.
-        fresh_s: A person counts as seen if a leg was seen within this time.
         choose_s: Time to find the person in front.
         approach_s: Time to drive to a person.
         look_s: Time to look at a face.
+        gone_s: Whose legs are not seen for this time is not there any more.
         learn_s: Time to learn it.
         tour_s: The whole tour ends after this time, with those who were met.
     """
 
     beside_m: float = 1.1
+    check_m: float = 1.7
+    likely: float = 0.65
+    glance_m: float = 2.5
+    glance_rad: float = 2.2
     front_m: float = 2.5
     front_rad: float = 0.6
     same_m: float = 0.7
-    aside_rad: float = 0.15
     faces: int = 3
     most_faces: int = 6
     tries: int = 2
     teachings: int = 3
-    fresh_s: float = 0.4
     choose_s: float = 8.0
     approach_s: float = 25.0
     look_s: float = 5.0
+    gone_s: float = 2.5
     learn_s: float = 5.0
     tour_s: float = 300.0
 
@@ -91,20 +100,6 @@ class TourSettings:
             _S.APPROACH: TimeOut(self.approach_s, _S.LOOK),
             _S.LEARN: TimeOut(self.learn_s, _S.LOOK),
         }
-
-
-class SeenFace(NamedTuple):
-    """A face in a picture.
-
-    Attributes:
-        name: whose face it is; '' if the robot does not know the person.
-        bearing_rad: its direction from the camera, map frame.
-        key: what finds the face in its picture again.
-    """
-
-    name: str
-    bearing_rad: float
-    key: Any = None
 
 
 class Met(NamedTuple):
@@ -153,8 +148,7 @@ class TourEnd:
 class _Candidate:
     """The person whom the robot is about to look at."""
 
-    track: str
-    xy_m: tuple[float, float]
+    place: Place
     goal: Array | None = None
     faces: list[str] = field(default_factory=list)
 
@@ -169,7 +163,7 @@ class PersonTour:
 
     Attributes:
         machine: The state machine, and why it entered the current state.
-        met: The persons met in this tour.
+        met: The persons met in this tour, where they are.
         learns: The name of the person whose face is to be learnt; '' during a round.
         end: How the last order ended; None: it has not.
         to_learn: The face that is to be learnt now; its owner calls `learnt` or `not_learnt`.
@@ -193,12 +187,14 @@ class PersonTour:
     def _begin(self, learns: str, wanted: int) -> None:
         self.learns, self._wanted = learns, wanted
         self.met: list[Met] = []
-        self._tried: list[tuple[float, float]] = []
+        self._places_of_met: list[Place] = []
+        self.places = PersonPlaces()
         self._area.begin()
         self._heading_rad: float | None = None
         self._candidate: _Candidate | None = None
         self.to_learn: SeenFace | None = None
         self._refusals = 0
+        self._seen_s = -math.inf
         self._began_s = self._clock()
 
     @property
@@ -240,30 +236,26 @@ class PersonTour:
         self._area.see_map(cells, resolution_m, corner_xy_m)
 
     def see_persons(self, persons: Sequence[PersonReport]) -> None:
-        """Take all persons that are tracked now."""
+        """Take all legs that are tracked now, those on the map, too."""
         self._persons = {one.name: one for one in persons}
-        candidate = self._candidate
-        if candidate is not None and candidate.track in self._persons:
-            candidate.xy_m = self._persons[candidate.track].xy_m
+        self.places.see(persons)
+        for index, place in enumerate(self._places_of_met):  # who was met may walk on
+            self.met[index] = self.met[index]._replace(xy_m=place.xy_m)
 
-    def see_faces(self, faces: Sequence[SeenFace], eye_xy_m: Sequence[float]) -> None:
+    def see_faces(self, faces: Sequence[SeenFace], eye: Eye) -> None:
         """Take the faces of a picture.
 
         Args:
             faces: all of them.
-            eye_xy_m: where the camera was, m, map frame.
+            eye: the camera at the picture's time.
         """
         candidate = self._candidate
+        seen = self.places.see_faces(faces, eye, candidate.place if candidate is not None else None)
         if candidate is None or self.state is not TourState.LOOK:
             return
-        x, y = np.subtract(candidate.xy_m, eye_xy_m[:2])
-        aside = [
-            (abs(math.remainder(face.bearing_rad - math.atan2(y, x), math.tau)), index)
-            for index, face in enumerate(faces)
-        ]
-        if not aside or min(aside)[0] > self.settings.aside_rad:
+        face = next((face for place, face in seen if place is candidate.place), None)
+        if face is None:
             return
-        face = faces[min(aside)[1]]
         if self.learns:
             self.to_learn = face
             self.machine.go(TourState.LEARN, "sees the face")
@@ -329,81 +321,103 @@ class PersonTour:
         return self._orders()
 
     def _choose(self) -> None:
-        """Take the nearest person in front of the robot."""
+        """Take the nearest person in front of the robot, rather one whose legs are likely legs."""
         assert self._pose is not None
-        near = [
-            (away_m, one.name)
-            for one, away_m, aside in self._seen()
-            if away_m <= self.settings.front_m and abs(aside) <= self.settings.front_rad
-        ]
+        near = []
+        for one in self._persons.values():
+            place = self.places.at(one.name)
+            away_m, aside = self._away(one.xy_m)
+            is_in_front = away_m <= self.settings.front_m and abs(aside) <= self.settings.front_rad
+            if place is not None and place.is_seen and is_in_front:
+                near.append((not self._is_likely(place), away_m, one.name, place))
         if near:
-            self._approach(min(near)[1])
+            self._approach(min(near)[3])
         elif self.machine.time_in_state_s >= self.settings.choose_s:
             self._end(False, "nobody is in front of the robot")
 
     def _search(self) -> None:
-        """Go to somebody who was not met, or on to where the robot has not looked."""
+        """Go to somebody who is seen, or where the robot has not looked; at the end, to all who are left."""
         assert self._pose is not None
-        new = [(away_m, one.name) for one, away_m, _ in self._seen() if self._is_new(one.xy_m)]
-        if new:
-            self._approach(min(new)[1])
+        new = self._ranked([place for place in self._new() if place.faces or self._is_likely(place)])
+        at_once = [place for place in new if place.faces or (place.is_seen and not place.looks)]
+        if at_once:
+            self._approach(at_once[0])
             return
         area, robot = self._area, self._pose[:2].tolist()
         if not area.look(robot) or not area.needs_place:
             return
         area.choose(robot, self._heading_rad)
         if area.place is None:
-            self._end(True, "has looked everywhere")
+            if new:
+                self._approach(new[0])
+            else:
+                self._end(True, "has looked everywhere")
             return
         away = np.subtract(area.place, robot)
         # It stays the same on the way: each new goal restarts navigation.
         self._heading_rad = math.atan2(away[1], away[0])
 
-    def _approach(self, track: str) -> None:
-        self._candidate = _Candidate(track, self._persons[track].xy_m)
+    def _approach(self, place: Place) -> None:
+        self._candidate = _Candidate(place)
         self._area.place = None
-        self.machine.go(TourState.APPROACH, f"has not met person {track}")
+        self.machine.go(TourState.APPROACH, f"has not met person {place.track}")
 
     def _judge_look(self) -> None:
         """Give up a person who shows no face."""
-        if self.machine.time_in_state_s < self.settings.look_s:
-            return
         candidate = self._candidate
         assert candidate is not None
+        if candidate.place.is_seen:
+            self._seen_s = self._clock()
+        looked_s = self.machine.time_in_state_s
+        is_gone = min(looked_s, self._clock() - self._seen_s) >= self.settings.gone_s
+        is_thing = not candidate.place.is_open or is_gone
+        if looked_s < self.settings.look_s and (self.learns or not is_thing):
+            return
         if self.learns:
             self._end(False, "sees no face")
         elif candidate.faces:
             self._meet("", candidate)
         else:
-            self._tried.append(candidate.xy_m)
+            place = candidate.place
+            place.looks += 1
+            may_be_person = place.has_moved or place.faces > 0
+            place.is_open = place.is_open and may_be_person and place.looks < self.settings.tries
             self._candidate = None
             self.machine.go(TourState.SEARCH, "saw no face")
 
     def _meet(self, name: str, candidate: _Candidate) -> None:
         """Note who this is, and go on."""
-        self.met = [one for one in self.met if not name or one.name != name]
-        self.met.append(Met(name, candidate.xy_m, len(candidate.faces)))
+        place = candidate.place
+        place.is_open = False
+        kept = [index for index, one in enumerate(self.met) if not name or one.name != name]
+        self.met = [*(self.met[index] for index in kept), Met(name, place.xy_m, len(candidate.faces))]
+        self._places_of_met = [*(self._places_of_met[index] for index in kept), place]
         self._candidate = None
         self.machine.go(TourState.SEARCH, f"has met {name or 'somebody unknown'}")
         if len(self.met) >= (self._wanted or MAX_MET):
             self._end(True, f"has met {len(self.met)} persons")
 
-    def _is_new(self, xy_m: tuple[float, float]) -> bool:
+    def _new(self) -> list[Place]:
+        """Return the places at which the robot has to look."""
         same_m = self.settings.same_m
-        if any(math.dist(one.xy_m, xy_m) <= same_m for one in self.met):
-            return False
-        return sum(math.dist(place, xy_m) <= same_m for place in self._tried) < self.settings.tries
+        return [
+            place
+            for place in self.places.open
+            if all(math.dist(one.xy_m, place.xy_m) > same_m for one in self.met)
+        ]
 
-    def _seen(self) -> list[tuple[PersonReport, float, float]]:
-        """Return who is seen now, each with the distance, m, and the angle beside the heading, rad."""
+    def _ranked(self, places: list[Place]) -> list[Place]:
+        """Return places: first those where a person is most likely, then the nearest."""
+        return sorted(places, key=lambda one: (not one.faces, one.looks, self._away(one.xy_m)))
+
+    def _is_likely(self, place: Place) -> bool:
+        return place.has_moved or place.confidence >= self.settings.likely
+
+    def _away(self, xy_m: tuple[float, float]) -> tuple[float, float]:
+        """Return the distance of a place, m, and its angle beside the robot's heading, rad."""
         assert self._pose is not None
-        found = []
-        for one in self._persons.values():
-            if one.unseen_s <= self.settings.fresh_s:
-                x, y = np.asarray(one.xy_m) - self._pose[:2]
-                aside = math.remainder(math.atan2(y, x) - float(self._pose[2]), math.tau)
-                found.append((one, math.hypot(x, y), aside))
-        return found
+        x, y = np.asarray(xy_m) - self._pose[:2]
+        return math.hypot(x, y), math.remainder(math.atan2(y, x) - float(self._pose[2]), math.tau)
 
     def _end(self, is_done: bool, reason: str) -> None:
         self.end = TourEnd(is_done, reason, self._clock() - self._began_s)
@@ -414,25 +428,36 @@ class PersonTour:
         assert self._pose is not None
         candidate, place = self._candidate, self._area.place
         if self.state is TourState.SEARCH and place is not None and self._heading_rad is not None:
-            return TourOrders(np.array([*place, self._heading_rad]))
+            return TourOrders(np.array([*place, self._heading_rad]), self._glance())
         if candidate is None:
             return TourOrders()
+        xy_m = candidate.place.xy_m
         if self.state is TourState.APPROACH:
-            if math.dist(candidate.xy_m, self._pose[:2]) <= self.settings.beside_m + 0.2:
+            is_sure = self.learns or candidate.place.faces or candidate.place.has_moved
+            if self._away(xy_m)[0] <= (self.settings.beside_m + 0.2 if is_sure else self.settings.check_m):
                 self.machine.go(TourState.LOOK, "is beside the person")
             else:
-                return TourOrders(self._beside(candidate), candidate.xy_m)
-        return TourOrders(None, candidate.xy_m)
+                return TourOrders(self._beside(candidate), xy_m)
+        return TourOrders(None, xy_m)
+
+    def _glance(self) -> tuple[float, float] | None:
+        """Return where the camera looks while the robot searches: to the nearest legs."""
+        near = []
+        for place in self._new():
+            away_m, aside = self._away(place.xy_m)
+            if place.is_seen and away_m <= self.settings.glance_m and abs(aside) <= self.settings.glance_rad:
+                near.append((away_m, place.xy_m))
+        return min(near)[1] if near else None
 
     def _beside(self, candidate: _Candidate) -> Array:
         """Return the place beside a person, heading there; it is kept as long as the person hardly moves."""
         assert self._pose is not None
-        beside_m, goal = self.settings.beside_m, candidate.goal
-        if goal is not None and abs(math.dist(goal[:2], candidate.xy_m) - beside_m) < 0.3:
+        xy_m, beside_m, goal = candidate.place.xy_m, self.settings.beside_m, candidate.goal
+        if goal is not None and abs(math.dist(goal[:2], xy_m) - beside_m) < 0.3:
             return goal
-        away = np.subtract(candidate.xy_m, self._pose[:2])
+        away = np.subtract(xy_m, self._pose[:2])
         heading = math.atan2(away[1], away[0])
-        x, y = np.asarray(candidate.xy_m) - beside_m * away / math.hypot(*away)
+        x, y = np.asarray(xy_m) - beside_m * away / math.hypot(*away)
         candidate.goal = np.array([x, y, heading])
         return candidate.goal
 
@@ -445,7 +470,7 @@ class PersonTour:
             "learns": self.learns,
             "wanted": self._wanted,
             "met": [[one.name, *one.xy_m, one.faces] for one in self.met],
-            "tried": [list(place) for place in self._tried],
+            "places": self.places.memory(),
             "used_s": self._clock() - self._began_s,
             "end": None if self.end is None else [self.end.is_done, self.end.reason, self.end.duration_s],
         }
@@ -458,6 +483,7 @@ class PersonTour:
             else:
                 self.go_round(memory["wanted"])
         self.met = [Met(name, (x, y), faces) for name, x, y, faces in memory["met"]]
-        self._tried = [(x, y) for x, y in memory["tried"]]
+        self.places.remember(memory["places"])
+        self._places_of_met = [Place(one.xy_m, "", is_open=False) for one in self.met]
         self._began_s = self._clock() - memory["used_s"]
         self.end = None if memory["end"] is None else TourEnd(*memory["end"])

@@ -60,5 +60,6 @@ def without_legs(
 def _stands_alone(things: Pieces) -> NDArray[np.bool_]:
     """Return which things have nothing beside them, unless it hides a part of them: (S,)."""
     stands_out, is_hidden = things.jumps_m >= STANDS_OUT_M, things.jumps_m <= -IS_HIDDEN_M
-    alone: NDArray[np.bool_] = (stands_out | is_hidden).all(axis=0) & stands_out.any(axis=0)
-    return alone & (things.widths_m <= NARROW_M)
+    alone = np.logical_and.reduce(stands_out | is_hidden) & np.logical_or.reduce(stands_out)
+    stands: NDArray[np.bool_] = alone & (things.widths_m <= NARROW_M)
+    return stands

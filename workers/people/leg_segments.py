@@ -98,7 +98,8 @@ class Pieces(NamedTuple):
     @property
     def middles_m(self) -> Array:
         """Return the point between the first and the last return of each piece: (S, 2)."""
-        return self.points[self.ends].mean(axis=1)
+        middles: Array = self.points[self.ends].mean(axis=1)
+        return middles
 
 
 def cut_scan(

@@ -39,7 +39,7 @@ class TrackerSettings:
         two_legs_m: The same by two legs.
         hits: A track is confirmed after this number of scans with a leg.
         confidence: Mean probability of the legs of a person that has not moved.
-        moved_m: Whatever has moved this far is a person.
+        moved_m: Whatever has moved this far, and not along what the map shows, is a person.
         unseen_s: A track ends when nothing was where it should be seen for this time.
         hidden_s: The same while something else hides that place.
         unseen_new_s: The same for a track that is not confirmed.
@@ -160,7 +160,7 @@ class PersonTracker:
     @property
     def persons(self) -> list[TrackedPerson]:
         """Return who is tracked and likely a person."""
-        return self._tracked(self._is_person)
+        return [self._told(track) for track in self._tracks if self._is_person(track)]
 
     @property
     def things(self) -> list[TrackedPerson]:
@@ -168,32 +168,28 @@ class PersonTracker:
 
         It may be furniture, or somebody who has stood there since the map shows the place.
         """
-        return self._tracked(
-            lambda track: self._looks_like_legs(track) and track.is_on_map and not track.has_moved
-        )
-
-    def _tracked(self, which: Callable[[_Track], bool]) -> list[TrackedPerson]:
-        now_s = self._now_s or 0.0
         return [
-            TrackedPerson(
-                track.number,
-                track.state[:2].copy(),
-                track.state[2:].copy(),
-                track.confidence,
-                track.has_moved,
-                now_s - track.seen_s,
-            )
+            self._told(track)
             for track in self._tracks
-            if which(track)
+            if self._looks_like_legs(track) and not self._is_person(track)
         ]
 
+    def _told(self, track: _Track) -> TrackedPerson:
+        return TrackedPerson(
+            track.number,
+            track.state[:2].copy(),
+            track.state[2:].copy(),
+            track.confidence,
+            track.has_moved,
+            (self._now_s or 0.0) - track.seen_s,
+        )
+
     def _is_person(self, track: _Track) -> bool:
-        if track.has_moved:
-            return track.hits >= self.settings.hits
-        return self._looks_like_legs(track) and not track.is_on_map
+        return self._looks_like_legs(track) and (track.has_moved or not track.is_on_map)
 
     def _looks_like_legs(self, track: _Track) -> bool:
-        return track.hits >= self.settings.hits and track.confidence >= self.settings.confidence
+        is_likely = track.has_moved or track.confidence >= self.settings.confidence
+        return track.hits >= self.settings.hits and is_likely
 
     def _predict(self, stamp_s: float) -> None:
         step_s = 0.0 if self._now_s is None else stamp_s - self._now_s
@@ -250,7 +246,8 @@ class PersonTracker:
         track.confidence += NEWEST_SHARE * (chance - track.confidence)
         # A map that has grown since the track began may show now what the thing is.
         track.on_map += NEWEST_SHARE * (on_map - track.on_map)
-        if np.hypot(*(track.state[:2] - track.born_xy_m)) >= settings.moved_m:
+        # What goes over from one thing on the map to the next one does not walk.
+        if not track.is_on_map and np.hypot(*(track.state[:2] - track.born_xy_m)) >= settings.moved_m:
             track.has_moved = True
 
     def _end_old(self, stamp_s: float, is_hidden: Callable[[Array], bool]) -> None:

@@ -17,7 +17,7 @@ from modules.devices.simulated_world import SimulatedPeople
 from modules.home.follow import BINS, FollowMe
 from modules.home.messages import Following, FollowOrder
 from modules.home.referee import Referee, SimulatedVoice
-from modules.people import hides, unseen_s
+from modules.people import hides, number_of
 from modules.people_messages import People, PeopleClothes, Person
 from modules.planar_messages import pose_stamped
 from modules.speech_messages import Say, SpokenOrder
@@ -107,9 +107,9 @@ def test_clothes_of_a_wrong_length_are_counted_and_ignored() -> None:
 
 
 def test_person_without_a_valid_age_counts_as_not_seen() -> None:
-    assert unseen_s(person("1", 0, 0, 0.25)) == 0.25
-    assert unseen_s(Person()) == math.inf
-    assert unseen_s(Person(tagnames=["unseen_s"], tags=["soon"])) == math.inf
+    assert number_of(person("1", 0, 0, 0.25), "unseen_s", math.inf) == 0.25
+    assert number_of(Person(), "unseen_s", math.inf) == math.inf
+    assert number_of(Person(tagnames=["unseen_s"], tags=["soon"]), "unseen_s", math.inf) == math.inf
 
 
 def test_nearer_return_hides_a_place_and_a_farther_one_does_not() -> None:

@@ -19,6 +19,7 @@ from modules.home.messages import (
     WhoIsWhoResult,
 )
 from modules.home.who_is_who import CANNOT, STOPPED, WhoIsWhoTask
+from modules.people import THINGS
 from modules.people_messages import People, Person
 from modules.planar_messages import pose_stamped
 from modules.speech_messages import Say, SpokenOrder, SpokenSlot
@@ -87,16 +88,25 @@ def face(name: str, y_per_x: float = 0.0) -> Detection2D:
     return Detection2D(results=known if name else [], bbox=box, id=name or "face")
 
 
-def show(harness: Harness, *persons: tuple[float, float], faces: list[Detection2D] | None = None) -> None:
+def show(
+    harness: Harness,
+    *persons: tuple[float, float],
+    faces: list[Detection2D] | None = None,
+    topic: str = "",
+) -> None:
     """Let the robot, which stands at the origin, see persons and faces for 0.3 s."""
     for _ in range(3):
         transforms(harness)
         harness.send(pose_stamped([0.0, 0.0, 0.0], header(harness)), topic="map_pose")
         told = [
-            Person(name=str(number), position=Point(x=x, y=y), tagnames=["unseen_s"], tags=["0"])
+            Person(
+                name=str(number), position=Point(x=x, y=y), reliability=0.9, tagnames=["unseen_s"], tags=["0"]
+            )
             for number, (x, y) in enumerate(persons)
         ]
-        harness.send(People(header=header(harness), people=told))
+        harness.send(People(header=header(harness), people=told), topic=topic)
+        if topic:
+            harness.send(People(header=header(harness)))
         k = [FOCAL_PX, 0.0, CENTRE_PX, 0.0, FOCAL_PX, 256.0, 0.0, 0.0, 1.0]
         harness.send(CameraInfo(header=header(harness), k=np.array(k)), topic="camera")
         seen = header(harness, "camera_optical")
@@ -204,6 +214,16 @@ def test_robot_drives_to_a_person_and_stops_when_it_is_told_to() -> None:
         task.send(SpokenOrder(order="stop"))
         assert task.module.tour.state.name == "IDLE"
         assert task.take(Say)[-1].text == STOPPED
+
+
+def test_robot_looks_also_at_somebody_who_stands_where_the_map_shows_a_thing() -> None:
+    with ModuleHarness(WhoIsWhoTask) as task:
+        know(task, "Anna")
+        task.send_goal(WhoIsWho(), client="host")
+        show(task, (1.2, 0.0), topic=THINGS)
+        for _ in range(2):
+            show(task, (1.2, 0.0), topic=THINGS, faces=[face("Anna")])
+        assert [one.name for one in task.module.tour.met] == ["Anna"]
 
 
 def test_order_ends_when_the_robot_begins_to_follow_somebody() -> None:

@@ -8,11 +8,11 @@ import pytest
 from robbie_mp.state_machine import mermaid
 from tests._support.places import PROJECT
 from workers.home.follow import PersonReport
+from workers.home.person_places import MAX_PLACES, Eye, SeenFace
 from workers.home.person_tour import (
     TRANSITIONS,
     Met,
     PersonTour,
-    SeenFace,
     TourOrders,
     TourSettings,
     TourState,
@@ -25,8 +25,11 @@ class Scene:
     def __init__(self) -> None:
         self.now_s = 100.0
         self.pose = (0.0, 0.0, 0.0)
+        self.pan_rad = 0.0
         self.persons: dict[str, tuple[float, float]] = {}
         self.faces: dict[str, str] = {}
+        self.walked: set[str] = set()
+        self.confidence: dict[str, float] = {}
         self.cells = np.zeros((120, 200), np.int8)
         self.cells[[0, -1], :] = self.cells[:, [0, -1]] = 100
         self.tour = self.started()
@@ -41,12 +44,26 @@ class Scene:
         for _ in range(round(seconds * 10)):
             self.now_s += 0.1
             self.tour.see_pose(self.pose)
-            self.tour.see_persons([PersonReport(name, xy) for name, xy in self.persons.items()])
-            self.tour.see_faces([SeenFace(*self.seen(name)) for name in self.faces], self.pose)
+            self.tour.see_persons([self.report(name) for name in self.persons])
+            eye = Eye(*self.pose[:2], self.pose[2] + self.pan_rad, 0.6)
+            shown = [SeenFace(*self.seen(name)) for name in self.faces]
+            self.tour.see_faces(
+                [face for face in shown if abs(face.bearing_rad - eye.bearing_rad) < 0.6], eye
+            )
             orders = self.tour.step()
+            self.turn(orders.look_at_xy_m)
             if orders.goal is not None:
                 self.drive(*orders.goal.tolist())
         return orders
+
+    def report(self, name: str) -> PersonReport:
+        confidence = self.confidence.get(name, 1.0)
+        return PersonReport(name, self.persons[name], has_moved=name in self.walked, confidence=confidence)
+
+    def turn(self, to: tuple[float, float] | None) -> None:
+        self.pan_rad = 0.0
+        if to is not None:
+            self.pan_rad = math.atan2(to[1] - self.pose[1], to[0] - self.pose[0]) - self.pose[2]
 
     def seen(self, name: str) -> tuple[str, float]:
         x, y = np.subtract(self.persons[name], self.pose[:2])
@@ -100,13 +117,88 @@ def test_round_for_one_person_ends_with_that_person(scene: Scene) -> None:
     assert [one.name for one in scene.tour.met] == ["Anna"]
 
 
-def test_thing_without_a_face_is_tried_twice_and_then_left_alone(scene: Scene) -> None:
+def approaches(scene: Scene) -> int:
+    """Let the robot end its round, and return how often it went to somebody."""
+    count, was = 0, scene.tour.state
+    while scene.tour.end is None:
+        scene.run(0.1)
+        count += scene.tour.state is not was and scene.tour.state is TourState.APPROACH
+        was = scene.tour.state
+    assert (scene.tour.end.is_done, scene.tour.end.reason) == (True, "has looked everywhere")
+    return count
+
+
+@pytest.mark.parametrize(
+    ("confidence", "has_walked", "expected"),
+    [
+        (0.9, False, 1),  # furniture that looks much like legs
+        (0.5, False, 0),  # a little: the camera looks at it in passing
+        (0.5, True, 2),  # somebody who may have looked away
+    ],
+)
+def test_robot_goes_to_what_shows_no_face_according_to_how_likely_it_is_a_person(
+    scene: Scene, confidence: float, has_walked: bool, expected: int
+) -> None:
+    scene.persons, scene.confidence = {"1": (3.0, 1.0)}, {"1": confidence}
+    scene.walked = {"1"} if has_walked else set()
+    scene.tour.go_round(0)
+    assert approaches(scene) == expected
+    assert scene.tour.met == []
+
+
+def test_thing_that_showed_no_face_is_left_alone_when_its_legs_get_a_new_track(scene: Scene) -> None:
     scene.persons = {"1": (3.0, 1.0)}
     scene.tour.go_round(0)
-    scene.run(90.0)
-    assert scene.tour.end is not None
-    assert (scene.tour.end.is_done, scene.tour.met) == (True, [])
-    assert scene.tour.end.reason == "has looked everywhere"
+    scene.run(1.0)
+    while scene.tour.state is not TourState.SEARCH:
+        scene.run(0.1)
+    scene.persons = {"2": (3.1, 1.1)}
+    assert approaches(scene) == 0
+
+
+def test_somebody_whose_legs_are_hardly_legs_is_met_because_the_camera_finds_the_face(scene: Scene) -> None:
+    scene.persons, scene.confidence, scene.faces = {"1": (3.0, 1.0)}, {"1": 0.3}, {"1": "Anna"}
+    scene.tour.go_round(0)
+    assert approaches(scene) == 1
+    assert [one.name for one in scene.tour.met] == ["Anna"]
+
+
+def test_who_walks_on_after_the_meeting_is_told_where_she_stands_at_the_end(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (1.2, 0.0)}, {"1": ""}
+    scene.tour.go_round(0)
+    scene.run(1.0)
+    assert [one.xy_m for one in scene.tour.met] == [(1.2, 0.0)]
+    for step in range(1, 11):
+        scene.persons["1"] = (1.2 + 0.28 * step, 0.2 * step)
+        scene.run(0.1)
+    assert approaches(scene) == 0
+    assert [one.xy_m for one in scene.tour.met] == [(4.0, 2.0)]
+
+
+def test_somebody_else_who_gets_the_track_of_who_was_met_is_met_too(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (1.2, 0.0)}, {"1": ""}
+    scene.tour.go_round(0)
+    scene.run(1.0)
+    scene.persons["1"] = (6.0, 2.0)  # after a restart of the tracker
+    assert approaches(scene) == 1
+    assert [one.xy_m for one in scene.tour.met] == [(1.2, 0.0), (6.0, 2.0)]
+
+
+def test_robot_waits_only_a_moment_for_somebody_who_has_gone(scene: Scene) -> None:
+    scene.persons = {"1": (3.0, 0.0)}
+    scene.walked = {"1"}
+    scene.tour.go_round(0)
+    while scene.tour.state is not TourState.LOOK:
+        scene.run(0.1)
+    scene.persons = {}
+    scene.run(TourSettings().gone_s + 0.2)
+    assert scene.tour.machine.reason == "saw no face"
+
+
+def test_places_beyond_the_limit_are_counted(scene: Scene) -> None:
+    scene.persons = {str(number): (0.5 * number, 0.0) for number in range(MAX_PLACES + 3)}
+    scene.run(0.1)
+    assert scene.tour.places.dropped == 3
 
 
 def test_face_that_is_seldom_recognized_stays_unknown(scene: Scene) -> None:

@@ -63,7 +63,7 @@ def test_person_who_stands_is_not_on_the_map_and_walls_are(classifier: LegClassi
         points = (kept[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))[np.isfinite(kept)]
         grid.add(pose[:2], transform_points(pose, points))
     cells, corner_m = grid.cells()
-    things = MapThings(cells, 0.05, corner_m)
+    things = MapThings(cells, 0.05, corner_m.tolist())
     places = [(x, y) for x, y, _ in leg_circles(np.array([[*PERSON, 0.7, 0, 0]])).tolist()]
     assert not things.at(places).any()
     assert things.at([(5.8, 0.6), (9.15, 1.8), (6.5, 3.0)]).all()

@@ -159,3 +159,17 @@ def test_leg_of_furniture_counts_as_a_person_only_until_the_map_shows_it() -> No
     tracker = PersonTracker()
     assert len(watch(tracker, lambda _t: legs_of(1.0, 1.0), 1.0)) == 1
     assert watch(tracker, lambda _t: legs_of(1.0, 1.0), 2.0, begin_s=1.0, on_map=True) == []
+
+
+def test_track_that_goes_over_from_one_thing_on_the_map_to_the_next_has_not_moved() -> None:
+    def table(now_s: float) -> Array:  # the laser sees one leg of it, then the other one
+        return np.array([[1.0, 0.55 * (now_s >= 1.0)]])
+
+    tracker = PersonTracker()
+    watch(tracker, table, 3.0, on_map=True)
+    assert [one.has_moved for one in tracker.things] == [False]
+    tracker = PersonTracker()
+    watch(tracker, lambda t: legs_of(1.0 + max(0.0, 0.5 * (t - 1.0)), 0.0), 1.0, on_map=True)
+    assert tracker.persons == [] and len(tracker.things) == 1
+    watch(tracker, lambda t: legs_of(1.0 + 0.5 * (t - 1.0), 0.0), 3.0, begin_s=1.0)
+    assert [one.has_moved for one in tracker.persons] == [True]
