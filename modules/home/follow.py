@@ -133,7 +133,7 @@ class FollowMe(Module):
 
     def _tell(self) -> None:
         task = self.task
-        x, y = task.last_xy_m or (0.0, 0.0)
+        x, y = task.believed_xy_m or (0.0, 0.0)
         self.publish(
             Following(
                 header=self._header("map"),

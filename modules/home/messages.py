@@ -24,7 +24,7 @@ class Following(Message, name="home_msgs/msg/Following", version=1):
     state: str = DEFAULT  # name of a state of workers/home/follow_states.py
     reason: str = DEFAULT  # for people
     person: str = DEFAULT  # as in People; '': nobody
-    position: Point = DEFAULT  # where the person was seen last, m
+    position: Point = DEFAULT  # where the person is believed to be, or was seen last, m
     unseen_s: float64 = DEFAULT  # time since then
     losses: uint32 = DEFAULT  # how often the robot has lost the person
     questions: uint32 = DEFAULT  # how often it has asked whether the person is there

@@ -125,6 +125,15 @@ class Follow:
         return self.machine.state
 
     @property
+    def believed_xy_m(self) -> tuple[float, float] | None:
+        """Return where the person is, as far as the robot knows, m, map frame.
+
+        Somebody who is hidden for a moment is expected to walk on.
+        """
+        followed = self._followed()
+        return followed.xy_m if followed is not None and self.state in FOLLOWS else self.last_xy_m
+
+    @property
     def unseen_s(self) -> float:
         """Return the time since the person was seen; 0 if there is none."""
         return self._clock() - self._seen_s if self.last_xy_m is not None else 0.0

@@ -325,3 +325,13 @@ def test_restarted_task_that_was_not_ordered_waits(scene: Scene) -> None:
     again = Follow(lambda: 0.0)
     again.remember(scene.task.memory())
     assert again.state is FollowState.IDLE
+
+
+def test_person_hidden_for_a_moment_is_believed_on_the_own_course(scene: Scene) -> None:
+    scene.begin()
+    scene.now_s += 0.1
+    scene.task.see_persons([PersonReport("1", (1.8, 0.4), (1.0, 0.5), unseen_s=0.6)])
+    assert scene.task.believed_xy_m == (1.8, 0.4)
+    assert scene.task.last_xy_m == (1.2, 0.0)
+    scene.task.see_persons([])
+    assert scene.task.believed_xy_m == (1.2, 0.0)
