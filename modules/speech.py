@@ -7,10 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.speech_messages import Say, SpokenOrder, SpokenSlot
-from robbie_mp import REQUIRED, Header, Module, SettingError, StateMachine, Time, TimeOut, replace, setting
-from robbie_mp.messages import RawAudio
+from robbie_mp import (
+    REQUIRED,
+    Header,
+    MessageHandling,
+    Module,
+    SettingError,
+    StateMachine,
+    Time,
+    TimeOut,
+    replace,
+    setting,
+)
+from robbie_mp.messages import RawAudio, TaughtNames
 from workers.speech.nearest_sentence import GrammarTooLarge
-from workers.speech.order_grammar import OrderGrammar, SpokenWords, WrongGrammar
+from workers.speech.order_grammar import OrderGrammar, SpokenWords, WrongGrammar, is_sayable, words_with
 from workers.speech.order_recognizer import (
     MAX_DISTANCE,
     RATE_HZ,
@@ -21,6 +32,10 @@ from workers.speech.utterances import UtteranceFinder, silero
 from workers.speech.voice import NoVoice, speak
 
 PCM = "pcm-s16"
+OBJECT = "object"
+"""The place of sentences for the names of objects."""
+TAUGHT = "objects"
+"""The topic on which the names of taught objects are published."""
 ECHO_S = 0.3
 """How long the robot's voice may still be heard in a room after the loudspeaker has ended."""
 ANSWERS = OrderGrammar(
@@ -44,7 +59,8 @@ class SpokenOrders(Module):
 
     Subscribes to `RawAudio`: of the microphone (16 kHz, 16 bits), and of the loudspeaker, because it must not
     listen to the robot's own voice. Publishes `Say` to ask whether it has understood an order of `confirm`.
-    What is not in the grammar is refused and counted.
+    What is not in the grammar is refused and counted. Objects that people have taught (`TaughtNames`) can be
+    said for <object>, too, if the dictionary knows their words.
     """
 
     orders: dict[str, list[str]] = setting(
@@ -104,6 +120,8 @@ class SpokenOrders(Module):
         self.advertise(Say)
         self.subscribe(RawAudio, self.on_microphone, topic=self.microphone)
         self.subscribe(RawAudio, self.on_loudspeaker, topic=self.loudspeaker, optional=True)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(TaughtNames, self.on_taught, newest, topic=TAUGHT, optional=True)
 
     def on_loudspeaker(self, audio: RawAudio) -> None:
         """Do not listen while the robot speaks."""
@@ -111,6 +129,18 @@ class SpokenOrders(Module):
             length_s = audio.data.size / (2 * audio.sample_rate * audio.number_of_channels)
             self.deaf_until_s = max(self.deaf_until_s, self._time_s()) + length_s
             self.utterances.forget()
+
+    def on_taught(self, taught: TaughtNames) -> None:
+        """Understand the names of the objects that people have taught, and no longer of forgotten ones."""
+        can_pronounce = self.recognizer.can_pronounce
+        names = [name for name in taught.names if is_sayable(name) and can_pronounce(name)]
+        if unknown := [name for name in taught.names if name not in names]:
+            self.log.info("does not understand these names: %s", ", ".join(unknown))
+        grammar = OrderGrammar(self.orders, words_with(self.words, OBJECT, names))
+        try:
+            self.recognizer.use("orders", grammar)
+        except GrammarTooLarge as error:
+            self.log.error("does not understand what was taught: %s", error)
 
     def on_microphone(self, audio: RawAudio) -> None:
         """Listen to a block."""

@@ -65,9 +65,9 @@ from robbie_mp.messages import (
 )
 from workers.home.household import HouseholdWork
 from workers.home.household_states import HouseholdState
-from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder, words_with_objects
+from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder
 from workers.manipulation.table_view import UNKNOWN
-from workers.speech.order_grammar import WrongGrammar
+from workers.speech.order_grammar import WrongGrammar, words_with
 
 CarryOutGoal = ActiveGoal[CarryOut, CarryOutFeedback, CarryOutResult]
 REPEAT_S = 1.0
@@ -274,7 +274,7 @@ class Household(Module):
         """Take orders for the objects that people have taught, too."""
         known = self.words.get("object", [])
         self.objects = [*known, *(name for name in message.names if name not in known)]
-        self.reader = OrderReader(self.orders, words_with_objects(self.words, message.names))
+        self.reader = OrderReader(self.orders, words_with(self.words, "object", message.names))
 
     def on_hand(self, message: HandStatus) -> None:
         """Know that there is an arm, and what it holds."""

@@ -12,7 +12,7 @@ from modules import speech
 from modules.speech import SpokenOrders, Voice
 from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import ModuleHarness, SettingError, Time
-from robbie_mp.messages import RawAudio
+from robbie_mp.messages import RawAudio, TaughtNames
 from workers.speech.order_grammar import OrderGrammar
 from workers.speech.order_recognizer import RATE_HZ, Heard
 
@@ -33,6 +33,12 @@ class ToldRecognizer:
         self.grammars, self.max_distance = grammars, max_distance
         self.next_text, self.next_distance = "", 0.1
         self.is_closed = False
+
+    def use(self, name: str, grammar: OrderGrammar) -> None:
+        self.grammars[name] = grammar
+
+    def can_pronounce(self, text: str) -> bool:
+        return "zzyx" not in text
 
     def recognize(self, samples: NDArray[np.int16], grammar: str) -> Heard:
         assert samples.ndim == 1 and samples.size > RATE_HZ / 4
@@ -104,6 +110,17 @@ def test_order_to_be_confirmed_counts_when_the_person_says_yes(robot: Robot) -> 
     (order,) = robot.orders()
     assert (order.order, order.was_confirmed) == ("bring", True)
     assert [(slot.name, slot.words) for slot in order.slots] == [("object", "orange juice")]
+
+
+def test_names_of_taught_objects_are_understood_until_they_are_forgotten(robot: Robot) -> None:
+    robot.harness.send(TaughtNames(names=["Mint Tea", "cup", "zzyx", "no. 5"]), topic="objects")
+    for text in ("bring me the mint tea", "bring me the cup", "bring me the zzyx"):
+        robot.hear(text)
+        robot.hear("yes")
+    assert [order.text for order in robot.orders()] == ["bring me the mint tea", "bring me the cup"]
+    robot.harness.send(TaughtNames(), topic="objects")
+    robot.hear("bring me the mint tea")
+    assert robot.said()[-1] != "Did you say: bring me the mint tea?"
 
 
 def test_order_that_is_denied_is_not_published(robot: Robot) -> None:

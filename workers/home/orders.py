@@ -5,11 +5,9 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from workers.speech.order_grammar import (
-    MAX_CHOICES,
     OrderGrammar,
     SpokenWords,
     WrongGrammar,
-    is_sayable,
     spoken,
 )
 
@@ -130,19 +128,6 @@ class OrderReader:
         return TaskOrder(
             Task(said.order), written.get(object_said, object_said), written.get(place_said, place_said)
         )
-
-
-def words_with_objects(
-    words: Mapping[str, Sequence[str]], objects: Iterable[str]
-) -> dict[str, Sequence[str]]:
-    """Return the words of a grammar with more objects; those that cannot be said in words are left out."""
-    known = list(words.get("object", []))
-    said = {spoken(word) for word in known}
-    for name in objects:
-        if is_sayable(name) and spoken(name) not in said:
-            known.append(name)
-            said.add(spoken(name))
-    return {**words, "object": known[:MAX_CHOICES]} if known else dict(words)
 
 
 SLOTS = {"object": NEEDS_OBJECT, "place": NEEDS_PLACE}

@@ -1,7 +1,7 @@
 """A grammar of spoken orders: sentences with places for words, as a profile lists them."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 ORDER_NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -260,6 +260,25 @@ def is_sayable(choice: str) -> bool:
     """Return whether a grammar takes this as words."""
     words = choice.lower().split()
     return bool(words) and all(WORD.fullmatch(word) for word in words)
+
+
+def words_with(
+    words: Mapping[str, Sequence[str]], place: str, more: Iterable[str]
+) -> dict[str, Sequence[str]]:
+    """Return the words of a grammar with more of them for one place; what is no words is left out.
+
+    Args:
+        words: for each place the words that fit.
+        place: name of the place, such as "object"; a grammar without it stays as it is.
+        more: what else fits there.
+    """
+    if place not in words:
+        return dict(words)
+    known = {spoken(choice): choice for choice in words[place]}
+    for choice in more:
+        if is_sayable(choice) and len(known) < MAX_CHOICES:
+            known.setdefault(spoken(choice), choice)
+    return {**words, place: list(known.values())}
 
 
 def _checked_words(name: str, choices: Sequence[str]) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.speech.nearest_sentence import NearestSentence
-from workers.speech.order_grammar import WORD, OrderGrammar, SpokenWords, WrongGrammar
+from workers.speech.order_grammar import WORD, OrderGrammar, SpokenWords, WrongGrammar, spoken
 from workers.speech.pronunciation import CONSONANTS, VOWELS, distance, phonemes
 
 RATE_HZ = 16_000
@@ -84,17 +84,31 @@ class OrderRecognizer:
             raise SpeechPackagesMissing(
                 f"speech needs pocketsphinx and moonshine-voice: pip install 'robbie-mp[speech]' ({error})"
             ) from error
-        self._grammars, self.max_distance = grammars, max_distance
+        self._grammars: dict[str, OrderGrammar] = {}
+        self._sentences: dict[str, NearestSentence] = {}
+        self.max_distance = max_distance
         self._decoder = Decoder(lm=None, loglevel="FATAL")
         for word, told in (pronunciations or {}).items():
             self._learn(word, told)
         for name, grammar in grammars.items():
-            self._check(grammar)
-            self._decoder.add_jsgf_string(name, grammar.jsgf)
-        self._sentences = {
-            name: NearestSentence(grammar, self._decoder.lookup_word) for name, grammar in grammars.items()
-        }
+            self.use(name, grammar)
         self._transcriber = Transcriber(str(Path(get_assets_path()) / "tiny-en"), ModelArch.TINY)
+
+    def use(self, name: str, grammar: OrderGrammar) -> None:
+        """Add a grammar, or replace the one of this name.
+
+        Raises:
+            WrongGrammar: nobody knows how to pronounce a word; nothing has changed.
+            GrammarTooLarge: see `NearestSentence`; nothing has changed.
+        """
+        self._check(grammar)
+        sentences = NearestSentence(grammar, self._decoder.lookup_word)
+        self._decoder.add_jsgf_string(name, grammar.jsgf)
+        self._grammars[name], self._sentences[name] = grammar, sentences
+
+    def can_pronounce(self, text: str) -> bool:
+        """Return whether the dictionary knows every word of a text."""
+        return all(self._decoder.lookup_word(word) is not None for word in spoken(text).split())
 
     def recognize(self, samples: NDArray[np.int16], grammar: str) -> Heard:
         """Return what an utterance says.

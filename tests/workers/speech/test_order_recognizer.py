@@ -43,6 +43,21 @@ def test_spoken_order_is_understood_in_digital_silence(
 
 
 @needs_voice
+def test_words_that_come_later_are_understood_and_unknown_ones_change_nothing() -> None:
+    orders = {"bring": ["bring me the <object>"]}
+    recognizer = OrderRecognizer({"home": OrderGrammar(orders, {"object": ["soup"]})})
+    sound = speak("bring me the orange juice", RATE_HZ)
+    assert recognizer.recognize(sound, "home").order is None
+    assert recognizer.can_pronounce("Orange juice") and not recognizer.can_pronounce("zzyx juice")
+    recognizer.use("home", OrderGrammar(orders, {"object": ["soup", "orange juice"]}))
+    with pytest.raises(WrongGrammar, match="does not know zzyx"):
+        recognizer.use("home", OrderGrammar(orders, {"object": ["zzyx"]}))
+    heard = recognizer.recognize(sound, "home").order
+    assert heard is not None and heard.slots == {"object": "orange juice"}
+    recognizer.close()
+
+
+@needs_voice
 def test_other_speech_is_refused(recognizer: OrderRecognizer) -> None:
     for text in ("what time is it", "my sister lives in paris", "the weather is nice today"):
         assert recognizer.recognize(speak(text, RATE_HZ), "home").order is None
