@@ -17,6 +17,16 @@ MAX_CELLS = 20_000
 """Maximum number of cells of one layer. Of more, every second, third … is drawn."""
 
 
+class MarkPicture(NamedTuple):
+    """A picture that hangs above a mark in the 3-D view."""
+
+    address: str
+    """Where the page finds it; a newer picture has another address."""
+    facing_rad: float
+    """Direction in which it faces, map frame."""
+    height_to_width: float
+
+
 class MapMark(NamedTuple):
     """A named place: a disc on the map, a ball in the 3-D view."""
 
@@ -27,6 +37,7 @@ class MapMark(NamedTuple):
     """Position in the map frame, m; so are y and z."""
     y: float
     z: float
+    picture: MarkPicture | None = None
 
 
 class CellMarks(NamedTuple):

@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.messages import LaserScan, PointCloud2, PointField
+from robbie_mp.station.map_marks import MarkPicture
+from robbie_mp.station.scene_view.drawing import OVER_MARK_M, PICTURE_M, picture_corners
 from robbie_mp.station.scene_view.points import cloud_points, packed, scan_points, shades
 
 
@@ -82,3 +84,11 @@ def test_intensities_are_sent_from_the_weakest_to_the_strongest() -> None:
     assert list(shades(np.array([4.0, 4.0]))) == [0, 0]
     assert len(shades(np.array([1e308, -np.inf]))) == 2
     assert shades(None) == b""
+
+
+def test_picture_of_a_mark_is_upright_and_reads_from_left_to_right_for_those_whom_it_faces() -> None:
+    # It faces along x, so somebody in front of it looks along -x, and has y at the right.
+    upper, lower = picture_corners(MarkPicture("/pictures/victim/1?1", 0.0, 0.5))
+    for row, height_m in ((upper, OVER_MARK_M + PICTURE_M / 2), (lower, OVER_MARK_M)):
+        assert row[0] == pytest.approx([0.0, -PICTURE_M / 2, height_m])
+        assert row[1] == pytest.approx([0.0, PICTURE_M / 2, height_m])

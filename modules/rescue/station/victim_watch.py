@@ -11,7 +11,7 @@ from starlette.responses import Response
 
 from modules.rescue.messages import VictimFound
 from robbie_mp.messages import TimeJump
-from robbie_mp.station.map_marks import MapMark
+from robbie_mp.station.map_marks import MapMark, MarkPicture
 from robbie_mp.station.pictures import (
     answer_with,
     encode_image,
@@ -32,6 +32,8 @@ COLOURS = {
     VictimFound.REJECTED: "#757575",
 }
 """Colours on the map and in the 3-D view, by state."""
+SHOWN = {VictimFound.ASKED, VictimFound.CONFIRMED}
+"""States in which the 3-D view shows a picture. Before, a better one comes with almost every image."""
 STATES = {
     VictimFound.SUSPECTED: "suspected",
     VictimFound.ASKED: "asked",
@@ -105,7 +107,7 @@ class VictimWatch:
 
     def marks(self) -> list[MapMark]:
         """Return the marks of all victims on the map."""
-        return [mark_of(known.found) for known in self.victims.values()]
+        return [mark_of(known) for known in self.victims.values()]
 
     def _forget(self) -> None:
         """Forget all victims: after a jump back in time, they have not been found yet."""
@@ -118,11 +120,17 @@ class VictimWatch:
         return answer_with(encode_image, victim.found.image)
 
 
-def mark_of(found: VictimFound) -> MapMark:
-    """Return the mark of one victim."""
+def mark_of(known: KnownVictim) -> MapMark:
+    """Return the mark of one victim; with its picture, if the robot is so sure that it has asked."""
+    found = known.found
     position = found.pose.position
     colour = COLOURS.get(found.state, COLOURS[VictimFound.SUSPECTED])
-    return MapMark(found.name, colour, position.x, position.y, position.z)
+    picture = None
+    if found.state in SHOWN and found.image.width:
+        address = f"/pictures/victim/{found.id}?{known.image_count}"
+        shape = found.image.height / found.image.width
+        picture = MarkPicture(address, round(found.pose.orientation.yaw, 2), shape)
+    return MapMark(found.name, colour, position.x, position.y, position.z, picture)
 
 
 def victim_changes() -> Callable[[VictimFound], str | None]:

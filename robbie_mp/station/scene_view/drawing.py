@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 
@@ -10,10 +11,13 @@ from nicegui.element import Element
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from robbie_mp.station.live import SCRIPTS
-from robbie_mp.station.map_marks import MapMark
+from robbie_mp.station.map_marks import MapMark, MarkPicture
 from robbie_mp.station.scene_view.surroundings import BASE, SeenPlace, Surroundings
 
 POLE_M = 0.6
+PICTURE_M = 0.4
+"""Width of a mark's picture."""
+OVER_MARK_M = 0.15
 LABEL = "color: var(--text); background: var(--tile); padding: 0 .3em; border-radius: 3px; font-size: .75rem"
 """Style of names: colours of the page's look that have enough contrast whatever is drawn behind them."""
 
@@ -135,5 +139,19 @@ class Drawing:
             marker = ui.scene.group().move(mark.x, mark.y, mark.z)
             with marker:
                 ui.scene.sphere(0.1).material(mark.colour)
-                ui.scene.text(mark.name, LABEL).move(z=0.2)
+                top_m = OVER_MARK_M
+                if mark.picture is not None:
+                    ui.scene.texture(mark.picture.address, [[*row] for row in picture_corners(mark.picture)])
+                    top_m += PICTURE_M * mark.picture.height_to_width
+                ui.scene.text(mark.name, LABEL).move(z=top_m + 0.05)
         return marker
+
+
+def picture_corners(picture: MarkPicture) -> list[list[list[float]]]:
+    """Return the corners of a picture relative to its mark, m: upper left and right, lower left and right."""
+    right = -math.sin(picture.facing_rad), math.cos(picture.facing_rad)
+    heights_m = OVER_MARK_M + PICTURE_M * picture.height_to_width, OVER_MARK_M
+    return [
+        [[side * right[0], side * right[1], height_m] for side in (-PICTURE_M / 2, PICTURE_M / 2)]
+        for height_m in heights_m
+    ]

@@ -1,11 +1,15 @@
-"""Victims in a log are events, one for each change of their state."""
+"""Victims in a log are events, one for each change of their state; and marks with pictures."""
 
 from pathlib import Path
 
+import pytest
+
 from modules.rescue.messages import VictimFound
 from modules.rescue.station.mission_panel import MissionPanel
-from robbie_mp.messages import Mark
+from modules.rescue.station.victim_watch import KnownVictim, mark_of
+from robbie_mp.messages import Image, Mark, Pose, Quaternion
 from robbie_mp.station.log_events import LogEvents
+from robbie_mp.station.map_marks import MarkPicture
 from tests._support.robot import wait_until
 from tests.recording._support.logs import LogFile
 
@@ -27,3 +31,24 @@ def test_each_change_of_a_victims_state_is_an_event(tmp_path: Path) -> None:
         ("victim", "8 suspected"),
         ("mark", "here"),
     ]
+
+
+def known(state: int, image: Image, image_count: int = 3) -> KnownVictim:
+    pose = Pose(orientation=Quaternion.from_yaw(1.5))
+    found = VictimFound(id=7, name="tag 7", state=state, pose=pose, image=image)
+    return KnownVictim(found, 0.0, 5, image_count, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("state", [VictimFound.ASKED, VictimFound.CONFIRMED])
+def test_victim_that_was_asked_about_has_its_newest_picture_at_the_wall(state: int) -> None:
+    image = Image(width=64, height=48)
+    assert mark_of(known(state, image)).picture == MarkPicture("/pictures/victim/7?3", 1.5, 0.75)
+    assert mark_of(known(state, image)) == mark_of(known(state, image))
+    assert mark_of(known(state, image)) != mark_of(known(state, image, image_count=4))
+
+
+@pytest.mark.parametrize(
+    ("state", "image"), [(VictimFound.SUSPECTED, Image(width=64, height=48)), (VictimFound.ASKED, Image())]
+)
+def test_victim_that_is_only_suspected_or_has_no_image_has_no_picture(state: int, image: Image) -> None:
+    assert mark_of(known(state, image)).picture is None
