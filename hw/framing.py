@@ -87,13 +87,18 @@ class FrameDecoder(Generic[Frame]):
         position = 0
         while position < len(self._buffer):
             candidate = self._first_at(position)
+            if candidate.frame is not None:
+                self._count(position, candidate)
+                position = candidate.end
+                frames.append(candidate.frame)
+                continue
             # An unfinished frame may have a damaged length.
-            whole = self._two_behind(candidate.begin + 1) if candidate.frame is None else [candidate]
+            whole = self._two_behind(candidate.begin + 1)
             if not whole:
                 self._count(position, candidate)
                 position = candidate.begin
                 break
-            self.damaged += candidate.frame is None
+            self.damaged += 1
             for found in whole:
                 self._count(position, found)
                 position = found.end

@@ -17,7 +17,8 @@ from hw.connection.port import Port
 from hw.framing import DamagedFrame, FrameDecoder
 from hw.imu import ImuSample, OrientedSample, gathered_s
 from hw.microstrain import mip
-from hw.microstrain.mip import STANDARD_GRAVITY_M_PER_S2, MipFraming, MipPacket, SensorField
+from hw.microstrain.mip import STANDARD_GRAVITY_M_PER_S2 as ONE_G
+from hw.microstrain.mip import MipFraming, MipPacket, SensorField
 
 BIT_RATE = 115_200
 ANSWER_S = 0.3
@@ -145,11 +146,10 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
 
     def _sample(self, values: dict[SensorField, tuple[float, ...]], arrived_s: float) -> OrientedSample:
         # Hundreds of times a second: as numbers of Python's this takes half as long as with arrays.
-        ahead, right, down = values[SensorField.TURN_RATE]
-        turn = np.array((ahead, -right, -down))
+        turn_x, turn_y, turn_z = values[SensorField.TURN_RATE]
         ahead, right, down = values[SensorField.ACCELERATION]
-        one_g = STANDARD_GRAVITY_M_PER_S2
-        acceleration = np.array((ahead * one_g, -right * one_g, -down * one_g))
+        turn = np.array((turn_x, -turn_y, -turn_z))
+        acceleration = np.array((ahead * ONE_G, -right * ONE_G, -down * ONE_G))
         told = values.get(SensorField.QUATERNION)
         quaternion = None if told is None else with_z_up(told)
         return OrientedSample(ImuSample(self._stamp_s(values, arrived_s), turn, acceleration), quaternion)

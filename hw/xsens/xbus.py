@@ -6,7 +6,6 @@ Source: Xsens Technologies, MT Low-Level Communication Protocol Documentation (M
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
@@ -88,8 +87,7 @@ class XbusFraming(Framing[XbusMessage]):
         return XbusMessage(frame[2], frame[6 if frame[3] == _EXTENDED else 4 : -1])
 
 
-@dataclass(frozen=True)
-class XbusData:
+class XbusData(NamedTuple):
     """The content of a data message; None: the message does not hold this.
 
     Attributes:

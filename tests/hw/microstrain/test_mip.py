@@ -13,23 +13,24 @@ ACCELERATION = bytes.fromhex("75 65 80 0E 0E 04 3F 80 00 00 40 00 00 00 C0 40 00
 
 def test_ping_has_the_bytes_of_the_manual() -> None:
     assert mip.ping() == PING
-    assert FrameDecoder(MipFraming()).feed(PING) == [MipPacket(1, (MipField(1, b""),))]
+    (packet,) = FrameDecoder(MipFraming()).feed(PING)
+    assert (packet.descriptor_set, packet.fields) == (1, (MipField(1, b""),))
 
 
 def test_acceleration_of_the_manual_is_decoded_and_encoded() -> None:
     (packet,) = FrameDecoder(MipFraming()).feed(ACCELERATION)
     assert mip.sensor_values(packet) == {SensorField.ACCELERATION: (1.0, 2.0, -3.0)}
-    assert mip.packet(*packet) == ACCELERATION
+    assert mip.packet(packet.descriptor_set, packet.fields) == ACCELERATION
 
 
 def test_answers_name_the_command_and_its_error() -> None:
-    packet = MipPacket(0x0C, (MipField(0xF1, b"\x08\x00"), MipField(0xF1, b"\x11\x03")))
+    packet = MipPacket(0x0C, bytes.fromhex("04 F1 08 00 04 F1 11 03"))
     assert mip.replies(packet) == [(0x08, 0), (0x11, 3)]
 
 
 def test_field_of_another_length_is_damage() -> None:
     with pytest.raises(DamagedFrame, match="field 04 has 4 bytes"):
-        mip.sensor_values(MipPacket(0x80, (MipField(0x04, bytes(4)),)))
+        mip.sensor_values(MipPacket(0x80, bytes([6, 0x04]) + bytes(4)))
     for payload in ("00 04", "05 04 00"):
         body = bytes.fromhex("75 65 80") + bytes([len(bytes.fromhex(payload))]) + bytes.fromhex(payload)
         decoder = FrameDecoder(MipFraming())
@@ -43,7 +44,7 @@ def test_every_packet_of_a_real_recording_is_decoded() -> None:
     decoder = FrameDecoder(MipFraming())
     packets = decoded_in_pieces(decoder, data)
     assert (decoder.frames, decoder.damaged, decoder.skipped_bytes) == (2656, 0, 0)
-    assert b"".join(mip.packet(*packet) for packet in packets) == data
+    assert b"".join(mip.packet(packet.descriptor_set, packet.fields) for packet in packets) == data
     read = [mip.sensor_values(packet) for packet in packets]
     gravity = [values[SensorField.ACCELERATION] for values in read if SensorField.ACCELERATION in values]
     assert len(gravity) == 1510
