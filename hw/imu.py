@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-GATHER_S = 0.005
-"""The modules of drivers look that often; a driver need not read more often, either."""
+GATHER_S = 0.01
+"""Each read has a price of its own. It is the greater part of what a unit of 500 Hz costs."""
 
 
 @dataclass(frozen=True)

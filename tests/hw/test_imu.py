@@ -5,6 +5,8 @@ import pytest
 from hw.imu import gathered_s
 
 
-@pytest.mark.parametrize(("rate_hz", "expected_s"), [(100, 0.0), (200, 0.0), (400, 0.005), (500, 0.004)])
+@pytest.mark.parametrize(
+    ("rate_hz", "expected_s"), [(100, 0.0), (150, 0.0), (200, 0.01), (400, 0.01), (450, 4 / 450)]
+)
 def test_samples_gather_for_whole_periods_of_the_unit(rate_hz: float, expected_s: float) -> None:
     assert gathered_s(rate_hz) == pytest.approx(expected_s)
