@@ -123,6 +123,23 @@ struct prepared_message {
     PyObject *list;
 };
 
+/* Find a free block for a message whose declaration and size are known; 1, 0 if this is not mine, -1 with an
+ * exception. */
+static int find_block(struct publisher_object *self, struct prepared_message *prepared)
+{
+    if (self->words.words == NULL || !endpoint_is_mine(self->endpoint) ||
+        !endpoint_may_publish(&self->endpoint->endpoint) || PyDict_GET_SIZE(self->blocks->taken) >= MAX_OUTSTANDING ||
+        (prepared->list = kept_for(self->blocks, prepared->size)) == NULL)
+        return PyErr_Occurred() ? -1 : 0;
+    prepared->block = (struct block_object *)PyList_GET_ITEM(prepared->list, PyList_GET_SIZE(prepared->list) - 1);
+    return 1;
+}
+
+static uint8_t *start_of(const struct prepared_message *prepared)
+{
+    return (uint8_t *)prepared->block->words.buffer.buf + prepared->block->offset;
+}
+
 /* Encode a message; 1, 0 if this is not mine, -1 with an exception. Nothing is changed, so that Python can do
  * whatever is not of the common form. Looking up the channel may run Python code, hence another thread: of a
  * topic that is no plain string, or of a garbage collection. What comes after it runs none. */
@@ -133,19 +150,19 @@ static int prepare(struct publisher_object *self, PyObject *message, PyObject *t
     if (codec == NULL || !codec->is_described || !codec->is_installed[FUNCTION_SIZE] ||
         !codec->is_installed[FUNCTION_ENCODE])
         return PyErr_Occurred() ? -1 : 0;
-    const int found = find_declaration(self, message, topic, &prepared->declaration);
+    int found = find_declaration(self, message, topic, &prepared->declaration);
     if (found <= 0)
         return found;
-    if (self->words.words == NULL || !endpoint_is_mine(self->endpoint) ||
-        !endpoint_may_publish(&self->endpoint->endpoint) || PyDict_GET_SIZE(self->blocks->taken) >= MAX_OUTSTANDING)
+    if (self->words.words == NULL || !endpoint_is_mine(self->endpoint))
         return PyErr_Occurred() ? -1 : 0;
     const Py_ssize_t size = codec_size(codec, message);
-    if (size < 0 || (prepared->list = kept_for(self->blocks, (uint64_t)size)) == NULL)
+    if (size < 0)
         return PyErr_Occurred() ? -1 : 0;
     prepared->size = (uint64_t)size;
-    prepared->block = (struct block_object *)PyList_GET_ITEM(prepared->list, PyList_GET_SIZE(prepared->list) - 1);
-    uint8_t *start = (uint8_t *)prepared->block->words.buffer.buf + prepared->block->offset;
-    if (codec_encode(codec, message, start, size) == size)
+    found = find_block(self, prepared);
+    if (found <= 0)
+        return found;
+    if (codec_encode(codec, message, start_of(prepared), size) == size)
         return 1;
     return PyErr_Occurred() ? -1 : 0;
 }
@@ -202,6 +219,28 @@ static PyObject *publish(struct publisher_object *self, PyObject *const *argumen
     return published(self, message.size);
 }
 
+static PyObject *publish_encoded(struct publisher_object *self, PyObject *args)
+{
+    struct prepared_message message;
+    unsigned long long declaration;
+    Py_buffer source;
+    if (!PyArg_ParseTuple(args, "Ky*", &declaration, &source))
+        return NULL;
+    message.declaration = declaration;
+    message.size = (uint64_t)source.len;
+    int done = find_block(self, &message);
+    if (done > 0) {
+        memcpy(start_of(&message), source.buf, (size_t)source.len);
+        if (take_prepared(self, &message) != 0 ||
+            pass_on(self, message.block, message.declaration, message.size) != 0)
+            done = -1;
+    }
+    PyBuffer_Release(&source);
+    if (done == 0)
+        Py_RETURN_NONE;
+    return done < 0 ? NULL : published(self, message.size);
+}
+
 static PyObject *hand_over(struct publisher_object *self, PyObject *args)
 {
     struct block_object *block;
@@ -244,6 +283,8 @@ static PyObject *let_go(struct publisher_object *self, PyObject *Py_UNUSED(ignor
 static PyMethodDef publisher_methods[] = {
     {"publish", (PyCFunction)(void (*)(void))publish, METH_FASTCALL,
      "Publish a message: True; its size, if Python must prepare the next block; None if this is not mine."},
+    {"publish_encoded", (PyCFunction)publish_encoded, METH_VARARGS,
+     "Publish an encoded message, as `publish`: its channel's number, its bytes."},
     {"hand_over", (PyCFunction)hand_over, METH_VARARGS,
      "Publish a block in use that holds a message, as `publish`: its channel's number, the block, its size."},
     {"outstanding", (PyCFunction)outstanding, METH_NOARGS,

@@ -190,9 +190,18 @@ class Outbox:
         source = memoryview(data).cast("B")
         check_encapsulation(type_name, source)
         size = len(source)
+        name = ChannelName(type_name, version, topic)
+        declaration = self._channels.get(name)
+        if self._native is not None and declaration is not None and (not latched or name in self._latched):
+            done = self._native.publish_encoded(declaration, source)
+            if done is True:
+                return True
+            if done is not None:
+                with self._lock:
+                    self._prepare_next(done)
+                return True
         with self._lock:
-            name = ChannelName(type_name, version, topic)
-            if name not in self._channels:
+            if declaration is None:
                 check_type(type_name, version)
             if latched:
                 self._latch(name)

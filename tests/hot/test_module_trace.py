@@ -27,7 +27,8 @@ PERIOD_S = st.sampled_from([None, 1e-9, 0.0025, 0.005, 1, 1e9, np.float64(0.003)
 SIMPLE = ("core", "core", "outstanding", "publish_damaged", "restart_core")
 STEP = st.one_of(
     st.tuples(
-        st.just("publish"), st.tuples(st.integers(0, 2), st.sampled_from([0, 1, 60, 61, 5000, 40_000]))
+        st.sampled_from(["publish", "publish_encoded"]),
+        st.tuples(st.integers(0, 2), st.sampled_from([0, 1, 60, 61, 5000, 40_000])),
     ),
     st.tuples(
         st.just("lend"),
@@ -97,6 +98,7 @@ def test_c_really_publishes_and_handles(
         *message,
         ("set_period", (1e-9,)),
         *message * 9,
+        ("publish_encoded", (1, 60)),
         ("lend", (1, 60, 0)),
         ("lend", (1, 5000, 0)),
     ]
@@ -182,6 +184,8 @@ def test_module_dies_before_any_of_its_stores_alike(
         ("publish", (1, 60)),
         ("core", ()),
         ("lend", (1, 5000, 0)),
+        ("core", ()),
+        ("publish_encoded", (1, 60)),
         ("core", ()),
         ("take_turns", (4,)),
         ("drop", (0,)),

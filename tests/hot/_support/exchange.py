@@ -106,6 +106,10 @@ class Exchange:
     def publish(self, topic: int, size: int) -> None:
         self.outbox.publish(self.parcel(number=size, data=np.zeros(size, np.uint8)), TOPICS[topic])
 
+    def publish_encoded(self, topic: int, size: int) -> None:
+        data = self.parcel(number=size, data=np.zeros(size, np.uint8)).encode()
+        self.outbox.publish_encoded("test_msgs/msg/Parcel", 1, data, TOPICS[topic])
+
     def lend(self, topic: int, size: int, how: int) -> None:
         """Lend a message: 0 fills it, 1 fails, 2 still refers to its array afterwards."""
         fields = {"number": size, "data": size}
