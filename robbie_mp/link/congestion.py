@@ -45,6 +45,8 @@ ALONE = 0.0
 """The load of a small packet that was sent when nothing watched was under way."""
 MAX_WINDOW_BYTES = 1 << 25
 """What may be under way at most, whatever the other link says has arrived."""
+LEAST_LIMIT_BYTES = MIN_PARTS * MIN_PART_BYTES
+"""The window is never smaller."""
 PROBE_BYTES = 2_000
 """Maximum size of the first packet after a late one. It measures the round trip anew."""
 
@@ -119,18 +121,17 @@ class Window:
 
     def is_late(self, now_ns: int) -> bool:
         """Whether something is under way for longer than it should be: a queue stands on the way."""
-        if not self._shortest_ns:
-            return False
-        latest_ns = now_ns - self.patience_ns
-        for one in self._watched:  # noqa: SIM110 - a generator takes longer, and this is called for each packet
-            if 0 < one.oldest_ns < latest_ns:
+        # A loop, because a generator takes longer, and this is called for each packet.
+        for one in self._watched:
+            waits_ns = now_ns - one.oldest_ns if one.oldest_ns else 0
+            if waits_ns > PATIENCE_NS and self._shortest_ns and waits_ns > self.patience_ns:
                 return True
         return False
 
     @property
     def _is_idle(self) -> bool:
         """Whether nothing watched is under way."""
-        for one in self._watched:  # noqa: SIM110 - as in `is_late`
+        for one in self._watched:  # noqa: SIM110 - a loop, as in `is_late`
             if one.oldest_ns:
                 return False
         return True
@@ -150,7 +151,7 @@ class Window:
                 return False
         if now_ns < self._drains_until_ns:
             return self.under_way < 2 * self.part_bytes
-        return self.under_way < self.limit and now_ns >= self._next_ns
+        return now_ns >= self._next_ns and (self.under_way < LEAST_LIMIT_BYTES or self.under_way < self.limit)
 
     def sent(self, size: int, now_ns: int) -> tuple[int, float]:
         """Count a packet as under way; return how many bytes have arrived so far, and its load."""

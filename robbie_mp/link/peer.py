@@ -125,6 +125,7 @@ class Peer:
             traffic: SendStream(traffic, limits, self.window, self._transmit, self._address)
             for traffic in CLASSES
         }
+        self._in_turn = tuple(self.streams.values())
         self._channels: dict[int, SendChannel] = {}
         self._incoming: dict[int, ReceiveStream] = {}
         self._rows: dict[tuple[int, int], tuple[ChannelId, Row]] = {}
@@ -191,13 +192,13 @@ class Peer:
                 return
 
     def _send_one(self, now_ns: int) -> bool:
-        for traffic, stream in self.streams.items():
-            if not stream.has_pending:
+        for stream in self._in_turn:
+            if not (stream.waiting or stream.begun or stream.pending):  # `has_pending`, without a call
                 continue
-            if traffic is TrafficClass.STATE:
+            if stream.traffic is TrafficClass.STATE:
                 if stream.under_way.bytes > self._state_limit(now_ns):
                     continue
-            elif MANNERS[traffic].waits_for_room and (
+            elif stream.manners.waits_for_room and (
                 now_ns < self._is_full_until_ns or not self.window.has_room(now_ns, stream.cut_bytes)
             ):
                 return False

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from typing import NamedTuple
 
 import zstandard
 
@@ -21,8 +22,7 @@ class Fate(Enum):
     """It cannot be published now."""
 
 
-@dataclass(frozen=True)
-class Arrived:
+class Arrived(NamedTuple):
     """A whole message, as it has arrived."""
 
     robot: str
@@ -39,7 +39,7 @@ class Arrived:
     sources: tuple[str, ...]
 
 
-@dataclass
+@dataclass(slots=True)
 class _Parts:
     """The parts of a message that have arrived."""
 

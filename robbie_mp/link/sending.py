@@ -64,7 +64,7 @@ HEADER_BYTES = 100
 """The size that a header counts in the window."""
 
 
-@dataclass
+@dataclass(slots=True)
 class SendChannel:
     """A channel as it is sent to one robot."""
 
@@ -80,7 +80,7 @@ class SendChannel:
     """When its next message may be sent."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Item:
     """A message that is to be sent."""
 
@@ -91,13 +91,11 @@ class Item:
     is_latched: bool = False
     convert: Callable[[bytes], bytes] | None = None
     """Makes of `data` what is sent, when its turn has come."""
-
-    def __post_init__(self) -> None:
-        self.size = len(self.data)
-        """Bytes of the message."""
+    size: int = 0
+    """Bytes of the message, once its turn has come."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Packet:
     """A part of a message that is to be sent, or has been."""
 
@@ -112,15 +110,18 @@ class Packet:
     flags: int = 0
     is_again: bool = False
     """Whether it has been sent before."""
+    is_last: bool = field(init=False)
+    """Whether it ends its message."""
+    size: int = field(init=False)
+    """Bytes that it counts in the window."""
 
     def __post_init__(self) -> None:
-        self.is_last = self.item is not None and self.start + len(self.payload) == self.whole
-        """Whether it ends its message."""
-        self.size = HEADER_BYTES + len(self.payload)
-        """Bytes that it counts in the window."""
+        size = len(self.payload)
+        self.is_last = self.item is not None and self.start + size == self.whole
+        self.size = HEADER_BYTES + size
 
 
-@dataclass
+@dataclass(slots=True)
 class Newest:
     """The newest state of a channel, until it is known to have arrived."""
 
@@ -138,7 +139,7 @@ class Newest:
         return self.parts[-1][0]
 
 
-@dataclass
+@dataclass(slots=True)
 class Begun:
     """A message that is being cut into packets."""
 
@@ -157,7 +158,7 @@ class Limits(NamedTuple):
     state_period_ns: int
 
 
-@dataclass
+@dataclass(slots=True)
 class Address:
     """Between which links packets go."""
 
@@ -220,6 +221,7 @@ class SendStream:
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
         self.under_way = UnderWay(self.window, is_stream=not self.manners.goes_as_datagrams)
+        self._most_waiting = MAX_URGENT if self.traffic is TrafficClass.URGENT else self.limits.messages
         self._again_ns = self._first_again_ns
 
     # -- what is to be sent ----------------------------------------------------------------------------
@@ -230,9 +232,6 @@ class SendStream:
         self.numbers.add(item.channel.number)
         if type(item.data) is memoryview:
             self._borrowed.append(item)
-        self._enter(item)
-
-    def _enter(self, item: Item) -> None:
         if self.manners.keeps_only_newest:
             key = item.channel.number
             replaced = self.waiting.pop(key, None)
@@ -245,15 +244,12 @@ class SendStream:
             key = self._running
         self.waiting[key] = item
         self.waiting_bytes += len(item.data)
-        messages = MAX_URGENT if self.traffic is TrafficClass.URGENT else self.limits.messages
-        while len(self.waiting) > messages or self._is_too_large:
-            self.drop_oldest()
+        while len(self.waiting) > self._most_waiting or (
+            self.waiting_bytes > self.limits.bytes and len(self.waiting) > 1
+        ):
+            self._drop_oldest()
 
-    @property
-    def _is_too_large(self) -> bool:
-        return self.waiting_bytes > self.limits.bytes and len(self.waiting) > 1
-
-    def drop_oldest(self) -> None:
+    def _drop_oldest(self) -> None:
         """Drop the message that has waited longest, and count it."""
         _, oldest = self.waiting.popitem(last=False)
         self.waiting_bytes -= len(oldest.data)
@@ -304,18 +300,23 @@ class SendStream:
 
     def _begin(self, now_ns: int) -> bool:
         """Begin with the next message; False if there is none that may be sent now."""
-        due = (key for key, item in self.waiting.items() if item.channel.not_before_ns <= now_ns)
-        key = next(due, None)
-        if key is None:
+        if self.traffic is TrafficClass.STATE:
+            due = (key for key, item in self.waiting.items() if item.channel.not_before_ns <= now_ns)
+            key = next(due, None)
+            if key is None:
+                return False
+            item = self.waiting.pop(key)
+        elif self.waiting:
+            _, item = self.waiting.popitem(last=False)
+        else:
             return False
-        item = self.waiting.pop(key)
         self.waiting_bytes -= len(item.data)
         if self.traffic is TrafficClass.STATE:
             item.channel.not_before_ns = now_ns + self.limits.state_period_ns
         if item.convert is not None:
             item.data, item.convert = item.convert(bytes(item.data)), None
-            item.size = len(item.data)
         data, flags = item.data, LATCHED if item.is_latched else 0
+        item.size = len(data)
         if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES and seems_to_shrink(data):
             compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
             if len(compressed) < len(data):
@@ -328,11 +329,13 @@ class SendStream:
         begun = self.begun
         assert begun is not None
         data, start = begun.data, begun.start
-        # More than this in one message has too many parts; the last ones then are larger.
-        step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
-        step = max(step, -(-len(data) // MAX_PARTS))
-        is_whole = start == 0 and len(data) <= step
-        payload = data if is_whole else memoryview(data)[start : start + step]
+        payload = data
+        if start or len(data) > DATAGRAM_BYTES:  # a shorter one always is one packet
+            step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
+            # More than this in one message has too many parts; the last ones then are larger.
+            step = max(step, -(-len(data) // MAX_PARTS))
+            if start or len(data) > step:
+                payload = memoryview(data)[start : start + step]
         if type(data) is memoryview:
             payload = bytes(payload)  # it may have to be sent again, when the publisher needs its memory
         begun.start += len(payload)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,6 +62,31 @@ KEPT_BYTES = 16 << 20
 """Memory of packets that is used again; the kernel takes longer to give it out than the link to fill it."""
 MAX_REMEMBERED = 4096
 NS = 1e-9
+
+
+class Outgoing(NamedTuple):
+    """How the messages of one channel of this robot are sent."""
+
+    name: ChannelId
+    traffic: TrafficClass
+    is_latched: bool
+    type_hash: int
+    may_be_jpeg: bool
+
+
+class Incoming(NamedTuple):
+    """What becomes of the messages of one channel of another robot."""
+
+    topic: str
+    """On which they are published."""
+    is_request: bool
+    """Whether they are an operator's requests."""
+    tells_driver: bool
+    """Whether they tell who drives that robot."""
+    commands: bool
+    """Whether they are obeyed only from the operator who holds the command."""
+    framed: type[Message] | None
+    """Their type, if the names of their frames get a prefix."""
 
 
 class Link(Module):
@@ -168,17 +194,17 @@ class Link(Module):
             (pair, TrafficClass[name.upper()]) for name, pairs in _rules(self.send) for pair in pairs
         ]
         self._commanding = read_commanding(self.commanding)
-        self._commands: dict[tuple[str, str], bool] = {}
-        """Whether messages of a type and topic are obeyed only from the operator who holds the command."""
         self.operators = Operators(self.robot, self.restored)
         self._drivers: dict[str, str] = {}
         """The operators who hold the command of other robots, as far as those have said."""
         self.late = 0
         self.mismatched = 0
         self.looped = 0
-        self._classes: dict[ChannelId, TrafficClass] = {}
+        self._outgoing: dict[tuple[str, int, str], Outgoing] = {}
+        """How the messages of a type, version and topic are sent."""
         self._hashes: dict[tuple[str, int], int] = {}
-        self._framed: dict[tuple[str, int], type[Message] | None] = {}
+        self._incoming: dict[tuple[str, ChannelId, int], Incoming] = {}
+        """What becomes of the messages that may come in, by robot, channel and hash of the type."""
         self._latched: set[ChannelId] = set()
         self._state_at_ns = 0
         self._observer: RunObserver | None = None
@@ -259,17 +285,12 @@ class Link(Module):
                 self._take_all()
 
     def _send(self, message: EncodedMessage, envelope: Envelope) -> None:
-        name = ChannelId(message.type_name, message.version, envelope.topic)
-        traffic = self._classes.get(name)
-        if traffic is None:
-            traffic = self._classify(name)
-        is_latched = name in self._latched
-        if is_latched and traffic in (TrafficClass.COMMAND, TrafficClass.STATE):
-            traffic = TrafficClass.RELIABLE
-        type_hash = self._hash(message.type_name, message.version)
+        key = (message.type_name, message.version, envelope.topic)
+        outgoing = self._outgoing.get(key) or self._classify(ChannelId(*key))
         data = message.data if len(message.data) >= LARGE_BYTES else bytes(message.data)
+        name, traffic, is_latched, type_hash, may_be_jpeg = outgoing
         offered = Offered(name, traffic, data, envelope.published_ns, is_latched, type_hash)
-        if self.jpeg_quality and traffic is TrafficClass.BULK and name.type_name == Image.type_name:
+        if may_be_jpeg:
             offered = self._as_jpeg(offered)
         self.node.offer(offered, self.clock.monotonic_ns())
 
@@ -291,20 +312,30 @@ class Link(Module):
         picture = np.frombuffer(jpeg(image, self.jpeg_quality), np.uint8)
         return CompressedImage(header=image.header, format="jpeg", data=picture).encode()
 
-    def _classify(self, name: ChannelId) -> TrafficClass:
+    def _classify(self, name: ChannelId) -> Outgoing:
+        """Find out how the messages of a channel are sent."""
         self._find_latched()
         traffic = next(one for pair, one in self.rules if pair.matches(name.type_name, name.topic))
-        if len(self._classes) >= MAX_REMEMBERED:
-            self._classes.clear()
-        self._classes[name] = traffic
-        return traffic
+        is_latched = name in self._latched
+        if is_latched and traffic in (TrafficClass.COMMAND, TrafficClass.STATE):
+            traffic = TrafficClass.RELIABLE
+        type_hash = self._hash(name.type_name, name.version)
+        may_be_jpeg = (
+            self.jpeg_quality > 0 and traffic is TrafficClass.BULK and name.type_name == Image.type_name
+        )
+        if len(self._outgoing) >= MAX_REMEMBERED:
+            self._outgoing.clear()
+        found = self._outgoing[name] = Outgoing(name, traffic, is_latched, type_hash, may_be_jpeg)
+        return found
 
     def _find_latched(self) -> None:
         """Find the channels whose newest message the core keeps."""
-        if self._observer is not None:
-            self._latched = {
-                ChannelId(one.type_name, one.version, one.topic) for one in self._observer.latched()
-            }
+        if self._observer is None:
+            return
+        latched = {ChannelId(one.type_name, one.version, one.topic) for one in self._observer.latched()}
+        if latched != self._latched:
+            self._latched = latched
+            self._outgoing.clear()
 
     def _hash(self, type_name: str, version: int) -> int:
         """Return a hash of a type's schema; 0 if this robot does not know that version of the type."""
@@ -352,72 +383,83 @@ class Link(Module):
 
     def on_arrived(self, message: Arrived) -> Fate:
         """Publish a message of another robot, unless it is late, not allowed, or of another type."""
-        name = message.name
-        topic = f"{message.robot}/{name.topic}".rstrip("/") if self.prefix_topics else name.topic
-        if not self._is_allowed(message):
+        incoming = self._may_come_in(message)
+        data = None if incoming is None else self._in_time(message)
+        if incoming is None or data is None:
             return Fate.REFUSED
-        data = self._in_time(message)
-        if data is None:
-            self.late += 1
-            return Fate.REFUSED
-        if name.type_name == OperatorRequest.type_name:
+        if incoming.is_request:
             return self._follow(message.robot, data)
-        is_wrong = name.type_name == OperatorState.type_name and not self._note_driver(message.robot, data)
-        if is_wrong or not self._is_obeyed(message, topic):
+        is_wrong = incoming.tells_driver and not self._note_driver(message.robot, data)
+        if is_wrong or (incoming.commands and not self._is_obeyed(message.robot)):
             return Fate.REFUSED
+        name = message.name
         try:
-            if self.prefix_frames:
-                data = self._with_own_frames(message.robot, name, data)
+            if incoming.framed is not None:
+                data = prefixed(incoming.framed.decode(data), f"{message.robot}/").encode()
             done = self.publish_encoded(
-                name.type_name, name.version, data, topic=topic, latched=message.is_latched
+                name.type_name, name.version, data, topic=incoming.topic, latched=message.is_latched
             )
         except (MessageError, MessageTooLarge, NameTooLong, TooManyDeclarations) as error:
             self.log.warning("a message of %s cannot be published: %s", message.robot, error)
             return Fate.REFUSED
         return Fate.PUBLISHED if done else Fate.NO_ROOM
 
-    def _is_allowed(self, message: Arrived) -> bool:
-        """Whether a message may come in, and is of the type that this robot knows."""
-        name, robot = message.name, message.robot
+    def _may_come_in(self, message: Arrived) -> Incoming | None:
+        """Find out what becomes of a message; None: it may not come in."""
         if self.robot in message.sources:
             self.looped += 1
-            return False
+            return None
+        key = (message.robot, message.name, message.type_hash)
+        return self._incoming.get(key) or self._admit(message)
+
+    def _admit(self, message: Arrived) -> Incoming | None:
+        """Find out what becomes of the messages of a channel; None: they may not come in.
+
+        They are refused one by one, so that each is counted.
+        """
+        name, robot = message.name, message.robot
         if not self._is_about_operators(message) and not self.access.allows(
             robot, name.type_name, name.topic
         ):
-            return False
+            return None
         known = self._hash(name.type_name, name.version)
         if known and message.type_hash and known != message.type_hash:
             self.mismatched += 1
-            return False
-        return True
+            return None
+        topic = f"{robot}/{name.topic}".rstrip("/") if self.prefix_topics else name.topic
+        if len(self._incoming) >= MAX_REMEMBERED:
+            self._incoming.clear()
+        found = self._incoming[robot, name, message.type_hash] = Incoming(
+            topic,
+            is_request=name.type_name == OperatorRequest.type_name,
+            tells_driver=name.type_name == OperatorState.type_name,
+            commands=any(pair.matches(name.type_name, topic) for pair in self._commanding),
+            framed=self._with_frames(name) if self.prefix_frames else None,
+        )
+        return found
 
-    def _with_own_frames(self, robot: str, name: ChannelId, data: bytes) -> bytes:
-        """Return a message with the robot's name before the names of its frames.
-
-        A type that this robot does not know in that version stays as it is.
-        """
-        key = (name.type_name, name.version)
-        if key not in self._framed:
-            if len(self._framed) >= MAX_REMEMBERED:
-                self._framed.clear()
-            # The hash is 0 if the type is not known in that version.
-            known = self._types.get(name.type_name) if self._hash(*key) else None
-            self._framed[key] = known if known is not None and has_frames(known) else None
-        message_type = self._framed[key]
-        return data if message_type is None else prefixed(message_type.decode(data), f"{robot}/").encode()
+    def _with_frames(self, name: ChannelId) -> type[Message] | None:
+        """Return the type of a channel's messages if they have frames and this robot knows that version."""
+        # The hash is 0 if the type is not known in that version.
+        known = self._types.get(name.type_name) if self._hash(name.type_name, name.version) else None
+        return known if known is not None and has_frames(known) else None
 
     def _in_time(self, message: Arrived) -> bytes | None:
         """Return the message as it is to be published; None if it is too late, or nobody knows."""
+        is_state, may_expire = message.traffic is TrafficClass.STATE, expires(message)
+        if not (is_state or may_expire):
+            return message.data
         peer, now_ns = self.node.peers[message.robot], self.clock.monotonic_ns()
         ages = peer.clock.age_ns(message.stamp_ns, now_ns)
-        if ages is not None and message.traffic is TrafficClass.STATE:
+        if ages is not None and is_state:
             peer.newest_state_ns = now_ns - sum(ages) // 2
-        if not expires(message):
+        if not may_expire:
             return message.data
-        if ages is None or ages[1] > self.command_expires_s * 1e9:
-            return None
-        return shortened(message, sum(ages) // 2)
+        data = None
+        if ages is not None and ages[1] <= self.command_expires_s * 1e9:
+            data = shortened(message, sum(ages) // 2)
+        self.late += data is None
+        return data
 
     # -- who drives ------------------------------------------------------------------------------------
 
@@ -432,18 +474,10 @@ class Link(Module):
                 self.operators.request(self.robot, request, *self._now())
                 self._tell_operators()
 
-    def _is_obeyed(self, message: Arrived, topic: str) -> bool:
-        """Whether a message commands nothing, or is from the operator who holds the command."""
-        key = (message.name.type_name, topic)
-        commands = self._commands.get(key)
-        if commands is None:
-            if len(self._commands) >= MAX_REMEMBERED:
-                self._commands.clear()
-            commands = self._commands[key] = any(pair.matches(*key) for pair in self._commanding)
-        if not commands:
-            return True
+    def _is_obeyed(self, operator: str) -> bool:
+        """Whether a command is from the operator who holds the command."""
         before = self.operators.holder
-        is_obeyed = self.operators.obeys(message.robot, *self._now())
+        is_obeyed = self.operators.obeys(operator, *self._now())
         if not is_obeyed or before != self.operators.holder:
             self._tell_operators()
         return is_obeyed

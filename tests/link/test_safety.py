@@ -41,7 +41,7 @@ def test_a_drive_command_whose_time_is_over_is_thrown_away(age_ms: int) -> None:
 
 def test_a_drive_command_that_cannot_be_read_is_thrown_away() -> None:
     message = arrived(DriveCommand())
-    damaged = Arrived(*(vars(message) | {"data": message.data[:9]}).values())
+    damaged = message._replace(data=message.data[:9])
     assert shortened(damaged, 0) is None
 
 
