@@ -3,7 +3,7 @@
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -32,25 +32,20 @@ class ZenohTcp(Zenoh):
         """Put messages."""
         import zenoh  # noqa: PLC0415
 
-        data = b"1" * work.size_bytes
         with zenoh.open(tcp_configuration(work, "listen")) as session:
-            publisher = session.declare_publisher(
-                work.topic, congestion_control=zenoh.CongestionControl.BLOCK, express=True
-            )
-
-            def send(number: int) -> None:
-                publisher.put(PROBE.pack(number, time.monotonic_ns(), 1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-
-            def send_array(number: int) -> None:
-                publisher.put(data, attachment=HEADER.pack(number, time.monotonic_ns()))
-
-            yield send_array if work.has_array else send
+            yield sender(session, work)
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
         """Wait in the main thread while Zenoh's thread runs the callback."""
         import zenoh  # noqa: PLC0415
 
         ended = threading.Event()
+        with zenoh.open(tcp_configuration(work, "connect")) as session:
+            session.declare_subscriber(work.topic, self.receiver(work, handle, ended))
+            ended.wait()
+
+    def receiver(self, work: Work, handle: Handle, ended: threading.Event) -> Callable[[Any], None]:
+        """Return a function that takes a sample, and tells when it was the last one."""
 
         def on_sample(sample: Any) -> None:
             data = sample.payload.to_bytes()
@@ -58,9 +53,25 @@ class ZenohTcp(Zenoh):
             if handle(*header[:2]):
                 ended.set()
 
-        with zenoh.open(tcp_configuration(work, "connect")) as session:
-            session.declare_subscriber(work.topic, on_sample)
-            ended.wait()
+        return on_sample
+
+
+def sender(session: Any, work: Work) -> Send:
+    """Return a function that puts messages, and waits where there is no room."""
+    import zenoh  # noqa: PLC0415
+
+    data = b"1" * work.size_bytes
+    publisher = session.declare_publisher(
+        work.topic, congestion_control=zenoh.CongestionControl.BLOCK, express=True
+    )
+
+    def send(number: int) -> None:
+        publisher.put(PROBE.pack(number, time.monotonic_ns(), 1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+
+    def send_array(number: int) -> None:
+        publisher.put(data, attachment=HEADER.pack(number, time.monotonic_ns()))
+
+    return send_array if work.has_array else send
 
 
 def tcp_configuration(work: Work, role: str) -> Any:
