@@ -34,7 +34,7 @@ from hw.simulation.table_picture import Printed, TablePictures
 from hw.simulation.table_room import TWINS, generate_room
 from modules.manipulation.robot_shapes import RobotShapes, on_floor, table_solids
 from modules.manipulation.table_objects import read_objects
-from workers.manipulation.object_names import ObjectNamer, Prints
+from workers.manipulation.object_names import Prints
 from workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
 from workers.objects.object_recognition import ObjectRecognizer
 from workers.taught import Box, Pixels, Sighting, TeachingError
@@ -152,8 +152,7 @@ def find(look: Look, known: Sequence[KnownObject], prints: Prints | None) -> Tab
     X_BC = np.linalg.inv(look.X_AB) @ look.X_AC
     focal_px = GEOMETRY.focal_length_px
     points = moved(X_BC, points_of(look.depths_mm, focal_px, GEOMETRY.centre_px))
-    finder = TableFinder(known, namer=ObjectNamer())
-    return finder.find(points, 0.0, 1 / focal_px, X_BC[:3, 3], prints)
+    return TableFinder(known).find(points, 0.0, 1 / focal_px, X_BC[:3, 3], prints)
 
 
 def run_room(figures: Figures, seed: int, width: int) -> None:

@@ -18,7 +18,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener
 from robbie_mp.scene_graph.conversion import to_pose
-from workers.manipulation.object_names import ObjectNamer, Prints
+from workers.manipulation.object_names import Prints
 from workers.manipulation.rotations import quaternion_of
 from workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
 from workers.taught import Box, Sighting
@@ -61,10 +61,10 @@ class TableObjectFinder(Module):
 
     def setup(self) -> None:
         """Create the worker; subscribe to the cameras."""
-        namer = ObjectNamer(self.certain)
+        known = read_objects(self.objects)
+        self.finder = TableFinder(known, tolerance_m=self.tolerance_m, certain=self.certain)
         if self.restored is not None:
-            namer.remember(self.restored)
-        self.finder = TableFinder(read_objects(self.objects), tolerance_m=self.tolerance_m, namer=namer)
+            self.finder.namer.remember(self.restored)
         self.scene = SceneGraphListener(self)
         self.camera: CameraInfo | None = None
         self.picture_camera: CameraInfo | None = None

@@ -50,11 +50,12 @@ class ObjectNamer:
     """Gives names, and remembers which size each taught object has.
 
     Args:
+        known: names of the objects whose size is known.
         certain: minimum confidence of a sighting.
     """
 
-    def __init__(self, certain: float = 0.7) -> None:
-        self._certain = certain
+    def __init__(self, known: Iterable[str], certain: float = 0.7) -> None:
+        self._known, self._certain = frozenset(known), certain
         self._sizes: dict[str, set[str]] = {}
         """For each taught name the names of known objects of its size."""
 
@@ -78,17 +79,15 @@ class ObjectNamer:
             self._sizes = {name: sizes for name, sizes in self._sizes.items() if name in taught}
             for name, place in self._joined(clusters, by_size, prints):
                 names[place] = name
-                self._sizes[name] = set(by_size[place])
-        for place, possible in enumerate(by_size):
-            if names[place]:
-                continue
-            nameless = sum(
-                not names[other] and bool({*by_size[other]} & {*possible}) for other in range(len(names))
-            )
+                self._sizes.setdefault(name, set()).update(by_size[place])
+        nameless = [place for place in range(len(names)) if not names[place]]
+        for place in nameless:
+            possible = by_size[place]
+            is_only_one = sum(not {*by_size[other]}.isdisjoint(possible) for other in nameless) == 1
             for name in possible:
                 if name in names:
                     continue
-                if name not in taught or (nameless == 1 and not self._others(name, possible, taught, names)):
+                if name not in taught or (is_only_one and not self._others(name, possible, taught, names)):
                     names[place] = name
                     break
         return names
@@ -115,7 +114,6 @@ class ObjectNamer:
         self, clusters: Sequence[Floats], by_size: Sequence[Sequence[str]], prints: Prints
     ) -> list[tuple[str, int]]:
         """Return which sighting is which object, each at most once; those that overlap most come first."""
-        known = {name for possible in by_size for name in possible}
         places = [prints.place(points) for points in clusters]
         pairs = [
             (overlap(one.box, place), one.confidence, one.name, number)
@@ -123,7 +121,7 @@ class ObjectNamer:
             if one.name and one.confidence >= self._certain
             for number, place in enumerate(places)
             # A sighting that contradicts a known size is wrong.
-            if one.name not in known or one.name in by_size[number]
+            if one.name not in self._known or one.name in by_size[number]
         ]
         joined: dict[str, int] = {}
         for share, _, name, number in sorted(pairs, reverse=True):

@@ -84,6 +84,9 @@ class TableFinder:
         region: where it looks.
         tolerance_m: largest difference between the measured and the known size.
         seed: random seed of the planes that it tries.
+        certain: minimum confidence with which a print is recognized.
+
+    Attributes:
         namer: gives the names.
     """
 
@@ -93,9 +96,9 @@ class TableFinder:
         region: Region | None = None,
         tolerance_m: float = 0.015,
         seed: int = 0,
-        namer: ObjectNamer | None = None,
+        certain: float = 0.7,
     ) -> None:
-        self.namer = namer or ObjectNamer()
+        self.namer = ObjectNamer((one.name for one in known), certain)
         self._known = tuple(known)
         self._region = region or Region()
         self._tolerance_m = tolerance_m
