@@ -29,8 +29,8 @@ from workers.people.person_tracker import PersonTracker, TrackedPerson, TrackerS
 from workers.planar_pose import transform_points
 
 SCANS = 5
-THINGS = "things_like_people"
-"""Topic of `People` with what looks like legs, but is on the map and has not moved."""
+PEOPLE, THINGS = "people", "things_like_people"
+"""Topics of `People`: persons; and what looks like legs, but is on the map and has not moved."""
 HIDES_M = 0.3
 """Something hides a place from the laser if it is nearer by this."""
 SEEN_S = 0.3
@@ -41,9 +41,9 @@ class PeopleFinder(Module):
     """Finds persons by their legs; publishes `People` and, if there is a camera, `PeopleClothes`.
 
     Needs `LaserScan` and the transforms of the scene graph; uses `OccupancyGrid`, so that what is on the map
-    counts as a person only once it moves. Until then it is among the `People` on topic `things_like_people`,
-    for tasks that know from elsewhere that a person stands there. The page shows the persons as
-    `PointsOfInterest` on topic `people`. Persons keep their names over a restart.
+    counts as a person only once it moves. Persons are on topic `people`. What is not a person yet is among
+    the `People` on topic `things_like_people`, for tasks that find out by other means who stands there. The
+    page shows the persons as `PointsOfInterest` on topic `people`. They keep their names over a restart.
     """
 
     period_s: float = setting(0.1, "time between looks at new scans and pictures", minimum=0.02)
@@ -127,7 +127,7 @@ class PeopleFinder(Module):
         """Publish all persons."""
         header = Header(stamp=self.stamp, frame_id="map")
         persons = self.tracker.persons
-        self.publish(People(header=header, people=[message_of(one) for one in persons]))
+        self.publish(People(header=header, people=[message_of(one) for one in persons]), topic=PEOPLE)
         things = [message_of(one) for one in self.tracker.things]
         self.publish(People(header=header, people=things), topic=THINGS)
         points = [
@@ -135,7 +135,7 @@ class PeopleFinder(Module):
             for one in persons
             if one.unseen_s <= SEEN_S
         ]
-        self.publish(PointsOfInterest(header=header, points=points), topic="people")
+        self.publish(PointsOfInterest(header=header, points=points), topic=PEOPLE)
 
     def _look(self, image: Image, camera: CameraInfo) -> None:
         """Publish how the persons in a picture are dressed, as soon as the camera's pose is known."""

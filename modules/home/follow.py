@@ -8,7 +8,7 @@ import numpy as np
 
 from modules.home.messages import Following, FollowOrder, FollowOrderTaken
 from modules.navigation_goals import NavigationGoals
-from modules.people import reports_of
+from modules.people import PEOPLE, reports_of
 from modules.people_messages import People, PeopleClothes
 from modules.planar_messages import map_cells, planar
 from modules.speech_messages import Say, SpokenOrder
@@ -58,7 +58,7 @@ class FollowMe(Module):
         self.subscribe(SpokenOrder, self.on_order, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(OccupancyGrid, self.on_map, newest, optional=True)
-        self.subscribe(People, self.on_people, newest)
+        self.subscribe(People, self.on_people, newest, topic=PEOPLE)
         self.subscribe(PeopleClothes, self.on_clothes, newest, optional=True)
 
     def on_order(self, order: SpokenOrder) -> None:

@@ -33,7 +33,7 @@ from modules.manipulation.messages import (
     TableObjects,
 )
 from modules.navigation_goals import NavigationGoals
-from modules.people import THINGS, reports_of
+from modules.people import PEOPLE, THINGS, reports_of
 from modules.people_messages import People
 from modules.planar_messages import planar, pose_stamped
 from modules.speech_messages import Say, SpokenOrder
@@ -171,7 +171,7 @@ class Household(Module):
         self.subscribe(SpokenOrder, self.on_spoken, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(MapAnnotations, self.on_annotations, newest)
-        self.subscribe(People, self.on_people, newest, optional=True)
+        self.subscribe(People, self.on_people, newest, topic=PEOPLE, optional=True)
         self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TableObjects, self.on_table, newest, optional=True)
         self.subscribe(TaughtNames, self.on_taught, newest, topic="objects", optional=True)

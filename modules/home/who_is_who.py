@@ -15,7 +15,7 @@ from modules.home.messages import (
     WhoIsWhoResult,
 )
 from modules.navigation_goals import NavigationGoals
-from modules.people import THINGS, reports_of
+from modules.people import PEOPLE, THINGS, reports_of
 from modules.people_messages import People
 from modules.planar_messages import map_cells, planar
 from modules.speech_messages import Say, SpokenOrder
@@ -106,7 +106,7 @@ class WhoIsWhoTask(Module):
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(OccupancyGrid, self.on_map, newest, optional=True)
         self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
-        self.subscribe(People, self.on_people, newest)
+        self.subscribe(People, self.on_people, newest, topic=PEOPLE)
         self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TaughtNames, self.on_names, newest, topic=PERSONS, optional=True)
         self.subscribe(CameraInfo, self.on_camera, newest, topic=self.camera, optional=True)

@@ -17,7 +17,7 @@ from modules.devices.simulated_world import SimulatedPeople
 from modules.home.follow import BINS, FollowMe
 from modules.home.messages import Following, FollowOrder
 from modules.home.referee import Referee, SimulatedVoice
-from modules.people import hides, number_of
+from modules.people import PEOPLE, THINGS, hides, number_of
 from modules.people_messages import People, PeopleClothes, Person
 from modules.planar_messages import pose_stamped
 from modules.speech_messages import Say, SpokenOrder
@@ -55,7 +55,7 @@ def person(name: str, x_m: float, y_m: float, unseen: float = 0.0) -> Person:
 def show(harness: ModuleHarness[FollowMe], *persons: Person, seconds: float = 0.3) -> None:
     for _ in range(round(seconds * 10)):
         harness.send(pose_stamped([0.0, 0.0, 0.0], stamp(harness)), topic="map_pose")
-        harness.send(People(header=stamp(harness), people=list(persons)))
+        harness.send(People(header=stamp(harness), people=list(persons)), topic=PEOPLE)
         harness.advance(0.1)
 
 
@@ -82,6 +82,16 @@ def test_call_does_the_same_as_speech_and_an_unknown_order_is_refused() -> None:
             follow.call(FollowOrder(order="jump"))
         follow.send(SpokenOrder(order="bring"))  # another module's
         assert follow.module.task.state.name == "IDLE"
+
+
+def test_thing_that_looks_like_a_person_is_not_followed() -> None:
+    with ModuleHarness(FollowMe) as follow:
+        show(follow, person("1", 1.2, 0.0))
+        things = People(header=stamp(follow), people=[person("2", 0.8, 0.0)])
+        follow.send(SpokenOrder(order="follow"))
+        follow.send(things, topic=THINGS)
+        follow.advance(0.2)
+        assert follow.module.task.person == "1"
 
 
 def test_killed_task_goes_on_with_its_person() -> None:

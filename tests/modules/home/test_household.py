@@ -32,6 +32,7 @@ from modules.manipulation.messages import (
     StowArm,
     StowArmResult,
 )
+from modules.people import PEOPLE
 from modules.people_messages import People, Person
 from modules.planar_messages import pose_stamped
 from modules.speech_messages import Say, SpokenOrder
@@ -189,7 +190,8 @@ def test_spoken_order_brings_the_object_to_the_person_who_has_spoken(robot: Robo
         People(
             header=robot.header(),
             people=[Person(name="1", position=Point(x=0.9), tagnames=["unseen_s"], tags=["0.0"])],
-        )
+        ),
+        topic=PEOPLE,
     )
     robot.wait(0.4)
     (hand,) = robot.harness.take(HandOver)

@@ -19,7 +19,7 @@ from modules.home.messages import (
     WhoIsWhoResult,
 )
 from modules.home.who_is_who import CANNOT, STOPPED, WhoIsWhoTask
-from modules.people import THINGS
+from modules.people import PEOPLE, THINGS
 from modules.people_messages import People, Person
 from modules.planar_messages import pose_stamped
 from modules.speech_messages import Say, SpokenOrder, SpokenSlot
@@ -92,7 +92,7 @@ def show(
     harness: Harness,
     *persons: tuple[float, float],
     faces: list[Detection2D] | None = None,
-    topic: str = "",
+    topic: str = PEOPLE,
 ) -> None:
     """Let the robot, which stands at the origin, see persons and faces for 0.3 s."""
     for _ in range(3):
@@ -105,8 +105,8 @@ def show(
             for number, (x, y) in enumerate(persons)
         ]
         harness.send(People(header=header(harness), people=told), topic=topic)
-        if topic:
-            harness.send(People(header=header(harness)))
+        if topic != PEOPLE:
+            harness.send(People(header=header(harness)), topic=PEOPLE)
         k = [FOCAL_PX, 0.0, CENTRE_PX, 0.0, FOCAL_PX, 256.0, 0.0, 0.0, 1.0]
         harness.send(CameraInfo(header=header(harness), k=np.array(k)), topic="camera")
         seen = header(harness, "camera_optical")
