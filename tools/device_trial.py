@@ -266,7 +266,7 @@ def cost(trial: Trial, seconds: float, folder: Path) -> tuple[float, float]:
 def stamp_errors(seconds: float, folder: Path, faults: Faults = LATE) -> NDArray[np.float64]:
     """Return the errors of a laser's stamps, s, without those of the first seconds: (N,).
 
-    The driver is told the constant delay that it cannot see: the laser sends a sweep a turn after its stamp.
+    The driver is told the constant delay that it cannot see: the laser sends a sweep 50 ms after its stamp.
     """
     measured_s: dict[int, float] = {}
 
@@ -281,7 +281,7 @@ def stamp_errors(seconds: float, folder: Path, faults: Faults = LATE) -> NDArray
     device = EmulatedHokuyo(UTM_30LX, measure)
     with (
         EmulatedLine(device, PseudoTerminal(folder / "device"), faults) as line,
-        closing(HokuyoLaser(line.url, time.monotonic, latency_s=UTM_30LX.turn_s)) as laser,
+        closing(HokuyoLaser(line.url, time.monotonic, latency_s=UTM_30LX.latency_s)) as laser,
     ):
         began_s = time.monotonic()
         while (now_s := time.monotonic()) < began_s + seconds:

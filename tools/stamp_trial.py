@@ -103,7 +103,7 @@ def _hokuyo(model: LaserModel) -> Subject:
         lambda measured, clock: EmulatedHokuyo(
             model, lambda measured_s: np.full(beams, measured.next_range_m(measured_s)), clock
         ),
-        lambda clock: HokuyoLaser("simulated", clock, latency_s=model.turn_s),
+        lambda clock: HokuyoLaser("simulated", clock, latency_s=model.latency_s),
     )
 
 

@@ -17,8 +17,12 @@ STAMP_MODULUS = 1 << 24
 # A laser that cannot measure a range sends an error code below its least range.
 NO_RANGE = 1
 BRIGHTNESS = 1000
+# From the end of a turn until its sweep is sent.
+PROCESSING_S = 0.025
 # A sweep is made this long before it is sent, because making it takes an emulator a while.
 MAKING_S = 0.005
+# It is tried again after this time if the ranges are not known yet.
+RETRY_S = 0.005
 REBOOT_WITHIN_S = 1.0
 
 Array = NDArray[np.float64]
@@ -50,8 +54,13 @@ class LaserModel:
 
     @property
     def turn_s(self) -> float:
-        """Return the time of a turn; a sweep is sent that much later than its stamp."""
+        """Return the time of a turn of the mirror."""
         return 60.0 / self.turns_per_min
+
+    @property
+    def latency_s(self) -> float:
+        """Return how much later than its stamp a sweep is sent."""
+        return self.turn_s + PROCESSING_S
 
     def angles_rad(self) -> Array:
         """Return the direction of each step: (last_step - first_step + 1,)."""
@@ -79,13 +88,15 @@ class _Stream:
 class EmulatedHokuyo(EmulatedDevice):
     """A laser that measures with every turn of its mirror, and sends what a host asks for.
 
-    A sweep shows one moment, that of its stamp. It is sent when the turn that began then is over.
+    A sweep shows one moment, that of its stamp. It is sent when the turn that began then is over, and
+    processed.
 
     Args:
         model: which laser.
         measure: gets the true time of a sweep's stamp, s, which is over; returns the ranges in the directions
             of `model.angles_rad()`, m; not finite: none.
         clock: its clock.
+        is_known: gets the same; returns whether `measure` can tell the ranges yet. If not, the sweep is late.
 
     Attributes:
         is_on: whether it measures.
@@ -93,11 +104,15 @@ class EmulatedHokuyo(EmulatedDevice):
     """
 
     def __init__(
-        self, model: LaserModel, measure: Callable[[float], Array], clock: EmulatedClock | None = None
+        self,
+        model: LaserModel,
+        measure: Callable[[float], Array],
+        clock: EmulatedClock | None = None,
+        is_known: Callable[[float], bool] = lambda _: True,
     ) -> None:
         super().__init__(clock)
         self.model, self.sweeps = model, 0
-        self._measure = measure
+        self._measure, self._is_known = measure, is_known
         self.power_on()
 
     def power_on(self) -> None:
@@ -117,14 +132,16 @@ class EmulatedHokuyo(EmulatedDevice):
                 self._obey(line.decode("ascii", "replace"))
 
     def step(self) -> float | None:
-        """Make the sweep of each turn that the host wants, shortly before the turn ends, and send it then."""
-        made_after_s = self.model.turn_s - MAKING_S
+        """Make the sweep of each turn that the host wants, shortly before it is to be sent."""
+        made_after_s = self.model.latency_s - MAKING_S
         while self._stream is not None:
             now_s = self.clock.now_s()
             self._began_s = oldest_due(self._began_s, self.model.turn_s, now_s - made_after_s)
             if now_s < self._began_s + made_after_s:
                 return self._began_s + made_after_s
             if self._turn % (1 + int(self._stream.command[12])) == 0:
+                if not self._is_known(self.clock.true_s(self._began_s)):
+                    return now_s + RETRY_S
                 self._send_sweep(self._stream)
             self._turn += 1
             self._began_s += self.model.turn_s
@@ -185,7 +202,7 @@ class EmulatedHokuyo(EmulatedDevice):
             f"{stream.command}{stream.left or 0:02d}",
             "99",
             self._data(stream.command, self._began_s),
-            self._began_s + self.model.turn_s,
+            self._began_s + self.model.latency_s,
         )
         self.sweeps += 1
         if stream.left == 0:

@@ -37,6 +37,8 @@ REAR = ("back_left", "back_right")
 # Two readings of clocks within this time are one; it is tried so often.
 AT_ONCE_NS, READINGS = 100_000, 10
 KEPT_TRUTHS = 50
+# A busy machine may bring the robot's true pose late: so long a sweep waits for it.
+MAX_TRUTH_WAIT_S = 0.3
 
 
 class EmulatedDeviceModule(Module):
@@ -228,7 +230,7 @@ class EmulatedHokuyoLaser(SimulatedDevice, EmulatedDeviceModule):
         self.truths: tuple[DriveState, ...] = ()
         self.world = SharedWorld(self, self.on_truth)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
-        self.hokuyo = EmulatedHokuyo(UTM_30LX, self.measure)
+        self.hokuyo = EmulatedHokuyo(UTM_30LX, self.measure, is_known=self.knows)
         self.plug_in(self.hokuyo)
 
     def on_truth(self, truth: DriveState) -> None:
@@ -236,6 +238,15 @@ class EmulatedHokuyoLaser(SimulatedDevice, EmulatedDeviceModule):
         # The line's thread may be reading the old ones.
         self.truths = (*self.truths[1 - KEPT_TRUTHS :], truth)
         self.status = f"{self.line_status}, {self.hokuyo.sweeps} sweeps"
+
+    def knows(self, measured_s: float) -> bool:
+        """Return whether it is known where the robot was at a monotonic time; the line's thread calls it.
+
+        Guesses about a robot that has begun to brake meanwhile would be wrong by degrees.
+        """
+        truths, late_s = self.truths, self.clock.monotonic_ns() / 1e9 - measured_s
+        is_late = late_s > MAX_TRUTH_WAIT_S
+        return not truths or is_late or truths[-1].stamp_s >= self.run_time_s(measured_s)
 
     def measure(self, measured_s: float) -> NDArray[np.float64]:
         """Return the ranges from where the robot was at a monotonic time; the line's thread calls it."""

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.device import EmulatedClock
 from hw.emulation.faults import Faults
 from hw.emulation.line import EmulatedLine
 from hw.emulation.scip import UTM_30LX, EmulatedHokuyo, checksum, coded
+from hw.emulation.stepped_line import SimulatedTime
 from hw.hokuyo.laser import Data, HokuyoLaser
 
 WALL_M = np.linspace(0.5, 5.5, len(UTM_30LX.angles_rad()))
@@ -50,6 +52,22 @@ def test_asked_number_of_sweeps_counts_down_and_ends() -> None:
         sent += laser.taken()
     sent += laser.taken()
     assert [frame[:15] for frame in sent] == [b"MD0000001001001", b"MD0000001001000"]
+
+
+def test_sweep_whose_ranges_are_known_late_keeps_its_stamp() -> None:
+    clock, known = SimulatedTime(), []
+    laser = EmulatedHokuyo(
+        UTM_30LX, lambda _: WALL_M, EmulatedClock(monotonic=clock), lambda at_s: at_s in known
+    )
+    heard(laser, "MD0000001001001\n")
+    began_s = clock.now_s
+    clock.now_s += 0.1
+    assert laser.step() is not None and not laser.sent()
+    known.append(began_s)
+    laser.step()
+    (frame,) = laser.sent()
+    assert frame.at_s == pytest.approx(UTM_30LX.latency_s)
+    assert frame.data.decode().split("\n")[2][:4] == coded(0, 4)
 
 
 @pytest.mark.parametrize("data", Data)

@@ -75,6 +75,23 @@ def test_laser_measures_from_where_the_robot_was_at_the_time_of_the_sweep(
     assert [ahead_m[0] - each for each in ahead_m] == pytest.approx([0.0, 0.1, 0.2, 0.2], abs=1e-3)
 
 
+def test_sweep_waits_until_the_robots_true_pose_is_known(settings: dict[str, object]) -> None:
+    with ModuleHarness(EmulatedHokuyoLaser, settings, name="laser_emulator") as laser:
+        assert laser.module.knows(0.0)  # it sees nothing before the base's first message
+        laser.send(truth(0.5, SPEED_M_PER_S, laser.clock.now_ns()), topic="ground_truth")
+        laser.advance(0.1)
+        measured_s = laser.clock.monotonic_ns() / 1e9 - 0.05
+        assert not laser.module.knows(measured_s)
+        laser.send(truth(0.52, 0.0, laser.clock.now_ns()), topic="ground_truth")
+        assert laser.module.knows(measured_s)
+        # A base that has gone does not silence the laser.
+        laser.advance(1.0)
+        measured_s = laser.clock.monotonic_ns() / 1e9
+        assert not laser.module.knows(measured_s)
+        laser.advance(0.31)
+        assert laser.module.knows(measured_s)
+
+
 def test_laser_moves_on_with_the_robot_after_its_last_true_pose(settings: dict[str, object]) -> None:
     with ModuleHarness(EmulatedHokuyoLaser, settings | {"noise_m": 0.0}, name="laser_emulator") as laser:
         began_s = laser.clock.monotonic_ns() / 1e9
