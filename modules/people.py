@@ -202,8 +202,8 @@ def message_of(person: TrackedPerson) -> Person:
         position=_point(person.xy_m),
         velocity=_point(person.velocity_m_per_s),
         reliability=person.confidence,
-        tagnames=["unseen_s", "has_moved"],
-        tags=[f"{person.unseen_s:.3f}", str(int(person.has_moved))],
+        tagnames=["unseen_s", "has_moved", "two_legs"],
+        tags=[f"{person.unseen_s:.3f}", str(int(person.has_moved)), f"{person.two_legs:.2f}"],
     )
 
 
@@ -218,6 +218,7 @@ def reports_of(message: People, now_ns: int) -> list[PersonReport]:
             number_of(one, "unseen_s", math.inf) + age_s,
             number_of(one, "has_moved", 0.0) > 0.0,
             one.reliability,
+            number_of(one, "two_legs", 1.0),
         )
         for one in message.people
     ]

@@ -47,6 +47,7 @@ class PersonReport:
         unseen_s: time since it was seen.
         has_moved: whether it has moved since it was first seen.
         confidence: 0 to 1, how likely its legs are legs.
+        two_legs: 0 to 1, how often two legs were seen lately.
     """
 
     name: str
@@ -55,6 +56,7 @@ class PersonReport:
     unseen_s: float = 0.0
     has_moved: bool = False
     confidence: float = 1.0
+    two_legs: float = 1.0
 
 
 @dataclass(frozen=True)

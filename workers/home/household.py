@@ -56,6 +56,7 @@ class TaskEnd:
 class _Giver(NamedTuple):
     """Somebody who may have given the order; the likeliest is the least."""
 
+    has_one_leg: bool
     is_aside: bool
     away_m: float
     xy_m: tuple[float, float]
@@ -224,7 +225,9 @@ class HouseholdWork:
         self._note_givers()
 
     def _note_givers(self) -> None:
-        """Note where those stand who may have given the order: first who is in front, then the nearest.
+        """Note where those stand who may have given the order: who is in front, or else the nearest.
+
+        Corners of furniture look like one leg, so they come last.
 
         Persons need a moment to be noticed, so the robot goes on with it until it has driven away.
         """
@@ -239,7 +242,8 @@ class HouseholdWork:
             if away_m <= self.settings.person_m and (
                 one.name in self._givers or len(self._givers) < MAX_GIVERS
             ):
-                self._givers[one.name] = _Giver(is_aside, away_m, one.xy_m)
+                has_one_leg = one.two_legs < self.settings.two_legs
+                self._givers[one.name] = _Giver(has_one_leg, is_aside, away_m, one.xy_m)
 
     def _likely_givers(self) -> list[Array]:
         """Return where those stand who may have given the order and have not refused, the likeliest first."""
@@ -579,9 +583,7 @@ class HouseholdWork:
             "counts": [self._rounds, self._tries, self._losses, self._failed_drives, self._requests],
             "behind": self._behind.name,
             "given_at": None if self._given_at is None else self._given_at.tolist(),
-            "givers": {
-                name: [giver.is_aside, giver.away_m, *giver.xy_m] for name, giver in self._givers.items()
-            },
+            "givers": {name: [*giver[:-1], *giver.xy_m] for name, giver in self._givers.items()},
             "is_where_given": self._is_where_given,
             "used_s": self._clock() - self._began_s,
             "ends": [[_plain(one.order), one.is_done, one.reason, one.duration_s] for one in self.ends],
@@ -599,8 +601,8 @@ class HouseholdWork:
         self._behind = HouseholdState[memory["behind"]]
         self._given_at = None if memory["given_at"] is None else np.array(memory["given_at"])
         self._is_where_given = memory["is_where_given"]
-        for name, (is_aside, away_m, x, y) in memory["givers"].items():
-            self._givers[name] = _Giver(is_aside, away_m, (x, y))
+        for name, (has_one_leg, is_aside, away_m, x, y) in memory["givers"].items():
+            self._givers[name] = _Giver(has_one_leg, is_aside, away_m, (x, y))
         self._began_s = self._clock() - memory["used_s"]
         last = HouseholdState[memory["state"]]
         ways = (*WAYS[self._behind], last) if last is HouseholdState.DOOR else WAYS[last]

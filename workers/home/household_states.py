@@ -71,6 +71,7 @@ class HouseholdSettings:
         max_tries: How often the robot tries the same again: a drive, a grasp.
         rounds: How often it looks on all tables for an object.
         person_m: A person this near to the robot may have given the order, or take what the robot brings.
+        two_legs: Persons show two legs at least this often, 0 to 1; others rather are furniture.
         front_rad: Those in front of the robot, at most this far beside its heading, rather give orders.
         same_m: A person this near to where the one who gave the order stood is taken for the same person ...
         thing_m: ... and this near, whatever looks like legs is that person, even if it is on the map.
@@ -95,6 +96,7 @@ class HouseholdSettings:
     max_tries: int = 3
     rounds: int = 2
     person_m: float = 3.0
+    two_legs: float = 0.3
     front_rad: float = 0.6
     same_m: float = 1.0
     thing_m: float = 0.4

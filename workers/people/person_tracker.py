@@ -76,6 +76,7 @@ class TrackedPerson(NamedTuple):
         confidence: 0 to 1, how likely its legs are legs.
         has_moved: whether it has moved since it was first seen.
         unseen_s: time since a leg was seen.
+        two_legs: 0 to 1, how often two legs were seen lately.
     """
 
     number: int
@@ -84,6 +85,7 @@ class TrackedPerson(NamedTuple):
     confidence: float
     has_moved: bool
     unseen_s: float
+    two_legs: float
 
 
 @dataclass
@@ -95,6 +97,7 @@ class _Track:
     seen_s: float
     confidence: float
     on_map: float  # how often it was on something that the map shows, 0 to 1
+    two_legs: float  # how often two legs were seen, 0 to 1
     hits: int = 1
     has_moved: bool = False
 
@@ -182,6 +185,7 @@ class PersonTracker:
             track.confidence,
             track.has_moved,
             (self._now_s or 0.0) - track.seen_s,
+            track.two_legs,
         )
 
     def _is_person(self, track: _Track) -> bool:
@@ -244,6 +248,7 @@ class PersonTracker:
         track.hits += 1
         track.seen_s = stamp_s
         track.confidence += NEWEST_SHARE * (chance - track.confidence)
+        track.two_legs += NEWEST_SHARE * ((len(legs) == 2) - track.two_legs)
         # A map that has grown since the track began may show now what the thing is.
         track.on_map += NEWEST_SHARE * (on_map - track.on_map)
         # What goes over from one thing on the map to the next one does not walk.
@@ -289,6 +294,7 @@ class PersonTracker:
                     stamp_s,
                     float(chances[pair].max()),
                     float(on_map[pair].any()),
+                    float(len(pair) == 2),
                 )
             )
             self._next += 1
@@ -310,6 +316,7 @@ class PersonTracker:
                     track.seen_s,
                     track.confidence,
                     track.on_map,
+                    track.two_legs,
                     track.hits,
                     track.has_moved,
                 ]
@@ -325,7 +332,7 @@ class PersonTracker:
 
 
 def _restored(row: Sequence[Any]) -> _Track:
-    number, x, y, vx, vy, born_x, born_y, seen_s, confidence, on_map, hits, has_moved = row
+    number, x, y, vx, vy, born_x, born_y, seen_s, confidence, on_map, two_legs, hits, has_moved = row
     return _Track(
         int(number),
         np.array([x, y, vx, vy]),
@@ -334,6 +341,7 @@ def _restored(row: Sequence[Any]) -> _Track:
         seen_s,
         confidence,
         float(on_map),
+        float(two_legs),
         int(hits),
         bool(has_moved),
     )

@@ -225,6 +225,19 @@ def test_person_in_front_of_the_robot_has_given_the_order_even_if_others_are_not
     assert math.dist(goal[:2], (2.0, 0.3)) == pytest.approx(HouseholdSettings().before_m)
 
 
+def test_thing_with_one_leg_has_not_given_the_order_if_a_person_with_two_is_there(robot: Robot) -> None:
+    corner, person = PersonReport("1", (1.0, 0.0), two_legs=0.1), PersonReport("2", (2.0, 1.5), two_legs=0.9)
+    robot.work.begin([BRING])
+    robot.work.see_persons([corner, person])
+    robot.fetch()
+    robot.drive()
+    robot.work.see_persons([corner, person])
+    robot.work.step()
+    goal = robot.work.goal
+    assert goal is not None
+    assert math.dist(goal[:2], (2.0, 1.5)) == pytest.approx(HouseholdSettings().before_m)
+
+
 def test_thing_that_took_nothing_is_not_asked_again_but_the_next_who_may_have_given_the_order(
     robot: Robot,
 ) -> None:

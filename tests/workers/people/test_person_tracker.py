@@ -97,6 +97,16 @@ def test_hidden_person_does_not_take_a_leg_of_the_one_in_front() -> None:
     np.testing.assert_allclose(after[before[0]].xy_m, (2.35, 0.0), atol=0.15)
 
 
+def test_person_shows_two_legs_and_a_corner_only_one() -> None:
+    person, corner = legs_of(1.0, 1.0), np.array([[3.0, 0.0]])
+    tracker = PersonTracker()
+    persons = watch(tracker, lambda _t: np.concatenate([person, corner]), 2.0)
+    again = PersonTracker()
+    again.remember(tracker.memory())
+    for seen in (persons, again.persons):
+        assert {round(float(one.xy_m[0])): round(one.two_legs) for one in seen} == {1: 1, 3: 0}
+
+
 def test_thing_on_the_map_is_no_person_until_it_moves() -> None:
     tracker = PersonTracker()
     assert watch(tracker, lambda _t: legs_of(1.0, 1.0), 2.0, on_map=True) == []
