@@ -11,7 +11,7 @@ class Person(Message, name="people_msgs/msg/Person", version=1):
     position: Point = DEFAULT  # m
     velocity: Point = DEFAULT  # m/s
     reliability: float64 = DEFAULT  # 0 … 1
-    tagnames: list[str] = DEFAULT  # "unseen_s": time since a leg was seen; "has_moved": 1 or 0; "two_legs": 0 … 1
+    tagnames: list[str] = DEFAULT  # "unseen_s": since a leg was seen; "has_moved": 1 or 0; "two_legs": 0 … 1
     tags: list[str] = DEFAULT  # a value for each of them
 
 
