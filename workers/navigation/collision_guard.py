@@ -2,6 +2,8 @@
 
 After the admissible velocities of Fox, Burgard and Thrun, "The dynamic window approach to collision
 avoidance" (IEEE RAM, 1997): a speed is allowed if the robot can stop before it touches anything on its arc.
+What may move, such as another robot, may come nearer meanwhile: the robot uses half of the way to it at most,
+and keeps more distance.
 """
 
 import math
@@ -14,6 +16,7 @@ from workers.navigation.path_follower import Velocity
 from workers.planar_pose import transform_points
 
 ARC_STEP_M = 0.03
+Loose = NDArray[np.bool_] | None
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,7 @@ class GuardSettings:
     Attributes:
         body_radius_m: The body is round; turning on the spot touches nothing.
         margin_m: Kept free around the body.
+        loose_margin_m: Kept free around the body in addition, towards what may move.
         deceleration_m_per_s2: Guaranteed deceleration.
         reaction_s: Age of a sweep plus the drive's reaction time.
         look_m: Checked distance along the arc.
@@ -33,6 +37,7 @@ class GuardSettings:
 
     body_radius_m: float = 0.20
     margin_m: float = 0.05
+    loose_margin_m: float = 0.1
     deceleration_m_per_s2: float = 0.8
     reaction_s: float = 0.2
     look_m: float = 0.8
@@ -58,48 +63,12 @@ class CollisionGuard:
         self._mount = np.asarray(mount, float)
         self._settings = settings or GuardSettings()
 
-    def checked(self, ranges_m: ArrayLike, wanted: Velocity) -> Velocity:
-        """Return the wanted speeds, reduced as the sweep requires: on the same arc, or turning on the spot.
+    def near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
+        """Return what the sweep hit near enough to count: `(K, 2)`, m, robot frame.
 
         Args:
             ranges_m: `(N,)`; +inf or NaN: no return; -inf: an obstacle too near to measure (REP 117).
-            wanted: Forward speed and turn rate.
         """
-        linear, angular = wanted
-        if linear == 0.0:
-            return wanted
-        points = self._near_points(ranges_m)
-        allowed = min(self._admissible(self._free_way_m(points, linear, angular)), self._near_limit(points))
-        if allowed < self._settings.min_linear_m_per_s:
-            return 0.0, angular
-        scale = min(1.0, allowed / abs(linear))
-        return linear * scale, angular * scale
-
-    def free_way_m(self, ranges_m: ArrayLike, linear_m_per_s: float, angular_rad_per_s: float) -> float:
-        """Return how far the robot can drive on an arc until something is nearer than the margin.
-
-        If an obstacle is nearer than the margin already, arcs that lead away from it are free.
-        """
-        return self._free_way_m(self._near_points(ranges_m), linear_m_per_s, angular_rad_per_s)
-
-    def _free_way_m(
-        self, points: NDArray[np.float64], linear_m_per_s: float, angular_rad_per_s: float
-    ) -> float:
-        settings = self._settings
-        if len(points) == 0:
-            return settings.look_m
-        ways = np.arange(0.0, settings.look_m + ARC_STEP_M, ARC_STEP_M)
-        centres = _arc_points(ways * math.copysign(1.0, linear_m_per_s), angular_rad_per_s / linear_m_per_s)
-        room = np.sqrt(((points - centres[:, None]) ** 2).sum(axis=2)).min(axis=1)
-        room -= settings.body_radius_m + settings.margin_m
-        blocked = (room < 0.0) & (room <= room[0] + 0.2 * ways)
-        blocked[0] = False
-        if not blocked.any():
-            return settings.look_m
-        return float(ways[np.argmax(blocked) - 1])
-
-    def _near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
-        """Return what the sweep hit near the robot: `(K, 2)`, m, robot frame."""
         # An obstacle too near to measure counts as touching the body, so that the robot can still drive away.
         measured = np.asarray(ranges_m, float)
         ranges = np.where(np.isneginf(measured), self._settings.body_radius_m, measured)
@@ -107,10 +76,79 @@ class CollisionGuard:
         near = ranges <= reach_m + float(np.hypot(*self._mount[:2]))
         return transform_points(self._mount, ranges[near, None] * self._beams[near])
 
-    def _near_limit(self, points: NDArray[np.float64]) -> float:
+    def checked(self, ranges_m: ArrayLike, wanted: Velocity, loose: Loose = None) -> Velocity:
+        """Return the wanted speeds, reduced as the sweep requires: on the same arc, or turning on the spot.
+
+        Args:
+            ranges_m: `(N,)`; +inf or NaN: no return; -inf: an obstacle too near to measure (REP 117).
+            wanted: Forward speed and turn rate.
+            loose: `(K,)`, which of the `near_points` may move. None: none.
+        """
+        linear, angular = wanted
+        if linear == 0.0:
+            return wanted
+        points = self.near_points(ranges_m)
+        way_m = self._free_way_m(points, linear, angular, loose)
+        allowed = min(self._admissible(way_m), self._near_limit(points, loose))
+        if allowed < self._settings.min_linear_m_per_s:
+            return 0.0, angular
+        scale = min(1.0, allowed / abs(linear))
+        return linear * scale, angular * scale
+
+    def free_way_m(
+        self,
+        ranges_m: ArrayLike,
+        linear_m_per_s: float,
+        angular_rad_per_s: float,
+        loose: Loose = None,
+    ) -> float:
+        """Return how far the robot can drive on an arc until something is nearer than the margin.
+
+        If an obstacle is nearer than the margin already, arcs that lead away from it are free.
+        """
+        return self._free_way_m(self.near_points(ranges_m), linear_m_per_s, angular_rad_per_s, loose)
+
+    def _free_way_m(
+        self,
+        points: NDArray[np.float64],
+        linear_m_per_s: float,
+        angular_rad_per_s: float,
+        loose: Loose,
+    ) -> float:
+        if loose is None or not loose.any():
+            return self._way_to_m(points, linear_m_per_s, angular_rad_per_s, self._settings.margin_m)
+        margin_m = self._settings.margin_m + self._settings.loose_margin_m
+        return min(
+            self._way_to_m(points[~loose], linear_m_per_s, angular_rad_per_s, self._settings.margin_m),
+            self._way_to_m(points[loose], linear_m_per_s, angular_rad_per_s, margin_m) / 2,
+        )
+
+    def _way_to_m(
+        self,
+        points: NDArray[np.float64],
+        linear_m_per_s: float,
+        angular_rad_per_s: float,
+        margin_m: float,
+    ) -> float:
+        settings = self._settings
+        if len(points) == 0:
+            return settings.look_m
+        ways = np.arange(0.0, settings.look_m + ARC_STEP_M, ARC_STEP_M)
+        centres = _arc_points(ways * math.copysign(1.0, linear_m_per_s), angular_rad_per_s / linear_m_per_s)
+        room = np.sqrt(((points - centres[:, None]) ** 2).sum(axis=2)).min(axis=1)
+        room -= settings.body_radius_m + margin_m
+        blocked = (room < 0.0) & (room <= room[0] + 0.2 * ways)
+        blocked[0] = False
+        if not blocked.any():
+            return settings.look_m
+        return float(ways[np.argmax(blocked) - 1])
+
+    def _near_limit(self, points: NDArray[np.float64], loose: Loose) -> float:
         """Return the maximum speed that the distance to the nearest obstacle allows, in any direction."""
-        nearest_m = float(np.hypot(*points.T).min(initial=np.inf))
-        room_m = max(0.0, nearest_m - self._settings.body_radius_m)
+        away_m = np.hypot(*points.T) - self._settings.body_radius_m
+        if loose is not None:
+            away_m = np.where(loose, (away_m - self._settings.loose_margin_m) / 2, away_m)
+        room_m = max(0.0, float(away_m.min(initial=np.inf)))
         return self._settings.crawl_m_per_s + self._settings.speed_per_room_per_s * room_m
 
     def _admissible(self, free_way_m: float) -> float:

@@ -46,6 +46,16 @@ class Costmap:
         self._settled = (distance_cells(occupied) * resolution_m <= KNOWN_M) | forbidden
         self.static_grid = self._grid(self._cells, self._corner)
 
+    def shows_free(self, points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points `(N, 2)`, m, map frame, lie on free ground, away from the map's obstacles."""
+        columns, rows = np.floor((points_m - self._corner) / self._resolution_m).astype(np.int64).T
+        height, width = self._cells.shape
+        inside = (rows >= 0) & (columns >= 0) & (rows < height) & (columns < width)
+        free: NDArray[np.bool_] = np.zeros(len(points_m), bool)
+        rows, columns = rows[inside], columns[inside]
+        free[inside] = (self._cells[rows, columns] >= 0) & ~self._settled[rows, columns]
+        return free
+
     def grid(self, obstacles: LiveObstacles, now_s: float) -> NavigationGrid:
         """Return the map with the current obstacles.
 

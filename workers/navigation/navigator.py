@@ -30,7 +30,7 @@ from workers.navigation.path_follower import HALT, PathFollower, Velocity
 from workers.navigation.progress_watch import ProgressWatch
 from workers.navigation.way_planner import Obstruction, Way, plan_way
 from workers.odometry_track import OdometryTrack
-from workers.planar_pose import compose, wrap_angle
+from workers.planar_pose import compose, transform_points, wrap_angle
 
 BACK_UP_M_PER_S = 0.15
 ROTATE_RAD_PER_S = 0.8
@@ -48,6 +48,7 @@ class _Situation(NamedTuple):
     costmap: Costmap
     pose: NDArray[np.float64]
     ranges_m: NDArray[np.float64]
+    loose: NDArray[np.bool_]  # which points near the robot may move: the map shows free ground there
     goal: NDArray[np.float64]
 
 
@@ -201,14 +202,16 @@ class Navigator:
         assert self._pose is not None
         assert self._sweep is not None
         assert self.goal is not None
-        return _Situation(self._costmap, self._pose[0], self._sweep[0], self.goal)
+        pose, ranges_m = self._pose[0], self._sweep[0]
+        loose = self._costmap.shows_free(transform_points(pose, self._local.guard.near_points(ranges_m)))
+        return _Situation(self._costmap, pose, ranges_m, loose, self.goal)
 
     def _act(self, situation: _Situation) -> Velocity:
         match self.state:
             case NavigatorState.CLEAR_COSTMAP:
                 return HALT
             case NavigatorState.BACK_UP:
-                back = self._local.guard.checked(situation.ranges_m, (-BACK_UP_M_PER_S, 0.0))
+                back = self._local.guard.checked(situation.ranges_m, (-BACK_UP_M_PER_S, 0.0), situation.loose)
                 return self._kept_out(situation, back)
             case NavigatorState.ROTATE:
                 return 0.0, ROTATE_RAD_PER_S
@@ -312,7 +315,9 @@ class Navigator:
         if self.follower.is_arrived(situation.pose):
             self.machine.go(NavigatorState.ALIGN, "at the goal's position")
             return HALT
-        allowed = self._kept_out(situation, self._local.velocity(situation.pose, situation.ranges_m))
+        allowed = self._kept_out(
+            situation, self._local.velocity(situation.pose, situation.ranges_m, situation.loose)
+        )
         if allowed != HALT:
             self._moved_s = self._clock()
         elif self._clock() - self._moved_s > self.settings.blocked_s:

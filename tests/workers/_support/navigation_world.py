@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.simulation.arena import Arena
 from hw.simulation.arena_file import read_arena
@@ -18,6 +19,7 @@ from workers.navigation.navigator_states import RESTING, NavigatorSettings
 DEMO = ARENAS / "demo.yaml"
 RESOLUTION_M = 0.05
 LATENCY_S = 0.05
+BODY_M = 0.2
 
 
 def demo_arena() -> Arena:
@@ -32,7 +34,8 @@ class NavigationWorld:
     ) -> None:
         self.now_s = 0.0
         arena = arena or mapped
-        self.drive = SimulatedDrive(arena, lambda: self.now_s, seed=1)
+        self.arena, self.others = arena, np.empty((0, 2))
+        self.drive = SimulatedDrive(arena, lambda: self.now_s, seed=1, others=lambda: self.others)
         self.laser = SimulatedLaser(arena, seed=1)
         self.laser_works = self.pose_works = True
         guard = CollisionGuard(self.laser.geometry.angles_rad())
@@ -40,6 +43,11 @@ class NavigationWorld:
         self.cells, self.corner = drawn_map(mapped, RESOLUTION_M)
         self.navigator.see_map(self.cells, RESOLUTION_M, self.corner)
         self.states: list[str] = []
+
+    def meet(self, places: NDArray[np.float64]) -> None:
+        """Put other robots at places `(N, 2)`, m; they are not on the map."""
+        self.others = places
+        self.laser.arena = self.arena.with_robots(places, BODY_M)
 
     def run(self, limit_s: float) -> None:
         """Go on until the navigator rests."""

@@ -154,6 +154,19 @@ def test_guard_does_not_stop_for_missing_returns() -> None:
     assert checked(ranges) == (0.5, 0.0)
 
 
+def test_robot_keeps_more_distance_from_what_may_move_and_uses_half_of_the_way_to_it() -> None:
+    guard, ranges = CollisionGuard(ANGLES), sweep(0.75)
+    assert len(guard.near_points(ranges)) == 1
+    loose = np.array([True])
+    assert guard.free_way_m(ranges, 0.5, 0.0, ~loose) == guard.free_way_m(ranges, 0.5, 0.0)
+    half_m = (0.75 - GUARD.body_radius_m - GUARD.margin_m - GUARD.loose_margin_m) / 2
+    assert guard.free_way_m(ranges, 0.5, 0.0, loose) == pytest.approx(half_m, abs=0.031)
+    assert guard.checked(ranges, (0.5, 0.0), loose)[0] < guard.checked(ranges, (0.5, 0.0))[0]
+    assert guard.checked(sweep(0.32), (0.2, 0.0), loose) == (0.0, 0.0)
+    beside = sweep(0.34, at_deg=90)
+    assert guard.checked(beside, (0.5, 0.0), loose)[0] < guard.checked(beside, (0.5, 0.0))[0]
+
+
 def test_guard_accounts_for_the_lasers_mounting_pose() -> None:
     ahead = CollisionGuard(ANGLES, mount=(0.15, 0.0, 0.0))
     assert ahead.free_way_m(sweep(0.4), 0.5, 0.0) == pytest.approx(0.4 + 0.15 - 0.25, abs=0.031)

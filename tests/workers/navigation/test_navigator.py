@@ -251,3 +251,10 @@ def test_cells_under_the_robot_are_free_even_if_occupied_on_the_map() -> None:
     assert around.drivable[around.cell(here)]
     assert around.drivable.shape == grid.drivable.shape
     assert not grid.drivable[grid.cell(here)]
+
+
+def test_only_what_stands_on_free_ground_of_the_map_may_move() -> None:
+    costmap = Costmap(drawn_cells(ROOM), 0.05, (0.0, 0.0), 0.27)
+    height, width = (size * 0.05 for size in drawn_cells(ROOM).shape)
+    middle, at_wall, outside = (width / 2, height / 2), (0.25, height / 2), (width + 1.0, height / 2)
+    assert costmap.shows_free(np.array([middle, at_wall, outside])).tolist() == [True, False, False]
