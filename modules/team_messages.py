@@ -20,7 +20,7 @@ class MapAlignment(Message, name="team_msgs/msg/MapAlignment", version=1):
     ambiguity: float64 = DEFAULT  # 0 to 1: how well the best pose elsewhere fits, compared with this one
 
 
-class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=1):
+class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=2):
     """Where a robot is and what it drives to, so that others do something else and keep out of its way.
 
     A robot renews its claim several times while it counts. It is not latched: one that joins later hears the
@@ -35,4 +35,6 @@ class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=1):
     target: Point = DEFAULT  # a frontier, an unsearched wall or a victim
     way_m: float64 = math.inf  # cost of the way to the target
     is_working: bool = DEFAULT  # false: it is on its way home, or has ended
+    has_home: bool = DEFAULT  # whether it knows where its home is
+    home: Point = DEFAULT  # where it drives when no work is left
     valid_for: Duration = DEFAULT  # the claim ends then, unless renewed

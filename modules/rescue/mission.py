@@ -179,13 +179,13 @@ class RescueMission(Module):
         if robot not in self.team_maps:
             return
         place = self.team_maps[robot]
-        target = np.array([message.target.x, message.target.y, 0.0])
         claim = Claim(
             pose=compose(place, planar(message.pose)),
             goal=compose(place, planar(message.goal)) if message.drives else None,
-            target_xy_m=compose(place, target)[:2] if message.has_target else None,
+            target_xy_m=_placed(place, message.target) if message.has_target else None,
             way_m=message.way_m,
             is_working=message.is_working,
+            home_xy_m=_placed(place, message.home) if message.has_home else None,
         )
         self.mission.claims.see(robot, claim, message.valid_for.nanoseconds / 1e9)
 
@@ -327,7 +327,6 @@ class RescueMission(Module):
             return
         self.claim_told_s = self._time_s()
         header = self._header("map")
-        target = [0.0, 0.0] if claim.target_xy_m is None else claim.target_xy_m.tolist()
         self.publish(
             GoalClaim(
                 header=header,
@@ -335,9 +334,11 @@ class RescueMission(Module):
                 drives=claim.goal is not None,
                 goal=pose_stamped(claim.pose if claim.goal is None else claim.goal, header).pose,
                 has_target=claim.target_xy_m is not None,
-                target=Point(x=target[0], y=target[1]),
+                target=_point(claim.target_xy_m),
                 way_m=claim.way_m,
                 is_working=claim.is_working,
+                has_home=claim.home_xy_m is not None,
+                home=_point(claim.home_xy_m),
                 valid_for=Duration.from_nanoseconds(round(self.claim_valid_s * 1e9)),
             )
         )
@@ -378,3 +379,15 @@ class RescueMission(Module):
 
     def _time_s(self) -> float:
         return self.clock.monotonic_ns() / 1e9
+
+
+def _placed(map_pose: NDArray[np.float64], point: Point) -> NDArray[np.float64]:
+    """Return a point of another robot's map in this robot's: `(2,)`, m."""
+    x_m, y_m, _ = compose(map_pose, (point.x, point.y, 0.0)).tolist()
+    return np.array([x_m, y_m])
+
+
+def _point(xy_m: NDArray[np.float64] | None) -> Point:
+    """Return a place as a message; the origin if there is none."""
+    x_m, y_m = (0.0, 0.0) if xy_m is None else xy_m.tolist()
+    return Point(x=x_m, y=y_m)

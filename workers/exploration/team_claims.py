@@ -3,11 +3,11 @@
 After Burgard, Moors, Stachniss and Schneider, "Coordinated multi-robot exploration" (IEEE Transactions on
 Robotics, 2005): a target is worth less the nearer it lies to the target of another robot. There, one program
 assigns the targets of all robots. Here, each robot decides for itself, knowing what the others have claimed
-and where they are.
+and where they are: see `team_share`.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +22,6 @@ RANGE_M = 3.0
 DISCOUNT_M = 3.0
 """How much dearer a target gets at the place that another robot has claimed."""
 
-SHARE = 0.6
-"""How much a metre counts by which a target is nearer to one robot than to another."""
-MAX_LEAD_M = 4.0
-"""A greater difference counts no more, so that no target is left for good."""
-
 
 @dataclass(frozen=True)
 class Claim:
@@ -38,6 +33,7 @@ class Claim:
         target_xy_m: `(2,)`, m: what it goes there for. None: no work.
         way_m: cost of the way that it still has to go to its target.
         is_working: whether it still looks for work. False: it is on its way home for good, or has ended.
+        home_xy_m: `(2,)`, m: where it drives when no work is left. None: not known.
     """
 
     pose: Points
@@ -45,6 +41,7 @@ class Claim:
     target_xy_m: Points | None
     way_m: float
     is_working: bool
+    home_xy_m: Points | None = None
 
 
 class TeamClaims:
@@ -100,15 +97,3 @@ class TeamClaims:
             if not is_current:
                 extra_m += DISCOUNT_M * max(0.0, 1.0 - away_m / RANGE_M)
         return extra_m
-
-
-def share_cost_m(way_m: float, others_m: Iterable[float]) -> float:
-    """Return how much dearer a target is because it is nearer to other robots; less than 0: it is farther.
-
-    So each robot prefers the targets at which its advantage is greatest, and the robots part.
-
-    Args:
-        way_m: cost of this robot's way to the target.
-        others_m: cost of the way of each other robot that works; +inf: it finds no way.
-    """
-    return sum(SHARE * min(max(way_m - other_m, -MAX_LEAD_M), MAX_LEAD_M) for other_m in others_m)

@@ -4,6 +4,8 @@ Dijkstra's algorithm (1959) over the drivable cells and their eight neighbours; 
 every possible goal.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -80,6 +82,17 @@ def _nearness(grid: NavigationGrid) -> NDArray[np.float64]:
     """Return how near obstacles are to each cell, from 0 (far) to 1."""
     nearness: NDArray[np.float64] = np.clip((COMFORT_M - grid.obstacle_distance_m) / COMFORT_M, 0.0, 1.0)
     return nearness
+
+
+def costs_between(grid: NavigationGrid, cells: Sequence[Cell]) -> NDArray[np.float64]:
+    """Return the costs of the cheapest paths between drivable cells: `(N, N)`, m; +inf for no path."""
+    nodes = np.flatnonzero(grid.drivable)
+    number = np.full(grid.drivable.size, -1, dtype=np.int32)
+    number[nodes] = np.arange(len(nodes), dtype=np.int32)
+    of_cell = number.reshape(grid.drivable.shape)
+    places = [int(of_cell[cell]) for cell in cells]
+    costs: NDArray[np.float64] = dijkstra(_graph(grid, of_cell), directed=False, indices=places)
+    return costs[:, places]
 
 
 def _graph(grid: NavigationGrid, number: NDArray[np.int32]) -> csr_array:

@@ -146,6 +146,7 @@ class Mission:
             target_xy_m=None if target is None else target.about_xy_m,
             way_m=self._way_m if self.state in TRAVELS else 0.0,
             is_working=self.is_working,
+            home_xy_m=None if self.home is None else self.home[:2],
         )
 
     # -- inputs ----------------------------------------------------------------------------------------
@@ -328,7 +329,7 @@ class Mission:
             return
         searched, suspected = self._searched_walls(), self.victims.suspected
         target, can_drive = self._targets.best(
-            self._around, self._pose, searched, suspected, self._target, self.claims
+            self._around, self._pose, searched, suspected, self._target, self.claims, self.home
         )
         self._empty_plans = self._empty_plans + 1 if target is None and can_drive else 0
         if self._waits_for_others:

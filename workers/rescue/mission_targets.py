@@ -12,7 +12,8 @@ from scipy import ndimage
 
 from workers.exploration.drivable_ground import DrivableGround
 from workers.exploration.frontiers import Frontier, find_frontiers
-from workers.exploration.team_claims import TeamClaims, share_cost_m
+from workers.exploration.team_claims import TeamClaims
+from workers.exploration.team_share import Member, Work, own_work
 from workers.maps.navigation_grid import Cell
 from workers.planar_pose import rotate, wrap_angle
 from workers.rescue.mission_states import MissionSettings, MissionState
@@ -35,6 +36,10 @@ VICTIM_FROM_M = (0.6, 1.3)
 VICTIM_SLANT_RAD = 0.7
 REMEMBERED = 64
 MAPS_DIFFER_M = 0.1
+WORK_M = {MissionState.EXPLORE: 4.0, MissionState.SEARCH: 1.0, MissionState.APPROACH: 2.0}
+"""The way that a robot could drive while it does the work at a target, or behind a frontier: a guess."""
+KNOWN_TO_ALL = (MissionState.EXPLORE, MissionState.SEARCH)
+"""Robots do not tell one another of suspected victims, only of those that need no more views."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,7 @@ class MissionTargets:
         suspected: Iterable[tuple[Points, float]],
         current: Target | None,
         claims: TeamClaims,
+        home: Points | None = None,
     ) -> tuple[Target | None, bool]:
         """Choose what to do next.
 
@@ -126,6 +132,7 @@ class MissionTargets:
             suspected: x, y (m) and facing (rad) of the victims to approach.
             current: the target so far.
             claims: what other robots drive to.
+            home: x, y (m), map frame, where the robot drives when no work is left. None: not known.
 
         Returns:
             The best target, or None if no work is left; and whether the robot stands on drivable ground.
@@ -139,25 +146,19 @@ class MissionTargets:
             targets += self._walls(around, ways_m, searched)
             targets += self._victims(around, ways_m, suspected)
         targets = [target for target in targets if not self._is_given_up(target)]
-        shares_m = self._shares_m(around, targets, claims)
+        own = Member(ways.cost_m, home, None if current is None else current.about_xy_m)
+        work = [
+            Work(target.goal, target.about_xy_m, WORK_M[target.state], target.state in KNOWN_TO_ALL)
+            for target in targets
+        ]
+        mine = own_work(around, own, work, claims.working)
         costs_m = [
-            self._cost_m(target, current, claims) + share_m
-            for target, share_m in zip(targets, shares_m, strict=True)
+            self._cost_m(target, current, claims) if index in mine else math.inf
+            for index, target in enumerate(targets)
         ]
         best = int(np.argmin(costs_m)) if costs_m else 0
         self.are_left_to_others = bool(costs_m) and math.isinf(costs_m[best])
         return targets[best] if costs_m and not self.are_left_to_others else None, True
-
-    @staticmethod
-    def _shares_m(around: Surroundings, targets: Sequence[Target], claims: TeamClaims) -> list[float]:
-        """Return how much dearer each target is because other robots are nearer to it."""
-        found = [around.ways_from(claim.pose) for claim in claims.working]
-        fields = [ways.cost_m for ways in found if ways is not None]
-        cells = [around.grid.cell(target.goal) for target in targets]
-        return [
-            share_cost_m(target.way_m, [float(field[cell]) for field in fields])
-            for target, cell in zip(targets, cells, strict=True)
-        ]
 
     def _frontiers(self, around: Surroundings, ways_m: Costs, pose: Points) -> Iterator[Target]:
         grid = around.grid

@@ -465,6 +465,8 @@ def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> No
             target=Point(x=-1.0, y=0.5),
             way_m=2.0,
             is_working=True,
+            has_home=True,
+            home=Point(x=0.2),
             valid_for=Duration(sec=2),
         )
         harness.send(other, topic="blue")
@@ -474,6 +476,7 @@ def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> No
         claim = claims.current["blue"]
         assert claim.pose[:2] == pytest.approx([0.5, 0.0])
         assert present(claim.target_xy_m) == pytest.approx([2.0, -0.5])
+        assert present(claim.home_xy_m) == pytest.approx([0.8, 0.0])
         assert (claim.goal, claim.way_m, claim.is_working) == (None, 2.0, True)
 
         robot = Robot(harness)
@@ -485,6 +488,8 @@ def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> No
         assert own.is_working
         assert own.goal.position == goal.pose.pose.position
         assert own.pose.position == Point(x=START[0], y=START[1])
+        assert own.has_home
+        assert own.home == Point(x=START[0], y=START[1])
         assert not claims.current, "blue has been silent for two seconds"
 
 

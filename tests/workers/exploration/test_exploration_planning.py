@@ -8,7 +8,7 @@ from tests.workers._support.exploration_world import CLEARANCE_M, RESOLUTION_M, 
 from workers.exploration.exploration import ExplorationSettings, FrontierExploration, PlanResult
 from workers.exploration.frontiers import find_frontiers
 from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.path_planner import PathField
+from workers.navigation.path_planner import PathField, costs_between
 
 # A character is 0.25 m: a room of 3.5 m by 1.5 m, open to the unknown at the right and at the upper left.
 TWO_WAYS_ON = """
@@ -75,6 +75,18 @@ def test_shortest_path_in_free_space_has_the_length_for_eight_neighbours() -> No
     assert ways.cost_m[grid.cell((4.525, 0.525))] == pytest.approx(4.0)
     assert ways.cost_m[grid.cell((4.525, 4.525))] == pytest.approx(4.0 * np.sqrt(2))
     assert ways.cost_m[grid.cell((2.525, 4.525))] == pytest.approx(2.0 * np.sqrt(2) + 2.0)
+
+
+def test_costs_between_places_are_those_of_the_paths_from_each_of_them() -> None:
+    drawn = np.zeros((100, 100), dtype=np.int8)
+    drawn[50] = 100
+    walled = NavigationGrid(drawn, RESOLUTION_M, (0, 0), CLEARANCE_M)
+    cells = [walled.cell(place) for place in ((1.0, 1.0), (4.0, 1.5), (1.0, 4.0))]
+    costs_m = costs_between(walled, cells)
+    expected = [[PathField(walled, one).cost_m[other] for other in cells] for one in cells]
+    assert costs_m == pytest.approx(np.array(expected))
+    assert np.isfinite(costs_m[0, 1])
+    assert np.isinf(costs_m[0, 2])
 
 
 def test_path_leads_through_the_door_of_a_wall() -> None:

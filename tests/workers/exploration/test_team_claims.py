@@ -7,13 +7,10 @@ from numpy.typing import NDArray
 
 from workers.exploration.team_claims import (
     DISCOUNT_M,
-    MAX_LEAD_M,
     RANGE_M,
     SAME_M,
-    SHARE,
     Claim,
     TeamClaims,
-    share_cost_m,
 )
 
 TARGET = np.array([4.0, 1.0])
@@ -56,15 +53,6 @@ def test_claim_of_a_silent_robot_expires() -> None:
 def test_robot_without_a_target_claims_nothing() -> None:
     claims, _ = claims_with(way_m=0.0, target=None)
     assert claims.extra_cost_m(TARGET, 5.0) == 0.0
-
-
-def test_target_is_dearer_the_nearer_it_is_to_another_robot_and_never_left_for_good() -> None:
-    assert share_cost_m(5.0, []) == 0.0
-    assert share_cost_m(5.0, [5.0]) == 0.0
-    assert share_cost_m(5.0, [4.0]) == SHARE
-    assert share_cost_m(4.0, [5.0]) == -SHARE
-    assert share_cost_m(90.0, [1.0]) == SHARE * MAX_LEAD_M
-    assert share_cost_m(5.0, [math.inf]) == -SHARE * MAX_LEAD_M
 
 
 def test_only_robots_that_look_for_work_count() -> None:
