@@ -19,7 +19,7 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
-from workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged, without_robots
+from workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged, without_robot
 from workers.planar_pose import transform_points
 
 TRAIL_STEP_M = 0.1
@@ -198,7 +198,7 @@ class MapMerger(Module):
         for robot, place in self.places.items():
             if self.trails[robot]:
                 there = transform_points(place, np.array(self.trails[robot]))
-                team = without_robots(team, there, self.footprint_m)
+                team = without_robot(team, there, self.footprint_m, self.others.get(robot), place)
         corner = np.asarray(team.corner_xy_m, float).tolist()
         height, width = team.cells.shape
         info = MapMetaData(

@@ -75,7 +75,9 @@ def test_known_start_counts_until_the_maps_confirm_it() -> None:
 def test_what_was_another_robot_is_no_wall_on_the_team_map(is_restarted: bool) -> None:
     own = np.zeros((80, 80), np.int8)
     own[38:42, 38:42] = 100  # blue, as this robot's laser saw it when it stood there
+    own[47, 50] = 100  # what blue left there while it moved, 0.35 m from its way
     own[70, :] = 100
+    seen_by_blue = message(GridMap(np.zeros((80, 80), np.int8), 0.05, (0.0, 0.0)))
     settings = {"robots": ["blue"], "starts": {"blue": [1.0, 0.0, 0.0]}}
     with ModuleHarness(MapMerger, settings) as harness:
         for x_m in (1.0, 1.5, 2.0):  # in the map of blue, whose frame lies at x = 1 m
@@ -84,16 +86,19 @@ def test_what_was_another_robot_is_no_wall_on_the_team_map(is_restarted: bool) -
         harness.advance(1.1)
         if not is_restarted:
             harness.send(message(GridMap(own, 0.05, (0.0, 0.0))), topic="own")
+            harness.send(seen_by_blue, topic="blue/own")
             harness.advance(1.1)
     if is_restarted:
         harness = ModuleHarness(MapMerger, settings, restored=harness.checkpoint)
         with harness:
             harness.send(message(GridMap(own, 0.05, (0.0, 0.0))), topic="own")
+            harness.send(seen_by_blue, topic="blue/own")
             harness.advance(1.1)
     team = harness.take(OccupancyGrid, "team")[-1]
     cells = team.data.reshape(team.info.height, team.info.width)
     assert (cells[38:42, 38:42] == 0).all()
-    assert (cells[70] == 100).all()
+    assert cells[47, 50] == 0
+    assert (cells[70, :80] == 100).all()
 
 
 def test_trail_of_a_robot_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,7 @@ COARSE_M = 0.1  # cells of the exhaustive search
 MOST_CELLS = 320  # along a side of each map in that search; larger maps get larger cells
 HEADINGS = 120
 WALL_BLUR = 2.5  # raises the blurred line of a wall to 1
+AROUND_ROBOT_M = 0.25  # a robot leaves walls this far beyond its radius from where it was heard to be
 FREE_FROM_WALL_M = 0.2  # ground this far from walls is surely free, even if a map is a little off
 ON_WALL_M = 0.12  # a wall of one map lies on a wall of the other
 BLOCK = 4  # shifts along a side that share a score for the next best pose
@@ -197,13 +198,20 @@ def merged(own: GridMap, others: list[tuple[GridMap, Points]]) -> GridMap:
     return result
 
 
-def without_robots(grid: GridMap, places_xy_m: Points, radius_m: float) -> GridMap:
-    """Return a map without the walls that were robots: ground on which one stands or has stood is free.
+def without_robot(
+    grid: GridMap, places_xy_m: Points, radius_m: float, other: GridMap | None, pose: Points
+) -> GridMap:
+    """Return a map without the walls that were another robot: ground on which it stands or has stood is free.
+
+    The other robot's map does not show that robot. So a wall a little farther from where it was is no wall
+    either, if that map shows free ground there.
 
     Args:
         grid: the map.
-        places_xy_m: `(N, 2)`, m, in the map's frame: where robots are or were.
-        radius_m: of a robot, as the map shows it.
+        places_xy_m: `(N, 2)`, m, in the map's frame: where the robot is or was.
+        radius_m: of the robot, as the map shows it.
+        other: the robot's own map. None: not known.
+        pose: `(3,)`, of the frame of that map in the map's frame, m and rad.
     """
     cells = np.floor((places_xy_m - np.asarray(grid.corner_xy_m, float)) / grid.resolution_m).astype(np.int64)
     height, width = grid.cells.shape
@@ -212,7 +220,12 @@ def without_robots(grid: GridMap, places_xy_m: Points, radius_m: float) -> GridM
         return grid
     is_place = np.zeros(grid.cells.shape, bool)
     is_place[cells[inside, 1], cells[inside, 0]] = True
-    is_robot = (distance_cells(is_place) * grid.resolution_m <= radius_m) & (grid.cells >= OCCUPIED_PERCENT)
+    away_m = distance_cells(is_place) * grid.resolution_m
+    is_wall = grid.cells >= OCCUPIED_PERCENT
+    is_robot = is_wall & (away_m <= radius_m)
+    if other is not None:
+        is_near = is_wall & ~is_robot & (away_m <= radius_m + AROUND_ROBOT_M)
+        is_robot[is_near] = other.is_free(rotate(-pose[2], grid.middles(is_near) - pose[:2]))
     return GridMap(np.where(is_robot, 0, grid.cells).astype(np.int8), grid.resolution_m, grid.corner_xy_m)
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from tests.workers._support.known_room import draw
-from workers.maps.map_alignment import GridMap, align, merged
+from workers.maps.map_alignment import GridMap, align, merged, without_robot
 from workers.planar_pose import compose, relative, wrap_angle
 
 RED, BLUE = np.array([1.0, 1.0, 0.3]), np.array([6.0, 4.0, 2.2])
@@ -69,3 +69,20 @@ def test_merged_map_knows_what_either_robot_saw_and_keeps_its_own_cells() -> Non
     is_own = own.cells >= 0
     assert np.array_equal(team.occupancy(own.middles(is_own)), own.cells[is_own])
     assert (merged(own, []).cells == own.cells).all()
+
+
+def test_wall_beside_a_robots_trail_is_no_wall_if_the_robots_own_map_shows_free_ground_there() -> None:
+    own, other = (GridMap(np.zeros((40, 80), np.int8), 0.05, (0.0, 0.0)) for _ in range(2))
+    pose, trail = np.array([1.0, 0.0, 0.0]), np.array([[2.0, 1.0]])
+    ghost, beyond, wall = (20, 47), (20, 53), (13, 40)  # 0.35, 0.65 and 0.35 m from the trail
+    for cell in (ghost, beyond, wall):
+        own.cells[cell] = 100
+    other.cells[wall[0], wall[1] - 20] = 100
+
+    def walls(seen: GridMap | None, radius_m: float) -> set[tuple[int, int]]:
+        cells = without_robot(own, trail, radius_m, seen, pose).cells
+        return {(row, column) for row, column in np.argwhere(cells == 100).tolist()}
+
+    assert walls(other, 0.25) == {beyond, wall}
+    assert walls(None, 0.25) == {ghost, beyond, wall}
+    assert walls(None, 0.4) == {beyond}
