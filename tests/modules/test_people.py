@@ -1,0 +1,74 @@
+"""Persons are found in laser scans; what the map shows is told apart from them."""
+
+import numpy as np
+
+from hw.laser import LaserGeometry
+from hw.pose import Pose as RobotPose
+from hw.simulation.arena_file import read_arena
+from hw.simulation.laser import SimulatedLaser
+from hw.simulation.people import leg_circles
+from modules.people import PEOPLE, THINGS, PeopleFinder
+from modules.people_messages import People
+from robbie_mp import Header, ModuleHarness, Time
+from robbie_mp.messages import (
+    LaserScan,
+    MapMetaData,
+    OccupancyGrid,
+    Point,
+    Pose,
+    Quaternion,
+    TFMessage,
+    Transform,
+    TransformStamped,
+)
+from tests._support.places import ARENAS
+
+LASER = LaserGeometry(angle_increment_rad=0.00613592, beams=1024)
+AHEAD_M = 1.2
+
+
+def stamp(finder: ModuleHarness[PeopleFinder], frame: str) -> Header:
+    return Header(stamp=Time.from_nanoseconds(finder.module.clock.now_ns()), frame_id=frame)
+
+
+def look(finder: ModuleHarness[PeopleFinder], scans: int) -> tuple[list[str], list[str]]:
+    """Show somebody who stands ahead, and return the newest names of persons and of things."""
+    arena = read_arena(ARENAS / "apartment.yaml")
+    robot = arena.start
+    standing = leg_circles(np.array([[robot.x_m + AHEAD_M, robot.y_m, 1.5, 0, 0]]))
+    laser = SimulatedLaser(arena.with_circles(standing), LASER, noise_m=0.005, seed=2)
+    laser.place(RobotPose(*robot), 0.0)
+    for _ in range(scans):
+        there = TransformStamped(
+            header=stamp(finder, "map"),
+            child_frame_id="laser",
+            transform=Transform(rotation=Quaternion(w=1.0)),
+        )
+        finder.send(TFMessage(transforms=[there]), topic="tf")
+        ranges = laser.scan().ranges_m
+        finder.send(
+            LaserScan(
+                header=stamp(finder, "laser"),
+                angle_min=LASER.angle_min_rad,
+                angle_increment=LASER.angle_increment_rad,
+                range_max=LASER.range_max_m,
+                ranges=ranges,
+            )
+        )
+        finder.advance(0.1)
+    newest = [finder.take(People, topic=topic)[-1].people for topic in (PEOPLE, THINGS)]
+    persons, things = (
+        [one.name for one in told if abs(one.position.x - AHEAD_M) < 0.2 and abs(one.position.y) < 0.2]
+        for told in newest
+    )
+    return persons, things
+
+
+def test_somebody_who_stands_there_is_a_person_until_the_map_shows_a_thing() -> None:
+    with ModuleHarness(PeopleFinder) as finder:
+        assert look(finder, 8) == (["1"], [])
+        cells = np.zeros((80, 80), np.int8)
+        cells[36:44, 58:66] = 100
+        info = MapMetaData(width=80, height=80, resolution=0.05, origin=Pose(position=Point(x=-2.0, y=-2.0)))
+        finder.send(OccupancyGrid(header=stamp(finder, "map"), info=info, data=cells.ravel()))
+        assert look(finder, 12) == ([], ["1"])
