@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from modules.home.messages import (
     CancelOrder,
     CarryOut,
@@ -35,7 +37,7 @@ from modules.manipulation.messages import (
 from modules.navigation_goals import NavigationGoals
 from modules.people import PEOPLE, THINGS, reports_of
 from modules.people_messages import People
-from modules.planar_messages import planar, pose_stamped
+from modules.planar_messages import angles_rad, planar, pose_stamped
 from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import (
     ActiveGoal,
@@ -57,6 +59,7 @@ from robbie_mp import (
 from robbie_mp.messages import (
     AnnotateMap,
     CancelNavigation,
+    LaserScan,
     MapAnnotated,
     MapAnnotations,
     PointOfInterest,
@@ -77,6 +80,8 @@ MAX_POSE_AGE_S = 1.0
 SEVERAL = "several"
 """The name of spoken orders that have several tasks."""
 CALL_S = 2.0
+AHEAD_RAD = 0.1
+"""Beams at most this far beside the robot's heading tell how far it sees ahead."""
 FOLLOWS_NOBODY = "IDLE"
 RESULTS = {
     HouseholdState.PICK: PickUpResult,
@@ -171,6 +176,8 @@ class Household(Module):
         self.subscribe(SpokenOrder, self.on_spoken, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(MapAnnotations, self.on_annotations, newest)
+        if self.doors:
+            self.subscribe(LaserScan, self.on_scan, newest)
         self.subscribe(People, self.on_people, newest, topic=PEOPLE, optional=True)
         self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TableObjects, self.on_table, newest, optional=True)
@@ -252,6 +259,13 @@ class Household(Module):
         """Take the robot's pose."""
         self.pose, self.pose_s = planar(message.pose), self._time_s()
         self.work.see_pose(self.pose)
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Pass on how far the laser sees straight ahead."""
+        ahead = scan.ranges[np.abs(angles_rad(scan)) <= AHEAD_RAD]
+        seen = ahead[ahead > scan.range_min]
+        if len(seen):
+            self.work.see_ahead(float(np.median(seen)))
 
     def on_annotations(self, annotations: MapAnnotations) -> None:
         """Know the places of the map."""

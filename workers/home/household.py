@@ -332,7 +332,7 @@ class HouseholdWork:
         if self.state is HouseholdState.MEET:
             self._is_near_person = True
         elif self.state is HouseholdState.DOOR:
-            self._ask_to_open()
+            self._arrived_at_door()
         elif self.state is HouseholdState.GO:
             self._end(True, "there")
         elif self.state in DRIVES and self._is_at(self.goal):
@@ -352,7 +352,7 @@ class HouseholdWork:
             self._is_near_person = True
         elif self.state is HouseholdState.DOOR:
             self._requests = self.settings.max_requests
-            self._look_behind_door(f"cannot come to the door: {reason}")
+            self._drive_on(f"cannot come to the door: {reason}")
         elif self.state in DRIVES:
             if self._destination in self.doors and self._requests < self.settings.max_requests:
                 self._behind = self.state
@@ -445,20 +445,29 @@ class HouseholdWork:
             self._end(False, f"{state.value}: that took too long")
         elif state is HouseholdState.MEET:
             self._meet()
-        elif self._clock() - self._at_door_s >= self.settings.door_s:
-            self._look_behind_door("looks whether the door is open")
+        elif state is HouseholdState.DOOR and self._clock() - self._at_door_s >= self.settings.door_s:
+            self._at_door_s = math.inf
+            self._arrived_at_door()
 
     # -- doors -------------------------------------------------------------------------------------------
 
-    def _ask_to_open(self) -> None:
-        """Ask for the door in front of the robot, once; then wait."""
-        if self._at_door_s == math.inf:
+    def see_ahead(self, range_m: float) -> None:
+        """Take how far the laser sees straight ahead; so the robot notices that a door is open."""
+        is_waiting = self.state is HouseholdState.DOOR and self._at_door_s < math.inf
+        if is_waiting and range_m >= self.settings.open_m:
+            self._drive_on("the door is open")
+
+    def _arrived_at_door(self) -> None:
+        """Ask for the door, and wait."""
+        if self._at_door_s == math.inf and self._requests < self.settings.max_requests:
             self._requests += 1
             self._at_door_s = self._clock()
             self._sayings.append(OPEN_DOOR.format(self._destination))
+        elif self._at_door_s == math.inf:
+            self._drive_on("nobody has opened the door")
 
-    def _look_behind_door(self, reason: str) -> None:
-        """Drive on to where the door leads."""
+    def _drive_on(self, reason: str) -> None:
+        """Drive to where the door leads."""
         self._at_door_s = math.inf
         self.machine.go(self._behind, reason)
 

@@ -66,8 +66,9 @@ class HouseholdSettings:
         learn_s: Time until a place must have its name.
         at_table_m: The robot stands in front of a table if it is this near to the place there ...
         at_table_rad: ... and its heading is this near to that of the place.
-        door_s: Time for somebody to open a door, before the robot looks whether it is open.
+        door_s: Time for somebody to open a door, before the robot asks again.
         max_requests: How often it asks for one door.
+        open_m: A door in front of the robot is open if the robot sees this far ahead.
         max_tries: How often the robot tries the same again: a drive, a grasp.
         rounds: How often it looks on all tables for an object.
         person_m: A person this near to the robot may have given the order, or take what the robot brings.
@@ -91,8 +92,9 @@ class HouseholdSettings:
     learn_s: float = 10.0
     at_table_m: float = 0.2
     at_table_rad: float = 0.25
-    door_s: float = 6.0
-    max_requests: int = 8
+    door_s: float = 12.0
+    max_requests: int = 5
+    open_m: float = 1.5
     max_tries: int = 3
     rounds: int = 2
     person_m: float = 3.0

@@ -69,7 +69,8 @@ class Costmap:
     def opened(self, obstacles: LiveObstacles, now_s: float, goal_xy_m: ArrayLike) -> NavigationGrid | None:
         """Return the same, with what was never seen as free, and large enough for a goal.
 
-        As `allow_unknown` of ROS's planners. None if the goal is too far beyond the map.
+        As `allow_unknown` of ROS's planners. Free is also what is on the map but not there any more, such as
+        an opened door: the newest sweep sees through it. None if the goal is too far beyond the map.
 
         Args:
             obstacles: What the laser sees.
@@ -84,7 +85,11 @@ class Costmap:
         columns = max(0, around - column), max(0, column + around - width)
         if max(*rows, *columns) * self._resolution_m > MOST_UNSEEN_M:
             return None
-        free = np.pad(np.where(self._cells < 0, 0, self._cells).astype(np.int8), (rows, columns))
+        free = np.where(self._cells < 0, 0, self._cells).astype(np.int8)
+        there = np.argwhere((free >= OCCUPIED_PERCENT) & (free != FORBIDDEN))
+        gone = there[obstacles.sees_through((there[:, ::-1] + 0.5) * self._resolution_m + self._corner)]
+        free[gone[:, 0], gone[:, 1]] = 0
+        free = np.pad(free, (rows, columns))
         settled = np.pad(self._settled, (rows, columns))
         corner = self._corner - np.array([columns[0], rows[0]]) * self._resolution_m
         return self._grid(self._marked(free, settled, corner, obstacles.points(now_s)), corner)

@@ -39,6 +39,7 @@ class LiveObstacles:
         """Forget all obstacles."""
         self._cells = np.empty((0, 2), dtype=np.int64)
         self._hit_s = np.empty(0)
+        self._newest: tuple[NDArray[np.float64], LaserSweep] | None = None
 
     def see(self, laser: ArrayLike, sweep: LaserSweep, now_s: float) -> None:
         """Add a sweep: cells that it hit are obstacles, cells that it saw as free are not.
@@ -48,6 +49,7 @@ class LiveObstacles:
             sweep: The sweep.
             now_s: The time.
         """
+        self._newest = np.asarray(laser, float), sweep
         kept = now_s - self._hit_s < self._decay_s
         kept &= ~sweep.looked_through(transform_points(relative(laser, HERE), self._middles(self._cells)))
         hit = np.floor(self._hits(laser, sweep) / self._resolution_m).astype(np.int64)
@@ -57,6 +59,15 @@ class LiveObstacles:
         _, first = np.unique(cells, axis=0, return_index=True)
         first = np.sort(first)[: self._most]
         self._cells, self._hit_s = cells[first], hit_s[first]
+
+    def sees_through(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return through which places `(M, 2)`, m, map frame, within `range_m` the newest sweep saw."""
+        if self._newest is None:
+            return np.zeros(len(places), np.bool_)
+        laser, sweep = self._newest
+        seen = sweep.looked_through(transform_points(relative(laser, HERE), places))
+        near: NDArray[np.bool_] = np.hypot(*(places - laser[:2]).T) <= self._range_m
+        return seen & near
 
     def points(self, now_s: float) -> NDArray[np.float64]:
         """Return the middles of the current obstacle cells: `(N, 2)`, m, map frame."""

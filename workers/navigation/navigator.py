@@ -38,7 +38,8 @@ ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S, MOST_ALIGN_RAD_PER_S = 2.0, 0.2, 1.0
 TRACKED = 400  # poses kept to interpolate a sweep's pose
 PROGRESS_M = 0.5
 FORESEEN_S = 0.4  # a command that would bring the robot into a no-go area within this time is not given
-UNSEEN = (Obstruction.UNKNOWN_GOAL, Obstruction.NO_WAY)  # a path may lead through what was never seen
+# A path may lead through what was never seen, or is not there any more, as a door in which the robot stands.
+PASSABLE = (Obstruction.UNKNOWN_GOAL, Obstruction.NO_WAY, Obstruction.ROBOT)
 DETOUR_M = 1.0  # a path that is longer than the previous one by this much counts as a detour
 
 
@@ -271,8 +272,8 @@ class Navigator:
             self._end(NavigatorState.UNREACHABLE, on_map.obstruction)
 
     def _way_through_unknown(self, situation: _Situation, obstruction: Obstruction) -> Way | None:
-        """Plan through places that were never seen, if the robot may, and the map alone has no path."""
-        if not self.settings.enters_unknown or obstruction not in UNSEEN:
+        """Plan through what was never seen or has gone, if the robot may, and the map alone has no path."""
+        if not self.settings.enters_unknown or obstruction not in PASSABLE:
             return None
         grid = situation.costmap.opened(self._obstacles, self._clock(), situation.goal)
         way = None if grid is None else self._way(situation, grid)

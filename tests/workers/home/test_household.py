@@ -294,28 +294,47 @@ def test_robot_asks_for_a_closed_door_and_drives_on_when_somebody_has_opened_it(
     robot.work.begin([GO])
     robot.work.unreachable("no path leads to the goal")
     np.testing.assert_array_equal(robot.work.goal, (4.0, 1.0, 1.5))
+    robot.work.see_ahead(3.0)  # it is not at the door yet
     robot.drive()
     robot.work.arrived()  # navigation says it again while the robot stands there
     assert robot.work.sayings()[1:] == [OPEN_DOOR.format("kitchen")]
-    robot.now_s += HouseholdSettings().door_s
-    robot.work.step()
+    robot.work.see_ahead(0.7)
+    np.testing.assert_array_equal(robot.work.goal, (4.0, 1.0, 1.5))
+    robot.work.see_ahead(3.0)
     np.testing.assert_array_equal(robot.work.goal, PLACES["kitchen"])
     robot.drive()
     assert robot.work.ends[-1].is_done
     assert robot.states == ["GO", "DOOR", "GO", "IDLE"]
 
 
-def test_robot_gives_up_a_place_whose_door_nobody_opens(robot: Robot) -> None:
+def test_robot_asks_several_times_and_gives_up_a_place_whose_door_nobody_opens(robot: Robot) -> None:
     robot.doors["kitchen"] = (4.0, 1.0, 1.5)
     robot.work.begin([GO])
-    while robot.work.order is not None:
-        robot.work.unreachable("no path leads to the goal")
-        if robot.work.state is HouseholdState.DOOR:
+    for _ in range(100):
+        if robot.states[-1] == "DOOR":
             robot.drive()
-            robot.now_s += HouseholdSettings().door_s
+            robot.work.see_ahead(0.7)
+            robot.now_s += 1.0
             robot.work.step()
-    assert robot.work.sayings()[-1] == "I could not go to the kitchen: no path leads to the goal."
-    assert robot.states.count("DOOR") == HouseholdSettings().max_requests
+        elif robot.work.order is not None:
+            robot.work.unreachable("no path leads to the goal")
+    assert robot.work.order is None
+    said = robot.work.sayings()
+    assert said.count(OPEN_DOOR.format("kitchen")) == HouseholdSettings().max_requests
+    assert said[-1] == "I could not go to the kitchen: no path leads to the goal."
+    assert robot.states == ["GO", "DOOR", "GO", "IDLE"]
+
+
+def test_cancelled_order_asks_for_no_door_any_more(robot: Robot) -> None:
+    robot.doors["kitchen"] = (4.0, 1.0, 1.5)
+    robot.work.begin([GO])
+    robot.work.unreachable("no path leads to the goal")
+    robot.drive()
+    robot.work.sayings()
+    robot.work.cancel("enough")
+    robot.now_s += 10 * HouseholdSettings().door_s
+    robot.work.step()
+    assert (robot.work.sayings(), robot.states[-1]) == ([], "IDLE")
 
 
 def test_door_that_the_robot_cannot_come_to_is_not_asked_for(robot: Robot) -> None:
@@ -337,8 +356,7 @@ def test_restarted_robot_waits_again_before_the_door_to_the_table(robot: Robot) 
     assert robot.states[-1] == "DOOR"
     np.testing.assert_array_equal(again.goal, (1.0, 0.0, 0.0))
     again.arrived()
-    robot.now_s += HouseholdSettings().door_s
-    again.step()
+    again.see_ahead(3.0)
     assert robot.states[-1] == "FETCH"
     np.testing.assert_array_equal(again.goal, PLACES["desk"])
 

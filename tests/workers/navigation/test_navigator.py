@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena
+from hw.simulation.box_segments import box_segments
 from robbie_mp.state_machine import mermaid
 from tests.docs._support.pages import ROOT
 from tests.workers._support.exploration_world import drawn_cells
@@ -80,6 +81,23 @@ def test_robot_drives_through_places_that_it_has_not_seen_only_if_it_may(enters_
     world.run(90.0)
     if not enters_unknown:
         assert "the goal lies in unknown space" in world.navigator.machine.reason
+        return
+    assert world.navigator.state is NavigatorState.ARRIVED, world.navigator.status
+    assert world.off_m(goal) < 0.2
+    assert world.drive.collisions == 0
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_robot_drives_through_a_door_that_is_open_though_the_map_shows_it_closed(is_open: bool) -> None:
+    walls = [(4.0, 0.0, 4.0, 1.5), (4.0, 2.5, 4.0, 4.0), *box_segments(np.array([(0.0, 0.0, 8.0, 4.0)]))]
+    opened = Arena(np.array(walls), np.empty((0, 3)), Pose(2.5, 2.0, 0.0), 8.0, 4.0)
+    closed = replace(opened, segments=np.vstack([walls, [(4.0, 1.5, 4.0, 2.5)]]))
+    settings = NavigatorSettings(enters_unknown=True)
+    world, goal = NavigationWorld(closed, opened if is_open else closed, settings), (6.0, 2.0, 0.0)
+    world.navigator.go_to(goal)
+    world.run(30.0)
+    if not is_open:
+        assert world.navigator.state is NavigatorState.UNREACHABLE, world.navigator.status
         return
     assert world.navigator.state is NavigatorState.ARRIVED, world.navigator.status
     assert world.off_m(goal) < 0.2
