@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -43,6 +44,7 @@ from robbie_mp.messages import (
     CancelNavigation,
     GoalCancel,
     GoalEnd,
+    LaserScan,
     MapAnnotated,
     MapAnnotations,
     NavigateTo,
@@ -53,6 +55,7 @@ from robbie_mp.messages import (
     TaughtNames,
 )
 from tests._support.places import PROJECT
+from workers.home.household import OPEN_DOOR
 from workers.home.orders import OrderReader, Task
 from workers.speech.order_grammar import OrderGrammar
 
@@ -175,6 +178,36 @@ def test_orders_name_what_people_have_taught_and_are_refused_when_it_is_forgotte
     robot.harness.send(TaughtNames(), topic="objects")
     robot.harness.send_goal(CarryOut(text="bring me the mint tea"))
     assert "I do not understand" in robot.harness.take(CallRefusal)[0].reason
+
+
+def test_robot_waits_before_a_door_until_it_sees_through_it(tmp_path: Path) -> None:
+    settings = SETTINGS | {"doors": {"kitchen": [4.0, 1.0, 1.5]}}
+    with ModuleHarness(Household, settings, name="household", output_directory=tmp_path) as harness:
+        robot = Robot(harness)
+        robot.begin()
+        harness.send_goal(CarryOut(text="go to the kitchen"), client="person")
+        robot.wait(0.4)
+        harness.end_goal(harness.take(NavigateTo)[-1], GoalAborted("no path leads to the goal"))
+        robot.wait(0.4)
+        robot.arrive()
+        assert robot.pose == pytest.approx((4.0, 1.0, 1.5))
+        assert robot.said() == ["I go to the kitchen.", OPEN_DOOR.format("kitchen")]
+        beside_m = np.full(360, 5.0, np.float32)
+        for ahead_m in (0.7, math.inf):
+            harness.take(NavigateTo)
+            ranges = beside_m.copy()
+            ranges[175:186] = ahead_m
+            scan = LaserScan(
+                angle_min=-math.pi,
+                angle_increment=math.pi / 180,
+                range_min=0.05,
+                range_max=10.0,
+                ranges=ranges,
+            )
+            harness.send(scan)
+            robot.wait(1.4)
+        goal = harness.take(NavigateTo)[-1].pose.pose.position
+        assert (goal.x, goal.y) == (4.0, 2.0)
 
 
 def test_spoken_order_brings_the_object_to_the_person_who_has_spoken(robot: Robot) -> None:
