@@ -21,6 +21,8 @@ REQUEST_TOPIC = "emergency_stop"
 STATE_TOPIC = "emergency_stop_state"
 STOPPED_BY = "stopped by hand on the operator's page"
 RELEASED_BY = "released by hand on the operator's page"
+RELEASE_PERIOD_S = 0.25
+"""Time between two looks whether the button that releases the stop is shown."""
 STYLE = Path(__file__).parent / "emergency_stop.css"
 
 
@@ -90,4 +92,4 @@ class EmergencyStopControl:
             again.classes(remove="invisible" if is_shown else "", add="" if is_shown else "invisible")
 
         update()
-        page.always(0.1, update)
+        page.always(RELEASE_PERIOD_S, update)

@@ -85,6 +85,27 @@ class Told:
         return sum(line.startswith(begin) for line in self._file.read_text().splitlines())
 
 
+NEAR_AND_FAR_WALLS = """() => {
+  const moving = Object.values(mounted_app.$refs).find((one) => one?.choose_walls);
+  const [near] = moving.blocks.values();
+  const far = { mesh: { position: near.mesh.position.clone().addScalar(900) }, count: 1 };
+  moving.blocks.set("far", far);
+  const { count } = near;
+  near.count = 5000;
+  const raised = () => (moving.choose_walls(), [near.mesh.visible, far.mesh.visible]);
+  const { quality } = moving.effort;
+  moving.effort.quality = 0;
+  const fine = raised();
+  for (let step = 0; step < 9; step += 1) moving.draw_coarser(moving.renderer);
+  const coarse = raised();
+  moving.blocks.delete("far");
+  const ratio = moving.renderer.getPixelRatio();
+  moving.effort.quality = quality;
+  near.count = count;
+  return { fine, coarse, ratio };
+}"""
+
+
 def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: Told) -> None:
     (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "_support" / "known_robot.py").read_text())
     with LogFile(robot.folder / "old.mcap") as log:
@@ -416,6 +437,7 @@ def joint_moves_while_its_pose_is_held(page: Page) -> None:
 def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> None:
     page.click("#tab-view")
     page.wait_for_selector("#view-moving[data-walls='1']")  # the wall at the left, in all rows that are known
+    scene_without_a_graphics_card_is_coarse(page)
     page.click("#view-goal")
     page.wait_for_selector("#view-moving[data-placing=goal]")
     page.click("#view-scene canvas")  # the camera looks at the origin
@@ -425,6 +447,18 @@ def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> Non
     page.click("#tab-map")
     page.click("#map-cancel")
     told.waits_for("cancel")
+
+
+def scene_without_a_graphics_card_is_coarse(page: Page) -> None:
+    """It has rough edges from the beginning; if that is not enough, fewer pixels and only near walls."""
+    scene = "document.querySelector('#view-scene canvas')"
+    smooth = f"{scene}.getContext('webgl2').getContextAttributes().antialias"
+    assert page.evaluate(smooth) is False
+    assert page.evaluate(
+        "document.createElement('canvas').getContext('webgl2').getContextAttributes().antialias"
+    )
+    raised = page.evaluate(NEAR_AND_FAR_WALLS)
+    assert raised == {"fine": [True, True], "coarse": [True, False], "ratio": 0.5}
 
 
 def cameras_are_shown(page: Page, address: str) -> None:

@@ -5,7 +5,9 @@ points at 5 Hz. The robot's modules also exchange 500 small messages a second. T
 of messages without a station, with a station without pages, with pages, and with one more observer whose link
 carries little or no data. Then it measures how often the map and the 3-D view are drawn while a mouse drags
 and zooms there. The session `tiles` is one operator with a layout of six live things, and `hidden` the
-same after another panel has taken their place.
+same after another panel has taken their place; `parameters` is a page that has shown only that panel. In
+`tiles-elsewhere` and `hidden-elsewhere`, the browser takes only the processor time that the robot leaves, as
+if it ran on another machine.
 """
 
 import argparse
@@ -64,6 +66,9 @@ def sessions_of(kind: str, tabs: tuple[str, ...]) -> dict[str, Session]:
         Session("slow", kind=kind, tabs=tabs, slow_bytes_per_s=SLOW_BYTES_PER_S),
         Session("tiles", kind="browser", tabs=(TILES,)),
         Session("hidden", kind="browser", tabs=(HIDDEN,)),
+        Session("parameters", kind="browser", tabs=("parameters",)),
+        Session("tiles-elsewhere", kind="elsewhere", tabs=(TILES,)),
+        Session("hidden-elsewhere", kind="elsewhere", tabs=(HIDDEN,)),
         Session("drag-map", kind="browser", tabs=("map",), is_dragged=True),
         Session("drag-view", kind="browser", tabs=("view",), is_dragged=True),
     )
@@ -93,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
         "--kind",
         choices=KINDS,
         default="browser",
-        help="kind of the pages: in Chromium, or light ones that draw nothing",
+        help="pages in Chromium, in one that takes only what the robot leaves, or that draw nothing",
     )
     add(
         "--tabs",

@@ -1,19 +1,25 @@
-"""Pages in a real Chromium: `python -m tools.operator_load.browser_pages ADDRESS ROLE/TAB …`.
+"""Pages in a real Chromium: `python -m tools.operator_load.browser_pages [--elsewhere] ADDRESS ROLE/TAB …`.
 
-The tab `tiles` is the layout `Live` with several panels at once.
+The tab `tiles` is the layout `Live` with several panels at once. With `--elsewhere` the browser takes only
+the processor time that the robot leaves, as if it ran on another machine.
 
 The program prints `ready` when all pages show their tabs. It answers a line `count` with the number of times
 that each page has been drawn so far. It answers a line `drag` with the rate at which each page is drawn while
 a mouse drags and zooms in it. The answers are JSON. The program ends when its input ends.
 """
 
+import contextlib
 import json
+import logging
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
+import psutil
 from playwright.sync_api import Page
 
+from robbie_mp.linux.priority import lower_priority
 from tools.operator_load import HIDDEN, LIVE, TILES, token_of
 from tools.operator_trials.chromium import chromium
 
@@ -39,6 +45,8 @@ COUNTS = """() => {
 }"""
 CANVASES = {"map": "#map-view", "view": "#view-scene canvas"}
 DRAG_S = 10.0
+NICE = 19
+ELSEWHERE = "--elsewhere"
 COUNT_FRAMES = """() => {
   window.drawn = 0;
   const count = () => { window.drawn += 1; requestAnimationFrame(count); };
@@ -91,9 +99,23 @@ def drag(page: Page, tab: str) -> dict[str, float]:
     return {"page": frames / took_s, "scene": (page.evaluate(COUNTS)["frames"] - scene) / took_s}
 
 
-def main(address: str, visits: list[str]) -> None:
+def lower_sessions() -> None:
+    """Lower the priority of the sessions of all processes that this one has started.
+
+    Chromium has a session of its own, among which Linux first shares the processors, see `lower_priority`.
+    """
+    for process in psutil.Process().children(recursive=True):
+        with contextlib.suppress(OSError):  # it has ended, or the kernel has no such groups
+            Path(f"/proc/{process.pid}/autogroup").write_text(str(NICE))
+
+
+def main(address: str, visits: list[str], *, is_elsewhere: bool) -> None:
     """Open the pages, and answer requests until the input ends."""
+    if is_elsewhere:
+        lower_priority(NICE, logging.getLogger())
     with chromium() as browser:
+        if is_elsewhere:
+            lower_sessions()
         pages: list[tuple[Page, str]] = []
         for visit in visits:
             role, tab = visit.split("/")
@@ -110,4 +132,5 @@ def main(address: str, visits: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2:])
+    given = [one for one in sys.argv[1:] if one != ELSEWHERE]
+    main(given[0], given[1:], is_elsewhere=ELSEWHERE in sys.argv)

@@ -41,11 +41,12 @@ LIVE_TILES = {
 }
 """Six things are live: both cameras are in one tile."""
 ALL_COUNTED = ("view", "frames", "map", "cameras", "system", "trace")
-COUNTED = {"view": ("view", "frames"), TILES: ALL_COUNTED, HIDDEN: ALL_COUNTED}
+COUNTED = {"view": ("view", "frames")} | dict.fromkeys((TILES, HIDDEN, "parameters"), ALL_COUNTED)
 """What is counted on pages with several things."""
+_BROWSER = [sys.executable, "-m", "tools.operator_load.browser_pages"]
 KINDS = {
-    # Browsers normally run on other machines, so here they get only the processor time that is left.
-    "browser": ["nice", "-n", "19", sys.executable, "-m", "tools.operator_load.browser_pages"],
+    "browser": _BROWSER,
+    "elsewhere": [*_BROWSER, "--elsewhere"],
     "light": [sys.executable, "-m", "tools.operator_load.light_pages"],
 }
 
@@ -112,6 +113,7 @@ class Pages:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            start_new_session=True,
         )
         if self._line() != "ready":
             raise RuntimeError(f"the {kind} pages did not open")

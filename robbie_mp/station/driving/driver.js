@@ -51,7 +51,10 @@ export default {
       return [...document.querySelectorAll(".drives")].some((one) => one.offsetParent !== null);
     },
     wish() {
-      if (!this.is_shown()) return null;
+      const wish = this.held_input();
+      return wish && this.is_shown() ? wish : null; // is_shown last: it may make the browser lay out the page
+    },
+    held_input() {
       if (this.pointer && this.pointer.pad.offsetParent !== null) return this.pointer;
       if (this.keys.size) {
         const wish = { linear: 0, angular: 0 };

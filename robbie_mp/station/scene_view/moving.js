@@ -9,14 +9,21 @@ const DARKEST_WALL = 90; // of 255: occupied with 65 % or more
 const HIGHEST_M = 2.0; // where the colours of heights end
 const LOWEST_VIEW_RAD = Math.PI / 2 - 0.03; // the camera stays above the floor
 const PRESETS = { behind: [-3, 0, 2.2], above: [-0.01, 0, 12] };
-const SLOW_MS = 80; // a picture that takes longer keeps the other tiles from being drawn
-const SLOW_PICTURES = 8; // after these, the scene gets coarser
-const LEAST_RATIO = 0.5; // computed pixels for each pixel of the screen, in each direction
+// From fine to coarse: computed pixels for each pixel of the screen, in each direction, and the most blocks of walls.
+const QUALITIES = [[1, Infinity], [0.7, 8000], [0.5, 4000], [0.5, 2000], [0.5, 1000]];
 const GIVEN_UP_MS = 3000;
 const FRAMES_PER_S = 60; // most; a hidden scene only looks whether it is in sight again
 const HIDDEN_FRAMES_PER_S = 4;
-const WALL = open_box();
+// The sides of a block, by corners: 0 to 3 at the floor, 4 to 7 above them. Nobody sees its bottom.
+const SIDES = [[4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
+// How bright each corner is. The differences show where a wall turns, and cost nothing, unlike light.
+const CORNER_SHADES = [0.4, 0.5, 0.65, 0.5, 1, 1, 1, 1];
 const LINES = ["view/path", "view/trail"];
+const IS_SOFTWARE = draws_in_software();
+const SLOW_MS = IS_SOFTWARE ? 50 : 80; // a picture that takes longer keeps the other tiles from being drawn
+const SLOW_PICTURES = IS_SOFTWARE ? 2 : 8; // after more than these, the scene gets coarser
+const BEGIN_MS = IS_SOFTWARE ? 1000 : 0; // the emergency stop and the other tiles come before the first picture
+const RESTS = IS_SOFTWARE ? 2 : 1; // how much longer than a slow picture takes the scene rests
 // The floor is brighter than the sky in both, so that what is known of the map stands out.
 const PALETTES = {
   dark: {
@@ -56,7 +63,17 @@ export default {
       this.has_changed = true;
     },
   },
+  beforeMount() {
+    // The scene, which is mounted before this is, asks for smooth edges. In software they take half of the time of a picture.
+    if (!IS_SOFTWARE) return;
+    const { getContext } = HTMLCanvasElement.prototype;
+    this.restore = () => (HTMLCanvasElement.prototype.getContext = getContext);
+    HTMLCanvasElement.prototype.getContext = function (kind, wish) {
+      return getContext.call(this, kind, { ...wish, antialias: false });
+    };
+  },
   mounted() {
+    this.restore?.();
     this.poses = { robot: null, goal: null, nodes: {} };
     this.updates = 0;
     this.turns = true; // whether the camera turns with the robot
@@ -66,17 +83,22 @@ export default {
     this.texture = new THREE.CanvasTexture(this.map.canvas);
     this.texture.magFilter = THREE.NearestFilter;
     this.texture.colorSpace = THREE.SRGBColorSpace;
+    if (IS_SOFTWARE) {
+      this.texture.generateMipmaps = false; // half of the time of a picture without walls
+      this.texture.minFilter = THREE.LinearFilter;
+    }
     const look = { transparent: true, side: THREE.DoubleSide, map: this.texture };
     this.floor = new THREE.Mesh(new THREE.PlaneGeometry(1, 1), new THREE.MeshBasicMaterial(look));
     this.raised = new THREE.Group();
     this.raised.visible = this.walls;
-    this.wall_material = new THREE.MeshLambertMaterial();
+    this.wall_material = new THREE.MeshBasicMaterial({ vertexColors: true });
     this.blocks = new Map(); // the walls of each tile, and the picture that they are of
     this.goal_material = new THREE.MeshBasicMaterial({ side: THREE.DoubleSide });
     this.goal = goal_arrow(this.goal_material);
     this.paint();
     this.live = new Live("view+map", this.$el, (parts) => this.take(parts));
     this.timer = setInterval(() => this.look(), LOOK_MS);
+    this.$nextTick(() => this.look());
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(this.$el);
     this.$el.addEventListener("click", (event) => this.place(event));
@@ -107,7 +129,7 @@ export default {
       this.has_changed = true;
       this.$el.dataset.updates = this.updates += 1;
     },
-    // Nodes, marks and names come with the page's other messages, so every now and then something is new.
+    // Nodes, marks and names come with the page's other messages.
     look() {
       const component = getElement(this.scene);
       const { renderer, controls } = component ?? {};
@@ -117,7 +139,9 @@ export default {
       if (!this.live.in_sight) return;
       controls.maxPolarAngle = LOWEST_VIEW_RAD;
       this.move_nodes();
-      this.has_changed = true;
+      const seen = fingerprint(component.scene);
+      this.has_changed ||= seen !== this.seen;
+      this.seen = seen;
     },
     resize() {
       getElement(this.scene)?.resize?.();
@@ -132,7 +156,9 @@ export default {
       }
       const render = renderer.render;
       const gl = renderer.getContext();
-      this.effort = { fence: null, begun_ms: 0, rests_until_ms: 0, slow: 0 };
+      const rests_until_ms = performance.now() + BEGIN_MS;
+      this.effort = { fence: null, begun_ms: 0, rests_until_ms, slow: 0, quality: 0 };
+      if (IS_SOFTWARE) this.draw_coarser(renderer);
       renderer.render = (...what) => {
         has_drawn = false;
         if (!this.live.in_sight) {
@@ -140,13 +166,10 @@ export default {
           this.effort.fence = null; // or the time out of sight would count as the picture's
           return;
         }
-        if (!this.has_changed || !this.is_rested(renderer, gl)) return;
+        if (!this.is_rested(gl) || !this.has_changed) return;
         this.has_changed = false;
-        const ratio = renderer.getPixelRatio();
-        if (this.effort.slow > SLOW_PICTURES && ratio > LEAST_RATIO) {
-          renderer.setPixelRatio(Math.max(LEAST_RATIO, 0.7 * ratio)); // which empties the picture
-          this.effort.slow = 0;
-        }
+        if (this.effort.slow > SLOW_PICTURES) this.draw_coarser(renderer);
+        this.choose_walls();
         render.apply(renderer, what);
         has_drawn = true; // so that the names, which are elements of the page, are placed anew
         if (!gl.fenceSync) return;
@@ -168,8 +191,8 @@ export default {
       this.has_changed = true;
     },
     // Whether the last picture is complete. Where pictures take long, as without a graphics card, the scene gets coarser, and
-    // rests between two pictures, so that the other tiles go on.
-    is_rested(renderer, gl) {
+    // rests between two pictures, so that the other tiles go on: while a picture is read back, no script of the page runs.
+    is_rested(gl) {
       const { effort } = this;
       const now_ms = performance.now();
       if (effort.fence) {
@@ -177,10 +200,32 @@ export default {
         if (took_ms < GIVEN_UP_MS && gl.getSyncParameter(effort.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
         gl.deleteSync(effort.fence);
         effort.fence = null;
-        if (took_ms > SLOW_MS) effort.rests_until_ms = now_ms + Math.min(took_ms, GIVEN_UP_MS);
+        if (took_ms > SLOW_MS) effort.rests_until_ms = now_ms + RESTS * Math.min(took_ms, GIVEN_UP_MS);
         effort.slow = took_ms > SLOW_MS ? effort.slow + 1 : Math.max(0, effort.slow - 1);
       }
       return now_ms >= effort.rests_until_ms;
+    },
+    draw_coarser(renderer) {
+      const quality = Math.min(this.effort.quality + 1, QUALITIES.length - 1);
+      const [ratio] = QUALITIES[quality];
+      if (renderer.getPixelRatio() !== ratio) renderer.setPixelRatio(ratio); // which empties the picture
+      Object.assign(this.effort, { quality, slow: 0 });
+      this.$el.dataset.quality = quality;
+    },
+    // Raises only the walls that are nearest to what the camera looks at, if there are too many; the others lie flat.
+    choose_walls() {
+      const { target } = getElement(this.scene).controls;
+      const { tile: size } = this.map.place ?? {};
+      const centre = new THREE.Vector3(size / 2, size / 2, 0);
+      const found = [...this.blocks.values()].map(({ mesh, count }) => {
+        const away = this.raised.localToWorld(mesh.position.clone().add(centre)).distanceTo(target);
+        return { mesh, count, away };
+      });
+      let left = QUALITIES[this.effort.quality][1];
+      for (const { mesh, count } of found.sort((one, other) => one.away - other.away)) {
+        mesh.visible = left > 0;
+        left -= count;
+      }
     },
     // Moves the camera as far as the robot has moved, and, behind it, turns with it.
     go_along() {
@@ -261,18 +306,19 @@ export default {
       for (const [name, { mesh, picture }] of blocks) {
         if (map.tiles.get(name) === picture) continue;
         raised.remove(mesh);
-        mesh.dispose();
+        mesh.geometry.dispose();
         blocks.delete(name);
       }
       for (const [name, picture] of map.tiles) {
         if (blocks.has(name)) continue;
         const [across, up] = name.split("/").map(Number);
-        const mesh = blocks_of(picture, size, this.wall_material);
+        const found = blocks_of(picture, size);
+        const mesh = new THREE.Mesh(shape_of(found), this.wall_material);
         mesh.position.set(across * size, up * size, 0);
         // What is out of sight is not drawn. The radius grows with the largest scale, which is that of the heights, 1.
-        mesh.boundingSphere = new THREE.Sphere(new THREE.Vector3(size / 2, size / 2, 0), size * pixel_m + WALL_M);
+        mesh.geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(size / 2, size / 2, 0), size * pixel_m + WALL_M);
         raised.add(mesh);
-        blocks.set(name, { mesh, picture });
+        blocks.set(name, { mesh, picture, count: found.length });
       }
       // The blocks are in pixels of the infinite grid that the tiles lie on.
       const [cos, sin] = [Math.cos(yaw_rad), Math.sin(yaw_rad)];
@@ -280,7 +326,7 @@ export default {
       raised.scale.set(pixel_m, pixel_m, 1);
       raised.rotation.z = yaw_rad;
       raised.position.set(x_m + cos * w - sin * h, y_m + sin * w + cos * h, 0);
-      this.$el.dataset.walls = [...blocks.values()].reduce((sum, { mesh }) => sum + mesh.count, 0);
+      this.$el.dataset.walls = [...blocks.values()].reduce((sum, { count }) => sum + count, 0);
     },
     show_goal() {
       const { goal } = this.poses;
@@ -313,6 +359,18 @@ export default {
   },
 };
 
+// A number that changes when something is added, removed, moved, hidden or coloured.
+function fingerprint(scene) {
+  let sum = 0;
+  let count = 1;
+  scene.traverse(({ id, visible, position, quaternion, scale, material }) => {
+    const { x, y, z, w } = quaternion;
+    const parts = [id, visible ? 1 : 2, ...position, x, y, z, w, ...scale, material?.color?.getHex() ?? 0, material?.opacity ?? 0];
+    for (const part of parts) sum += part * Math.sin((count += 1));
+  });
+  return sum;
+}
+
 function yaw_of([x, y, z, w]) {
   return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
 }
@@ -323,9 +381,9 @@ function rainbow(value, brightness) {
   return new THREE.Color().setHSL(0.66 * (1 - part), 1, brightness).toArray();
 }
 
-// Blocks of occupied pixels, in pixels of the tile. Runs of a row that lie exactly above those of the row before make one
-// block with them, so that a wall is a block in whatever direction it goes.
-function blocks_of(picture, size, material) {
+// Blocks of occupied pixels, in pixels of the tile: where they begin and end, to the right and up. Runs of a row that lie
+// exactly above those of the row before make one block with them, so that a wall is a block in whatever direction it goes.
+function blocks_of(picture, size) {
   const canvas = new OffscreenCanvas(size, size);
   const pen = canvas.getContext("2d", { willReadFrequently: true });
   pen.drawImage(picture, 0, 0);
@@ -335,32 +393,48 @@ function blocks_of(picture, size, material) {
   let before = new Map(); // the blocks that reach the row before, by where they begin and end
   for (let row = 0; row < size; row += 1) {
     const here = new Map();
+    const y = size - row; // the first row of a picture is the top
     for (let x = 0; x < size; x += 1) {
       if (!is_wall(x, row)) continue;
       const begin = x;
       while (x < size && is_wall(x, row)) x += 1;
       const key = begin * (size + 1) + x;
-      const block = before.get(key) ?? { begin, end: x, first: row };
-      if (block.first === row) blocks.push(block);
-      block.last = row;
+      const block = before.get(key) ?? { left: begin, right: x, top: y };
+      if (block.top === y) blocks.push(block);
+      block.bottom = y - 1;
       here.set(key, block);
     }
     before = here;
   }
-  const mesh = new THREE.InstancedMesh(WALL, material, blocks.length);
-  const matrix = new THREE.Matrix4();
-  blocks.forEach(({ begin, end, first, last }, at) => {
-    const y = size - (first + last + 1) / 2; // the first row of a picture is the top
-    matrix.makeScale(end - begin, last - first + 1, 1).setPosition((begin + end) / 2, y, WALL_M / 2);
-    mesh.setMatrixAt(at, matrix);
-  });
-  return mesh;
+  return blocks;
 }
 
-// A cube without its bottom, which nobody sees.
-function open_box() {
-  const box = new THREE.BoxGeometry(1, 1, WALL_M);
-  return box.setIndex([...box.index.array.slice(0, 30)]);
+// All blocks in one shape, with as few corners as possible: where the processor computes the picture, corners are what costs.
+function shape_of(blocks) {
+  const corners = new Float32Array(24 * blocks.length);
+  const shades = new Float32Array(24 * blocks.length);
+  const triangles = new Uint32Array(30 * blocks.length);
+  const shade = CORNER_SHADES.flatMap((one) => [one, one, one]);
+  blocks.forEach(({ left, right, top, bottom }, at) => {
+    const outline = [[left, bottom], [right, bottom], [right, top], [left, top]];
+    corners.set([0, WALL_M].flatMap((z) => outline.flatMap(([x, y]) => [x, y, z])), 24 * at);
+    shades.set(shade, 24 * at);
+    const first = 8 * at;
+    triangles.set(SIDES.flatMap(([a, b, c, d]) => [first + a, first + b, first + c, first + a, first + c, first + d]), 30 * at);
+  });
+  return new THREE.BufferGeometry()
+    .setAttribute("position", new THREE.BufferAttribute(corners, 3))
+    .setAttribute("color", new THREE.BufferAttribute(shades, 3))
+    .setIndex(new THREE.BufferAttribute(triangles, 1));
+}
+
+// Whether the processor computes the pictures, because there is no graphics card.
+function draws_in_software() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
 }
 
 function goal_arrow(material) {
