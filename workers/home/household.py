@@ -130,6 +130,7 @@ class HouseholdWork:
         self._requests = 0
         self._behind = HouseholdState.GO
         self._at_door_s = math.inf
+        self._ahead_m = 0.0
 
     # -- what the owner does -----------------------------------------------------------------------------
 
@@ -445,23 +446,32 @@ class HouseholdWork:
             self._end(False, f"{state.value}: that took too long")
         elif state is HouseholdState.MEET:
             self._meet()
-        elif state is HouseholdState.DOOR and self._clock() - self._at_door_s >= self.settings.door_s:
-            self._at_door_s = math.inf
-            self._arrived_at_door()
+        elif state is HouseholdState.DOOR and self._at_door_s < math.inf:
+            self._watch_door()
 
     # -- doors -------------------------------------------------------------------------------------------
 
     def see_ahead(self, range_m: float) -> None:
         """Take how far the laser sees straight ahead; so the robot notices that a door is open."""
-        is_waiting = self.state is HouseholdState.DOOR and self._at_door_s < math.inf
-        if is_waiting and range_m >= self.settings.open_m:
+        self._ahead_m = range_m
+
+    def _watch_door(self) -> None:
+        """Drive on if the door is open, and ask again if it is not for too long.
+
+        Only a step does this: its owner then sends the new goal at once, so the end of the old one, at the
+        door, does not count for the new one.
+        """
+        if self._ahead_m >= self.settings.open_m:
             self._drive_on("the door is open")
+        elif self._clock() - self._at_door_s >= self.settings.door_s:
+            self._at_door_s = math.inf
+            self._arrived_at_door()
 
     def _arrived_at_door(self) -> None:
         """Ask for the door, and wait."""
         if self._at_door_s == math.inf and self._requests < self.settings.max_requests:
             self._requests += 1
-            self._at_door_s = self._clock()
+            self._at_door_s, self._ahead_m = self._clock(), 0.0
             self._sayings.append(OPEN_DOOR.format(self._destination))
         elif self._at_door_s == math.inf:
             self._drive_on("nobody has opened the door")

@@ -299,8 +299,12 @@ def test_robot_asks_for_a_closed_door_and_drives_on_when_somebody_has_opened_it(
     robot.work.arrived()  # navigation says it again while the robot stands there
     assert robot.work.sayings()[1:] == [OPEN_DOOR.format("kitchen")]
     robot.work.see_ahead(0.7)
+    robot.work.step()
     np.testing.assert_array_equal(robot.work.goal, (4.0, 1.0, 1.5))
     robot.work.see_ahead(3.0)
+    robot.work.arrived()  # still at the door, not at the goal behind it
+    assert not robot.work.ends
+    robot.work.step()
     np.testing.assert_array_equal(robot.work.goal, PLACES["kitchen"])
     robot.drive()
     assert robot.work.ends[-1].is_done
@@ -357,6 +361,7 @@ def test_restarted_robot_waits_again_before_the_door_to_the_table(robot: Robot) 
     np.testing.assert_array_equal(again.goal, (1.0, 0.0, 0.0))
     again.arrived()
     again.see_ahead(3.0)
+    again.step()
     assert robot.states[-1] == "FETCH"
     np.testing.assert_array_equal(again.goal, PLACES["desk"])
 
