@@ -226,7 +226,7 @@ class HouseholdWork:
         self._note_givers()
 
     def _note_givers(self) -> None:
-        """Note where those stand who may have given the order: who is in front, or else the nearest.
+        """Note where the persons stand who may have given the order: the one in front, or else the nearest.
 
         Corners of furniture look like one leg, so they come last.
 
