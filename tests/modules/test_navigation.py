@@ -38,6 +38,7 @@ from robbie_mp.messages import (
     schema_text,
 )
 from robbie_mp.messages import Path as PathMessage
+from robbie_mp.messages.stock.nav2_msgs import Cost
 from tests._support.places import ARENAS
 from tools.random_rooms import drawn_map
 
@@ -133,9 +134,9 @@ def test_robot_drives_to_a_goal_with_expiring_commands_and_a_path(robot: Robot) 
     end = next(path for path in paths if path.poses).poses[-1].pose.position
     assert math.hypot(end.x - 3.5, end.y - 2.4) < 0.1
     costmap = robot.harness.take(Costmap, "costmap")[-1]
-    assert cost_at(costmap, end.x, end.y) <= Costmap.AVOIDED
-    assert cost_at(costmap, 2.5, 0.05) == Costmap.OBSTACLE
-    assert cost_at(costmap, 2.5, 0.4) == Costmap.TOO_NEAR
+    assert cost_at(costmap, end.x, end.y) <= Cost.AVOIDED
+    assert cost_at(costmap, 2.5, 0.05) == Cost.OBSTACLE
+    assert cost_at(costmap, 2.5, 0.4) == Cost.TOO_NEAR
     truth = robot.drive.ground_truth().pose
     assert math.hypot(truth.x_m - 3.5, truth.y_m - 2.4) < 0.2
     assert truth.heading_rad == pytest.approx(1.0, abs=0.2)

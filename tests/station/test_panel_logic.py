@@ -8,6 +8,7 @@ import pytest
 
 from robbie_mp.messages import Costmap, CostmapMetaData, LaserScan, Path, Point, Pose, PoseStamped
 from robbie_mp.messages.descriptions import KnownTypes
+from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.station.context import Page
 from robbie_mp.station.goals import checked
 from robbie_mp.station.panels import plots
@@ -103,12 +104,12 @@ def test_costmap_is_drawn_as_cells_and_one_of_a_wrong_size_is_not() -> None:
     metadata = CostmapMetaData(resolution=0.5, size_x=3, size_y=2, origin=Pose(position=Point(x=-1.0, y=2.0)))
     costs = np.array([0, 252, 253, 254, 255, 1], np.uint8)
     newest = Mock(message=Costmap(metadata=metadata, data=costs), count=7)
-    avoided = cost_cells(newest, 1, Costmap.AVOIDED)
+    avoided = cost_cells(newest, 1, Cost.AVOIDED)
     assert (avoided.revision, avoided.edge_m) == (7, 0.5)
     assert avoided.middles.tolist() == [[-0.25, 2.25], [0.25, 2.75]]
-    assert cost_cells(newest, Costmap.OBSTACLE, Costmap.OBSTACLE).middles.tolist() == [[-0.75, 2.75]]
+    assert cost_cells(newest, Cost.OBSTACLE, Cost.OBSTACLE).middles.tolist() == [[-0.75, 2.75]]
     newest.message = Costmap(metadata=metadata, data=costs[:5])
-    assert len(cost_cells(newest, 1, Costmap.AVOIDED).middles) == 0
+    assert len(cost_cells(newest, 1, Cost.AVOIDED).middles) == 0
 
 
 def test_goal_without_a_heading_has_none() -> None:

@@ -1,6 +1,6 @@
 """Costmaps (ROS nav2_msgs)."""
 
-from typing import ClassVar
+from enum import IntEnum
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
@@ -8,6 +8,18 @@ from robbie_mp.messages.primitives import Array, float32, uint8, uint32
 from robbie_mp.messages.stock.builtin_interfaces import Time
 from robbie_mp.messages.stock.geometry_msgs import Pose
 from robbie_mp.messages.stock.std_msgs import Header
+
+
+class Cost(IntEnum):
+    """Costs of cells with a meaning of their own, as in nav2_costmap_2d."""
+
+    FREE = 0
+    AVOIDED = 252
+    """The most: from 1 to this, paths may lead there, but avoid it."""
+    TOO_NEAR = 253
+    """For the robot's centre: an obstacle is beside it."""
+    OBSTACLE = 254
+    UNKNOWN = 255
 
 
 class CostmapMetaData(Message, name="nav2_msgs/msg/CostmapMetaData", version=1):
@@ -25,12 +37,6 @@ class CostmapMetaData(Message, name="nav2_msgs/msg/CostmapMetaData", version=1):
 class Costmap(Message, name="nav2_msgs/msg/Costmap", version=1):
     """Where a robot may be, and which places it prefers to avoid."""
 
-    FREE: ClassVar[uint8] = 0
-    AVOIDED: ClassVar[uint8] = 252  # more than 0, up to this: paths may lead there, but avoid it
-    TOO_NEAR: ClassVar[uint8] = 253  # for the robot's centre; an obstacle is beside it
-    OBSTACLE: ClassVar[uint8] = 254
-    UNKNOWN: ClassVar[uint8] = 255
-
     header: Header = DEFAULT
     metadata: CostmapMetaData = DEFAULT
-    data: Array[uint8] = DEFAULT  # (size_y * size_x,) row-major
+    data: Array[uint8] = DEFAULT  # (size_y * size_x,) row-major, as `Cost`

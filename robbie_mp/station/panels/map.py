@@ -25,6 +25,7 @@ from robbie_mp.messages import (
     PointOfInterest,
     PoseStamped,
 )
+from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.scene_graph import RigidTransform
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
@@ -66,9 +67,9 @@ LAYERS = {
 }
 """The layers that a visitor can hide."""
 COSTS = (
-    ("Costmap: avoided", "#ffab0040", 1, Costmap.AVOIDED),
-    ("Costmap: too near", "#ff3d0060", Costmap.TOO_NEAR, Costmap.TOO_NEAR),
-    ("Costmap: obstacles", "#d50000", Costmap.OBSTACLE, Costmap.OBSTACLE),
+    ("Costmap: avoided", "#ffab0040", 1, Cost.AVOIDED),
+    ("Costmap: too near", "#ff3d0060", Cost.TOO_NEAR, Cost.TOO_NEAR),
+    ("Costmap: obstacles", "#d50000", Cost.OBSTACLE, Cost.OBSTACLE),
 )
 """Layers of what navigation plans on: each with its colour, and its least and greatest cost."""
 SHOWN_S = 2.0

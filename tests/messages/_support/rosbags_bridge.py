@@ -22,10 +22,20 @@ VISION_MSGS = {
     ),
     "Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
 }
+# Fields as in https://github.com/ros-navigation/navigation2.
+NAV2_MSGS = {
+    "CostmapMetaData": (
+        "builtin_interfaces/Time map_load_time\nbuiltin_interfaces/Time update_time\nstring layer\n"
+        "float32 resolution\nuint32 size_x\nuint32 size_y\ngeometry_msgs/Pose origin"
+    ),
+    "Costmap": "std_msgs/Header header\nnav2_msgs/CostmapMetaData metadata\nuint8[] data",
+}
 
 
 def jazzy() -> Typestore:
     store = get_typestore(Stores.ROS2_JAZZY)
+    for name, fields in NAV2_MSGS.items():
+        store.register(get_types_from_msg(fields, f"nav2_msgs/msg/{name}"))
     for name, fields in VISION_MSGS.items():
         store.register(get_types_from_msg(fields, f"vision_msgs/msg/{name}"))
     return store

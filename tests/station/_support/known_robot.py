@@ -38,6 +38,7 @@ from robbie_mp.messages import (
     Quaternion,
     String,
 )
+from robbie_mp.messages.stock.nav2_msgs import Cost
 
 FRONTIERS = [Point(x=3.5, y=3.0), Point(x=0.5, y=4.5)]
 
@@ -69,7 +70,7 @@ def grid() -> OccupancyGrid:
 def costmap() -> Costmap:
     """An obstacle in the lower right corner of the map, and a place beside it that is too near to it."""
     costs = np.zeros((8, 12), np.uint8)
-    costs[0, -1], costs[0, -2] = Costmap.OBSTACLE, Costmap.TOO_NEAR
+    costs[0, -1], costs[0, -2] = Cost.OBSTACLE, Cost.TOO_NEAR
     metadata = CostmapMetaData(resolution=0.5, size_x=12, size_y=8, origin=pose(-1.0, 2.0))
     return Costmap(metadata=metadata, data=costs.ravel())
 
