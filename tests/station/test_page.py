@@ -11,6 +11,8 @@ pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(180)]
 LOST = (
     "Failed to load resource: net::ERR_FAILED",
     "Quasar is not defined",
+    "Vue is not defined",
+    "Cannot destructure property 'h' of 'window.Vue'",
     "Cannot read properties of undefined",
 )
 """Begins what a browser says of a script that it could not load."""
