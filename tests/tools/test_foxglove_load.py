@@ -67,6 +67,7 @@ def test_two_sessions_with_the_same_latencies_have_a_ratio_of_one() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_three_clients_read_all_images_and_stop_the_base_and_a_stopped_one_reads_none() -> None:
     with robot_with_server({}) as (robot, link):
         three = measure(robot, link, ELSEWHERE, seconds=1.0, settle_s=0.5)
