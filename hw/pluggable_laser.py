@@ -20,6 +20,7 @@ class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
         clock: returns the time for the stamps, s.
         bit_rate: bit/s at the start, on a serial line.
         silence_s: the laser counts as lost when it sends no valid sweep for this time.
+        monotonic: see `PluggableDevice`.
 
     Attributes:
         period_s: time between sweeps; 0 before it is known.
@@ -33,8 +34,9 @@ class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
         *,
         bit_rate: int = 115_200,
         silence_s: float = 1.0,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        super().__init__(url, bit_rate, silence_s=silence_s)
+        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic)
         self.period_s = self.time_increment_s = 0.0
         self._clock = clock
         self._geometry: LaserGeometry | None = None
@@ -56,8 +58,8 @@ class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
         Raises:
             DeviceSilent: no sweep arrived in time.
         """
-        end_s = time.monotonic() + self.silence_s
-        while (left_s := end_s - time.monotonic()) > 0:
+        end_s = self._monotonic() + self.silence_s
+        while (left_s := end_s - self._monotonic()) > 0:
             if sweeps := self.poll(left_s):
                 return sweeps[-1]
         raise DeviceSilent(

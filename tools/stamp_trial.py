@@ -145,7 +145,10 @@ def _rplidar(model: RpLidarModel, mode: str) -> Subject:
         device = EmulatedRpLidar(measure, model, clock)
         return device
 
-    return Subject(emulated, lambda clock: RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode))
+    return Subject(
+        emulated,
+        lambda clock: RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode, monotonic=clock),
+    )
 
 
 class NumberingBody(ObedientBody):

@@ -120,7 +120,7 @@ class PluggableDevice(ABC, Generic[T]):
             end_s = self._monotonic()  # measurements may have come with the answers
         assert self._port is not None
         try:
-            self._gather(end_s)
+            self._gather(self._port, end_s)
             data = self._port.read(end_s - self._monotonic())
             self._read_s = self._monotonic()
             self.counters.bytes_received += len(data)
@@ -184,12 +184,12 @@ class PluggableDevice(ABC, Generic[T]):
         """Return True once after something valid arrived that is no measurement, such as an answer."""
         return False
 
-    def _gather(self, end_s: float) -> None:
+    def _gather(self, port: Port, end_s: float) -> None:
         """Let more bytes come, until the next read is due, or until `end_s`."""
         if self.gather_s:
             until_s = min(end_s, self._read_s + self.gather_s)
             if (wait_s := until_s - self._monotonic()) > 0:
-                time.sleep(wait_s)
+                port.pause(wait_s)
 
     def _connect(self, end_s: float) -> bool:
         """Try to connect if it is time to, else wait until `end_s` at most. Return whether it worked."""

@@ -51,6 +51,10 @@ class Port:
         except (OSError, TypeError) as error:  # pyserial: TypeError if it was closed meanwhile
             raise PortError(f"the port {self.url} broke: {error}") from error
 
+    def pause(self, wait_s: float) -> None:
+        """Let bytes gather for this time."""
+        time.sleep(wait_s)
+
     def write(self, data: bytes) -> None:
         """Send bytes.
 

@@ -83,7 +83,8 @@ class EmulatedDevice(ABC):
                 pass
 
             def step(self) -> float:
-                while self._next_s <= self.clock.now_s():
+                now_s = self.clock.now_s()
+                while self._next_s <= now_s:
                     self.send(b"here I am")
                     self._next_s += 0.1
                 return self._next_s
@@ -105,7 +106,10 @@ class EmulatedDevice(ABC):
         """Take bytes from the host, in pieces of any length; answer by `send`."""
 
     def step(self) -> float | None:
-        """Do what is due by now. Return when, on `clock`, the next thing is due; None: nothing is."""
+        """Do what is due by now. Return when, on `clock`, the next thing is due; None: nothing is.
+
+        What becomes due meanwhile is for the next step: on a busy machine, the step would never end.
+        """
         return None
 
     def send(self, frame: bytes, at_s: float | None = None) -> None:

@@ -75,7 +75,8 @@ class EmulatedNmea(EmulatedDevice):
 
     def step(self) -> float | None:
         """Send the sentences that are due."""
-        while self._next_s <= self.clock.now_s():
+        now_s = self.clock.now_s()
+        while self._next_s <= now_s:
             for frame in self.frames(self._next_s):
                 self.send(frame)
             self._next_s += self._period_s

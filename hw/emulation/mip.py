@@ -83,7 +83,8 @@ class EmulatedMip(EmulatedDevice):
         """Send the measurement that is due."""
         if not self.is_streaming:
             return None
-        while self._next_s <= self.clock.now_s():
+        now_s = self.clock.now_s()
+        while self._next_s <= now_s:
             content = [(kind, self._content(kind)) for kind in self._fields]
             self.send(packet(SENSOR_DATA, content), self._next_s)
             self._next_s += self._period_s

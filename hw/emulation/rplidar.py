@@ -135,12 +135,13 @@ class EmulatedRpLidar(EmulatedDevice):
 
     def step(self) -> float | None:
         """Send the frames whose last sample is measured."""
+        now_s = self.clock.now_s()
         while self._way is not None:
             count, sample_s = SAMPLES_OF_FRAME[self._way.answer], self._way.sample_us * 1e-6
             due_s = self.began_s + ((self._frames + 1) * count - 1) * sample_s
-            if due_s > self.clock.now_s():
+            if due_s > now_s:
                 return due_s
-            self.send(self._frame(self._way))
+            self.send(self._frame(self._way), due_s)
             self._frames += 1
         return None
 

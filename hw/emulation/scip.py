@@ -134,8 +134,8 @@ class EmulatedHokuyo(EmulatedDevice):
     def step(self) -> float | None:
         """Make the sweep of each turn that the host wants, shortly before it is to be sent."""
         made_after_s = self.model.latency_s - MAKING_S
+        now_s = self.clock.now_s()
         while self._stream is not None:
-            now_s = self.clock.now_s()
             self._began_s = oldest_due(self._began_s, self.model.turn_s, now_s - made_after_s)
             if now_s < self._began_s + made_after_s:
                 return self._began_s + made_after_s

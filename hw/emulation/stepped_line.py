@@ -78,10 +78,15 @@ class SteppedLine(Port):
                 arrived += self._due.popleft()[1]
             if arrived or self._clock.now_s >= end_s:
                 return arrived
-            until = [end_s] if next_s is None else [end_s, self._device.clock.true_s(next_s)]
-            until += [self._due[0][0]] if self._due else []
-            # A rounding error of the clocks must not stop time.
-            self._clock.now_s = max(min(until), self._clock.now_s + 1e-9)
+            self._pass([end_s, self._due[0][0]] if self._due else [end_s], next_s)
+
+    def pause(self, wait_s: float) -> None:
+        """Let this time pass."""
+        end_s = self._clock.now_s + wait_s
+        while self._clock.now_s < end_s:
+            next_s = self._device.step()
+            self._send()
+            self._pass([end_s], next_s)
 
     def write(self, data: bytes) -> None:
         """Let the device receive bytes at once."""
@@ -104,6 +109,12 @@ class SteppedLine(Port):
     def close(self) -> None:
         """Forget what was not read."""
         self._due.clear()
+
+    def _pass(self, ends_s: list[float], device_s: float | None) -> None:
+        """Let time pass until the earliest of some times, or until the device's next step on its clock."""
+        until_s = ends_s if device_s is None else [*ends_s, self._device.clock.true_s(device_s)]
+        # A rounding error of the clocks must not stop time.
+        self._clock.now_s = max(min(until_s), self._clock.now_s + 1e-9)
 
     def _send(self) -> None:
         for data, at_s in self._device.sent():

@@ -61,8 +61,9 @@ MAX_MODES = 16
 ROUNDING_S = 0.5e-6
 MAX_ROUGH_SAMPLE_S = 120e-6
 BITS_PER_BYTE = 10
-# Frames of this time are decoded together: each batch has a price of its own.
-BATCH_S = 0.01
+# Frames of about this time are read and decoded together: each batch has a price of its own.
+BATCH_S = 0.016
+LAST_FRAMES_S = 0.002
 
 
 class Mode(StrEnum):
@@ -105,6 +106,7 @@ class RpLidar(PluggableLaser):
         motor_pwm: speed of the motor, for models with an A2's motor control; None: leave it alone.
         silence_s: the laser counts as lost when it sends no whole turn for this time.
         mount: the laser's pose in the robot's frame.
+        monotonic: see `PluggableDevice`.
 
     Attributes:
         identity: model, firmware, hardware and serial number, as the laser told them.
@@ -123,8 +125,9 @@ class RpLidar(PluggableLaser):
         motor_pwm: int | None = 660,
         silence_s: float = 2.0,
         mount: Pose = ORIGIN,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        super().__init__(url, clock, bit_rate=bit_rate, silence_s=silence_s)
+        super().__init__(url, clock, bit_rate=bit_rate, silence_s=silence_s, monotonic=monotonic)
         self.identity = ""
         self.scan_mode: ScanMode | None = None
         self._mode, self._motor_pwm = mode, motor_pwm
@@ -137,6 +140,7 @@ class RpLidar(PluggableLaser):
             mount=mount,
         )
         self._waiting = b""
+        self._batch_began_s = math.inf
         self._turn: list[Samples] | None = None
         self._turn_began_s = 0.0
         self._use(NodeReader(), 500e-6, MAX_DRIFT)
@@ -169,8 +173,11 @@ class RpLidar(PluggableLaser):
         """Get ready for a stream."""
         self._reader, self._sample_s = reader, sample_s
         self._frames = self._gaps = 0
-        frame_s = reader.frame_samples * sample_s
-        self._batch_bytes = reader.frame_bytes * max(1, round(BATCH_S / frame_s))
+        self._frame_s = frame_s = reader.frame_samples * sample_s
+        frames = max(1, round(BATCH_S / frame_s))
+        self._batch_bytes = reader.frame_bytes * frames
+        # The last frames of a batch are read as they arrive, so that the stamp is right.
+        self.gather_s = self._batch_s = max(frames * frame_s - max(frame_s, LAST_FRAMES_S), 0.0)
         sent_s = 0.0
         if not self.url.startswith("socket://"):
             sent_s = reader.frame_bytes * BITS_PER_BYTE / self.bit_rate
@@ -180,8 +187,15 @@ class RpLidar(PluggableLaser):
         """Return the turns that are whole now."""
         arrived_s, reader = self._clock(), self._reader
         self._waiting += data
-        if data and len(self._waiting) < self._batch_bytes:
-            return []
+        # Of the reads of a batch, the one that is least late tells when its last frame arrived.
+        batch_s = (reader.buffered_bytes + len(self._waiting)) // reader.frame_bytes * self._frame_s
+        if data:
+            self._batch_began_s = min(self._batch_began_s, arrived_s - batch_s)
+            if len(self._waiting) < self._batch_bytes:
+                self.gather_s = 0.0
+                return []
+        arrived_s = min(arrived_s, self._batch_began_s + batch_s)
+        self.gather_s, self._batch_began_s = self._batch_s, math.inf
         waiting, self._waiting = self._waiting, b""
         samples = reader.feed(waiting)
         self.counters.damaged, self.counters.skipped_bytes = reader.damaged, reader.skipped_bytes
@@ -217,7 +231,7 @@ class RpLidar(PluggableLaser):
     def _reset(self) -> None:
         self._reader.forget()
         self._clock_of_frames.forget()
-        self._waiting, self._turn = b"", None
+        self._waiting, self._turn, self._batch_began_s = b"", None, math.inf
 
     def _stop(self) -> None:
         """Stop the stream and the motor."""
@@ -311,8 +325,8 @@ class RpLidar(PluggableLaser):
             DeviceSilent: the laser does not answer in time.
         """
         port.write(request(command, payload))
-        heard, end_s = b"", time.monotonic() + ANSWER_S
-        while (left_s := end_s - time.monotonic()) > 0 and len(heard) < MAX_ANSWER_BYTES:
+        heard, end_s = b"", self._monotonic() + ANSWER_S
+        while (left_s := end_s - self._monotonic()) > 0 and len(heard) < MAX_ANSWER_BYTES:
             heard += port.read(left_s)
             at = heard.find(REPLY)
             told = descriptor(heard[at : at + DESCRIPTOR_BYTES]) if at >= 0 else None

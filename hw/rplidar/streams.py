@@ -112,6 +112,11 @@ class StreamReader(ABC):
             parts.append(self.samples(frames))
         return joined([part for part in parts if len(part)])
 
+    @property
+    def buffered_bytes(self) -> int:
+        """Return how many bytes wait for the rest of their frame."""
+        return len(self._buffer)
+
     def forget(self) -> None:
         """Forget half a frame."""
         self.skipped_bytes += len(self._buffer)

@@ -5,6 +5,7 @@ import struct
 import time
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +16,8 @@ from hw.emulation.device import MAX_LATE_S, EmulatedClock, EmulatedDevice
 from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
 from hw.emulation.mip import EmulatedMip
 from hw.emulation.p2os import EmulatedPioneer
+from hw.emulation.rplidar import EmulatedRpLidar
+from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
 from hw.emulation.xsens import EmulatedMti
 
 
@@ -307,6 +310,46 @@ def test_no_bytes_of_a_host_disturb_a_device(parts: list[bytes]) -> None:
             device.receive(part)
             device.step()
         device.taken()
+
+
+class BusyClock(EmulatedClock):
+    """Passes 10 ms with each look at it, as on a machine that is too busy to make each frame in time."""
+
+    LIMIT_S = 100.0
+
+    def __init__(self) -> None:
+        self.true = 0.0
+        super().__init__(monotonic=self._look)
+
+    def _look(self) -> float:
+        self.true += 0.01
+        assert self.true < self.LIMIT_S, "the step does not end"
+        return self.true
+
+
+@pytest.mark.parametrize(
+    ("make", "start"),
+    [
+        (lambda clock: EmulatedCreate(clock=clock), b"\x80\x94\x01\x07"),
+        (lambda clock: EmulatedMip(clock=clock), mip.packet(0x0C, [(0x08, bytes.fromhex("01 01 04 00 01"))])),
+        (lambda clock: EmulatedNmea(period_s=0.005, clock=clock), b""),
+        (lambda clock: EmulatedRpLidar(lambda _, angles: 1 + angles, clock=clock), b"\xa5\x20"),
+        (
+            lambda clock: EmulatedHokuyo(UTM_30LX, lambda _: np.ones(1081), clock),
+            b"BM\nMD0000108000000\n",
+        ),
+    ],
+    ids=["create", "mip", "nmea", "rplidar", "hokuyo"],
+)
+def test_device_on_a_busy_machine_sends_what_is_due_and_no_more(
+    make: Callable[[EmulatedClock], EmulatedDevice], start: bytes
+) -> None:
+    device = make(BusyClock())
+    device.receive(start)
+    device.taken()
+    for _ in range(20):
+        device.step()
+    assert device.taken()
 
 
 def test_clock_of_a_device_is_set_and_drifts() -> None:

@@ -50,7 +50,7 @@ def connected(model: RpLidarModel, mode: str) -> tuple[EmulatedRpLidar, SteppedL
     clock = SimulatedTime()
     device = EmulatedRpLidar(room, model, EmulatedClock(monotonic=clock))
     line = SteppedLine(device, clock)
-    laser = RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode, beams=360, silence_s=60.0)
+    laser = RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode, beams=360, monotonic=clock)
     laser._open_port = line.opened
     return device, line, laser
 
@@ -73,6 +73,27 @@ def test_driver_reads_what_the_laser_measures_in_each_mode(model: RpLidarModel, 
             # A sector holds the nearest of its samples.
             assert np.abs(sweep.ranges_m[both] - expected[both]).max() < 0.09
             assert (sweep.intensities is not None) == (name in ("Standard", "HQ"))
+
+
+@pytest.mark.parametrize(
+    ("model", "mode"), [(A1, "standard"), (A3, "express"), (A3, "ultra"), (A3, "hq"), (S2, "dense")]
+)
+def test_driver_reads_several_frames_at_once(
+    model: RpLidarModel, mode: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, line, laser = connected(model, mode)
+    read, times_s = line.read, []
+
+    def counted(wait_s: float) -> bytes:
+        times_s.append(laser._clock())
+        return read(wait_s)
+
+    with closing(laser):
+        laser.scan()
+        monkeypatch.setattr(line, "read", counted)
+        for _ in range(5):
+            laser.scan()
+        assert len(times_s) / (times_s[-1] - times_s[0]) < 400.0
 
 
 def test_mode_that_the_laser_has_not_is_refused_and_the_others_are_told() -> None:
