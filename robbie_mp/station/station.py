@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.linux.priority import MAX_SLICE_MS
 from robbie_mp.messages import Goal, Message, TimeJump
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.envelope import MessageType
@@ -90,6 +91,8 @@ class OperatorStation(Module):
     this machine, unless you set `host` to another address; then you must also set a token.
     """
 
+    slice_ms = MAX_SLICE_MS
+    """Its maps and pictures delay other modules less: any of them that wakes up interrupts it."""
     follows_run_clock = False
     motion: Motion
     robot_command: RobotCommand

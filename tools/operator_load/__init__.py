@@ -5,6 +5,8 @@ TILES, LIVE = "tiles", "Live"
 """A page with a layout instead of a tab, and the name of that layout."""
 HIDDEN = "hidden"
 """The same page, which then shows another panel instead."""
+NICE = 19
+"""Of pages that take only the processor time that the robot leaves."""
 
 
 def token_of(role: str) -> str:

@@ -20,7 +20,7 @@ import psutil
 from playwright.sync_api import Page
 
 from robbie_mp.linux.priority import lower_priority
-from tools.operator_load import HIDDEN, LIVE, TILES, token_of
+from tools.operator_load import HIDDEN, LIVE, NICE, TILES, token_of
 from tools.operator_trials.chromium import chromium
 
 LOAD_LIMIT_MS = 180_000
@@ -45,7 +45,6 @@ COUNTS = """() => {
 }"""
 CANVASES = {"map": "#map-view", "view": "#view-scene canvas"}
 DRAG_S = 10.0
-NICE = 19
 ELSEWHERE = "--elsewhere"
 COUNT_FRAMES = """() => {
   window.drawn = 0;

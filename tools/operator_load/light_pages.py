@@ -1,12 +1,14 @@
 """Pages without a browser: `python -m tools.operator_load.light_pages ADDRESS ROLE/TAB …`.
 
-They load, connect, receive and answer as the real page does, but draw nothing. Their output has the same form
-as that of `browser_pages`.
+They load, connect, receive and answer as the real page does, but draw nothing. They take only the processor
+time that the robot leaves, as if they ran on another machine. Their output has the same form as that of
+`browser_pages`.
 """
 
 import ast
 import asyncio
 import json
+import logging
 import re
 import sys
 import uuid
@@ -17,7 +19,8 @@ from urllib.parse import urlencode
 import aiohttp
 import socketio
 
-from tools.operator_load import token_of
+from robbie_mp.linux.priority import lower_priority
+from tools.operator_load import NICE, token_of
 
 GROUPS = {"view": "view+map", "map": "marks+map"}
 FRAME_S = 1 / 60
@@ -168,4 +171,5 @@ async def main(address: str, visits: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    lower_priority(NICE, logging.getLogger())
     asyncio.run(main(sys.argv[1], sys.argv[2:]))
