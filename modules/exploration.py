@@ -20,6 +20,7 @@ class Exploration(Module):
         0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
     )
     max_linear_m_per_s: float = setting(0.7, "maximum forward speed", minimum=0.05)
+    scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")
     time_limit_s: float = setting(
         33.0, "after this time the robot drives home, even if something is left to explore", minimum=1.0
     )
@@ -32,7 +33,7 @@ class Exploration(Module):
         self.began_s = self._time_s()
         self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
         self.subscribe(PoseStamped, self.on_pose, MessageHandling.KEEP_ONLY_NEWEST, topic="map_pose")
-        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST, topic=self.scan_topic)
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Pass a new map to the explorer."""

@@ -31,6 +31,7 @@ class MonteCarloLocalization(Module):
     map_file: Path | None = setting(None, "map (YAML of ROS's map_server); null: use OccupancyGrid messages")
     max_particles: int = setting(5_000, "maximum number of particles", minimum=100, maximum=100_000)
     candidates: int = setting(200_000, "poses tried when the robot may be anywhere", minimum=1_000)
+    scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")
     seed: int = setting(0, "random seed")
 
     def setup(self) -> None:
@@ -45,7 +46,7 @@ class MonteCarloLocalization(Module):
             self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(Odometry, self.on_odometry, topic="odom")
-        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST, topic=self.scan_topic)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         self.subscribe(PoseStamped, self.on_initial_pose, topic="initial_pose", optional=True)
 

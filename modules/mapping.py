@@ -54,6 +54,7 @@ class Mapping(Module):
     key_sweeps: int = setting(
         4000, "scans kept in the map, some 15 kB each; at the limit, redundant ones are removed", minimum=10
     )
+    scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")
     map_topic: str = setting("", "topic of the map, if the robot has other maps, too")
     checkpoint_share: float = setting(
         0.05, "maximum share of its time spent on checkpoints", minimum=1e-6, maximum=1.0
@@ -68,7 +69,7 @@ class Mapping(Module):
         self.next_checkpoint_s = 0.0
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(Odometry, self.on_odometry, topic="odom")
-        self.subscribe(LaserScan, self.on_scan)
+        self.subscribe(LaserScan, self.on_scan, topic=self.scan_topic)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         if self.draw_truth:
             self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")

@@ -3,8 +3,18 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
-from robbie_mp import ActiveGoal, CallRefused, Duration, Header, MessageHandling, Module, Time, setting
+from modules.planar_messages import LASER, angles_rad, map_cells, planar, planar_mounts, pose_stamped
+from robbie_mp import (
+    ActiveGoal,
+    CallRefused,
+    Duration,
+    Header,
+    MessageHandling,
+    Module,
+    SettingError,
+    Time,
+    setting,
+)
 from robbie_mp.messages import (
     CancelNavigation,
     Costmap,
@@ -45,6 +55,8 @@ class Navigation(Module):
 
     It stays out of the no-go areas of `MapAnnotations`, which name the places, too.
 
+    With several lasers, `scan_topic` names the one that looks ahead, and `more_scan_topics` the others.
+
     Publishes `DriveCommand`, which expires, only while there is a goal; the planned path as `Path` on topic
     `path`; the `Costmap` on which it was planned on `costmap`; and the goal that it drives to as
     `PoseStamped` on topic `goal`. A newer goal takes the place of
@@ -58,6 +70,10 @@ class Navigation(Module):
     )
     max_linear_m_per_s: float = setting(0.5, "maximum forward speed", minimum=0.05, changeable=True)
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
+    scan_topic: str = setting("", "topic of the laser that looks ahead, if there are several; '' for any")
+    more_scan_topics: list[str] = setting(
+        [], "topics of the other lasers; without fresh scans of all of them the robot does not back up"
+    )
     clearance_m: float = setting(
         0.27, "distance of planned paths from obstacles to the robot's centre", minimum=0.05
     )
@@ -75,10 +91,20 @@ class Navigation(Module):
     )
     state_period_s: float = setting(0.5, "time between feedbacks while nothing changes", minimum=0.05)
 
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Report scan topics that do not tell the lasers apart."""
+        ahead, more = settings["scan_topic"], settings["more_scan_topics"]
+        assert isinstance(more, list)
+        if more and (not ahead or not all(more) or len({ahead, *more}) <= len(more)):
+            text = "name a topic for each laser, and the one that looks ahead in scan_topic"
+            raise SettingError(text, "more_scan_topics")
+
     def setup(self) -> None:
         """Subscribe; the first scan creates the navigator."""
         self.navigator: Navigator | None = None
         self.laser_pose = np.zeros(3)
+        self.mounts: dict[str, NDArray[np.float64]] = {}
         self.grid: OccupancyGrid | None = None
         self.no_go: list[NDArray[np.float64]] = []
         self.places: dict[str, tuple[float, float, float]] = {}
@@ -101,7 +127,9 @@ class Navigation(Module):
         self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
         self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
-        self.subscribe(LaserScan, self.on_scan, newest)
+        self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic)
+        for topic in self.more_scan_topics:
+            self.subscribe(LaserScan, self.on_further_scan, newest, topic=topic)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         self.subscribe(EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state")
 
@@ -197,8 +225,10 @@ class Navigation(Module):
             self.navigator.see_pose(planar(pose.pose), stamp_s, self._published_s())
 
     def on_transforms(self, message: TFMessage) -> None:
-        """Take the laser's mounting pose."""
-        mount = laser_mount(message)
+        """Take the lasers' mounting poses."""
+        mounts = planar_mounts(message)
+        self.mounts |= mounts
+        mount = mounts.get(LASER)
         if mount is None or np.array_equal(mount, self.laser_pose):
             return
         self.laser_pose, self.navigator = mount, None
@@ -210,10 +240,18 @@ class Navigation(Module):
             self._see_map()
             if self.goal is not None:
                 self.navigator.go_to(self.goal)
-        sweep = LaserSweep.from_ranges(
-            scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+        stamp_s = scan.header.stamp.nanoseconds / 1e9
+        self.navigator.see_sweep(sweep_of(scan), scan.ranges, stamp_s, self._published_s())
+
+    def on_further_scan(self, scan: LaserScan) -> None:
+        """Pass a scan of another laser to the navigator, as soon as its mounting pose is known."""
+        mount = self.mounts.get(scan.header.frame_id)
+        if self.navigator is None or mount is None:
+            return
+        stamp_s = scan.header.stamp.nanoseconds / 1e9
+        self.navigator.see_further_sweep(
+            self.envelope.topic, mount, sweep_of(scan), scan.ranges, stamp_s, self._published_s()
         )
-        self.navigator.see_sweep(sweep, scan.ranges, scan.header.stamp.nanoseconds / 1e9, self._published_s())
 
     def on_emergency_stop(self, message: EmergencyStop) -> None:
         """Pass the emergency stop's state to the navigator."""
@@ -295,7 +333,9 @@ class Navigation(Module):
         )
         guard = CollisionGuard(angles_rad(scan), self.laser_pose)
         follower = PathFollower(self._follower_settings())
-        return Navigator(self._time_s, guard, follower, settings, self.laser_pose)
+        return Navigator(
+            self._time_s, guard, follower, settings, self.laser_pose, further_lasers=self.more_scan_topics
+        )
 
     def _publish_path(self, path: NDArray[np.float64]) -> None:
         self.path = path
@@ -332,3 +372,10 @@ class Navigation(Module):
 
     def _published_s(self) -> float:
         return self.envelope.published_ns / 1e9
+
+
+def sweep_of(scan: LaserScan) -> LaserSweep:
+    """Return a scan's sweep."""
+    return LaserSweep.from_ranges(
+        scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+    )

@@ -26,6 +26,7 @@ class Parcours(Module):
     )
     stale_s: float = setting(0.3, "the robot stops when the newest scan is older than this", minimum=0.05)
     max_linear_m_per_s: float = setting(0.8, "maximum speed", minimum=0.05, changeable=True)
+    scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")
     margin_m: float = setting(0.08, "distance kept from everything", minimum=0.0)
 
     def setup(self) -> None:
@@ -37,7 +38,7 @@ class Parcours(Module):
         self.counter = LapCounter(self.restored and LapState.from_plain(self.restored["laps"]))
         self.has_map: bool = self.restored is not None and self.restored["has_map"]
         self.began_s: float = self._time_s() if self.restored is None else self.restored["began_s"]
-        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST, topic=self.scan_topic)
         self.subscribe(Odometry, self.on_odometry, topic="odom")
         self.subscribe(PoseStamped, self.on_map_pose, topic="map_pose", optional=True)
 

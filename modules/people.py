@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from modules.people_messages import People, PeopleClothes, Person
 from modules.planar_messages import map_cells
-from robbie_mp import Header, MessageHandling, Module, setting
+from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     CameraInfo,
     Image,
@@ -40,10 +40,11 @@ SEEN_S = 0.3
 class PeopleFinder(Module):
     """Finds persons by their legs; publishes `People` and, if there is a camera, `PeopleClothes`.
 
-    Needs `LaserScan` and the transforms of the scene graph; uses `OccupancyGrid`, so that what is on the map
-    counts as a person only once it moves. Persons are on topic `people`. What is not a person yet is among
-    the `People` on topic `things_like_people`, for tasks that find out by other means who stands there. The
-    page shows the persons as `PointsOfInterest` on topic `people`. They keep their names over a restart.
+    Needs `LaserScan`, of one laser or several, and the transforms of the scene graph; uses `OccupancyGrid`,
+    so that what is on the map counts as a person only once it moves. Persons are on topic `people`. What is
+    not a person yet is among the `People` on topic `things_like_people`, for tasks that find out by other
+    means who stands there. The page shows the persons as `PointsOfInterest` on topic `people`. They keep
+    their names over a restart.
     """
 
     period_s: float = setting(0.1, "time between looks at new scans and pictures", minimum=0.02)
@@ -57,16 +58,21 @@ class PeopleFinder(Module):
         if self.restored is not None:
             self.tracker.remember(self.restored)
         self.things: MapThings | None = None
-        self.scans: deque[LaserScan] = deque(maxlen=SCANS)
+        self.scans: dict[str, deque[LaserScan]] = {}
+        self.stamp = Time()
         self.camera: CameraInfo | None = None
         self.image: Image | None = None
         self.seen = self.pictures = self.unplaced = 0
         self.scene = SceneGraphListener(self)
         newest = MessageHandling.KEEP_ONLY_NEWEST
-        self.subscribe(LaserScan, self.scans.append)
+        self.subscribe(LaserScan, self.on_scan)
         self.subscribe(OccupancyGrid, self.on_map, newest, optional=True)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera", optional=True)
         self.subscribe(Image, self.on_image, newest, topic="camera", optional=True)
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Keep the newest scans of each laser, by its frame, until their poses are known."""
+        self.scans.setdefault(scan.header.frame_id, deque(maxlen=SCANS)).append(scan)
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Take what the newest map shows."""
@@ -83,8 +89,8 @@ class PeopleFinder(Module):
     def tick(self) -> None:
         """Track the persons in all scans whose poses are known, and look at the newest picture."""
         was_seen = self.seen
-        while self.scans and self._take_scan(self.scans[0]):
-            self.scans.popleft()
+        while (waiting := self._oldest()) is not None and self._take_scan(waiting[0]):
+            waiting.popleft()
         if self.seen != was_seen:
             self._tell()
             self.checkpoint(self.tracker.memory())
@@ -95,6 +101,11 @@ class PeopleFinder(Module):
             f"{sum(one.unseen_s <= SEEN_S for one in persons)} persons seen; {self.seen} scans, "
             f"{self.unplaced} without a pose, {self.pictures} pictures, {self.tracker.dropped} tracks dropped"
         )
+
+    def _oldest(self) -> deque[LaserScan] | None:
+        """Return the scans of the laser whose first one is the oldest; None if none waits."""
+        waiting = [scans for scans in self.scans.values() if scans]
+        return min(waiting, key=lambda scans: scans[0].header.stamp.nanoseconds, default=None)
 
     def _take_scan(self, scan: LaserScan) -> bool:
         """Track the persons in a scan; return False if its pose is not known yet."""
@@ -118,8 +129,11 @@ class PeopleFinder(Module):
         def is_hidden(xy_m: NDArray[np.float64]) -> bool:
             return hides(scan, laser, xy_m)
 
-        self.tracker.see(stamp.nanoseconds / 1e9, legs, likely, on_map, is_hidden)
-        self.stamp = stamp
+        stamp_s = stamp.nanoseconds / 1e9
+        self.tracker.see(stamp_s, legs, likely, on_map, is_hidden, scan.header.frame_id)
+        # The persons have the newest stamp; scans of another laser may be a little older.
+        if stamp_s >= self.tracker.now_s or stamp.nanoseconds > self.stamp.nanoseconds:
+            self.stamp = stamp
         self.seen += 1
         return True
 

@@ -19,6 +19,9 @@ from robbie_mp.messages import (
 )
 from workers.exploration.frontiers import Frontier
 
+LASER = "laser"
+"""Frame of the robot's laser, or of the one that looks ahead."""
+
 
 class MapCells(NamedTuple):
     """A map's cells `(H, W) int8`, their edge (m), and the outer corner of cell (0, 0) (m, map frame)."""
@@ -74,8 +77,14 @@ def angles_rad(scan: LaserScan) -> NDArray[np.float64]:
 
 def laser_mount(message: TFMessage) -> NDArray[np.float64] | None:
     """Return the laser's mounting pose on the robot (x m, y m, heading rad); None if not in the message."""
-    for transform in message.transforms:
-        if transform.child_frame_id == "laser":
-            place = transform.transform
-            return np.array([place.translation.x, place.translation.y, place.rotation.yaw])
-    return None
+    return planar_mounts(message).get(LASER)
+
+
+def planar_mounts(message: TFMessage) -> dict[str, NDArray[np.float64]]:
+    """Return the pose of each frame on the robot (x m, y m, heading rad), by the frame's name."""
+    return {
+        one.child_frame_id: np.array(
+            [one.transform.translation.x, one.transform.translation.y, one.transform.rotation.yaw]
+        )
+        for one in message.transforms
+    }

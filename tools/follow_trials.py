@@ -26,7 +26,7 @@ from tools.kill_campaign.robot import REPOSITORY
 from tools.mission_trials import Trial, command_line, play, play_all, settings_for
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
-NOISY = ("base", "laser", "camera")
+NOISY = ("base", "laser", "rear_laser", "camera")
 RUN_LIMIT_S = 3600.0
 BEGIN_S, KILL_SHARE = 12.0, 0.8
 """Modules are killed between this time of the run and this share of it."""

@@ -37,7 +37,7 @@ from tools.mission_trials import Trial, command_line, play, play_all, settings_f
 from workers.maps.map_annotations import read_annotations
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
-NOISY = ("base", "laser", "depth_camera", "manipulation")
+NOISY = ("base", "laser", "rear_laser", "depth_camera", "manipulation")
 RUN_LIMIT_S = 3000.0
 BEGIN_S, KILL_UNTIL_S = 2.0, 45.0
 """Every module is killed between these times of the run."""

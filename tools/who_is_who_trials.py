@@ -32,7 +32,7 @@ from tools.mission_trials import Trial, command_line, play, play_all, settings_f
 from workers.faces.face_recognition import FaceRecognizer
 from workers.taught import Pixels
 
-NOISY = ("base", "laser", "camera")
+NOISY = ("base", "laser", "rear_laser", "camera")
 RUN_LIMIT_S = 1200.0
 NEAR_M = 1.0
 KILLS_S = (6.0, 80.0)

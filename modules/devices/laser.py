@@ -6,18 +6,22 @@ from dataclasses import replace
 import numpy as np
 
 from hw.laser import LaserGeometry
+from hw.pose import ORIGIN, Pose
 from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
 from hw.simulation.people import leg_circles
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp import Header, setting
+from robbie_mp import Header, SettingError, setting
 from robbie_mp.messages import LaserScan
 
 ROBOT_RADIUS_M = DifferentialDrive().body_radius_m
 
 
 class SimulatedLaserRangeFinder(SimulatedDevice):
-    """A simulated laser; it gets the robot's true pose from the simulated base."""
+    """A simulated laser; it gets the robot's true pose from the simulated base.
+
+    A robot may have several: give each its `frame_id` and `mount`, and by the profile's `topics` its topic.
+    """
 
     seed: int = setting(0, "random seed of the noise")
     noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
@@ -29,11 +33,24 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
     merge: int = setting(
         1, "steps that become one beam, the nearest of their ranges, as in Hokuyo lasers", minimum=1
     )
+    frame_id: str = setting("laser", "name of the laser's frame")
+    mount: list[float] = setting(
+        [], "x, y (m) and heading (rad) of the laser on the robot; []: in its middle, looking ahead"
+    )
     virtual_failure: LaserFailure = setting(
         LaserFailure.NONE,
         "simulated failure: silent sends nothing, blind sees nothing, frozen repeats its last sweep",
         changeable=True,
     )
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Report a wrong mounting pose before anything starts."""
+        super().check(settings)
+        mount = settings["mount"]
+        assert isinstance(mount, list)
+        if len(mount) not in (0, 3):
+            raise SettingError(f"expected x, y (m) and heading (rad), not {mount}", "mount")
 
     def setup(self) -> None:
         """Create the laser; it measures nothing until the simulated base has published its pose."""
@@ -42,6 +59,7 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
             angle_increment_rad=self.angle_increment_rad,
             beams=self.steps,
             range_max_m=self.range_max_m,
+            mount=Pose(*self.mount) if self.mount else ORIGIN,
         )
         self.world = SharedWorld(self)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
@@ -71,7 +89,7 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
         geometry = merged_geometry(self.laser.geometry, self.merge)
         self.publish(
             LaserScan(
-                header=Header(stamp=self.world.stamp, frame_id="laser"),
+                header=Header(stamp=self.world.stamp, frame_id=self.frame_id),
                 angle_min=geometry.angle_min_rad,
                 angle_max=geometry.angle_max_rad,
                 angle_increment=geometry.angle_increment_rad,

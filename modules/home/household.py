@@ -116,6 +116,7 @@ class Household(Module):
     doors: dict[str, list[float]] = setting(
         {}, "for places behind a door, where the robot waits for somebody to open it: x, y (m), heading (rad)"
     )
+    scan_topic: str = setting("", "topic of the laser that looks ahead, if there are several; '' for any")
     tables: list[str] = setting([], "places in front of tables on which objects may be")
     start_orders: list[str] = setting([], "orders of the start, such as 'bring me the soup'")
 
@@ -177,7 +178,7 @@ class Household(Module):
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(MapAnnotations, self.on_annotations, newest)
         if self.doors:
-            self.subscribe(LaserScan, self.on_scan, newest)
+            self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic)
         self.subscribe(People, self.on_people, newest, topic=PEOPLE, optional=True)
         self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TableObjects, self.on_table, newest, optional=True)

@@ -53,6 +53,7 @@ class NumberSignFinder(Module):
     )
     far_m: float = setting(3.2, "a look at a farther post does not count", minimum=0.5)
     tell_period_s: float = setting(0.5, "time between messages about signs", minimum=0.1)
+    scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")
     max_range_m: float = setting(10.0, "farther ends of beams are not used", minimum=1.0)
 
     @classmethod
@@ -81,7 +82,7 @@ class NumberSignFinder(Module):
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
         self.subscribe(Image, self.on_image, newest, topic="camera")
-        self.subscribe(LaserScan, self.scans.append)
+        self.subscribe(LaserScan, self.scans.append, topic=self.scan_topic)
         self.subscribe(OccupancyGrid, self.on_map, newest)
 
     def on_camera(self, camera: CameraInfo) -> None:

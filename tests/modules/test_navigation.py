@@ -2,14 +2,18 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from hw.laser import LaserGeometry
+from hw.pose import Pose as Pose2D
 from hw.simulation.arena_file import read_arena
 from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
 from modules.navigation import Navigation
-from robbie_mp import Header, Message, ModuleHarness, Time
+from robbie_mp import Header, Message, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CallRefusal,
     CancelNavigation,
@@ -30,7 +34,11 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
+    TFMessage,
     TimeJump,
+    Transform,
+    TransformStamped,
+    Vector3,
     as_dict,
     decode_version,
     from_dict,
@@ -78,23 +86,26 @@ class Robot:
             header = Header(stamp=stamp, frame_id="map")
             self.harness.send(PoseStamped(header=header, pose=pose_of(*truth.pose)), topic="map_pose")
             if self.has_laser:
-                self.harness.send(self.scan(stamp))
+                self.send_scans(stamp)
             self.harness.advance(STEP_S)
             for command in self.harness.take(DriveCommand):
                 self.drive.command(
                     command.linear_m_per_s, command.angular_rad_per_s, command.valid_for.nanoseconds / 1e9
                 )
 
-    def scan(self, stamp: Time) -> LaserScan:
-        self.laser.place(self.drive.ground_truth().pose, stamp.nanoseconds / 1e9)
-        geometry = self.laser.geometry
+    def send_scans(self, stamp: Time) -> None:
+        self.harness.send(self.scan(stamp, self.laser))
+
+    def scan(self, stamp: Time, laser: SimulatedLaser, frame: str = "laser") -> LaserScan:
+        laser.place(self.drive.ground_truth().pose, stamp.nanoseconds / 1e9)
+        geometry = laser.geometry
         return LaserScan(
-            header=Header(stamp=stamp, frame_id="laser"),
+            header=Header(stamp=stamp, frame_id=frame),
             angle_min=geometry.angle_min_rad,
             angle_increment=geometry.angle_increment_rad,
             range_min=geometry.range_min_m,
             range_max=geometry.range_max_m,
-            ranges=self.laser.scan().ranges_m,
+            ranges=laser.scan().ranges_m,
         )
 
     def until_reached(self, client: str = "client") -> NavigationResult:
@@ -110,6 +121,89 @@ class Robot:
     @property
     def states(self) -> list[str]:
         return [feedback.state for feedback in self.harness.take(NavigationFeedback)]
+
+
+class RobotWithTwoLasers(Robot):
+    """Something stands close behind it that only its rear laser sees, and that is not on the map."""
+
+    BEHIND_M = -0.45
+    MOUNT = Pose2D(-0.175, 0.0, math.pi)
+
+    def __init__(self, harness: ModuleHarness[Navigation]) -> None:
+        super().__init__(harness)
+        self.behind = ARENA.start.plus(Pose2D(self.BEHIND_M, 0.0, 0.0))
+        there = replace(ARENA, circles=np.vstack([ARENA.circles, [self.behind.x_m, self.behind.y_m, 0.05]]))
+        view = LaserGeometry(angle_min_rad=math.radians(-120), beams=241)
+        self.laser = SimulatedLaser(there, view)
+        self.rear_laser = SimulatedLaser(there, replace(view, mount=self.MOUNT))
+        self.has_rear_laser = True
+
+    def send_scans(self, stamp: Time) -> None:
+        self.harness.send(self.scan(stamp, self.laser), topic="scan")
+        if self.has_rear_laser:
+            self.harness.send(self.scan(stamp, self.rear_laser, "rear_laser"), topic="rear_scan")
+
+    def tell_mounts(self) -> None:
+        mounts = [("laser", Pose2D(0.0, 0.0, 0.0)), ("rear_laser", self.MOUNT)]
+        transforms = [
+            TransformStamped(
+                header=Header(frame_id="base_link"),
+                child_frame_id=frame,
+                transform=Transform(
+                    translation=Vector3(x=mount.x_m, y=mount.y_m),
+                    rotation=Quaternion.from_yaw(mount.heading_rad),
+                ),
+            )
+            for frame, mount in mounts
+        ]
+        self.harness.send(TFMessage(transforms=transforms), topic="tf_static")
+
+
+TWO_LASERS = {"scan_topic": "scan", "more_scan_topics": ["rear_scan"]}
+
+
+def test_robot_avoids_and_passes_slowly_what_only_its_rear_laser_sees() -> None:
+    costs, speeds = [], []
+    for has_rear_laser in (True, False):
+        with ModuleHarness(Navigation, TWO_LASERS) as harness:
+            robot = RobotWithTwoLasers(harness)
+            robot.tell_mounts()
+            robot.has_rear_laser = has_rear_laser
+            robot.go_on(0.5)
+            harness.send_goal(GOAL)
+            robot.go_on(0.6)
+            costs.append(cost_at(harness.take(Costmap, "costmap")[-1], robot.behind.x_m, robot.behind.y_m))
+            speeds.append(robot.drive.read().linear_m_per_s)
+            assert ("no fresh scan of rear_scan" in harness.module.status) is not has_rear_laser
+    assert costs[0] >= Cost.TOO_NEAR > costs[1]
+    assert 0.0 < speeds[0] < speeds[1]
+
+
+def test_scan_of_a_laser_whose_place_is_unknown_is_not_used() -> None:
+    with ModuleHarness(Navigation, TWO_LASERS) as harness:
+        robot = RobotWithTwoLasers(harness)
+        robot.go_on(0.5)
+        assert harness.module.navigator is not None
+        assert harness.module.navigator.silent == ["rear_scan"]
+        robot.tell_mounts()
+        robot.go_on(0.5)
+        assert harness.module.navigator.silent == []
+        robot.has_rear_laser = False
+        robot.go_on(1.0)
+        assert harness.module.navigator.silent == ["rear_scan"]
+
+
+@pytest.mark.parametrize(
+    "topics",
+    [
+        {"more_scan_topics": ["rear_scan"]},
+        {"scan_topic": "scan", "more_scan_topics": ["scan"]},
+        {"scan_topic": "scan", "more_scan_topics": [""]},
+    ],
+)
+def test_lasers_that_the_topics_do_not_tell_apart_are_refused(topics: dict[str, object]) -> None:
+    with pytest.raises(SettingError, match="name a topic for each laser"), ModuleHarness(Navigation, topics):
+        pass
 
 
 @pytest.fixture

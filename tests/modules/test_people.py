@@ -1,6 +1,11 @@
 """Persons are found in laser scans; what the map shows is told apart from them."""
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from hw.laser import LaserGeometry
 from hw.pose import Pose as RobotPose
@@ -20,6 +25,7 @@ from robbie_mp.messages import (
     TFMessage,
     Transform,
     TransformStamped,
+    Vector3,
 )
 from tests._support.places import ARENAS
 
@@ -72,3 +78,59 @@ def test_somebody_who_stands_there_is_a_person_until_the_map_shows_a_thing() -> 
         info = MapMetaData(width=80, height=80, resolution=0.05, origin=Pose(position=Point(x=-2.0, y=-2.0)))
         finder.send(OccupancyGrid(header=stamp(finder, "map"), info=info, data=cells.ravel()))
         assert look(finder, 12) == ([], ["1"])
+
+
+FIELD = LaserGeometry(angle_min_rad=-2.0923487, angle_increment_rad=0.00613592, beams=683)
+LASERS = {"laser": FIELD, "rear_laser": replace(FIELD, mount=RobotPose(-0.175, 0.0, math.pi))}
+
+
+def find(people: Sequence[tuple[float, float]], topics: Sequence[str]) -> list[tuple[float, float]]:
+    """Return where a robot with two lasers finds those who stand around it; it hears the scans on topics."""
+    arena = read_arena(ARENAS / "apartment.yaml")
+    robot = RobotPose(3.2, 4.2, 0.0)
+    states = np.array([[robot.x_m + x_m, robot.y_m + y_m, 1.5, 0, 0] for x_m, y_m in people])
+    there = replace(arena, segments=arena.segments[:0]).with_circles(leg_circles(states))
+    with ModuleHarness(PeopleFinder) as finder:
+        for _ in range(12):
+            header = stamp(finder, "map")
+            at = [
+                TransformStamped(
+                    header=header,
+                    child_frame_id=frame,
+                    transform=Transform(
+                        translation=Vector3(x=laser.mount.x_m),
+                        rotation=Quaternion.from_yaw(laser.mount.heading_rad),
+                    ),
+                )
+                for frame, laser in LASERS.items()
+            ]
+            finder.send(TFMessage(transforms=at), topic="tf")
+            for topic, (frame, geometry) in zip(("scan", "rear_scan"), LASERS.items(), strict=True):
+                if topic in topics:
+                    laser = SimulatedLaser(there, geometry, noise_m=0.005, seed=2)
+                    laser.place(robot, 0.0)
+                    scan = LaserScan(
+                        header=stamp(finder, frame),
+                        angle_min=geometry.angle_min_rad,
+                        angle_increment=geometry.angle_increment_rad,
+                        range_max=geometry.range_max_m,
+                        ranges=laser.scan().ranges_m,
+                    )
+                    finder.send(scan, topic=topic)
+            finder.advance(0.1)
+        told = finder.take(People, topic=PEOPLE)[-1].people
+    return sorted((one.position.x, one.position.y) for one in told)
+
+
+def test_person_behind_the_robot_is_found_by_the_legs_in_the_rear_lasers_scans() -> None:
+    behind = (-1.2, 0.1)
+    assert find([behind], ["scan"]) == []
+    (found,) = find([behind], ["scan", "rear_scan"])
+    assert found == pytest.approx(behind, abs=0.1)
+
+
+def test_person_whom_both_lasers_see_is_one_person() -> None:
+    beside = [(-0.1, 1.3), (0.0, -1.5)]
+    for topics in (["scan"], ["rear_scan"], ["scan", "rear_scan"]):
+        found = find(beside, topics)
+        np.testing.assert_allclose(found, beside, atol=0.12)

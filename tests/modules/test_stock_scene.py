@@ -2,8 +2,11 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import yaml
 
 from hw.camera import CameraGeometry
 from hw.laser import LaserGeometry
@@ -15,7 +18,7 @@ from robbie_mp import ModuleHarness
 from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
 from robbie_mp.scene_graph import SceneGraph, read_scene
 from robbie_mp.services.scene_graph import SceneGraphService
-from tests._support.places import ARENAS
+from tests._support.places import ARENAS, PROJECT
 
 HW = Path(__file__).parents[2] / "hw"
 SCENE = HW / "robots" / "rescue.yaml"
@@ -39,6 +42,34 @@ def test_head_camera_of_the_household_robot_is_mounted_as_in_its_scene_graph() -
         graph.set_joint(joint, 0, 0.0)
     place = graph.pose("base_link", "camera_optical")
     assert place.translation == pytest.approx(SimulatedHeadCameraModule.mount_m)
+
+
+@pytest.mark.parametrize(("module", "frame"), [("laser", "laser"), ("rear_laser", "rear_laser")])
+def test_lasers_of_the_household_robot_are_mounted_as_in_its_scene_graph(module: str, frame: str) -> None:
+    settings = laser_settings()[module]
+    place = SceneGraph(read_scene(HW / "robots" / "home.yaml")).pose("base_link", frame)
+    assert settings.get("frame_id", "laser") == frame
+    mount = settings.get("mount", [0.0, 0.0, 0.0])
+    assert [place.x, place.y, place.yaw] == pytest.approx(mount, abs=1e-6)
+
+
+def test_lasers_of_the_household_robot_see_all_around_its_body() -> None:
+    around = np.linspace(-math.pi, math.pi, 721)
+    edge = 0.2001 * np.column_stack([np.cos(around), np.sin(around)])
+    seen = np.zeros((2, len(edge)), np.bool_)
+    for number, settings in enumerate(laser_settings().values()):
+        x_m, y_m, heading_rad = settings.get("mount", [0.0, 0.0, 0.0])
+        bearings = np.arctan2(edge[:, 1] - y_m, edge[:, 0] - x_m) - heading_rad
+        beam = ((bearings - settings["angle_min_rad"]) % math.tau) / settings["angle_increment_rad"]
+        seen[number] = beam <= settings["steps"] - 1
+    assert (seen[0] | seen[1]).all()
+    assert not seen[0].all() and not seen[1].all()
+
+
+def laser_settings() -> dict[str, dict[str, Any]]:
+    """Return the settings of the lasers in the household robot's profile."""
+    modules = yaml.safe_load((PROJECT / "profiles" / "home.yaml").read_text())["modules"]
+    return {name: modules[name]["settings"] for name in ("laser", "rear_laser")}
 
 
 def test_rear_camera_looks_back_and_down_as_in_the_scene_graph() -> None:

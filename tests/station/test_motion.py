@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp.messages import DriveCommand, EmergencyStop, LaserScan, Message, Odometry, Quaternion
-from robbie_mp.scene_graph import UnknownNode
+from robbie_mp.messages import DriveCommand, EmergencyStop, Header, LaserScan, Message, Odometry, Quaternion
+from robbie_mp.scene_graph import RigidTransform, UnknownNode
 from robbie_mp.station.driving.motion import Motion, Movement, free_way_m, tilt
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.state_item import clock_text
@@ -74,6 +74,34 @@ def test_robot_that_stands_though_commanded_is_reported_with_the_reason(time_s: 
     assert watch.now == Movement(linear_m_per_s=0.0, angular_rad_per_s=0.0, heading_rad=0.0)
     assert (LaserScan, "") in stage.known
     assert watch.now.ahead_m is None
+
+
+def test_free_way_ahead_is_that_of_all_lasers_together(
+    time_s: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = Stage()
+    mounts = {
+        "base_link": RigidTransform(),
+        "laser": RigidTransform(),
+        "rear_laser": RigidTransform(qz=1.0, qw=0.0),
+    }
+    monkeypatch.setattr(stage.scene.graph, "pose", lambda _base, frame: mounts[frame], raising=False)
+    watch = Motion(stage)  # type: ignore[arg-type]
+
+    def see(frame: str, nearest_m: float) -> float | None:
+        scan = LaserScan(
+            header=Header(frame_id=frame), range_max=8.0, ranges=np.array([nearest_m], np.float32)
+        )
+        stage.known[(LaserScan, "")].put(scan)
+        time_s[0] += 0.2
+        watch.tick()
+        return watch.now.ahead_m
+
+    assert see("laser", 1.0) == pytest.approx(0.8)
+    assert see("rear_laser", 0.5) == pytest.approx(0.8), "it looks back"
+    assert see("laser", 2.0) == pytest.approx(1.8)
+    time_s[0] += 1.0
+    assert see("rear_laser", 0.5) == pytest.approx(7.8), "an old scan does not count"
 
 
 def test_battery_lasts_as_long_as_its_charge_has_fallen_lately() -> None:

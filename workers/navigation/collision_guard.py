@@ -7,13 +7,14 @@ and keeps more distance.
 """
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workers.navigation.path_follower import Velocity
-from workers.planar_pose import transform_points
+from workers.planar_pose import rotate
 
 ARC_STEP_M = 0.03
 Loose = NDArray[np.bool_] | None
@@ -47,7 +48,7 @@ class GuardSettings:
 
 
 class CollisionGuard:
-    """Slows and stops the robot before it touches anything the laser sees.
+    """Slows and stops the robot before it touches anything the laser sees, or several lasers see.
 
     Args:
         angles_rad: `(N,)`, directions of the laser's beams in the laser's frame.
@@ -59,9 +60,29 @@ class CollisionGuard:
         self, angles_rad: ArrayLike, mount: ArrayLike = (0.0, 0.0, 0.0), settings: GuardSettings | None = None
     ) -> None:
         angles = np.asarray(angles_rad, float)
-        self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
-        self._mount = np.asarray(mount, float)
+        pose = np.asarray(mount, float)
         self._settings = settings or GuardSettings()
+        # Of each beam, in the robot's frame: where it begins, and its direction.
+        self._beams = rotate(float(pose[2]), np.column_stack([np.cos(angles), np.sin(angles)]))
+        self._origins = np.broadcast_to(pose[:2], self._beams.shape)
+        self._touching_m = self._to_the_bodys_edge_m()
+        reach_m = self._settings.look_m + self._settings.body_radius_m + self._settings.margin_m
+        self._reach_m = np.full(len(angles), reach_m + float(np.hypot(*pose[:2])))
+
+    def joined(self, other: "CollisionGuard") -> "CollisionGuard":
+        """Return a guard for the beams of both, first this one's; it has the settings of this one."""
+        both = copy(self)
+        both._beams = np.concatenate([self._beams, other._beams])
+        both._origins = np.concatenate([self._origins, other._origins])
+        both._touching_m = np.concatenate([self._touching_m, other._touching_m])
+        both._reach_m = np.concatenate([self._reach_m, other._reach_m])
+        return both
+
+    def _to_the_bodys_edge_m(self) -> NDArray[np.float64]:
+        """Return how long each beam is inside the body: `(N,)`; 0 if the laser stands beside the body."""
+        along = (self._origins * self._beams).sum(axis=1)
+        inside = self._settings.body_radius_m**2 - (self._origins**2).sum(axis=1)
+        return np.where(inside > 0.0, np.sqrt(along**2 + np.maximum(inside, 0.0)) - along, 0.0)
 
     def near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
         """Return what the sweep hit near enough to count: `(K, 2)`, m, robot frame.
@@ -71,10 +92,9 @@ class CollisionGuard:
         """
         # An obstacle too near to measure counts as touching the body, so that the robot can still drive away.
         measured = np.asarray(ranges_m, float)
-        ranges = np.where(np.isneginf(measured), self._settings.body_radius_m, measured)
-        reach_m = self._settings.look_m + self._settings.body_radius_m + self._settings.margin_m
-        near = ranges <= reach_m + float(np.hypot(*self._mount[:2]))
-        return transform_points(self._mount, ranges[near, None] * self._beams[near])
+        ranges = np.where(np.isneginf(measured), self._touching_m, measured)
+        near = ranges <= self._reach_m
+        return self._origins[near] + ranges[near, None] * self._beams[near]
 
     def checked(self, ranges_m: ArrayLike, wanted: Velocity, loose: Loose = None) -> Velocity:
         """Return the wanted speeds, reduced as the sweep requires: on the same arc, or turning on the spot.

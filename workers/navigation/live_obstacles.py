@@ -11,6 +11,7 @@ from workers.laser.laser_sweep import LaserSweep
 from workers.planar_pose import relative, transform_points
 
 HERE = np.zeros(3)
+MAX_BEHIND_S = 1.0  # an older sweep of another laser does not say any more what can be seen through
 
 
 class LiveObstacles:
@@ -39,17 +40,20 @@ class LiveObstacles:
         """Forget all obstacles."""
         self._cells = np.empty((0, 2), dtype=np.int64)
         self._hit_s = np.empty(0)
-        self._newest: tuple[NDArray[np.float64], LaserSweep] | None = None
+        self._newest: dict[str, tuple[NDArray[np.float64], LaserSweep, float]] = {}
 
-    def see(self, laser: ArrayLike, sweep: LaserSweep, now_s: float) -> None:
+    def see(self, laser: ArrayLike, sweep: LaserSweep, now_s: float, name: str = "") -> None:
         """Add a sweep: cells that it hit are obstacles, cells that it saw as free are not.
 
         Args:
             laser: Pose of the laser (x m, y m, heading rad), map frame.
             sweep: The sweep.
             now_s: The time.
+            name: Of the laser, if there are several.
         """
-        self._newest = np.asarray(laser, float), sweep
+        kept_s = now_s - MAX_BEHIND_S
+        self._newest = {other: seen for other, seen in self._newest.items() if seen[2] >= kept_s}
+        self._newest[name] = np.asarray(laser, float), sweep, now_s
         kept = now_s - self._hit_s < self._decay_s
         kept &= ~sweep.looked_through(transform_points(relative(laser, HERE), self._middles(self._cells)))
         hit = np.floor(self._hits(laser, sweep) / self._resolution_m).astype(np.int64)
@@ -61,13 +65,12 @@ class LiveObstacles:
         self._cells, self._hit_s = cells[first], hit_s[first]
 
     def sees_through(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return through which places `(M, 2)`, m, map frame, within `range_m` the newest sweep saw."""
-        if self._newest is None:
-            return np.zeros(len(places), np.bool_)
-        laser, sweep = self._newest
-        seen = sweep.looked_through(transform_points(relative(laser, HERE), places))
-        near: NDArray[np.bool_] = np.hypot(*(places - laser[:2]).T) <= self._range_m
-        return seen & near
+        """Return through which places `(M, 2)`, m, map frame, within `range_m` the newest sweeps saw."""
+        through = np.zeros(len(places), np.bool_)
+        for laser, sweep, _ in self._newest.values():
+            seen = sweep.looked_through(transform_points(relative(laser, HERE), places))
+            through |= seen & (np.hypot(*(places - laser[:2]).T) <= self._range_m)
+        return through
 
     def points(self, now_s: float) -> NDArray[np.float64]:
         """Return the middles of the current obstacle cells: `(N, 2)`, m, map frame."""

@@ -5,7 +5,8 @@ when it makes no progress, and gives up a goal with a reason.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -43,12 +44,22 @@ PASSABLE = (Obstruction.UNKNOWN_GOAL, Obstruction.NO_WAY, Obstruction.ROBOT)
 DETOUR_M = 1.0  # a path that is longer than the previous one by this much counts as a detour
 
 
+@dataclass
+class _FurtherLaser:
+    """What a laser beside the one that looks ahead has seen last."""
+
+    geometry: tuple[float, ...]
+    guard: CollisionGuard
+    ranges_m: NDArray[np.float64]
+    told_s: float
+
+
 class _Situation(NamedTuple):
     """The inputs that the robot needs to drive to a goal. All are known."""
 
     costmap: Costmap
     pose: NDArray[np.float64]
-    ranges_m: NDArray[np.float64]
+    ranges_m: NDArray[np.float64]  # of all lasers, as the guard expects them
     loose: NDArray[np.bool_]  # which points near the robot may move: the map shows free ground there
     goal: NDArray[np.float64]
 
@@ -62,7 +73,9 @@ class Navigator:
         follower: Steers along the planned ways.
         settings: Settings of the navigator.
         laser_pose: The laser's mounting pose on the robot (x m, y m, heading rad).
-        obstacles: The obstacles that the laser sees.
+        obstacles: The obstacles that the lasers see.
+        further_lasers: Names of the lasers beside the one that looks ahead. The robot backs up only while it
+            has a fresh sweep of each. Without one it drives on; an old sweep is not used.
 
     Attributes:
         machine: The state, and the reason for the last transition.
@@ -80,6 +93,7 @@ class Navigator:
         settings: NavigatorSettings | None = None,
         laser_pose: ArrayLike = (0.0, 0.0, 0.0),
         obstacles: LiveObstacles | None = None,
+        further_lasers: Iterable[str] = (),
     ) -> None:
         self.settings = settings or NavigatorSettings()
         self.machine = StateMachine(NavigatorState.IDLE, TRANSITIONS, clock, self.settings.time_outs())
@@ -89,6 +103,7 @@ class Navigator:
         self.laser_pose = np.asarray(laser_pose, float)
         self._clock = clock
         self.follower = follower or PathFollower()
+        self._guard = guard
         self._local = LocalPlanner(guard, self.follower)
         self._obstacles = obstacles or LiveObstacles()
         self._progress = ProgressWatch()
@@ -96,7 +111,8 @@ class Navigator:
         self._pose: tuple[NDArray[np.float64], float] | None = None
         self._sweep: tuple[NDArray[np.float64], float] | None = None
         self._track = OdometryTrack(TRACKED)
-        self._waiting: tuple[LaserSweep, float] | None = None
+        self._waiting: dict[str, tuple[NDArray[np.float64], LaserSweep, float]] = {}
+        self._further: dict[str, _FurtherLaser | None] = dict.fromkeys(further_lasers)
         self._emergency = ""
         self._renew()
 
@@ -123,9 +139,16 @@ class Navigator:
         left = self.distance_left_m
         way = "" if left is None or self.state in RESTING else f"; {left:.1f} m left"
         around = ", around an obstacle" if self.state is NavigatorState.DRIVE and self._local.avoiding else ""
+        without = "".join(f"; no fresh scan of {name}: the robot does not back up" for name in self.silent)
         return (
             f"{self.state}{around} ({self.machine.reason}){way}; {len(self._obstacles)} live obstacle cells"
+            f"{without}"
         )
+
+    @property
+    def silent(self) -> list[str]:
+        """Return the names of the further lasers that have sent no sweep lately."""
+        return [name for name, laser in self._further.items() if not self._is_fresh(laser)]
 
     def go_to(self, goal: ArrayLike) -> None:
         """Drive to (x m, y m, heading rad), map frame; replaces the old goal."""
@@ -164,18 +187,55 @@ class Navigator:
             told_s: When the sweep was published, in the clock's time.
         """
         self._sweep = np.asarray(ranges_m, float), told_s
-        self._waiting = sweep, stamp_s
+        self._waiting[""] = self.laser_pose, sweep, stamp_s
         self._place_sweep()
 
+    def see_further_sweep(
+        self,
+        name: str,
+        laser_pose: ArrayLike,
+        sweep: LaserSweep,
+        ranges_m: ArrayLike,
+        stamp_s: float,
+        told_s: float,
+    ) -> None:
+        """Take a sweep of a further laser.
+
+        Args:
+            name: Which one, of `further_lasers`.
+            laser_pose: Its mounting pose on the robot (x m, y m, heading rad).
+            sweep: The sweep.
+            ranges_m: `(N,)`, as the laser gave them.
+            stamp_s: When it was taken, in the time of the poses' stamps.
+            told_s: When the sweep was published, in the clock's time.
+        """
+        ranges, mount = np.asarray(ranges_m, float), np.asarray(laser_pose, float)
+        geometry = (*mount.tolist(), sweep.angle_min_rad, sweep.angle_increment_rad, len(ranges))
+        laser = self._further[name]
+        if laser is None or laser.geometry != geometry:
+            bearings = sweep.angle_min_rad + sweep.angle_increment_rad * np.arange(len(ranges))
+            self._further[name] = _FurtherLaser(geometry, CollisionGuard(bearings, mount), ranges, told_s)
+            self._join_guards()
+        else:
+            laser.ranges_m, laser.told_s = ranges, told_s
+        self._waiting[name] = mount, sweep, stamp_s
+        self._place_sweep()
+
+    def _join_guards(self) -> None:
+        """Have the guard check the beams of all lasers that have sent a sweep."""
+        guard = self._guard
+        for laser in self._further.values():
+            if laser is not None:
+                guard = guard.joined(laser.guard)
+        self._local.guard = guard
+
     def _place_sweep(self) -> None:
-        """Add the newest sweep to the obstacles once the robot's pose at its stamp is known."""
-        if self._waiting is None:
-            return
-        sweep, stamp_s = self._waiting
-        place = self._track.at(stamp_s)
-        if place is not None:
-            self._obstacles.see(compose(place.pose, self.laser_pose), sweep, self._clock())
-            self._waiting = None
+        """Add the newest sweeps to the obstacles once the robot's pose at their stamps is known."""
+        for name, (mount, sweep, stamp_s) in list(self._waiting.items()):
+            place = self._track.at(stamp_s)
+            if place is not None:
+                self._obstacles.see(compose(place.pose, mount), sweep, self._clock(), name)
+                del self._waiting[name]
 
     def see_emergency_stop(self, reason: str) -> None:
         """Take the reason of the emergency stop; '' if there is none."""
@@ -203,15 +263,30 @@ class Navigator:
         assert self._pose is not None
         assert self._sweep is not None
         assert self.goal is not None
-        pose, ranges_m = self._pose[0], self._sweep[0]
+        pose, ranges_m = self._pose[0], self._all_ranges_m(self._sweep[0])
         loose = self._costmap.shows_free(transform_points(pose, self._local.guard.near_points(ranges_m)))
         return _Situation(self._costmap, pose, ranges_m, loose, self.goal)
+
+    def _all_ranges_m(self, ahead_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the ranges of all lasers that have sent a sweep; NaN for those of an old one."""
+        parts = [ahead_m]
+        for laser in self._further.values():
+            if laser is not None:
+                parts.append(
+                    laser.ranges_m if self._is_fresh(laser) else np.full_like(laser.ranges_m, np.nan)
+                )
+        return ahead_m if len(parts) == 1 else np.concatenate(parts)
+
+    def _is_fresh(self, laser: _FurtherLaser | None) -> bool:
+        return laser is not None and self._clock() - laser.told_s <= self.settings.stale_s
 
     def _act(self, situation: _Situation) -> Velocity:
         match self.state:
             case NavigatorState.CLEAR_COSTMAP:
                 return HALT
             case NavigatorState.BACK_UP:
+                if self.silent:
+                    return HALT
                 back = self._local.guard.checked(situation.ranges_m, (-BACK_UP_M_PER_S, 0.0), situation.loose)
                 return self._kept_out(situation, back)
             case NavigatorState.ROTATE:

@@ -19,6 +19,8 @@ FAR = 1e6
 """Cost of a leg that is out of a track's reach."""
 MAX_STEP_S = 1.0
 """After a longer pause, speeds are forgotten."""
+MAX_LATE_S = 0.3
+"""With several lasers: a scan that is older than the newest one by more is ignored, others count as now."""
 NEWEST_SHARE = 0.1
 """Share of the newest scan in what is known about a track's legs."""
 
@@ -123,6 +125,12 @@ class PersonTracker:
         self._tracks: list[_Track] = []
         self._next = 1
         self._now_s: float | None = None
+        self._seen_s: dict[str, float] = {}  # stamp of each laser's newest scan
+
+    @property
+    def now_s(self) -> float:
+        """Return the time of the tracks, s: the newest stamp of a scan; 0 before the first one."""
+        return self._now_s or 0.0
 
     def see(
         self,
@@ -131,22 +139,32 @@ class PersonTracker:
         probabilities: Array,
         is_on_map: NDArray[np.bool_] | None = None,
         is_hidden: Callable[[Array], bool] = _nothing_hidden,
+        laser: str = "",
     ) -> None:
         """Take the segments of a scan.
 
+        Several lasers take turns: each scan corrects the tracks of those whom it sees. So somebody whom two
+        lasers see is one person, with at most two legs in each scan.
+
         Args:
-            stamp_s: time of the scan; one that is not later than the last is ignored, unless time has jumped
-                back: then everybody is forgotten.
+            stamp_s: time of the scan; one that is not later than the laser's last is ignored, unless time has
+                jumped back: then everybody is forgotten.
             legs_m: (N, 2), m, map frame, middles of what may be legs.
             probabilities: (N,), how likely each is a leg.
             is_on_map: (N,), whether the map shows something there.
             is_hidden: says whether something hides a place (2,), m, map frame, from the laser.
+            laser: which laser's scan it is, if there are several.
         """
-        if self._now_s is not None and stamp_s <= self._now_s:
-            if stamp_s > self._now_s - MAX_STEP_S:
+        last_s = self._seen_s.get(laser)
+        if last_s is not None and stamp_s <= last_s:
+            if stamp_s > last_s - MAX_STEP_S:
                 return
-            self._tracks, self._now_s = [], None
-        self._predict(stamp_s)
+            self._tracks, self._now_s, self._seen_s, last_s = [], None, {}, None
+        elif self._now_s is not None and stamp_s < self._now_s - MAX_LATE_S:
+            return
+        self._seen_s[laser] = stamp_s
+        stamp_s = max(stamp_s, self._now_s or stamp_s)
+        self._predict(stamp_s, MAX_STEP_S if last_s is None else stamp_s - last_s)
         likely = probabilities >= self.settings.leg_probability
         on_map = np.zeros(len(likely), np.bool_) if is_on_map is None else is_on_map
         legs, chances, on_map = legs_m[likely], probabilities[likely], on_map[likely]
@@ -184,7 +202,7 @@ class PersonTracker:
             track.state[2:].copy(),
             track.confidence,
             track.has_moved,
-            (self._now_s or 0.0) - track.seen_s,
+            self.now_s - track.seen_s,
             track.two_legs,
         )
 
@@ -195,7 +213,8 @@ class PersonTracker:
         is_likely = track.has_moved or track.confidence >= self.settings.confidence
         return track.hits >= self.settings.hits and is_likely
 
-    def _predict(self, stamp_s: float) -> None:
+    def _predict(self, stamp_s: float, period_s: float) -> None:
+        """Move the tracks on; a person is unseen after more than two periods of a laser's scans."""
         step_s = 0.0 if self._now_s is None else stamp_s - self._now_s
         self._now_s = stamp_s
         is_pause, step_s = step_s > MAX_STEP_S, min(step_s, MAX_STEP_S)
@@ -206,7 +225,7 @@ class PersonTracker:
         for track in self._tracks:
             if is_pause:
                 track.state[2:] = 0.0
-            elif stamp_s - track.seen_s > 2 * step_s:
+            elif stamp_s - track.seen_s > 2 * period_s:
                 track.state[2:] *= np.exp(-step_s / self.settings.speed_decay_s)
             track.state = move @ track.state
             track.spread = move @ track.spread @ move.T + noise
@@ -308,6 +327,7 @@ class PersonTracker:
         return {
             "next": self._next,
             "now_s": self._now_s,
+            "lasers": [[laser, stamp_s] for laser, stamp_s in self._seen_s.items()],
             "tracks": [
                 [
                     track.number,
@@ -328,6 +348,7 @@ class PersonTracker:
     def remember(self, memory: Mapping[str, Any]) -> None:
         """Continue with the tracks that `memory` returned."""
         self._next, self._now_s = memory["next"], memory["now_s"]
+        self._seen_s = dict(memory.get("lasers", ()))
         self._tracks = [_restored(row) for row in memory["tracks"]]
 
 

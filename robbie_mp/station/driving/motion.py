@@ -30,6 +30,8 @@ STANDS_AFTER_S = 1.0
 """A robot that has not moved for this time although it was commanded is reported."""
 MOVES_M_PER_S, MOVES_RAD_PER_S = 0.02, 0.05
 NEAR_M = 0.15
+MAX_LASERS = 8
+"""Scans of further ones are not looked at."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Movement:
     pitch_rad: float | None = None
     roll_rad: float | None = None
     ahead_m: float | None = None
-    """Free way ahead, from the robot's front to the nearest hit of the laser."""
+    """Free way ahead, from the robot's front to the nearest hit of any laser."""
     silent: str = ""
     """For how long the odometry has been silent; '' while it is not."""
     hint: str = ""
@@ -80,15 +82,22 @@ class Motion:
         self._station = station
         self._odometry = station.newest(Odometry, "odom")
         self._imu = station.newest(Imu)
-        self._scan = station.newest(LaserScan)
+        self._scans: dict[str, tuple[float, LaserScan]] = {}
+        station.newest(LaserScan).listen(self.scan)
         self._stop = station.newest(EmergencyStop, "emergency_stop_state")
         self._commands = station.newest(DriveCommand)
         self._commands.listen(self.command)
         self._command: tuple[float, DriveCommand] | None = None
         self._stands_since_s: float | None = None
         self._next_s = 0.0
-        self._ahead: tuple[int, float | None] = (0, None)
+        self._ahead: tuple[list[LaserScan], float | None] = ([], None)
         self.now = Movement()
+
+    def scan(self, scan: LaserScan) -> None:
+        """Note the newest scan of each laser, by its frame; any thread may call this."""
+        frame = scan.header.frame_id
+        if frame in self._scans or len(self._scans) < MAX_LASERS:
+            self._scans[frame] = (time.monotonic(), scan)
 
     def command(self, command: DriveCommand) -> None:
         """Note a command; any thread may call this."""
@@ -118,7 +127,7 @@ class Motion:
             heading_rad=self._heading(),
             pitch_rad=pitch,
             roll_rad=roll,
-            ahead_m=self._ahead_m(),
+            ahead_m=self._ahead_m(now_s),
             silent=silence(self._odometry.age_s, SILENT_AFTER_S),
         )
         return replace(found, hint=self._why(found)) if self._stands(found, now_s) else found
@@ -130,19 +139,28 @@ class Motion:
             odometry = self._odometry.message
             return odometry.pose.pose.orientation.yaw if odometry else None
 
-    def _ahead_m(self) -> float | None:
-        scan = self._scan.message
-        if scan is None or (self._scan.age_s or 0.0) > SILENT_AFTER_S:
-            return None
-        if self._ahead[0] != self._scan.count:
+    def _ahead_m(self, now_s: float) -> float | None:
+        scans = [scan for put_s, scan in list(self._scans.values()) if now_s - put_s <= SILENT_AFTER_S]
+        known = self._ahead[0]
+        if len(scans) != len(known) or any(a is not b for a, b in zip(scans, known, strict=True)):
+            self._ahead = (scans, self._nearest_m(scans))
+        return self._ahead[1]
+
+    def _nearest_m(self, scans: list[LaserScan]) -> float | None:
+        """Return the free way ahead in the scans of all lasers whose places are known; None if none is."""
+        points: list[NDArray[np.float64]] = []
+        farthest_m = 0.0
+        for scan in scans:
             try:
                 pose = self._station.scene.graph.pose(BASE, scan.header.frame_id)
             except SceneGraphError:
-                return None
-            length_m, width_m, _ = self._station.robot_size_m
-            free_m = free_way_m(pose.apply(scan_points(scan).places), length_m, width_m, scan.range_max)
-            self._ahead = (self._scan.count, free_m)
-        return self._ahead[1]
+                continue
+            points.append(pose.apply(scan_points(scan).places))
+            farthest_m = max(farthest_m, scan.range_max)
+        if not points:
+            return None
+        length_m, width_m, _ = self._station.robot_size_m
+        return free_way_m(np.concatenate(points), length_m, width_m, farthest_m)
 
     def _stands(self, found: Movement, now_s: float) -> bool:
         """Whether the robot has not moved for some time although it is commanded."""

@@ -205,6 +205,27 @@ def test_base_publishes_obstacles_only_if_the_arena_has_any(
         assert not plain.take(SimulatedWorld)
 
 
+def test_second_laser_measures_from_its_own_place_in_its_own_frame(
+    base: ModuleHarness[SimulatedBase], settings: dict[str, object]
+) -> None:
+    rear = {"frame_id": "rear_laser", "mount": [-0.15, 0.0, math.pi], "noise_m": 0.0, "steps": 1}
+    rear |= {"angle_min_rad": 0.0}
+    with ModuleHarness(
+        SimulatedLaserRangeFinder, settings | rear, name="rear_laser", topics={"": "rear_scan"}
+    ) as laser:
+        base.advance(0.1)
+        tell(base, laser)
+        laser.advance(0.1)
+        scan = laser.take(LaserScan, "rear_scan")[-1]
+    assert scan.header.frame_id == "rear_laser"
+    assert scan.ranges == pytest.approx([0.1])  # the wall is 0.25 m behind the middle of the robot
+    with (
+        pytest.raises(SettingError, match=r"expected x, y \(m\) and heading"),
+        ModuleHarness(SimulatedLaserRangeFinder, settings | {"mount": [1.0, 2.0]}),
+    ):
+        pass
+
+
 def test_doors_of_the_world_are_moved_by_a_request_and_seen_by_the_laser(tmp_path: Path) -> None:
     door = "doors: [{name: cellar, leaf: [3.0, 1.0, 3.0, 2.0], opens_rad: 1.5708}]\n"
     (tmp_path / "house.yaml").write_text(ARENA[: ARENA.index("victims")] + door)

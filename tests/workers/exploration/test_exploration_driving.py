@@ -174,6 +174,29 @@ def test_guard_accounts_for_the_lasers_mounting_pose() -> None:
     assert turned.free_way_m(sweep(0.4, at_deg=-180), 0.5, 0.0) == pytest.approx(0.4 - 0.25, abs=0.031)
 
 
+def test_guard_checks_what_only_one_of_two_lasers_sees() -> None:
+    half = np.radians(np.arange(-90, 90))
+    ahead, rear = CollisionGuard(half), CollisionGuard(half, mount=(-0.175, 0.0, math.pi))
+    guard = ahead.joined(rear)
+    free, behind = np.full(180, np.inf), np.full(180, np.inf)
+    behind[90] = 0.125  # 0.1 m from the body
+    both = np.concatenate([free, behind])
+    assert ahead.checked(free, (-0.3, 0.0)) == (-0.3, 0.0)
+    assert -0.2 < guard.checked(both, (-0.3, 0.0))[0] < 0.0
+    slowed = GUARD.crawl_m_per_s + GUARD.speed_per_room_per_s * 0.1
+    assert guard.checked(both, (0.5, 0.0))[0] == pytest.approx(slowed)
+    assert guard.checked(np.concatenate([free, np.full(180, np.nan)]), (-0.3, 0.0)) == (-0.3, 0.0)
+    assert len(ahead.near_points(free)) == 0, "joining changes neither guard"
+
+
+@pytest.mark.parametrize(("x_m", "edge_m"), [(-0.175, 0.2), (-0.25, 0.25)])
+def test_what_is_too_near_to_a_laser_to_measure_touches_the_body_there(x_m: float, edge_m: float) -> None:
+    rear = CollisionGuard(np.array([0.0]), mount=(x_m, 0.0, math.pi))
+    assert rear.near_points([-np.inf]) == pytest.approx(np.array([[-edge_m, 0.0]]))
+    assert rear.checked([-np.inf], (-0.3, 0.0)) == (0.0, 0.0)
+    assert rear.checked([-np.inf], (0.3, 0.0))[0] > 0.0, "it can drive away"
+
+
 def test_progress_is_a_shorter_path_to_the_same_goal() -> None:
     watch = ProgressWatch(step_m=0.1)
     assert watch.idle_s((1, 1), 3.0, 10.0) == 0.0

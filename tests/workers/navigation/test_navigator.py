@@ -16,8 +16,10 @@ from tests.workers._support.exploration_world import drawn_cells
 from tests.workers._support.navigation_world import NavigationWorld, demo_arena
 from workers.laser.laser_sweep import LaserSweep
 from workers.maps.navigation_grid import NavigationGrid
+from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.costmap import Costmap
 from workers.navigation.live_obstacles import LiveObstacles
+from workers.navigation.navigator import Navigator
 from workers.navigation.navigator_states import TRANSITIONS, NavigatorSettings, NavigatorState
 from workers.navigation.path_follower import HALT
 from workers.navigation.way_planner import Obstruction, plan_way
@@ -221,6 +223,51 @@ def test_obstacles_are_kept_while_hidden_and_removed_when_looked_through() -> No
     obstacles.see((0, 0, 0), seen(np.full(360, 3.0)), 6.0)
     assert np.hypot(*obstacles.points(6.0).T).min() > 2.5
     assert len(obstacles.points(17.0)) == 0
+
+
+def test_obstacles_of_two_lasers_add_up_and_what_one_has_seen_long_ago_opens_nothing() -> None:
+    obstacles = LiveObstacles()
+    half = np.full(180, 3.0)
+    ahead, rear = (LaserSweep.from_ranges(half, -np.pi / 2, np.pi / 180, 0.05, 10.0) for _ in range(2))
+    places = np.array([[2.0, 0.0], [-2.0, 0.0], [0.0, 3.5]])
+    obstacles.see((0, 0, 0), ahead, 0.0)
+    assert obstacles.sees_through(places).tolist() == [True, False, False]
+    obstacles.see((0, 0, np.pi), rear, 0.05, "rear")
+    assert obstacles.sees_through(places).tolist() == [True, True, False]
+    assert np.abs(obstacles.points(0.1)).max(axis=0) == pytest.approx([3.0, 3.0], abs=0.05)
+    obstacles.see((0, 0, 0), ahead, 2.0)
+    assert obstacles.sees_through(places).tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "rear_s", "back"),
+    [(2.0, 0.0, -0.15), (0.08, 0.0, 0.0), (2.0, 1.0, 0.0), (None, 0.0, 0.0)],
+    ids=["free", "blocked", "stale", "silent"],
+)
+def test_robot_backs_up_only_where_a_fresh_sweep_of_its_rear_laser_shows_free_ground(
+    rear_m: float | None, rear_s: float, back: float
+) -> None:
+    now_s, half = 10.0, np.full(180, 3.0)
+    angles = -np.pi / 2, np.pi / 180
+    guard = CollisionGuard(angles[0] + angles[1] * np.arange(180))
+    navigator = Navigator(lambda: now_s, guard, further_lasers=["rear_scan"])
+    navigator.see_map(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0))
+    navigator.see_pose((0, 0, 0), now_s, now_s)
+    navigator.see_sweep(LaserSweep.from_ranges(half, *angles, 0.05, 10.0), half, now_s, now_s)
+    if rear_m is not None:
+        rear = np.full(180, rear_m)
+        sweep = LaserSweep.from_ranges(rear, *angles, 0.05, 10.0)
+        navigator.see_further_sweep(
+            "rear_scan", (-0.175, 0.0, np.pi), sweep, rear, now_s - rear_s, now_s - rear_s
+        )
+    navigator.go_to((1.5, 0.0, 0.0))
+    speeds = navigator.drive()
+    assert speeds is not None and speeds[0] > 0.0, "it drives on without its rear laser"
+    navigator.machine.go(NavigatorState.BACK_UP, "for a test")
+    assert navigator.drive() == pytest.approx((back, 0.0))
+    is_silent = rear_m is None or rear_s > 0.0
+    assert navigator.silent == ["rear_scan"] * is_silent
+    assert ("no fresh scan of rear_scan" in navigator.status) is is_silent
 
 
 def test_live_obstacles_are_bounded() -> None:

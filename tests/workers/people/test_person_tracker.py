@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from workers.people.map_things import MapThings
@@ -183,3 +184,34 @@ def test_track_that_goes_over_from_one_thing_on_the_map_to_the_next_has_not_move
     assert tracker.persons == [] and len(tracker.things) == 1
     watch(tracker, lambda t: legs_of(1.0 + 0.5 * (t - 1.0), 0.0), 3.0, begin_s=1.0)
     assert [one.has_moved for one in tracker.persons] == [True]
+
+
+def test_person_whom_two_lasers_see_is_one_person_even_if_both_scans_have_one_stamp() -> None:
+    tracker = PersonTracker()
+    random = np.random.default_rng(1)
+    for step in range(30):
+        now_s = step / 10
+        walker, behind = legs_of(0.5 * now_s, 1.0, 0.0, 0.5 * now_s), legs_of(-2.0, 0.0)
+        for laser, legs in (("laser", walker), ("rear_laser", np.concatenate([walker[:1], behind]))):
+            noisy = legs + random.normal(0.0, 0.01, legs.shape)
+            tracker.see(now_s, noisy, np.full(len(legs), 0.9), laser=laser)
+    persons = sorted(tracker.persons, key=lambda one: float(one.xy_m[0]))
+    assert [one.unseen_s for one in persons] == [0.0, 0.0]
+    np.testing.assert_allclose([one.xy_m for one in persons], [(-2.0, 0.0), (1.45, 1.0)], atol=0.15)
+
+
+def test_scan_of_another_laser_that_is_a_little_late_counts_and_a_stale_one_does_not() -> None:
+    tracker = PersonTracker()
+    for step in range(20):
+        now_s = 5.0 + step / 10
+        tracker.see(now_s, nobody(now_s), np.empty(0), laser="laser")
+        for laser, late_s, x_m in (("rear_laser", 0.05, -1.0), ("old_laser", 0.5, -3.0)):
+            tracker.see(now_s - late_s, legs_of(x_m, 0.0), np.full(2, 0.9), laser=laser)
+    (person,) = tracker.persons
+    assert person.xy_m[0] == pytest.approx(-1.0, abs=0.05)
+    again = PersonTracker()
+    again.remember(tracker.memory())
+    again.see(6.85, legs_of(-1.0, 0.0), np.full(2, 0.9), laser="rear_laser")
+    assert len(again.persons) == 1, "a scan that it has seen before its restart"
+    tracker.see(1.0, nobody(1.0), np.empty(0), laser="laser")
+    assert tracker.persons == [], "time has jumped back"

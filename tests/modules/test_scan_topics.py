@@ -1,0 +1,41 @@
+"""Modules that use one laser of several keep to its topic; without one, they take any laser."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from modules.exploration import Exploration
+from modules.home.mapping import MappingAmongPeople
+from modules.localization import MonteCarloLocalization
+from modules.mapping import Mapping
+from modules.navigation import Navigation
+from modules.parcours import Parcours
+from robbie_mp import Module, ModuleHarness
+from robbie_mp.messages import LaserScan
+
+SCAN = LaserScan(angle_increment=0.1, range_max=10.0, ranges=np.full(60, 3.0, np.float32))
+
+
+@pytest.mark.parametrize(
+    "module", [Exploration, Mapping, MappingAmongPeople, MonteCarloLocalization, Navigation, Parcours]
+)
+@pytest.mark.parametrize(("settings", "expected"), [({}, 3), ({"scan_topic": "scan"}, 1)])
+def test_module_takes_only_the_scans_of_the_laser_that_it_is_told_to_use(
+    module: type[Module],
+    settings: dict[str, object],
+    expected: int,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    taken: list[LaserScan] = []
+
+    def on_scan(_self: Any, scan: LaserScan) -> None:
+        taken.append(scan)
+
+    monkeypatch.setattr(module, "on_scan", on_scan)
+    with ModuleHarness(module, settings, output_directory=tmp_path) as harness:
+        for topic in ("", "scan", "rear_scan"):
+            harness.send(SCAN, topic=topic)
+        assert len(taken) == expected
