@@ -1,6 +1,7 @@
 """Fixtures for all tests; the first one fails any test that leaves something behind."""
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -33,6 +34,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let a test that tries many cases try all of them."""
     parser.addoption("--exhaustive", action="store_true", help="all kill points, 2,000 cuts of a log")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def interrupts_take_effect() -> None:
+    """Undo what a shell does to commands in the background: they, and their children, ignore SIGINT."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -81,6 +81,7 @@ def let_all_be_handled(robot: Robot) -> None:
     )
 
 
+@pytest.mark.slow
 def test_modules_lose_no_message_while_tools_attach_detach_die_and_stall(
     robot: Robot, echoes: list[Echo]
 ) -> None:
