@@ -82,15 +82,14 @@ class SharedTime:
             return True
         now_s = time.monotonic()
         if now_s - self._look_s >= LOOK_S or not self.has_begun:
-            self._look_s = now_s
-            others = [file for file in sorted(self._folder.glob(f"*{SUFFIX}")) if file != self._own]
-            self._others = [file for file in others if self._is_alive(_read(file), now_s)][:MAX_RUNS]
-            self._note_presence()
-            self.has_begun = self.has_begun or len(self._others) + 1 >= self._waits_for
+            self._look(now_s)
         if not self.has_begun:
             return False
         found = [_read(file) for file in self._others]
         times_ns = [told.at_ns for told in found if told is not None and self._is_alive(told, now_s)]
+        if len(times_ns) < len(found):
+            # This run may end before the next look, and has to say first that it goes on without another one.
+            self._look(now_s)
         # Without others, look again soon, because one may begin.
         self._free_until_ns = min(times_ns, default=due_ns) + LEAD_NS
         return due_ns <= self._free_until_ns
@@ -98,6 +97,14 @@ class SharedTime:
     def leave(self) -> None:
         """Let the others go on without this run."""
         self._own.unlink(missing_ok=True)
+
+    def _look(self, now_s: float) -> None:
+        """Find the other runs."""
+        self._look_s = now_s
+        others = [file for file in sorted(self._folder.glob(f"*{SUFFIX}")) if file != self._own]
+        self._others = [file for file in others if self._is_alive(_read(file), now_s)][:MAX_RUNS]
+        self._note_presence()
+        self.has_begun = self.has_begun or len(self._others) + 1 >= self._waits_for
 
     def _is_alive(self, told: Told | None, now_s: float) -> bool:
         return told is not None and -AHEAD_S < now_s - told.told_s < self.stale_s

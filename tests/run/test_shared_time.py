@@ -92,6 +92,18 @@ def test_a_run_that_died_is_counted_and_named_until_it_is_back(tmp_path: Path) -
     assert (red.missing, red.given_up) == (set(), 1)
 
 
+def test_a_run_that_goes_on_without_a_dead_one_knows_it_before_its_next_regular_look(tmp_path: Path) -> None:
+    red, blue = two(tmp_path)
+    red.may_go_to(0)
+    blue.may_go_to(0)
+    look(red)
+    red.may_go_to(0)
+    red._look_s = float("inf")
+    red.stale_s = -shared_time.AHEAD_S
+    assert red.may_go_to(STEP_NS)
+    assert (red.missing, red.given_up) == ({"blue"}, 1)
+
+
 def test_runs_that_died_long_ago_are_not_among_those_that_must_be_there(tmp_path: Path) -> None:
     now_s = time.monotonic()
     for run, told_s in {"old": now_s - 100.0, "before_the_start_of_the_machine": now_s + 1e6}.items():
