@@ -63,6 +63,7 @@ MAX_ROUGH_SAMPLE_S = 120e-6
 BITS_PER_BYTE = 10
 # Frames of about this time are read and decoded together: each batch has a price of its own.
 BATCH_S = 0.016
+# Of these, the last ones are read as they arrive: more than the jitter of a line.
 LAST_FRAMES_S = 0.002
 
 
@@ -177,7 +178,7 @@ class RpLidar(PluggableLaser):
         frames = max(1, round(BATCH_S / frame_s))
         self._batch_bytes = reader.frame_bytes * frames
         # The last frames of a batch are read as they arrive, so that the stamp is right.
-        self.gather_s = self._batch_s = max(frames * frame_s - max(frame_s, LAST_FRAMES_S), 0.0)
+        self.gather_s = self._full_gather_s = max(frames * frame_s - max(frame_s, LAST_FRAMES_S), 0.0)
         sent_s = 0.0
         if not self.url.startswith("socket://"):
             sent_s = reader.frame_bytes * BITS_PER_BYTE / self.bit_rate
@@ -195,7 +196,7 @@ class RpLidar(PluggableLaser):
                 self.gather_s = 0.0
                 return []
         arrived_s = min(arrived_s, self._batch_began_s + batch_s)
-        self.gather_s, self._batch_began_s = self._batch_s, math.inf
+        self.gather_s, self._batch_began_s = self._full_gather_s, math.inf
         waiting, self._waiting = self._waiting, b""
         samples = reader.feed(waiting)
         self.counters.damaged, self.counters.skipped_bytes = reader.damaged, reader.skipped_bytes

@@ -71,12 +71,17 @@ def look(run: SharedTime) -> None:
     run._look_s = -float("inf")
 
 
-def test_a_run_that_died_is_counted_and_named_until_it_is_back(tmp_path: Path) -> None:
-    red, blue = two(tmp_path)
+def two_that_know_each_other(folder: Path) -> tuple[SharedTime, SharedTime]:
+    red, blue = two(folder)
     red.may_go_to(0)
     blue.may_go_to(0)
     look(red)
     red.may_go_to(0)
+    return red, blue
+
+
+def test_a_run_that_died_is_counted_and_named_until_it_is_back(tmp_path: Path) -> None:
+    red, blue = two_that_know_each_other(tmp_path)
     assert (red.missing, red.given_up) == (set(), 0)
     red.stale_s = -shared_time.AHEAD_S
     look(red)
@@ -93,11 +98,7 @@ def test_a_run_that_died_is_counted_and_named_until_it_is_back(tmp_path: Path) -
 
 
 def test_a_run_that_goes_on_without_a_dead_one_knows_it_before_its_next_regular_look(tmp_path: Path) -> None:
-    red, blue = two(tmp_path)
-    red.may_go_to(0)
-    blue.may_go_to(0)
-    look(red)
-    red.may_go_to(0)
+    red, _ = two_that_know_each_other(tmp_path)
     red._look_s = float("inf")
     red.stale_s = -shared_time.AHEAD_S
     assert red.may_go_to(STEP_NS)
