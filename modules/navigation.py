@@ -97,7 +97,7 @@ class Navigation(Module):
         ahead, more = settings["scan_topic"], settings["more_scan_topics"]
         assert isinstance(more, list)
         if more and (not ahead or not all(more) or len({ahead, *more}) <= len(more)):
-            text = "each laser needs a topic of its own: in scan_topic the one ahead, the others in more_scan_topics"
+            text = "each laser needs a topic of its own: scan_topic and more_scan_topics"
             raise SettingError(text, "more_scan_topics")
 
     def setup(self) -> None:

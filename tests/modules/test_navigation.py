@@ -202,7 +202,10 @@ def test_scan_of_a_laser_whose_place_is_unknown_is_not_used() -> None:
     ],
 )
 def test_lasers_that_the_topics_do_not_tell_apart_are_refused(topics: dict[str, object]) -> None:
-    with pytest.raises(SettingError, match="each laser needs a topic of its own"), ModuleHarness(Navigation, topics):
+    with (
+        pytest.raises(SettingError, match="each laser needs a topic of its own"),
+        ModuleHarness(Navigation, topics),
+    ):
         pass
 
 
