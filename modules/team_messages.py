@@ -20,7 +20,7 @@ class MapAlignment(Message, name="team_msgs/msg/MapAlignment", version=1):
     ambiguity: float64 = DEFAULT  # 0 to 1: how well the best pose elsewhere fits, compared with this one
 
 
-class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=2):
+class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=3):
     """Where a robot is and what it drives to, so that others do something else and keep out of its way.
 
     A robot renews its claim several times while it counts. It is not latched: one that joins later hears the
@@ -37,4 +37,6 @@ class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=2):
     is_working: bool = DEFAULT  # false: it is on its way home, or has ended
     has_home: bool = DEFAULT  # whether it knows where its home is
     home: Point = DEFAULT  # where it drives when no work is left
+    vain_frontiers: list[Point] = DEFAULT  # it was there, and they are still frontiers: no robot needs to go
+    vain_walls: list[Point] = DEFAULT  # it has looked at them, and could not search them
     valid_for: Duration = DEFAULT  # the claim ends then, unless renewed

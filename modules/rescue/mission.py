@@ -1,6 +1,7 @@
 """Application control of the rescue robot: explores, searches for victims, asks the operator, comes home."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ from robbie_mp.messages import (
     PointsOfInterest,
     PoseStamped,
 )
-from workers.exploration.team_claims import Claim
+from workers.exploration.team_claims import Claim, SeenInVain
 from workers.planar_pose import compose
 from workers.rescue.look_around import LookAround
 from workers.rescue.mission import Mission
@@ -159,7 +160,7 @@ class RescueMission(Module):
         """Pass the searched walls to the mission; keep those of other robots, and add them."""
         searched, robot = SearchedGrid(*map_cells(grid)), self.envelope.topic
         if robot in self.team:
-            self.team_searched[robot] = searched.widened()
+            self.team_searched[robot] = searched.widened(self.mission.settings.min_wall_m)
             return
         searched.of_others = tuple(
             (walls, self.team_maps[one]) for one, walls in self.team_searched.items() if one in self.team_maps
@@ -186,6 +187,14 @@ class RescueMission(Module):
             way_m=message.way_m,
             is_working=message.is_working,
             home_xy_m=_placed(place, message.home) if message.has_home else None,
+            seen_in_vain=tuple(
+                SeenInVain(state.name, (x_m, y_m))
+                for state, points in (
+                    (MissionState.EXPLORE, message.vain_frontiers),
+                    (MissionState.SEARCH, message.vain_walls),
+                )
+                for x_m, y_m in (_placed(place, point).tolist() for point in points)
+            ),
         )
         self.mission.claims.see(robot, claim, message.valid_for.nanoseconds / 1e9)
 
@@ -339,6 +348,8 @@ class RescueMission(Module):
                 is_working=claim.is_working,
                 has_home=claim.home_xy_m is not None,
                 home=_point(claim.home_xy_m),
+                vain_frontiers=_points(claim.seen_in_vain, MissionState.EXPLORE),
+                vain_walls=_points(claim.seen_in_vain, MissionState.SEARCH),
                 valid_for=Duration.from_nanoseconds(round(self.claim_valid_s * 1e9)),
             )
         )
@@ -385,6 +396,11 @@ def _placed(map_pose: NDArray[np.float64], point: Point) -> NDArray[np.float64]:
     """Return a point of another robot's map in this robot's: `(2,)`, m."""
     x_m, y_m, _ = compose(map_pose, (point.x, point.y, 0.0)).tolist()
     return np.array([x_m, y_m])
+
+
+def _points(targets: Iterable[SeenInVain], state: MissionState) -> list[Point]:
+    """Return what targets of one kind are about."""
+    return [_point(np.array(target.about_xy_m)) for target in targets if target.kind == state.name]
 
 
 def _point(xy_m: NDArray[np.float64] | None) -> Point:

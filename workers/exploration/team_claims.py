@@ -9,6 +9,7 @@ and where they are: see `team_share`.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,18 @@ DISCOUNT_M = 3.0
 """How much dearer a target gets at the place that another robot has claimed."""
 
 
+class SeenInVain(NamedTuple):
+    """A target that a robot gave up after it was there: no other robot needs to go.
+
+    Attributes:
+        kind: name of the state in which the robot drove there.
+        about_xy_m: m, this robot's map frame: what it went there for.
+    """
+
+    kind: str
+    about_xy_m: tuple[float, float]
+
+
 @dataclass(frozen=True)
 class Claim:
     """What another robot does. All places are in this robot's map frame.
@@ -34,6 +47,7 @@ class Claim:
         way_m: cost of the way that it still has to go to its target.
         is_working: whether it still looks for work. False: it is on its way home for good, or has ended.
         home_xy_m: `(2,)`, m: where it drives when no work is left. None: not known.
+        seen_in_vain: targets that it gave up where it was there.
     """
 
     pose: Points
@@ -42,6 +56,7 @@ class Claim:
     way_m: float
     is_working: bool
     home_xy_m: Points | None = None
+    seen_in_vain: tuple[SeenInVain, ...] = ()
 
 
 class TeamClaims:
@@ -74,6 +89,11 @@ class TeamClaims:
     def working(self) -> list[Claim]:
         """Return the claims of the robots that still look for work."""
         return [claim for claim in self.current.values() if claim.is_working]
+
+    @property
+    def seen_in_vain(self) -> list[SeenInVain]:
+        """Return the targets that other robots gave up where they were there."""
+        return [target for claim in self.current.values() for target in claim.seen_in_vain]
 
     def extra_cost_m(self, target_xy_m: Points, way_m: float, *, is_current: bool = False) -> float:
         """Return how much dearer a target is because of the others; +inf: it is left to another robot.

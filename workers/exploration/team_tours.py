@@ -18,7 +18,7 @@ Tour = list[int]
 
 SUM_SHARE = 0.2
 """How much the length of all tours counts, compared with the length of the longest."""
-KEEP_M = 1.0
+KEEP_M = 3.0
 """How much shorter a tour counts that contains the target to which its robot drives already."""
 MOST_PASSES = 4
 NO_WAY_M = 1e3

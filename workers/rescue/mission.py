@@ -147,6 +147,7 @@ class Mission:
             way_m=self._way_m if self.state in TRAVELS else 0.0,
             is_working=self.is_working,
             home_xy_m=None if self.home is None else self.home[:2],
+            seen_in_vain=self._targets.seen_in_vain,
         )
 
     # -- inputs ----------------------------------------------------------------------------------------
@@ -210,14 +211,14 @@ class Mission:
         elif self.state in LOOKS:
             self.machine.go(LOOKS[self.state], "is there")
         elif self.state is MissionState.EXPLORE:
-            self._give_up_target()
+            self._give_up_target(was_there=True)
 
     def unreachable(self, reason: str) -> None:
         """Record that the robot cannot reach its latest goal."""
         if self.state is MissionState.RETURN:
             self._judge_home(reason)
         elif self.state in TRAVELS:
-            self._give_up_target()
+            self._give_up_target(was_there=False)
 
     # -- outputs ---------------------------------------------------------------------------------------
 
@@ -298,9 +299,9 @@ class Mission:
             self._target = None
             self._go_on("the wall was seen well")
         elif self.machine.expire():
-            self._give_up_target()
+            self._give_up_target(was_there=True)
         elif self.state in TRAVELS and self.machine.time_in_state_s > self.settings.travel_s:
-            self._give_up_target()
+            self._give_up_target(was_there=False)
             self.machine.go(MissionState.EXPLORE, "that took too long")
 
     def _target_is_done(self) -> bool:
@@ -384,9 +385,9 @@ class Mission:
         self._target = None
         self.machine.go(MissionState.DONE, reason)
 
-    def _give_up_target(self) -> None:
+    def _give_up_target(self, *, was_there: bool) -> None:
         if self._target is not None:
-            self._targets.give_up(self._target)
+            self._targets.give_up(self._target, was_there=was_there)
         self._target = None
         self._planned_s = -math.inf
 

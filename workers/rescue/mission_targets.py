@@ -12,13 +12,13 @@ from scipy import ndimage
 
 from workers.exploration.drivable_ground import DrivableGround
 from workers.exploration.frontiers import Frontier, find_frontiers
-from workers.exploration.team_claims import TeamClaims
+from workers.exploration.team_claims import SeenInVain, TeamClaims
 from workers.exploration.team_share import Member, Work, own_work
 from workers.maps.navigation_grid import Cell
 from workers.planar_pose import rotate, wrap_angle
 from workers.rescue.mission_states import MissionSettings, MissionState
 from workers.rescue.search_views import search_views
-from workers.rescue.searched_walls import SEARCHED, WallFronts
+from workers.rescue.searched_walls import ALL_EIGHT, SEARCHED, UNSEARCHED, WallFronts
 
 Points = NDArray[np.float64]
 Costs = NDArray[np.float64]
@@ -97,12 +97,22 @@ class MissionTargets:
         self.frontiers: list[Frontier] = []
         self.are_left_to_others = False
         self._settings = settings
-        self._given_up: deque[tuple[str, float, float]] = deque(maxlen=REMEMBERED)
+        self._given_up: deque[tuple[str, float, float, bool]] = deque(maxlen=REMEMBERED)
 
-    def give_up(self, target: Target) -> None:
-        """Exclude this target, and those of its kind at almost the same place."""
+    @property
+    def seen_in_vain(self) -> tuple[SeenInVain, ...]:
+        """Return the targets that the robot gave up where it was there, for the other robots."""
+        return tuple(SeenInVain(kind, (x, y)) for kind, x, y, was_there in self._given_up if was_there)
+
+    def give_up(self, target: Target, *, was_there: bool) -> None:
+        """Exclude this target, and those of its kind at almost the same place.
+
+        Args:
+            target: the target.
+            was_there: False: the robot did not get there, and another one may.
+        """
         x, y = target.about_xy_m.tolist()
-        self._given_up.append((target.state.name, x, y))
+        self._given_up.append((target.state.name, x, y, was_there))
 
     def memory(self) -> list[list[Any]]:
         """Return the targets that were given up, as plain data."""
@@ -111,7 +121,7 @@ class MissionTargets:
     def remember(self, memory: Iterable[Sequence[Any]]) -> None:
         """Restore the data that `memory` returned."""
         self._given_up.clear()
-        self._given_up.extend((kind, x, y) for kind, x, y in memory)
+        self._given_up.extend((kind, x, y, was_there) for kind, x, y, was_there in memory)
 
     def best(
         self,
@@ -145,7 +155,7 @@ class MissionTargets:
         if searched is not None:
             targets += self._walls(around, ways_m, searched)
             targets += self._victims(around, ways_m, suspected)
-        targets = [target for target in targets if not self._is_given_up(target)]
+        targets = [target for target in targets if not self._is_given_up(target, claims)]
         own = Member(ways.cost_m, home, None if current is None else current.about_xy_m)
         work = [
             Work(target.goal, target.about_xy_m, WORK_M[target.state], target.state in KNOWN_TO_ALL)
@@ -201,10 +211,11 @@ class MissionTargets:
                 way_m = float(ways_m[cell])
                 yield Target(MissionState.APPROACH, goal, victim, way_m - VICTIM_FIRST_M, way_m)
 
-    def _is_given_up(self, target: Target) -> bool:
+    def _is_given_up(self, target: Target, claims: TeamClaims) -> bool:
+        own = [(kind, (x, y)) for kind, x, y, _ in self._given_up]
         return any(
-            kind == target.state.name and math.dist(target.about_xy_m, (x, y)) <= SAME_M
-            for kind, x, y in self._given_up
+            kind == target.state.name and math.dist(target.about_xy_m, xy_m) <= SAME_M
+            for kind, xy_m in [*own, *claims.seen_in_vain]
         )
 
     def _cost_m(self, target: Target, current: Target | None, claims: TeamClaims) -> float:
@@ -238,10 +249,23 @@ class SearchedGrid:
         walls = int((self.cells >= 0).sum())
         return float((self.cells == SEARCHED).sum()) / walls if walls else math.nan
 
-    def widened(self) -> "SearchedGrid":
-        """Return a grid in which cells around searched ones count, too: maps of robots differ a little."""
+    def widened(self, min_wall_m: float) -> "SearchedGrid":
+        """Return the grid as another robot uses it: maps of robots differ a little.
+
+        Cells around searched ones count as searched. So do pieces of wall that this robot has not searched
+        because they are too short, beside searched ones. Otherwise, the other robot would come for a piece
+        that is just long enough on its own map.
+
+        Args:
+            min_wall_m: Shorter pieces of wall are not worth a visit.
+        """
+        pieces, count = ndimage.label(self.cells == UNSEARCHED, ALL_EIGHT)
+        is_short = np.bincount(pieces.ravel(), minlength=count + 1) * self.resolution_m < min_wall_m
+        beside = np.unique(pieces[ndimage.binary_dilation(self.cells == SEARCHED, ALL_EIGHT)])
+        left_out = np.isin(pieces, beside[(beside > 0) & is_short[beside]])
+        searched = np.where(left_out, SEARCHED, self.cells).astype(np.int8)
         side = 2 * math.ceil(MAPS_DIFFER_M / self.resolution_m) + 1
-        return SearchedGrid(ndimage.maximum_filter(self.cells, side), self.resolution_m, self.corner_xy_m)
+        return SearchedGrid(ndimage.maximum_filter(searched, side), self.resolution_m, self.corner_xy_m)
 
     def holds(self, points_m: Points) -> NDArray[np.bool_]:
         """Return which of the points `(N, 2)`, m, map frame, were searched by this robot or another one."""

@@ -467,6 +467,8 @@ def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> No
             is_working=True,
             has_home=True,
             home=Point(x=0.2),
+            vain_frontiers=[Point(x=-0.5)],
+            vain_walls=[Point(x=-0.6), Point(x=-0.7)],
             valid_for=Duration(sec=2),
         )
         harness.send(other, topic="blue")
@@ -478,6 +480,8 @@ def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> No
         assert present(claim.target_xy_m) == pytest.approx([2.0, -0.5])
         assert present(claim.home_xy_m) == pytest.approx([0.8, 0.0])
         assert (claim.goal, claim.way_m, claim.is_working) == (None, 2.0, True)
+        vain = [(seen.kind, round(seen.about_xy_m[0], 3)) for seen in claims.seen_in_vain]
+        assert vain == [("EXPLORE", 1.5), ("SEARCH", 1.6), ("SEARCH", 1.7)]
 
         robot = Robot(harness)
         robot.navigates = False

@@ -80,7 +80,7 @@ def test_targets_on_one_side_are_shared_when_one_robot_would_take_much_longer() 
 
 def test_robot_keeps_the_target_that_it_drives_to_unless_another_is_much_nearer() -> None:
     def owner(blue_x_m: float) -> int:
-        costs = costs_of([(0, 0), (blue_x_m, 0)], [(4, 0)], claimed=(0, None), homes=[(4, 3), (4, 3)])
+        costs = costs_of([(0, 0), (blue_x_m, 0)], [(4, 0)], claimed=(0, None), homes=[(0, 0), (8, 0)])
         return int(share_targets(costs)[1] == [0])
 
     assert owner(7.9) == 0
