@@ -21,7 +21,9 @@ ABOVE_TABLE_M, BELOW_TOP_M = 0.045, 0.022
 FINGER_ROOM_M = 0.008
 """The open gripper is wider than the object by this on each side."""
 PLACE_STEP_M = 0.05
-FROM_EDGE_M, APART_M = 0.08, 0.05
+FROM_EDGE_M, LEAST_FROM_EDGE_M = 0.08, 0.05
+"""Places for the middle of an object are this far from the edge; where there are none, at least this far."""
+APART_M = 0.05
 DROP_M = 0.004
 """An object is let go this far above the table."""
 
@@ -101,22 +103,21 @@ def places(view: TableView, held: Shape, shoulder: Floats) -> Iterator[Floats]:
 
 
 def _free_places(view: TableView, held: Shape) -> list[tuple[float, float]]:
-    """Return places on the table with nothing near, those straight ahead and near to the robot first."""
-    x, y = view.table.pose[:2, 3]
-    length, width, _ = view.table.size_m
-    least_x, most_x = x - length / 2 + FROM_EDGE_M, x + length / 2 - FROM_EDGE_M
-    least_y, most_y = y - width / 2 + FROM_EDGE_M, y + width / 2 - FROM_EDGE_M
-    radius = math.hypot(*held.size_m[:2]) / 2
-    free = []
-    for at_x in np.arange(least_x, most_x + 1e-9, PLACE_STEP_M).tolist():
-        for at_y in np.arange(least_y, most_y + 1e-9, PLACE_STEP_M).tolist():
-            room = min(
-                (
-                    math.hypot(at_x - one.pose[0, 3], at_y - one.pose[1, 3]) - math.hypot(*one.size_m[:2]) / 2
-                    for one in view.objects
-                ),
-                default=math.inf,
-            )
-            if room > radius + APART_M:
-                free.append((at_x, at_y))
-    return sorted(free, key=lambda one: math.hypot(one[0] - least_x - PLACE_STEP_M, one[1]))
+    """Return places on the table with nothing near, those straight ahead and near to the robot first.
+
+    Places near the edge come last.
+    """
+    table = view.table
+    half_m = np.array(table.size_m[:2]) / 2 - LEAST_FROM_EDGE_M
+    steps = [PLACE_STEP_M * np.arange(-(half // PLACE_STEP_M), half // PLACE_STEP_M + 1) for half in half_m]
+    on_table_m = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    places_m = on_table_m @ table.pose[:2, :2].T + table.pose[:2, 3]
+    room_m = np.full(len(places_m), np.inf)
+    for one in view.objects:
+        beside_m = np.abs((places_m - one.pose[:2, 3]) @ one.pose[:2, :2]) - np.array(one.size_m[:2]) / 2
+        room_m = np.minimum(room_m, np.hypot(*np.maximum(beside_m, 0.0).T))
+    free = room_m > math.hypot(*held.size_m[:2]) / 2 + APART_M
+    is_near_edge = (np.abs(on_table_m) > half_m + LEAST_FROM_EDGE_M - FROM_EDGE_M).any(axis=1)
+    ahead_m = places_m[:, 0].min(initial=np.inf) + FROM_EDGE_M
+    order = np.lexsort((np.hypot(places_m[:, 0] - ahead_m, places_m[:, 1]), is_near_edge))
+    return [(x, y) for x, y in places_m[order[free[order]]].tolist()]

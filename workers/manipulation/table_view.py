@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import ConvexHull
 
 from workers.manipulation.collisions import Shape
 from workers.manipulation.object_names import ObjectNamer, Prints
@@ -58,7 +59,7 @@ class TableView:
 
     Attributes:
         stamp_s: when the image was taken.
-        table: a box from the floor to the table's top; it covers what was seen of the table.
+        table: a box from the floor to the table's top, turned as the table is; it covers what was seen of it.
         objects: what stands there; names that are not known begin with UNKNOWN.
     """
 
@@ -121,9 +122,9 @@ class TableFinder:
         top_m = self._top(points)
         if top_m is None:
             return None
-        flat = points[np.abs(points[:, 2] - top_m) < PLANE_M]
-        table = _table_box(flat, top_m)
-        inside = (np.abs(points[:, :2] - table.pose[:2, 3]) < np.array(table.size_m[:2]) / 2).all(axis=1)
+        table = _table_box(_top_points(points, top_m), top_m)
+        on_table = (points[:, :2] - table.pose[:2, 3]) @ table.pose[:2, :2]
+        inside = (np.abs(on_table) < np.array(table.size_m[:2]) / 2).all(axis=1)
         above = points[inside & (points[:, 2] > top_m + ABOVE_M)]
         clusters = _clusters(above)
         seen = [
@@ -178,10 +179,7 @@ def _measured(cluster: Floats, top_m: float, spacing_m: float) -> Shape:
     height_m = float(np.percentile(cluster[:, 2], 98)) - top_m
     outline = cluster[cluster[:, 2] > top_m + height_m - TOP_M, :2]
     (x, y), (long_m, short_m), yaw_rad = smallest_rectangle(outline)
-    pose = np.eye(4)
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    pose[:2, :2] = [[cos, -sin], [sin, cos]]
-    pose[:3, 3] = (x, y, top_m + height_m / 2)
+    pose = _upright((x, y, top_m + height_m / 2), yaw_rad)
     return Shape(UNKNOWN, (long_m + spacing_m, short_m + spacing_m, height_m), pose)
 
 
@@ -220,14 +218,34 @@ def smallest_rectangle(points: Floats) -> tuple[tuple[float, float], tuple[float
     return middle, (length, width), angle
 
 
+def _top_points(points: Floats, top_m: float) -> Floats:
+    """Return the points of a table's top, without those of a wall behind it at the same height."""
+    cells = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / CELL_M).astype(np.intp)
+    is_high = points[:, 2] > top_m + ABOVE_M
+    high = np.zeros(cells.max(axis=0) + 1, bool)
+    high[cells[is_high, 0], cells[is_high, 1]] = True
+    high = ndimage.binary_dilation(high, np.ones((3, 3)))
+    is_top = (np.abs(points[:, 2] - top_m) < PLANE_M) & ~high[cells[:, 0], cells[:, 1]]
+    top: Floats = points[is_top]
+    return top
+
+
 def _table_box(flat: Floats, top_m: float) -> Shape:
-    """Return a box under the points of a table's top."""
+    """Return a box under the points of a table's top: the smallest one, so that all of it is table."""
     # Single points beyond the edge, at the side of an object or far away, do not count.
     least, most = np.percentile(flat[:, :2], 0.5, axis=0), np.percentile(flat[:, :2], 99.5, axis=0)
+    seen = flat[((flat[:, :2] >= least) & (flat[:, :2] <= most)).all(axis=1), :2]
+    (x, y), size_m, yaw_rad = smallest_rectangle(seen[ConvexHull(seen).vertices])
+    return Shape(TABLE, (*size_m, top_m), _upright((x, y, top_m / 2), yaw_rad))
+
+
+def _upright(place_m: tuple[float, float, float], yaw_rad: float) -> Floats:
+    """Return the pose of something that stands."""
     pose = np.eye(4)
-    pose[:2, 3], pose[2, 3] = (least + most) / 2, top_m / 2
-    x, y = (most - least).tolist()
-    return Shape(TABLE, (x, y, top_m), pose)
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    pose[:2, :2] = [[cos, -sin], [sin, cos]]
+    pose[:3, 3] = place_m
+    return pose
 
 
 def _clusters(points: Floats) -> list[Floats]:

@@ -111,9 +111,26 @@ def test_places_are_on_the_table_upright_and_free() -> None:
     for pose in poses:
         assert pose[2, 2] == pytest.approx(1.0)
         assert pose[2, 3] - 0.05 == pytest.approx(0.404)
-        assert abs(pose[0, 3] - 0.5) <= 0.12 + 1e-6 and abs(pose[1, 3]) <= 0.32 + 1e-6
+        assert abs(pose[0, 3] - 0.5) <= 0.15 + 1e-6 and abs(pose[1, 3]) <= 0.35 + 1e-6
         assert math.dist(pose[:2, 3], (0.43, 0.0)) > 0.033 + 0.05
     full = tuple(Shape(str(n), (0.1, 0.1, 0.1), pose_at((0.5, -0.3 + 0.1 * n, 0.45))) for n in range(7))
     near = Shape("table", (0.2, 0.8, 0.4), pose_at((0.5, 0.0, 0.2)))
     assert list(places(TableView(0.0, near, full), held, shoulder)) == []
     assert moved_along(grasp, -0.1)[:3, 3] == pytest.approx(grasp[:3, 3] - 0.1 * grasp[:3, 0])
+
+
+@pytest.mark.parametrize("yaw_rad", [-0.25, 0.0, 0.1, 0.25])
+def test_places_on_a_small_table_before_a_wall_are_on_that_table(yaw_rad: float) -> None:
+    X_BT = pose_at((0.47, 0.03, 0.2), yaw_rad)
+    sideboard = Placed(Solid((0.25, 0.6, 0.4)), X_BT)
+    wall = Placed(Solid((0.02, 3.0, 2.4)), X_BT @ pose_at((0.135, 0.0, 1.0)))
+    tea = Placed(Solid((0.04, 0.06, 0.12)), X_BT @ pose_at((-0.02, 0.02, 0.26)))
+    view = seen([sideboard, wall, tea])
+    assert view is not None
+    assert sorted(view.table.size_m[:2]) == pytest.approx([0.25, 0.6], abs=0.03)
+    held = Shape("cola", (0.052, 0.052, 0.14), pose_at((0.0, 0.0, 0.0)), is_round=True)
+    found = [hand[:2, 3] for hand in places(view, held, np.array([0.1, 0.0, 0.4]))]
+    on_table = (np.array(found) - X_BT[:2, 3]) @ X_BT[:2, :2]
+    assert len(found) >= 10
+    assert (np.array([0.125, 0.3]) - np.abs(on_table)).min() > 0.035
+    assert np.hypot(*(on_table - [-0.02, 0.02]).T).min() > 0.07
