@@ -224,7 +224,7 @@ def _top_points(points: Floats, top_m: float) -> Floats:
     is_high = points[:, 2] > top_m + ABOVE_M
     high = np.zeros(cells.max(axis=0) + 1, bool)
     high[cells[is_high, 0], cells[is_high, 1]] = True
-    high = ndimage.binary_dilation(high, np.ones((3, 3)))
+    high = ndimage.binary_dilation(high, np.ones((3, 3), bool))
     is_top = (np.abs(points[:, 2] - top_m) < PLANE_M) & ~high[cells[:, 0], cells[:, 1]]
     top: Floats = points[is_top]
     return top
