@@ -56,6 +56,8 @@ ActiveLesson = ActiveGoal[LearnPerson, LearnPersonFeedback, LearnPersonResult]
 PERSONS = TaughtFaces.kind
 FACE_M = 1.55
 """Height of a face above the floor; the camera has to see those of taller and smaller persons, too."""
+FACE_WIDTH_M = 0.15
+"""Width of the box around a face: 0.12 to 0.19 m for the real faces of `tools.who_is_who_trials`."""
 TURN_RAD = 0.04
 MAX_PICTURES = 8
 """Pictures that wait for what is found in them."""
@@ -309,7 +311,8 @@ class WhoIsWhoTask(Module):
         aside = (face.bbox.center.position.x - centre_px) / focal_px
         x, y, _ = X_MC.apply((aside, 0.0, 1.0)) - X_MC.translation
         name = face.results[0].hypothesis.class_id if face.results else ""
-        return SeenFace(name, math.atan2(y, x), (stamp_ns, face.bbox))
+        away_m = FACE_WIDTH_M * focal_px / face.bbox.size_x if face.bbox.size_x > 0 else math.nan
+        return SeenFace(name, math.atan2(y, x), (stamp_ns, face.bbox), away_m)
 
     def _is_face(self, one: Detection2D) -> bool:
         """Return whether a detection is a face: other modules find other things in the same pictures."""

@@ -65,9 +65,9 @@ class Scene:
         if to is not None:
             self.pan_rad = math.atan2(to[1] - self.pose[1], to[0] - self.pose[0]) - self.pose[2]
 
-    def seen(self, name: str) -> tuple[str, float]:
+    def seen(self, name: str) -> tuple[str, float, None, float]:
         x, y = np.subtract(self.persons[name], self.pose[:2])
-        return self.faces[name], math.atan2(y, x)
+        return self.faces[name], math.atan2(y, x), None, math.hypot(x, y)
 
     def drive(self, x: float, y: float, heading: float) -> None:
         away = math.dist((x, y), self.pose[:2])
@@ -154,6 +154,14 @@ def test_thing_that_showed_no_face_is_left_alone_when_its_legs_get_a_new_track(s
         scene.run(0.1)
     scene.persons = {"2": (3.1, 1.1)}
     assert approaches(scene) == 0
+
+
+def test_face_of_somebody_behind_a_thing_is_not_that_of_the_thing(scene: Scene) -> None:
+    scene.persons = {"thing": (2.0, 0.0), "stranger": (2.9, 0.1)}
+    scene.faces = {"stranger": ""}
+    scene.tour.go_round(0)
+    scene.run(60.0)
+    assert [(one.name, one.xy_m) for one in scene.tour.met] == [("", (2.9, 0.1))]
 
 
 def test_somebody_whose_legs_are_hardly_legs_is_met_because_the_camera_finds_the_face(scene: Scene) -> None:
