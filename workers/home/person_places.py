@@ -195,9 +195,8 @@ class PersonPlaces:
 
     def _is_elsewhere(self, face: SeenFace, away_m: float) -> bool:
         """Return whether a face is much smaller or larger than it would be at this distance."""
-        return not math.isnan(face.away_m) and not (
-            1.0 / self.settings.size_differs <= face.away_m / away_m <= self.settings.size_differs
-        )
+        differs = self.settings.size_differs
+        return face.away_m > differs * away_m or differs * face.away_m < away_m
 
     def _should_show(
         self, place: Place, away_m: float, aside: float, eye: Eye, nearer: Sequence[float]

@@ -122,7 +122,10 @@ class TableFinder:
         top_m = self._top(points)
         if top_m is None:
             return None
-        table = _table_box(_top_points(points, top_m), top_m)
+        top = _top_points(points, top_m)
+        if len(top) < MIN_TABLE_POINTS:
+            return None
+        table = _table_box(top, top_m)
         on_table = (points[:, :2] - table.pose[:2, 3]) @ table.pose[:2, :2]
         inside = (np.abs(on_table) < np.array(table.size_m[:2]) / 2).all(axis=1)
         above = points[inside & (points[:, 2] > top_m + ABOVE_M)]

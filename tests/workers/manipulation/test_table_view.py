@@ -119,6 +119,15 @@ def test_places_are_on_the_table_upright_and_free() -> None:
     assert moved_along(grasp, -0.1)[:3, 3] == pytest.approx(grasp[:3, 3] - 0.1 * grasp[:3, 0])
 
 
+def test_board_under_another_board_is_no_table() -> None:
+    steps = np.linspace(0.46, 0.74, 60)
+    x, y = np.meshgrid(steps, np.linspace(-0.5, 0.5, 120))
+    board = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.4)])
+    upper = board[::2] + np.array([0.0, 0.0, 0.3])
+    assert TableFinder(KNOWN).find(board, 1.5, 0.005, np.zeros(3)) is not None
+    assert TableFinder(KNOWN).find(np.concatenate([board, upper]), 1.5, 0.005, np.zeros(3)) is None
+
+
 @pytest.mark.parametrize("yaw_rad", [-0.25, 0.0, 0.1, 0.25])
 def test_places_on_a_small_table_before_a_wall_are_on_that_table(yaw_rad: float) -> None:
     X_BT = pose_at((0.47, 0.03, 0.2), yaw_rad)
