@@ -1,7 +1,7 @@
 """Application control of the rescue robot: explores, searches for victims, asks the operator, comes home."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,13 +187,9 @@ class RescueMission(Module):
             way_m=message.way_m,
             is_working=message.is_working,
             home_xy_m=_placed(place, message.home) if message.has_home else None,
-            seen_in_vain=tuple(
-                SeenInVain(state.name, (x_m, y_m))
-                for state, points in (
-                    (MissionState.EXPLORE, message.vain_frontiers),
-                    (MissionState.SEARCH, message.vain_walls),
-                )
-                for x_m, y_m in (_placed(place, point).tolist() for point in points)
+            seen_in_vain=(
+                *_seen_in_vain(place, message.vain_frontiers, MissionState.EXPLORE),
+                *_seen_in_vain(place, message.vain_walls, MissionState.SEARCH),
             ),
         )
         self.mission.claims.see(robot, claim, message.valid_for.nanoseconds / 1e9)
@@ -396,6 +392,15 @@ def _placed(map_pose: NDArray[np.float64], point: Point) -> NDArray[np.float64]:
     """Return a point of another robot's map in this robot's: `(2,)`, m."""
     x_m, y_m, _ = compose(map_pose, (point.x, point.y, 0.0)).tolist()
     return np.array([x_m, y_m])
+
+
+def _seen_in_vain(
+    map_pose: NDArray[np.float64], points: Iterable[Point], state: MissionState
+) -> Iterator[SeenInVain]:
+    """Yield the targets of one kind that another robot has seen in vain, in this robot's map."""
+    for point in points:
+        x_m, y_m = _placed(map_pose, point).tolist()
+        yield SeenInVain(state.name, (x_m, y_m))
 
 
 def _points(targets: Iterable[SeenInVain], state: MissionState) -> list[Point]:

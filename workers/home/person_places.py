@@ -64,8 +64,8 @@ class PlaceSettings:
         far_m: ... and none beyond this one.
         edge_rad: a face this near to the picture's edge may be cut off.
         aside_rad: a face belongs to a place if its direction differs by at most this.
-        size_differs: a face may look this much nearer or farther than the place to which it belongs. Faces
-            in the same direction whose persons stand 0.9 m apart are told apart from 1.1 m.
+        size_differs: by its size, a face may be this many times as near or as far as its place. So from
+            1.1 m, the face of somebody 0.9 m behind a place is not taken for one at that place.
         pictures: what shows no face in this number of pictures is a thing, if it has not walked.
     """
 
@@ -196,6 +196,7 @@ class PersonPlaces:
     def _is_elsewhere(self, face: SeenFace, away_m: float) -> bool:
         """Return whether a face is much smaller or larger than it would be at this distance."""
         differs = self.settings.size_differs
+        # NaN is neither more nor less: a face of unknown size may be at any distance.
         return face.away_m > differs * away_m or differs * face.away_m < away_m
 
     def _should_show(

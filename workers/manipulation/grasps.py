@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.manipulation.collisions import Shape
+from workers.manipulation.rotations import upright_pose
 from workers.manipulation.table_view import TableView
 
 Floats = NDArray[np.float64]
@@ -95,11 +96,8 @@ def places(view: TableView, held: Shape, shoulder: Floats) -> Iterator[Floats]:
     for x, y in _free_places(view, held):
         towards_rad = math.atan2(y - shoulder[1], x - shoulder[0])
         for turn in TURNS_RAD[:5]:
-            yaw = towards_rad + turn - hand_rad
-            pose = np.eye(4)
-            pose[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-            pose[:3, 3] = (x, y, view.top_m + held.size_m[2] / 2 + DROP_M)
-            yield pose @ in_object
+            place = (x, y, view.top_m + held.size_m[2] / 2 + DROP_M)
+            yield upright_pose(place, towards_rad + turn - hand_rad) @ in_object
 
 
 def _free_places(view: TableView, held: Shape) -> list[tuple[float, float]]:
@@ -108,8 +106,9 @@ def _free_places(view: TableView, held: Shape) -> list[tuple[float, float]]:
     Places near the edge come last.
     """
     table = view.table
-    half_m = np.array(table.size_m[:2]) / 2 - LEAST_FROM_EDGE_M
-    steps = [PLACE_STEP_M * np.arange(-(half // PLACE_STEP_M), half // PLACE_STEP_M + 1) for half in half_m]
+    half_m = np.array(table.size_m[:2]) / 2
+    counts = (half_m - LEAST_FROM_EDGE_M) // PLACE_STEP_M
+    steps = [PLACE_STEP_M * np.arange(-count, count + 1) for count in counts]
     on_table_m = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     places_m = on_table_m @ table.pose[:2, :2].T + table.pose[:2, 3]
     room_m = np.full(len(places_m), np.inf)
@@ -117,7 +116,7 @@ def _free_places(view: TableView, held: Shape) -> list[tuple[float, float]]:
         beside_m = np.abs((places_m - one.pose[:2, 3]) @ one.pose[:2, :2]) - np.array(one.size_m[:2]) / 2
         room_m = np.minimum(room_m, np.hypot(*np.maximum(beside_m, 0.0).T))
     free = room_m > math.hypot(*held.size_m[:2]) / 2 + APART_M
-    is_near_edge = (np.abs(on_table_m) > half_m + LEAST_FROM_EDGE_M - FROM_EDGE_M).any(axis=1)
+    is_near_edge = (half_m - np.abs(on_table_m) < FROM_EDGE_M).any(axis=1)
     ahead_m = places_m[:, 0].min(initial=np.inf) + FROM_EDGE_M
     order = np.lexsort((np.hypot(places_m[:, 0] - ahead_m, places_m[:, 1]), is_near_edge))
     return [(x, y) for x, y in places_m[order[free[order]]].tolist()]

@@ -463,7 +463,9 @@ class HandWork:
         free, lowering = self._around(0.01), self._around(0.003, ("",))
         size = " m x ".join(f"{side_m:.2f}" for side_m in view.table.size_m[:2])
         names = ", ".join(one.name for one in view.objects) or "nothing"
-        problem = Unreachable(f"there is no free place on the table: {size} m are seen, with {names} on it")
+        problem = Unreachable(
+            f"there is no free place on the table: it looks {size} m large, with {names} on it"
+        )
         for _, pose in zip(range(MAX_GRASPS), places(view, self.held, self._arm.shoulder), strict=False):
             try:
                 above = moved_along(pose, up_m=self.settings.lift_m)

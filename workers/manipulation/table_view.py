@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull
 
 from workers.manipulation.collisions import Shape
 from workers.manipulation.object_names import ObjectNamer, Prints
+from workers.manipulation.rotations import upright_pose
 
 Floats = NDArray[np.float64]
 
@@ -182,7 +183,7 @@ def _measured(cluster: Floats, top_m: float, spacing_m: float) -> Shape:
     height_m = float(np.percentile(cluster[:, 2], 98)) - top_m
     outline = cluster[cluster[:, 2] > top_m + height_m - TOP_M, :2]
     (x, y), (long_m, short_m), yaw_rad = smallest_rectangle(outline)
-    pose = _upright((x, y, top_m + height_m / 2), yaw_rad)
+    pose = upright_pose((x, y, top_m + height_m / 2), yaw_rad)
     return Shape(UNKNOWN, (long_m + spacing_m, short_m + spacing_m, height_m), pose)
 
 
@@ -239,16 +240,7 @@ def _table_box(flat: Floats, top_m: float) -> Shape:
     least, most = np.percentile(flat[:, :2], 0.5, axis=0), np.percentile(flat[:, :2], 99.5, axis=0)
     seen = flat[((flat[:, :2] >= least) & (flat[:, :2] <= most)).all(axis=1), :2]
     (x, y), size_m, yaw_rad = smallest_rectangle(seen[ConvexHull(seen).vertices])
-    return Shape(TABLE, (*size_m, top_m), _upright((x, y, top_m / 2), yaw_rad))
-
-
-def _upright(place_m: tuple[float, float, float], yaw_rad: float) -> Floats:
-    """Return the pose of something that stands."""
-    pose = np.eye(4)
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    pose[:2, :2] = [[cos, -sin], [sin, cos]]
-    pose[:3, 3] = place_m
-    return pose
+    return Shape(TABLE, (*size_m, top_m), upright_pose((x, y, top_m / 2), yaw_rad))
 
 
 def _clusters(points: Floats) -> list[Floats]:

@@ -495,6 +495,13 @@ def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> No
         assert own.has_home
         assert own.home == Point(x=START[0], y=START[1])
         assert not claims.current, "blue has been silent for two seconds"
+        assert own.vain_walls == []
+        assert harness.module.mission.state is MissionState.SEARCH
+        harness.module.mission.arrived()
+        robot.go_on(3.0)  # it looks at the wall until it gives up: no camera searches it
+        last = harness.take(GoalClaim)[-1]
+        assert own.target in last.vain_walls
+        assert last.vain_frontiers == []
 
 
 def test_only_robots_of_the_team_go_first() -> None:
