@@ -8,13 +8,19 @@ import pytest
 from robbie_mp.messages import (
     Array,
     DecodeError,
+    DriveCommand,
     FieldError,
     Header,
+    JointCommand,
     Message,
+    PanTiltCommand,
+    Time,
     Upgrade,
     VersionError,
+    as_dict,
     decode_version,
     float32,
+    from_dict,
     message_type_from_schema,
     schema_text,
     uint8,
@@ -113,3 +119,16 @@ def test_what_the_steps_leave_must_fit() -> None:
 def test_damaged_bytes_of_an_old_version_are_a_decode_error() -> None:
     with pytest.raises(DecodeError, match=r"test_msgs/msg/Battery\.header"):
         decode_version(Battery, b"\x00\x01\x00\x00", 1)
+
+
+@pytest.mark.parametrize("command", [DriveCommand, JointCommand, PanTiltCommand])
+def test_command_of_an_old_log_rests_on_what_was_known_at_its_stamp(command: type[DriveCommand]) -> None:
+    new = {"based_on", "unguarded"} | (
+        {"valid_for"} if command.type_name == PanTiltCommand.type_name else set()
+    )
+    lines = schema_text(command).splitlines(keepends=True)
+    schema = "".join(line for line in lines if line.split()[-1] not in new)
+    written = message_type_from_schema(command.type_name, schema, 1)
+    fields = as_dict(command(header=Header(stamp=Time(sec=7))))
+    old = from_dict(written, {name: value for name, value in fields.items() if name not in new})
+    assert decode_version(command, 1, old.encode(), schema).based_on == Time(sec=7)

@@ -104,13 +104,61 @@ class DeviceState(Message, name="robbie_msgs/msg/DeviceState", version=1):
     damaged: uint64 = DEFAULT  # frames that were damaged on the way
 
 
-class DriveCommand(Message, name="robbie_msgs/msg/DriveCommand", version=1):
-    """Drive at a velocity, for a while: the device stops when `valid_for` passes without a newer command."""
+def _rests_on_its_stamp(fields: dict[str, Any]) -> dict[str, Any]:
+    """Take the time of the decision for that of the measurements: version 1 did not tell them apart."""
+    return {**fields, "based_on": fields["header"]["stamp"]}
+
+
+class DriveCommand(
+    Message,
+    name="robbie_msgs/msg/DriveCommand",
+    version=2,
+    upgrades={
+        1: Upgrade(lambda fields: {**_rests_on_its_stamp(fields), "unguarded": False}),
+    },
+):
+    """Drive at a velocity, for a while: the device stops when `valid_for` passes without a newer command.
+
+    The device also stops when `based_on` is too old: a new command that rests on old measurements is a blind
+    one. A command to stand (both speeds 0) needs neither.
+    """
 
     header: Header = DEFAULT  # stamp: when it was decided
     linear_m_per_s: float64 = DEFAULT  # forward
     angular_rad_per_s: float64 = DEFAULT  # counter-clockwise seen from above
     valid_for: Duration = DEFAULT
+    based_on: Time = DEFAULT  # stamp of the oldest measurement, or operator's input, that it rests on
+    unguarded: bool = DEFAULT  # True: the operator drives on purpose where the guard would stop the robot
+
+
+class ControlState(Message, name="robbie_msgs/msg/ControlState", version=1, latched=True):
+    """Who controls the robot's motion. The base publishes it on topic `control` when it changes."""
+
+    AUTO: ClassVar[uint8] = 0  # modules drive the robot
+    MANUAL: ClassVar[uint8] = 1  # an operator drives; modules are not obeyed
+    HOLD: ClassVar[uint8] = 2  # the robot stands until an operator drives, or orders AUTO by `SetControl`
+
+    header: Header = DEFAULT  # stamp: when it changed
+    mode: uint8 = AUTO
+    who: str = DEFAULT  # the module that caused the change; '' at the start
+    reason: str = DEFAULT  # such as "the operator let go"
+
+
+class ControlSet(Reply, name="robbie_msgs/srv/SetControl_Response", version=1):
+    """The robot is controlled in this way from now on."""
+
+    mode: uint8 = DEFAULT  # constant of `ControlState`
+
+
+class SetControl(Request[ControlSet], name="robbie_msgs/srv/SetControl_Request", version=1):
+    """Order the robot to go on by itself (AUTO), or to stand until it is ordered to go on (HOLD).
+
+    The base refuses AUTO while the emergency stop is engaged. MANUAL cannot be ordered: it begins with the
+    first command by hand.
+    """
+
+    mode: uint8 = ControlState.HOLD
+    reason: str = DEFAULT
 
 
 class EmergencyStop(Message, name="robbie_msgs/msg/EmergencyStop", version=1):
@@ -131,21 +179,38 @@ class Bumper(Message, name="robbie_msgs/msg/Bumper", version=1):
     pressed: list[str] = DEFAULT  # names of the parts, as "front_left"; empty: nothing is touched
 
 
-class PanTiltCommand(Message, name="robbie_msgs/msg/PanTiltCommand", version=1):
-    """Look in a direction; the joints go there as fast as they can, and no farther than they can."""
+class PanTiltCommand(
+    Message,
+    name="robbie_msgs/msg/PanTiltCommand",
+    version=2,
+    upgrades={1: Upgrade(lambda fields: {**_rests_on_its_stamp(fields), "valid_for": {"sec": 1, "nanosec": 0}})},
+):
+    """Look in a direction; the joints go there as fast as they can, and no farther than they can.
 
-    header: Header = DEFAULT
+    The unit follows it only if it arrives within `valid_for` and rests on nothing too old. Then it keeps the
+    direction.
+    """
+
+    header: Header = DEFAULT  # stamp: when it was decided
     pan_rad: float64 = DEFAULT  # to the left of straight ahead
     tilt_rad: float64 = DEFAULT  # below the horizon (right-handed about the axis to the left)
+    valid_for: Duration = DEFAULT  # time within which it must arrive
+    based_on: Time = DEFAULT  # stamp of the oldest measurement, or operator's input, that it rests on
 
 
-class JointCommand(Message, name="robbie_msgs/msg/JointCommand", version=1):
+class JointCommand(
+    Message,
+    name="robbie_msgs/msg/JointCommand",
+    version=2,
+    upgrades={1: Upgrade(_rests_on_its_stamp)},
+):
     """Move joints to positions. When `valid_for` passes without a newer command, the device lets them go."""
 
     header: Header = DEFAULT  # stamp: when it was decided
     name: list[str] = DEFAULT  # of the joints that move; the others keep their goals
     position: Array[float64] = DEFAULT  # (joints,) rad or m
     valid_for: Duration = DEFAULT
+    based_on: Time = DEFAULT  # stamp of the oldest measurement, or operator's input, that it rests on
 
 
 class JointLimits(Message, name="robbie_msgs/msg/JointLimits", version=1):
