@@ -137,6 +137,12 @@ static int prepare(struct subscriber_object *self, struct handled_message *messa
     return pins_have_room(self->pins, delivery, free_bytes);
 }
 
+/* Where observers and deadlines find when the newest message of a subscription was published. */
+static shared_word *newest_of(shared_word *words, uint64_t declaration)
+{
+    return words + OUT_DECLARATIONS + declaration % DECLARATION_COUNT * DECLARATION_WORDS + DECLARATION_NEWEST_NS;
+}
+
 /* Take the record, and tell what the module does. */
 static int begin(struct subscriber_object *self, struct handled_message *message)
 {
@@ -146,6 +152,7 @@ static int begin(struct subscriber_object *self, struct handled_message *message
     message->begun_ns = monotonic_ns();
     store(words + OUT_ACTIVITY_SINCE_NS, message->begun_ns);
     store(words + OUT_ACTIVITY, ACTIVITY_HANDLER | message->delivery.declaration << 8);
+    store(newest_of(words, message->delivery.declaration), message->delivery.stamp_ns);
     self->current = message->delivery;
     self->is_handling = true;
     return 1;

@@ -9,6 +9,7 @@ from robbie_mp.messages import Message
 from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscriptions
+from robbie_mp.transport.tables import ChannelName
 
 
 class PublishAfterStop(RobbieError, RuntimeError):
@@ -61,6 +62,20 @@ class Bus(Protocol):
         latched: bool = False,
     ) -> AbstractContextManager[MessageType]:
         """Lend a message to be filled in place; it is published at the end of the `with` block."""
+
+    def newest_stamp_ns(self, subscribed: ChannelName) -> int:
+        """Return when the newest message that has come for a subscription was published; -1: none has come.
+
+        In ns of the machine's monotonic time.
+
+        Args:
+            subscribed: the name that `subscriptions.subscribe` returned.
+        """
+
+    def show_deadline(
+        self, subscribed: ChannelName, deadline_ns: int, latenesses: int, greatest_age_ns: int
+    ) -> None:
+        """Show observers the deadline of a subscription, how often it was missed, and how late at most."""
 
     def wake_after_freed(self, messages: int) -> None:
         """Wake this module when all subscribers have released this number of its messages."""

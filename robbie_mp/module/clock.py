@@ -17,6 +17,16 @@ class Clock(Protocol):
     def monotonic_ns(self) -> int:
         """Nanoseconds since an unspecified moment in the past."""
 
+    @property
+    def jumps(self) -> int:
+        """How often the time has been set; only then may `monotonic_ns` go back."""
+
+    def at(self, machine_ns: int) -> int:
+        """Return what `monotonic_ns` was at a moment of the machine's monotonic time, in ns."""
+
+    def machine_s_until(self, monotonic_ns: int) -> float:
+        """Return the machine's time until this clock reaches `monotonic_ns`, in s; infinite if it stands."""
+
 
 class SystemClock:
     """The machine's own time."""
@@ -41,7 +51,9 @@ class SystemClock:
 
 
 class ManualClock:
-    """A clock that stands still until `advance` is called."""
+    """A clock that stands still until `advance` is called; then the machine's time in a test is the same."""
+
+    jumps = 0
 
     def __init__(self, now_ns: int = 0):
         self._now_ns = now_ns
@@ -54,6 +66,14 @@ class ManualClock:
     def monotonic_ns(self) -> int:
         """Nanoseconds since this clock was created."""
         return self._now_ns - self._start_ns
+
+    def at(self, machine_ns: int) -> int:
+        """Return the same."""
+        return machine_ns
+
+    def machine_s_until(self, monotonic_ns: int) -> float:
+        """Return how far to `advance` until `monotonic_ns` reaches this value, in s."""
+        return max(0.0, (monotonic_ns - self.monotonic_ns()) / 1e9)
 
     def advance(self, seconds: float) -> None:
         """Move the time forward.

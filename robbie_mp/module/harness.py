@@ -481,6 +481,8 @@ class HarnessBus:
         self.subscriptions = Subscriptions(lambda _: next(numbers), lambda: self._name, wiring)
         self._current: Envelope | None = None
         self._sequence = 0
+        self._newest_ns: dict[ChannelName, int] = {}
+        """When the newest message of each subscription came."""
         self.published: list[Published] = []
         self.published_encoded: list[PublishedEncoded] = []
         self.stopped = False
@@ -504,6 +506,7 @@ class HarnessBus:
             if (by_pattern and matched_pattern) or not subscription.name.takes(name):
                 continue
             matched_pattern |= by_pattern
+            self._newest_ns[subscription.name] = self._clock.monotonic_ns()
             subscription.handler(subscription.decoder.decode(memoryview(data)))
         self._current = None
 
@@ -566,6 +569,15 @@ class HarnessBus:
         yield message
         message.forget_arrays()
         self.publish(message_type.decode(bytes(buffer)), topic, latched)
+
+    def newest_stamp_ns(self, subscribed: ChannelName) -> int:
+        """Return when the newest message of a subscription came; -1: none has."""
+        return self._newest_ns.get(subscribed, -1)
+
+    def show_deadline(
+        self, subscribed: ChannelName, deadline_ns: int, latenesses: int, greatest_age_ns: int
+    ) -> None:
+        """Do nothing: nobody observes a test."""
 
     def wake_after_freed(self, messages: int) -> None:
         """Do nothing: there is always room."""

@@ -97,6 +97,19 @@ class Inbox:
             return current
         return self._current
 
+    def newest_stamp_ns(self, subscribed: ChannelName) -> int:
+        """Return when the newest message of a subscription was published, machine's clock; -1: none came."""
+        return self._words[layout.newest_at(self.subscriptions.numbers[subscribed])] or -1
+
+    def show_deadline(
+        self, subscribed: ChannelName, deadline_ns: int, latenesses: int, greatest_age_ns: int
+    ) -> None:
+        """Show observers the deadline of a subscription, and how it is kept."""
+        at = layout.newest_at(self.subscriptions.numbers[subscribed]) - layout.DECLARATION_NEWEST_NS
+        self._words[at + layout.DECLARATION_DEADLINE_NS] = deadline_ns
+        self._words[at + layout.DECLARATION_GREATEST_AGE_NS] = greatest_age_ns
+        self._words[at + layout.DECLARATION_LATENESSES] = latenesses
+
     def handle_next(self) -> bool | None:
         """Take and handle a message in C, with all that the runner does for it.
 
@@ -122,6 +135,7 @@ class Inbox:
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message; then release the message, or pin it while anything refers to it."""
         self._current = delivery
+        self._words[layout.newest_at(delivery.declaration)] = delivery.stamp_ns
         _, _, decoder, handler, *_ = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         whole: Any = None

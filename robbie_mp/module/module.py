@@ -29,7 +29,9 @@ from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.calls.server import ActiveGoal
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.config import Config
+from robbie_mp.module.deadlines import check_deadline
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
+from robbie_mp.module.health import Health
 from robbie_mp.module.settings import apply_settings, setting
 from robbie_mp.transport.records import MessageHandling
 
@@ -64,6 +66,7 @@ class ModuleContext:
     output_directory: Path
     show_status: Callable[[str], None]
     show_states: Callable[[str], None] = lambda _line: None
+    show_health: Callable[[str], None] = lambda _line: None
     run_id: str = ""
     """The run that the module is part of; '' in a test."""
     wake: Callable[[], None] = lambda: None
@@ -131,7 +134,8 @@ class Module:
         self.stop_requested = False
         self._bus = context.bus
         self._checkpoints = context.checkpoints
-        self._calls = Calls(context.bus, context.clock, self.log)
+        self._health = Health(self.log, context.show_health)
+        self._calls = Calls(context.bus, context.clock, self.log, self._health)
         self.run_id = context.run_id
         self._show_status = context.show_status
         self._status = ""
@@ -212,25 +216,46 @@ class Module:
         *,
         topic: str = "",
         optional: bool = False,
+        deadline_s: float | None = None,
+        on_late: Callable[[], None] | None = None,
     ) -> None:
         """Subscribe to the messages of a type.
 
         `robbie run` and `robbie top` warn if no module has published such a message, or has announced it with
         `advertise`, 10 s after this module has started.
 
+        Give a deadline to input that must keep coming, such as what the robot sees while it drives:
+
+            self.subscribe(LaserScan, self.on_scan, deadline_s=0.3, on_late=self.stop_driving)
+
+        If the newest message that has come was published longer ago, or none has come since all modules were
+        ready, the module is DEGRADED: that is logged, and `robbie top` shows it, until a message comes in
+        time. How often this happened, and the longest age, are counted. A message costs no more with a
+        deadline. In lockstep, the deadline is looked at with each tick.
+
         Args:
             message_type: the class of the messages.
             handler: called with each message, in the order of publishing.
             handling: what to do when messages come faster than they are handled.
             topic: the topic to subscribe to; '' for all topics.
-            optional: whether the module works without these messages; then nobody is warned.
+            optional: whether the module works without these messages; then nobody is warned, and a deadline
+                begins with the first message.
+            deadline_s: longest age of the newest message, by the module's clock, in s; None: any.
+            on_late: called once when it is exceeded, and again only after a message has come in time. It runs
+                between two messages or ticks, and may do all that they may.
 
         Raises:
             NotAMessage: `message_type` is not a class of messages.
+            InvalidDeadline: `deadline_s` is not a positive time, or there is only an `on_late`.
             SubscribedTwice: the module has already subscribed to this type and topic.
             TooManyDeclarations: the module subscribes and publishes too much.
         """
-        self._bus.subscriptions.subscribe(message_type, handler, handling, topic, optional=optional)
+        check_deadline(deadline_s, on_late)
+        subscriptions = self._bus.subscriptions
+        name = subscriptions.subscribe(message_type, handler, handling, topic, optional=optional)
+        if deadline_s is not None:
+            what = message_type.__name__ + (f" on topic '{topic}'" if topic else "")
+            self._calls.deadlines.add(name, what, deadline_s, on_late, is_optional=optional)
 
     def subscribe_encoded(
         self,

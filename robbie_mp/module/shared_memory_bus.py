@@ -45,6 +45,8 @@ class SharedMemoryBus:
         """Publish a message; False if it was refused."""
         self._inbox = inbox
         self.subscriptions = inbox.subscriptions
+        self.newest_stamp_ns = inbox.newest_stamp_ns
+        self.show_deadline = inbox.show_deadline
         self._describe = describe
 
     @property

@@ -69,6 +69,7 @@ class Subscriptions:
 
     Attributes:
         by_number: the subscriptions by the number that their messages carry.
+        numbers: these numbers by the name of the subscription.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class Subscriptions:
         self._as_bytes = _AsBytes(current_name)
         self._by_name: dict[ChannelName, Subscription] = {}
         self.by_number: dict[int, Subscription] = {}
+        self.numbers: dict[ChannelName, int] = {}
 
     def __iter__(self) -> Iterator[Subscription]:
         """Iterate over the subscriptions made so far, in the order in which they were made."""
@@ -95,7 +97,7 @@ class Subscriptions:
         topic: str,
         *,
         optional: bool = True,
-    ) -> None:
+    ) -> ChannelName:
         """Subscribe to the messages of a type.
 
         Args:
@@ -104,6 +106,9 @@ class Subscriptions:
             handling: what to do when messages come faster than they are handled.
             topic: '' for all topics.
             optional: whether the module works without them.
+
+        Returns:
+            The name of the subscription.
 
         Raises:
             NotAMessageType: `message_type` is not a class of messages.
@@ -114,6 +119,7 @@ class Subscriptions:
         type_name = message_type.type_name
         name = ChannelName(type_name, message_type.version, self._wiring.subscribed(type_name, topic))
         self._add(Subscription(name, handling, message_type, handler, optional, topic))
+        return name
 
     def subscribe_encoded(
         self,
@@ -151,7 +157,7 @@ class Subscriptions:
         """Request the messages of all subscriptions from a core that does not know them."""
         self.by_number.clear()
         for subscription in self:
-            self.by_number[self._request(subscription)] = subscription
+            self._number(subscription)
 
     def _add(self, subscription: Subscription) -> None:
         name = subscription.name
@@ -161,7 +167,11 @@ class Subscriptions:
                 raise TopicsMeet(name.type_name, subscription.own_topic, other, name.topic)
             raise SubscribedTwice(name.type_name, name.topic)
         self._by_name[name] = subscription
-        self.by_number[self._request(subscription)] = subscription
+        self._number(subscription)
+
+    def _number(self, subscription: Subscription) -> None:
+        number = self.numbers[subscription.name] = self._request(subscription)
+        self.by_number[number] = subscription
 
 
 class _AsBytes:

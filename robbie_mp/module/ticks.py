@@ -2,10 +2,11 @@
 
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from robbie_mp._hot.choice import Native
 from robbie_mp.messages import Tick
+from robbie_mp.module.clock import Clock
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module, calls_of
 from robbie_mp.transport import layout
@@ -20,21 +21,7 @@ MAX_RUN_CLOCK_WAIT_S = 0.02
 
 
 CALL_TICK_PERIOD_NS = 50_000_000
-"""Period of the ticks granted to a module without a period while calls of it have not ended."""
-
-
-class TickClock(Protocol):
-    """A clock that times ticks."""
-
-    @property
-    def jumps(self) -> int:
-        """How often the time has been set."""
-
-    def monotonic_ns(self) -> int:
-        """Return the time, in ns."""
-
-    def machine_s_until(self, monotonic_ns: int) -> float:
-        """Return the machine's time until this clock reaches `monotonic_ns`, in s."""
+"""Period of the ticks granted to a module without a period while its calls or deadlines need them."""
 
 
 class TickTimes:
@@ -66,7 +53,7 @@ class TimedTicks:
     def __init__(
         self,
         module: Module,
-        clock: TickClock,
+        clock: Clock,
         words: Words,
         max_wait_s: float,
         native: Native | None = None,
@@ -168,11 +155,12 @@ class GrantedTicks:
     def begin(self) -> None:
         """Show the period of the ticks; any handler may have changed it.
 
-        A module without a period gets ticks, too, while calls of it have not ended: they may time out.
+        A module without a period gets ticks, too, if it has subscriptions with a deadline, and while calls of
+        it have not ended: they may time out.
         """
         period_s = self._module.period_s
         period_ns = 0 if period_s is None else round(period_s * 1e9)
-        if not period_ns and len(self._calls.client):
+        if not period_ns and (len(self._calls.client) or len(self._calls.deadlines)):
             period_ns = CALL_TICK_PERIOD_NS
         self._words[layout.OUT_TICK_PERIOD_NS] = period_ns
 

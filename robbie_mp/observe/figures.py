@@ -31,6 +31,14 @@ class SubscriptionFigures:
     """Whether messages are routed to it; not after its module has stopped for good."""
     is_latch: bool = False
     """Whether it is the core's own, which keeps the newest message of one channel for later subscribers."""
+    age_s: float | None = None
+    """Since the newest message that its process has taken was published; None: it has taken none."""
+    deadline_s: float | None = None
+    """Greatest age that the module allows; None: any."""
+    latenesses: int = 0
+    """How often the newest message was older than that, in this process."""
+    greatest_age_s: float = 0.0
+    """The greatest age then."""
 
     @property
     def waiting(self) -> int:
@@ -117,6 +125,8 @@ class ModuleFigures:
     """For a module that has ended: its last value."""
     states: str
     """The states of its state machines."""
+    health: str
+    """Why it is DEGRADED; '' if it is OK."""
     activity: str
     handler: str
     """The handler that is running; '' if none."""

@@ -1,6 +1,7 @@
 """The segments that one incarnation of a module shares with the core, mapped read-only and kept mapped."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
@@ -9,6 +10,17 @@ from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
 from robbie_mp.transport.tables import ChannelName, DeclarationRow
 
 NO_WORDS = [0] * layout.OUT_DECLARATIONS
+
+
+class Punctuality(NamedTuple):
+    """How the messages of a subscription come: words that its process has written. Times are in ns."""
+
+    newest_ns: int
+    """When the newest one was published, monotonic clock; 0: none has come."""
+    deadline_ns: int
+    """Greatest age that is allowed; 0: any."""
+    latenesses: int
+    greatest_age_ns: int
 
 
 class ModuleMemory:
@@ -24,6 +36,7 @@ class ModuleMemory:
         self.publishes: list[ChannelName] = []
         self.needs: list[ChannelName] = []
         """Its subscriptions without the optional ones."""
+        self._numbers: dict[ChannelName, int] = {}
         self.topics: dict[str, str] = {}
         """The names of its topics in the run, by its own names."""
 
@@ -75,8 +88,17 @@ class ModuleMemory:
             self.topics[row.own_topic] = row.name.topic
             if row.kind == Outbound.ADVERTISE:
                 self.publishes.append(row.name)
-            elif not row.is_optional:
+                continue
+            self._numbers[row.name] = row.number
+            if not row.is_optional:
                 self.needs.append(row.name)
+
+    def punctuality(self, subscribed: ChannelName) -> Punctuality:
+        """Return how a subscription's messages come; zeros for one that is not known."""
+        number = self._numbers.get(subscribed)
+        if self._out is None or number is None:
+            return Punctuality(0, 0, 0, 0)
+        return Punctuality(*self._out.copy(layout.newest_at(number), len(Punctuality._fields)))
 
 
 def _attach(name: str, kind: SegmentKind) -> Segment | None:

@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -274,12 +275,13 @@ class RunObserver:
             memory_bytes=bounds.memory_bytes,
             status=read_text(last, layout.OUT_STATUS, LINE_WORDS),
             states=read_text(last, layout.OUT_STATES, LINE_WORDS),
+            health=read_text(own, layout.OUT_HEALTH, LINE_WORDS),
             activity=_ACTIVITIES.get(activity & 0xFF, "unknown"),
             handler=memory.handler(activity >> 8) if activity & 0xFF == Activity.HANDLER else "",
             busy_since_ns=own[layout.OUT_ACTIVITY_SINCE_NS] if activity else 0,
             hot_path=_HOT_PATHS.get(hot_path, ""),
             work=_work(memory) if row.pid else None,
-            subscriptions=subscriptions,
+            subscriptions=tuple(_with_punctuality(one, memory) for one in subscriptions),
             publishes=tuple(memory.publishes),
             unconnected=alone.get(row.name, ()),
             renamed=tuple((own, actual) for own, actual in memory.topics.items() if own != actual),
@@ -294,6 +296,18 @@ class RunObserver:
             known.close()
         made = self._memories[slot] = ModuleMemory(self._run_id, slot, incarnation)
         return made
+
+
+def _with_punctuality(figures: SubscriptionFigures, memory: ModuleMemory) -> SubscriptionFigures:
+    name = ChannelName(figures.type_name, figures.version, figures.topic)
+    newest_ns, deadline_ns, latenesses, greatest_age_ns = memory.punctuality(name)
+    return replace(
+        figures,
+        age_s=max(0, time.monotonic_ns() - newest_ns) / 1e9 if newest_ns else None,
+        deadline_s=deadline_ns / 1e9 if deadline_ns else None,
+        latenesses=latenesses,
+        greatest_age_s=greatest_age_ns / 1e9,
+    )
 
 
 def _work(memory: ModuleMemory) -> WorkHistograms | None:

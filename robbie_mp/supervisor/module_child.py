@@ -94,6 +94,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         output_directory=Path(plan.output_directory),
         show_status=line_writer(endpoint, words, layout.OUT_STATUS),
         show_states=line_writer(endpoint, words, layout.OUT_STATES),
+        show_health=line_writer(endpoint, words, layout.OUT_HEALTH),
         run_id=plan.run_id,
         wake=memory.wakeup.post,
     )

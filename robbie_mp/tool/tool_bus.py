@@ -40,6 +40,8 @@ class ToolBus:
         self._log = logging.getLogger("robbie.tool")
         self.subscriptions = Subscriptions(self._request, self._current_name)
         self._current: Received | None = None
+        self._newest_ns: dict[ChannelName, int] = {}
+        """When the newest message of each subscription was published."""
         self._lock = threading.RLock()
         """Held while any thread publishes or holds a loan, and while the bus attaches again."""
         self._tool = Tool(run, purpose)
@@ -99,6 +101,15 @@ class ToolBus:
         """Lend a message that is written in place, in shared memory."""
         with self._lock, self._tool.outbox.loan(message_type, topic, fields, latched) as message:
             yield message
+
+    def newest_stamp_ns(self, subscribed: ChannelName) -> int:
+        """Return when the newest message of a subscription was published, machine's clock; -1: none came."""
+        return self._newest_ns.get(subscribed, -1)
+
+    def show_deadline(
+        self, subscribed: ChannelName, deadline_ns: int, latenesses: int, greatest_age_ns: int
+    ) -> None:
+        """Show nothing: its log says what a tool misses."""
 
     def wake_after_freed(self, messages: int) -> None:
         """End the next `wait` once this many of the module's messages have been released."""
@@ -189,6 +200,7 @@ class ToolBus:
     def _handle(self, received: Received) -> None:
         subscription = self.subscriptions.by_number[received.subscription]
         self._current = received
+        self._newest_ns[subscription.name] = received.published_ns
         try:
             message = subscription.decoder.decode(memoryview(received.data))
         except MessageError as error:

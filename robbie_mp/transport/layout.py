@@ -187,7 +187,8 @@ OUT_CHARGED_SINCE_NS = HEADER_WORDS + 21
 OUT_CHARGED_NS = HEADER_WORDS + 22
 OUT_STATUS = HEADER_WORDS + 24
 OUT_STATES = OUT_STATUS + LINE_WORDS  # states of its state machines, a text like the status line
-OUT_DECLARATIONS = OUT_STATES + LINE_WORDS + 6
+OUT_HEALTH = OUT_STATES + LINE_WORDS  # why the module is DEGRADED, such a text, too; '': it is OK
+OUT_DECLARATIONS = OUT_HEALTH + LINE_WORDS + 5
 DECLARATION_COUNT = 256
 MAX_PATTERNS = 32  # subscriptions by patterns of a module: the core looks at each for every new channel
 DECLARATION_KIND = 0
@@ -198,6 +199,12 @@ DECLARATION_TOPIC = DECLARATION_TYPE + NAME_WORDS
 DECLARATION_HANDLER = DECLARATION_TOPIC + NAME_WORDS  # name of a subscription's function
 DECLARATION_OPTIONAL = DECLARATION_HANDLER + NAME_WORDS  # 1: a subscription that nobody needs to publish for
 DECLARATION_OWN_TOPIC = DECLARATION_OPTIONAL + 1  # the topic as the module's code names it
+# Of a subscription: when its newest message was published, how old that may become, how often it was older,
+# and the greatest age then.
+DECLARATION_NEWEST_NS = DECLARATION_OWN_TOPIC + NAME_WORDS
+DECLARATION_DEADLINE_NS = DECLARATION_NEWEST_NS + 1  # 0: any age
+DECLARATION_LATENESSES = DECLARATION_NEWEST_NS + 2
+DECLARATION_GREATEST_AGE_NS = DECLARATION_NEWEST_NS + 3
 DECLARATION_WORDS = 64
 # Four histograms: latency and handler time of messages, lateness and length of ticks.
 HISTOGRAM_BUCKETS = 496  # for times up to 2^40 ns
@@ -278,6 +285,11 @@ def board_words(slots: int) -> int:
 def out_words(ring_records: int) -> int:
     """Size of a module's out segment in words."""
     return OUT_RING + ring_records * RECORD_WORDS
+
+
+def newest_at(declaration: int) -> int:
+    """Word of an out segment that shows when the newest message of a subscription was published."""
+    return OUT_DECLARATIONS + declaration % DECLARATION_COUNT * DECLARATION_WORDS + DECLARATION_NEWEST_NS
 
 
 def inbound_records(credit: int) -> int:

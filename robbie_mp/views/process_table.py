@@ -10,7 +10,7 @@ from robbie_mp.observe.talk import Talk, talk_of
 from robbie_mp.transport.layout import HotPath
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.quantities import long_time, rate, seconds, size
-from robbie_mp.views.run_figures import STYLES, renamed_topics, state_name
+from robbie_mp.views.run_figures import STYLES, health_line, renamed_topics, state_name
 from robbie_mp.visible_text import one_line
 
 ALARM = "bold red"
@@ -79,6 +79,8 @@ def doing(row: ModuleRow) -> Text:
     parts = []
     if row.is_hung:
         parts.append((f"in {module.handler or module.activity} for {row.busy_s:.1f} s", ALARM))
+    if module.health:
+        parts.append((health_line(module), ALARM))
     if module.states:
         parts.append((f"[{module.states}]", "bold"))
     if module.status:

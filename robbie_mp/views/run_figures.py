@@ -56,7 +56,12 @@ def renamed_topics(renamed: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def _live_line(module: ModuleFigures) -> str:
-    return "  ".join(filter(None, (module.status, *map(str, module.unconnected))))
+    return "  ".join(filter(None, (health_line(module), module.status, *map(str, module.unconnected))))
+
+
+def health_line(module: ModuleFigures) -> str:
+    """Why a module is DEGRADED; '' if it is OK."""
+    return f"DEGRADED: {module.health}" if module.health else ""
 
 
 def _alarming(count: int) -> Text:

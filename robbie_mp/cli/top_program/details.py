@@ -132,15 +132,18 @@ def _times(row: ModuleRow) -> Iterable[RenderableType]:
 def _books(module: ModuleFigures) -> Iterable[RenderableType]:
     if module.subscriptions:
         table = _table(
-            "subscribes to", "routed", "deliv.", "repl.", "dropped", "left", "lost", "waiting", "handling"
-        )
+            "subscribes to", "routed", "deliv.", "repl.", "dropped", "left", "lost", "waiting", "handling",
+            "age", "deadline", "late", "longest",
+        )  # fmt: skip
         for entry in module.subscriptions:
             table.add_row(
                 f"{entry.type_name} {entry.topic}",
                 str(entry.routed), str(entry.delivered), str(entry.replaced),
                 Text(str(entry.overflowed), ALARM if entry.overflowed else ""), str(entry.left),
                 Text(str(entry.lost), ALARM if entry.lost else ""), str(entry.waiting),
-                "newest" if entry.handling == "KEEP_ONLY_NEWEST" else "all",
+                "newest" if entry.handling == "KEEP_ONLY_NEWEST" else "all", seconds(entry.age_s),
+                seconds(entry.deadline_s), Text(str(entry.latenesses), ALARM if entry.latenesses else ""),
+                seconds(entry.greatest_age_s or None),
             )  # fmt: skip
         yield Text()
         yield table

@@ -1,4 +1,4 @@
-"""All calls and services of one module, and what is due for them."""
+"""All calls, services and deadlines of one module, and what is due for them."""
 
 import logging
 import math
@@ -10,30 +10,35 @@ from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.calls.errors import CalledInSetup, WrongThread
 from robbie_mp.module.calls.server import ServiceCalls
 from robbie_mp.module.clock import Clock
+from robbie_mp.module.deadlines import Deadlines
+from robbie_mp.module.health import Health
 
 
 class Calls:
-    """The calls and services of one module.
+    """The calls, services and deadlines of one module.
 
     Args:
         bus: the module's bus.
         clock: the module's clock.
         log: the module's logger.
+        health: the module's health.
 
     Attributes:
         client: the calls that it makes.
         server: the services that it offers.
+        deadlines: of its subscriptions.
         due: when `run` has something to do next; a module that has never called or served pays for no more
             than a look at it.
         is_granted: whether time passes only by granted ticks, as in lockstep; then `run_granted` does what
             depends on the module's clock.
     """
 
-    def __init__(self, bus: Bus, clock: Clock, log: logging.Logger):
+    def __init__(self, bus: Bus, clock: Clock, log: logging.Logger, health: Health | None = None):
         self._bus = bus
         self.due = Due()
         self.client = ClientCalls(bus, clock, log, self.due)
         self.server = ServiceCalls(bus, log, self.due)
+        self.deadlines = Deadlines(bus, clock, health or Health(log), self.due)
         self._thread = threading.get_ident()
         self.is_granted = False
         self._has_begun = False
@@ -67,6 +72,7 @@ class Calls:
         self._has_begun = True
         if self.server.are_any:
             self.server.check_rivals()
+        self.deadlines.begin()
 
     def wait_s(self) -> float:
         """Return how long the module may wait for messages, in s; infinite if nothing is due."""
@@ -92,13 +98,18 @@ class Calls:
             client.report()
         if server.are_any and self._bus.peers.now_ns() >= server.look_again_ns:
             server.check_rivals()
-        self.due.ns = min(client.due_ns(), server.due_ns())
+        if self.is_granted:
+            self.due.ns = min(client.due_ns(), server.due_ns())
+            return
+        self.deadlines.look()
+        self.due.ns = min(client.due_ns(), server.due_ns(), self.deadlines.due_ns)
 
     def run_granted(self) -> None:
         """Do what is due by the module's clock, when a tick is granted."""
         if len(self.client):
             self.client.expire()
             self.client.report()
+        self.deadlines.look()
 
     def end_handling(self) -> None:
         """Report errors before other processes can see that a message was handled."""
