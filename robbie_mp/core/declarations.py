@@ -1,10 +1,10 @@
 """Handles what modules declare: their channels, their subscriptions, and the end of their setup."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from robbie_mp.core.directory import Directory, Subscription
 from robbie_mp.core.ledger import Ledger, Outcome
-from robbie_mp.core.members import Link, Slot
+from robbie_mp.core.members import Link, Slot, name_of
 from robbie_mp.core.queues import Queues
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import MessageHandling
@@ -21,16 +21,24 @@ class Declarations:
         ledger: all references.
         directory: all channels and subscriptions.
         queues: the queues of the modules.
+        report: called with a line for each latched message that a module does not get.
     """
 
     def __init__(
-        self, words: Words, slots: Sequence[Slot], ledger: Ledger, directory: Directory, queues: Queues
+        self,
+        words: Words,
+        slots: Sequence[Slot],
+        ledger: Ledger,
+        directory: Directory,
+        queues: Queues,
+        report: Callable[[str], None],
     ):
         self._words = words
         self._slots = slots
         self._ledger = ledger
         self._directory = directory
         self._queues = queues
+        self._report = report
 
     def on_advertise(self, _slot: Slot, link: Link, record: Record) -> None:
         """Open a channel."""
@@ -86,6 +94,7 @@ class Declarations:
             return []
         ledger, words = self._ledger, self._words
         kept = sorted(ledger.reference(latch.queued)[:2] for latch in latches if latch.queued is not None)
+        kept = [one for one in kept if not self._is_withheld(link, entry, one[0])]
         if entry.newest_only:
             waits_for = 0 if entry.queued is None else ledger.reference(entry.queued)[0]
             kept = [(sequence, handle) for sequence, handle in kept[-1:] if sequence > waits_for]
@@ -105,10 +114,21 @@ class Declarations:
             given.append(reference)
         return given
 
+    def _is_withheld(self, link: Link, entry: Subscription, sequence: int) -> bool:
+        """Whether a module no longer gets a latched message, over which two of its incarnations died."""
+        withheld = self._directory.is_withheld(entry, sequence)
+        if withheld:
+            self._report(
+                f"{name_of(link.slot, link.incarnation)} no longer gets latched message {sequence} for its "
+                f"subscription to {entry.type_name} on topic '{entry.topic}': it died over it twice"
+            )
+        return withheld
+
     def close_all(self, slot: int, outcome: Outcome) -> None:
         """Close all subscriptions of a module that will not come back."""
         for entry in [entry for entry in self._directory.subscriptions if entry.slot == slot]:
             self._close(entry, outcome)
+            self._directory.forget_deaths(entry)
 
     def _close(self, entry: Subscription, outcome: Outcome) -> None:
         slot = self._slots[entry.slot]

@@ -9,7 +9,14 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import MAX_PATTERNS
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
-from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow, takes_topic
+from robbie_mp.transport.tables import (
+    ROW_OPEN,
+    ChannelName,
+    CoreTables,
+    SubscriptionRow,
+    deadly_key,
+    takes_topic,
+)
 from robbie_mp.transport.words import WORD_BYTES, WORD_MAX
 
 MAX_INTERVAL_US = 10**9
@@ -299,6 +306,18 @@ class Directory:
         if index == self._tables.sizes.subscriptions:
             raise TableFull(f"no room for a subscription to {name.type_name}: {index} are in use")
         return index
+
+    def note_death(self, entry: Subscription, sequence: int, incarnation: int) -> None:
+        """Note that an incarnation died in the handler of a latched message; may be repeated."""
+        self._row(entry).note_death(sequence, incarnation)
+
+    def forget_deaths(self, entry: Subscription) -> None:
+        """Give a module that comes back as ordered all latched messages again; may be repeated."""
+        self._row(entry).forget_deaths()
+
+    def is_withheld(self, entry: Subscription, sequence: int) -> bool:
+        """Whether a subscription no longer gets a latched message, because its module died twice over it."""
+        return deadly_key(sequence) in self._row(entry).withheld
 
     def note_end(self, entry: Subscription) -> None:
         """Note that messages dropped from now on waited for a module that has ended; may be repeated."""

@@ -102,7 +102,9 @@ class Router:
         self._members = Members(self._words, self._slots, limits, connect, report, self._books)
         self._blocks = FreedBlocks(self._words, self._ledger, self._slots, self._members)
         self._ledger.give_back = self._blocks.give_back
-        declarations = Declarations(self._words, self._slots, self._ledger, self._directory, self._queues)
+        declarations = Declarations(
+            self._words, self._slots, self._ledger, self._directory, self._queues, report
+        )
         self._declarations = declarations
         self._flow = MessageFlow(self._words, limits.message_bytes, self._ledger, self._queues, self._blocks)
         self._on_publish, self._on_release = self._flow.on_publish, self._flow.on_release
@@ -297,6 +299,8 @@ class Router:
         link.pushed.clear()  # a reference that is put back waits
         for reference, record in reversed(pushed):
             if record < begun:
+                if record == begun - 1:
+                    self._note_death(link, reference)
                 self._ledger.finish(reference, Outcome.LOST)
             else:
                 self._queues.put_back(slot, reference)
@@ -305,3 +309,10 @@ class Router:
         link.pinned.clear()
         self._queues.outdate(slot)
         link.close()
+
+    def _note_death(self, link: Link, reference: int) -> None:
+        """Note over which message a module died, if it is latched and so would be given again."""
+        sequence, handle, subscription = self._ledger.reference(reference)
+        latches = self._slots[-1].waiting
+        if any(self._ledger.reference(kept)[1] == handle for kept in latches):
+            self._directory.note_death(subscription, sequence, link.incarnation)

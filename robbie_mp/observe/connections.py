@@ -24,7 +24,7 @@ class Unconnected:
     """The nearest thing that is published instead, in words."""
 
     def __str__(self) -> str:
-        return f"gets no {_what(self.type_name, self.topic)}: {self.why}"
+        return f"gets no {what(self.type_name, self.topic)}: {self.why}"
 
 
 def unconnected(
@@ -72,6 +72,7 @@ def _listed(words: Iterable[str]) -> str:
     return ", ".join(different[:MAX_NAMED] + more)
 
 
-def _what(type_name: str, topic: str) -> str:
+def what(type_name: str, topic: str) -> str:
+    """Name the messages of a subscription, with a topic of '' for all topics."""
     short = type_name.replace("/msg/", "/")
     return f"{short} on topic '{topic}'" if topic else short

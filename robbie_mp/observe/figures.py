@@ -31,6 +31,8 @@ class SubscriptionFigures:
     """Whether messages are routed to it; not after its module has stopped for good."""
     is_latch: bool = False
     """Whether it is the core's own, which keeps the newest message of one channel for later subscribers."""
+    withheld: int = 0
+    """Latched messages that its module no longer gets, because it died twice while it handled them."""
     age_s: float | None = None
     """Since the newest message that its process has taken was published; None: it has taken none."""
     deadline_s: float | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.linux.proc import ProcessUsage, read_usage
-from robbie_mp.observe.connections import PATIENCE_S, Unconnected, unconnected
+from robbie_mp.observe.connections import PATIENCE_S, Unconnected, unconnected, what
 from robbie_mp.observe.figures import (
     ChannelFigures,
     CoreFigures,
@@ -28,7 +28,7 @@ from robbie_mp.transport.histogram import Histogram
 from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, Activity, HotPath, SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMissing
 from robbie_mp.transport.shared_folder import opened_folder
-from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables
+from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, deadly_key
 from robbie_mp.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
@@ -204,6 +204,8 @@ class RunObserver:
 
     def _subscriptions(self) -> dict[int, tuple[SubscriptionFigures, ...]]:
         found: dict[int, tuple[SubscriptionFigures, ...]] = {}
+        handles = self._table(self._tables.handle(0), self._tables.sizes.handles, layout.HANDLE_WORDS)
+        live = {*map(deadly_key, handles[:, layout.HANDLE_SEQUENCE].tolist())} - {0}
         for row in self._tables.subscriptions():
             name, counts, slot = row.name, row.counts, row.slot
             figures = SubscriptionFigures(
@@ -214,6 +216,7 @@ class RunObserver:
                 left=row.left_waiting(counts.dropped),
                 version=name.version,
                 is_open=row.state == ROW_OPEN,
+                withheld=len(row.withheld & live),
                 is_latch=slot == self._board.slots - 1,
             )
             found[slot] = (*found.get(slot, ()), figures)
@@ -275,7 +278,7 @@ class RunObserver:
             memory_bytes=bounds.memory_bytes,
             status=read_text(last, layout.OUT_STATUS, LINE_WORDS),
             states=read_text(last, layout.OUT_STATES, LINE_WORDS),
-            health=read_text(own, layout.OUT_HEALTH, LINE_WORDS),
+            health=_health(read_text(own, layout.OUT_HEALTH, LINE_WORDS), subscriptions),
             activity=_ACTIVITIES.get(activity & 0xFF, "unknown"),
             handler=memory.handler(activity >> 8) if activity & 0xFF == Activity.HANDLER else "",
             busy_since_ns=own[layout.OUT_ACTIVITY_SINCE_NS] if activity else 0,
@@ -296,6 +299,16 @@ class RunObserver:
             known.close()
         made = self._memories[slot] = ModuleMemory(self._run_id, slot, incarnation)
         return made
+
+
+def _health(said: str, subscriptions: tuple[SubscriptionFigures, ...]) -> str:
+    """Why a module is DEGRADED: what it says itself, and the messages that the core withholds from it."""
+    withheld = (
+        f"no longer gets the latched {what(one.type_name, one.topic)}: died over it twice"
+        for one in subscriptions
+        if one.withheld
+    )
+    return "; ".join(filter(None, (said, *withheld)))
 
 
 def _with_punctuality(figures: SubscriptionFigures, memory: ModuleMemory) -> SubscriptionFigures:

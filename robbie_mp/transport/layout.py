@@ -136,6 +136,9 @@ SUBSCRIPTION_LAST_SEQUENCE = 9
 SUBSCRIPTION_TYPE = 10
 SUBSCRIPTION_TOPIC = SUBSCRIPTION_TYPE + NAME_WORDS
 SUBSCRIPTION_LEFT = SUBSCRIPTION_TOPIC + NAME_WORDS  # see `left_waiting`
+SUBSCRIPTION_DEADLY = SUBSCRIPTION_LEFT + 1  # latched messages over which its module died; see `note_death`
+DEADLY_COUNT = 3
+DEADLY_BITS = 24  # of an incarnation; the other bits of the word are of a sequence
 SUBSCRIPTION_WORDS = 40
 
 # A handle's row: one message. The sequence is its commit word: written last, 0 while the row is free.

@@ -18,6 +18,7 @@ from robbie_mp.transport.layout import NAME_WORDS
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling, Outbound
 from robbie_mp.transport.words import Words, new_fence, read_text, write_text
 
+_DIED_TWICE = (1 << layout.DEADLY_BITS) - 1
 ROW_OPEN = 1
 ROW_CLOSED = 2
 
@@ -150,6 +151,7 @@ class SubscriptionRow:
             for column in range(len(SubscriptionCounts._fields)):
                 words[at + layout.SUBSCRIPTION_ROUTED + column] = 0
             words[at + layout.SUBSCRIPTION_LEFT] = 0
+            self.forget_deaths()
         new_fence()()
         words[at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
 
@@ -204,6 +206,38 @@ class SubscriptionRow:
         if words[at] & 1:
             words[at] = left_waiting(words[at], dropped) << 1
 
+    def note_death(self, sequence: int, incarnation: int) -> None:
+        """Note that an incarnation died in the handler of a latched message; only the core may.
+
+        One word tells both, so a core that takes over may note the same death again. After the death of
+        another incarnation over the same message, the word's incarnation is `_DIED_TWICE`. Of more messages
+        than there are words, the oldest one is forgotten.
+        """
+        words, at, noted = self._words, self._at + layout.SUBSCRIPTION_DEADLY, self.deadly_words
+        message, first = deadly_key(sequence), incarnation & _DIED_TWICE
+        known = next((word for word in noted if word and word >> layout.DEADLY_BITS == message), None)
+        if known is None:
+            words[at + noted.index(min(noted))] = message << layout.DEADLY_BITS | first
+        elif known & _DIED_TWICE != first:
+            words[at + noted.index(known)] = known | _DIED_TWICE
+
+    def forget_deaths(self) -> None:
+        """Give the module another chance with all latched messages; only the core may."""
+        for place, word in enumerate(self.deadly_words):
+            if word:
+                self._words[self._at + layout.SUBSCRIPTION_DEADLY + place] = 0
+
+    @property
+    def withheld(self) -> set[int]:
+        """The `deadly_key` of each message over which two incarnations died: its module no longer gets it."""
+        return {word >> layout.DEADLY_BITS for word in self.deadly_words if word & _DIED_TWICE == _DIED_TWICE}
+
+    @property
+    def deadly_words(self) -> list[int]:
+        """A word for each message over which its module died lately, with the incarnation that did."""
+        at = self._at + layout.SUBSCRIPTION_DEADLY
+        return [self._words[at + place] for place in range(layout.DEADLY_COUNT)]
+
     def close(self) -> None:
         """Mark the row as closed; only the core may."""
         self._words[self._at + layout.SUBSCRIPTION_STATE] = ROW_CLOSED
@@ -211,6 +245,11 @@ class SubscriptionRow:
     def reopen(self) -> None:
         """Mark a closed row as open again; only the core may."""
         self._words[self._at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
+
+
+def deadly_key(sequence: int) -> int:
+    """Return what a subscription's row keeps of a message's sequence: the low 40 bits."""
+    return sequence & (1 << 64 - layout.DEADLY_BITS) - 1
 
 
 def left_waiting(word: int, dropped: int) -> int:

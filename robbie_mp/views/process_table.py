@@ -79,8 +79,8 @@ def doing(row: ModuleRow) -> Text:
     parts = []
     if row.is_hung:
         parts.append((f"in {module.handler or module.activity} for {row.busy_s:.1f} s", ALARM))
-    if module.health:
-        parts.append((health_line(module), ALARM))
+    if health := health_line(module):
+        parts.append((health, ALARM))
     if module.states:
         parts.append((f"[{module.states}]", "bold"))
     if module.status:

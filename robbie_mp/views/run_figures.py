@@ -7,7 +7,13 @@ from typing import Any
 
 from rich.text import Text
 
-from robbie_mp.observe import ChannelRates, ModuleFigures, RunRates, RunReading, WorkHistograms
+from robbie_mp.observe import (
+    ChannelRates,
+    ModuleFigures,
+    RunRates,
+    RunReading,
+    WorkHistograms,
+)
 from robbie_mp.observe.talk import Talk, talk_of
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.supervisor import states

@@ -213,7 +213,24 @@ def late_and_short_of_memory(history: History) -> None:
     history.core()
 
 
-LATCHED_SCENARIOS = (come_late, outlive_the_publisher, late_and_short_of_memory)
+def die_twice(history: History) -> None:
+    """The newest message kills both subscribers again; then one of them is stopped and started."""
+    for _ in range(2):
+        history.publish(1)
+        history.core()
+        for slot in (2, 3):
+            for _ in range(3):
+                history.begin_and_die(slot)
+                history.start(slot)
+    history.core()
+    history.stop(3)
+    history.start(3)
+    history.begin_and_die(3)
+    history.start(3)
+    history.core()
+
+
+LATCHED_SCENARIOS = (come_late, outlive_the_publisher, late_and_short_of_memory, die_twice)
 """Played with a latched channel."""
 LATCHED_SETTINGS: tuple[dict[str, Any], ...] = (
     {"latched": True},

@@ -312,3 +312,78 @@ def test_in_lockstep_the_core_is_not_waited_for() -> None:
     assert late.handle_all() == [1]
     run.run_core()
     assert [*settled, run.is_settled] == [True, False, True]
+
+
+def die_over(run: SimulatedRun, module: SimulatedModule, value: int) -> None:
+    taken = module.take()
+    assert taken is not None and taken.stamp_ns == value
+    run.kill(module)
+
+
+@pytest.mark.parametrize("handling", MessageHandling)
+def test_message_that_killed_its_handler_twice_is_not_given_again(handling: MessageHandling) -> None:
+    run = SimulatedRun()
+    publisher, [channel] = publisher_of(run, "map")
+    publish(run, publisher, channel, 1)
+    for incarnation in (1, 2):
+        die_over(run, subscribed(run, "map", handling=handling, incarnation=incarnation), 1)
+        run.restart_core()
+    assert not run.reports
+    third = subscribed(run, "map", handling=handling, incarnation=3)
+    assert third.handle_all() == []
+    assert run.reports == [
+        f"module in slot {LATE}, incarnation 3, no longer gets latched message 1 for its subscription to "
+        "test_msgs/msg/Number on topic 'map': it died over it twice"
+    ]
+    assert subscribed(run, "map", slot=2).handle_all() == [1], "the others do get it"
+    publish(run, publisher, channel, 2)
+    assert third.handle_all() == [2]
+    run.kill(third)
+    assert subscribed(run, "map", handling=handling, incarnation=4).handle_all() == [2]
+
+
+def test_deaths_over_several_messages_are_counted_for_each() -> None:
+    run = SimulatedRun()
+    publisher, channels = publisher_of(run, "a", "b", "c", "d")
+    for value, channel in enumerate(channels, 1):
+        publish(run, publisher, channel, value)
+    for incarnation, value in enumerate((1, 1, 2, 2, 3, 3), 1):
+        die_over(run, subscribed(run, "", incarnation=incarnation), value)
+    assert subscribed(run, "", incarnation=7).handle_all() == [4]
+
+
+def test_message_that_was_handled_before_its_module_died_is_given_again() -> None:
+    run = SimulatedRun()
+    publisher, [channel] = publisher_of(run, "map")
+    other = publisher.advertise("other")
+    publish(run, publisher, channel, 1)
+    for incarnation in (1, 2, 3):
+        module = subscribed(run, "map", "other", incarnation=incarnation)
+        assert module.handle_all() == [1]
+        publish(run, publisher, other, 7)
+        die_over(run, module, 7)
+    assert subscribed(run, "map", "other", incarnation=4).handle_all() == [1]
+
+
+def test_module_that_is_started_as_ordered_gets_everything_again() -> None:
+    run = SimulatedRun()
+    publisher, [channel] = publisher_of(run, "map")
+    publish(run, publisher, channel, 1)
+    for incarnation in (1, 2):
+        module = subscribed(run, "map", incarnation=incarnation)
+        die_over(run, module, 1)
+    run.gone(module, clean=False)
+    assert subscribed(run, "map", incarnation=3).handle_all() == [1]
+
+
+def test_module_that_subscribes_late_is_not_given_it_a_third_time_either() -> None:
+    run = SimulatedRun()
+    publisher, [channel] = publisher_of(run, "map")
+    publish(run, publisher, channel, 1)
+    for incarnation in (1, 2, 3):
+        module = subscribed(run, incarnation=incarnation)
+        module.subscribe(topic="map")
+        run.run_core()
+        if incarnation < 3:
+            die_over(run, module, 1)
+    assert module.handle_all() == []

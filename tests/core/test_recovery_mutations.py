@@ -13,10 +13,12 @@ from robbie_mp.core.queues import LockstepQueues, Queues
 from robbie_mp.core.router import Router
 from robbie_mp.core.takeover import Takeover
 from robbie_mp.transport import layout
+from robbie_mp.transport.tables import SubscriptionRow
 from tests.core.test_crash_points import (
     LATCHED_SETTINGS,
     SCENARIOS,
     SETTINGS,
+    die_twice,
     late_and_short_of_memory,
     outlive_the_publisher,
     play,
@@ -107,6 +109,23 @@ MUTATIONS_OF_KEEPING: dict[str, tuple[object, str, Callable[..., object], str]] 
     "a new core forgets what is latched": (Takeover, "_restore_waiting", forget_latched, "was forgotten"),
     "the core keeps an older message": (Queues, "_queue", keep_the_older, "is the newest"),
 }
+
+
+note_death = SubscriptionRow.note_death
+
+
+def note_every_death(row: SubscriptionRow, sequence: int, incarnation: int) -> None:
+    before = row.deadly_words
+    note_death(row, sequence, incarnation)
+    if row.deadly_words == before:
+        note_death(row, sequence, incarnation + 1)
+
+
+def test_death_that_is_counted_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SubscriptionRow, "note_death", note_every_death)
+    with pytest.raises(AssertionError, match="came late"):
+        for death in range(play(die_twice, LATCHED_SETTINGS[0], ()).run.fuse.stores):
+            play(die_twice, LATCHED_SETTINGS[0], (death,))
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS_OF_KEEPING)

@@ -103,3 +103,48 @@ def until(robot: Robot, restarts: int, status: str = "") -> dict[str, dict[str, 
         return (reader["state"], reader["restarts"]) == ("RUNNING", restarts) and status in reader["status"]
 
     return robot.until(is_back)
+
+
+DEADLY = '''
+import os
+
+from robbie_mp import Module
+from robbie_mp.messages import Vector3
+
+
+class Pilot(Module):
+    """Dies over what has x = 13."""
+
+    def setup(self):
+        self.subscribe(Vector3, self.on_vector, topic="goal", optional=True)
+
+    def on_vector(self, vector):
+        if vector.x == 13:
+            os.kill(os.getpid(), 9)
+        self.status = f"flies to {vector.x}"
+'''
+DEADLY_PROFILE = """
+modules:
+  pilot: {class: "zoo.pilots:Pilot"}
+  other: {class: "zoo.modules:Idle"}
+"""
+
+
+def test_latched_message_that_kills_its_handler_is_not_given_a_third_time(robot: Robot) -> None:
+    (robot.folder / "zoo" / "pilots.py").write_text(DEADLY)
+    robot.write_profile(DEADLY_PROFILE)
+    robot.start()
+    robot.until(lambda modules: modules["other"]["state"] == "RUNNING")
+    assert robot.command("pub", "Vector3", "{x: 13}", "--topic", "goal", "--latched").returncode == 0
+    robot.until(lambda modules: (modules["pilot"]["state"], modules["pilot"]["restarts"]) == ("RUNNING", 2))
+    wait_until(lambda: "no longer gets latched message" in robot.log("core"))
+    figures = robot.top()["pilot"]
+    assert figures["subscriptions"][0]["withheld"] == 1
+    reason = "no longer gets the latched geometry_msgs/Vector3 on topic 'goal': died over it twice"
+    assert figures["health"] == reason
+    assert "DEGRADED: no longer" in robot.command("top", "--once", "--interval", "0").stdout
+    assert "x: 13" in robot.command("echo", "Vector3", "--topic", "goal", "--once").stdout, "others do"
+    assert robot.command("pub", "Vector3", "{x: 7}", "--topic", "goal", "--latched").returncode == 0
+    figures = robot.until(lambda modules: modules["pilot"]["status"] == "flies to 7.0")
+    assert figures["pilot"]["restarts"] == 2
+    assert figures["pilot"]["health"] == ""

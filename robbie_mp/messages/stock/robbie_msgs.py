@@ -183,7 +183,9 @@ class PanTiltCommand(
     Message,
     name="robbie_msgs/msg/PanTiltCommand",
     version=2,
-    upgrades={1: Upgrade(lambda fields: {**_rests_on_its_stamp(fields), "valid_for": {"sec": 1, "nanosec": 0}})},
+    upgrades={
+        1: Upgrade(lambda fields: {**_rests_on_its_stamp(fields), "valid_for": {"sec": 1, "nanosec": 0}})
+    },
 ):
     """Look in a direction; the joints go there as fast as they can, and no farther than they can.
 
