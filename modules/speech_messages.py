@@ -1,6 +1,7 @@
 """Messages of a robot that hears and speaks."""
 
 from robbie_mp import DEFAULT, Header, Message, float64
+from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond
 
 
 class SpokenSlot(Message, name="speech_msgs/msg/SpokenSlot", version=1):
@@ -19,6 +20,10 @@ class SpokenOrder(Message, name="speech_msgs/msg/SpokenOrder", version=1):
     slots: list[SpokenSlot] = DEFAULT
     distance: float64 = DEFAULT  # 0 to 1: between how the grammar's recogniser and the free one heard it
     was_confirmed: bool = DEFAULT  # the person was asked, and said yes
+
+    def flaw(self) -> Flaw | None:
+        """Return a distance that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "distance")
 
 
 class Say(Message, name="speech_msgs/msg/Say", version=1):

@@ -4,6 +4,7 @@ import math
 
 from robbie_mp import DEFAULT, Duration, Header, Message, float64
 from robbie_mp.messages import Point, Pose
+from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond, nan_in
 
 
 class MapAlignment(Message, name="team_msgs/msg/MapAlignment", version=1):
@@ -18,6 +19,14 @@ class MapAlignment(Message, name="team_msgs/msg/MapAlignment", version=1):
     walls_m: float64 = DEFAULT  # length of wall that lies on walls of the other map
     agreement: float64 = DEFAULT  # 0 to 1: how much of the walls in the common area lies on walls
     ambiguity: float64 = DEFAULT  # 0 to 1: how well the best pose elsewhere fits, compared with this one
+
+    def flaw(self) -> Flaw | None:
+        """Return a number that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "walls_m", "agreement", "ambiguity")
+
+
+MAX_CLAIM_S = 60.0
+"""Longest time for which a robot claims a goal without a word."""
 
 
 class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=3):
@@ -40,3 +49,10 @@ class GoalClaim(Message, name="team_msgs/msg/GoalClaim", version=3):
     vain_frontiers: list[Point] = DEFAULT  # it was there, and they are still frontiers: no robot needs to go
     vain_walls: list[Point] = DEFAULT  # it has looked at them, and could not search them
     valid_for: Duration = DEFAULT  # the claim ends then, unless renewed
+
+    def flaw(self) -> Flaw | None:
+        """Return a way that is no number, or a claim that never ends."""
+        valid_s = self.valid_for.seconds
+        if not 0.0 <= valid_s <= MAX_CLAIM_S:
+            return Flaw("valid_for", valid_s, f"0 to {MAX_CLAIM_S:g} s; renew the claim")
+        return nan_in(self, "way_m")

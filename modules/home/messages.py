@@ -2,6 +2,7 @@
 
 from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Reply, Request, Result, float64, uint32
 from robbie_mp.messages import Point
+from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond
 
 
 class FollowOrderTaken(Reply, name="home_msgs/srv/FollowOrder_Response", version=1):
@@ -28,6 +29,10 @@ class Following(Message, name="home_msgs/msg/Following", version=1):
     unseen_s: float64 = DEFAULT  # time since then
     losses: uint32 = DEFAULT  # how often the robot has lost the person
     questions: uint32 = DEFAULT  # how often it has asked whether the person is there
+
+    def flaw(self) -> Flaw | None:
+        """Return a time that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "unseen_s")
 
 
 class MetPerson(Message, name="home_msgs/msg/MetPerson", version=1):

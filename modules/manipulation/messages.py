@@ -4,6 +4,7 @@ from typing import Any
 
 from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Result, Upgrade, float64, uint32
 from robbie_mp.messages import Pose, Vector3
+from robbie_mp.messages.well_formed import MAX_POSITION_M, Flaw, outside, unlike_lengths
 
 
 def _nothing_taken(fields: dict[str, Any]) -> dict[str, Any]:
@@ -30,6 +31,10 @@ class TabletopTruth(
     contacts: uint32 = DEFAULT  # how often the arm, or what it holds, began to touch a table or the floor
     taken: list[str] = DEFAULT  # names of those that people have taken out of the hand
 
+    def flaw(self) -> Flaw | None:
+        """Return whether an object has no pose."""
+        return unlike_lengths(self, "names", "poses")
+
 
 def _stowed(fields: dict[str, Any]) -> dict[str, Any]:
     """Take the arm for stowed: version 1 did not say."""
@@ -43,6 +48,11 @@ class SeenShape(Message, name="manipulation_msgs/msg/SeenShape", version=1):
     pose: Pose = DEFAULT  # of its middle
     size: Vector3 = DEFAULT  # m, extent in its own x, y and z
     is_round: bool = DEFAULT
+
+    def flaw(self) -> Flaw | None:
+        """Return a size that is negative or not finite."""
+        flaw = outside(self.size, 0.0, MAX_POSITION_M, "x", "y", "z")
+        return None if flaw is None else flaw._replace(field=f"size.{flaw.field}")
 
 
 class TableObjects(Message, name="manipulation_msgs/msg/TableObjects", version=1):

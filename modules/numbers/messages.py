@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 from robbie_mp import DEFAULT, Array, Header, Message, float64, int8, uint8, uint16, uint32
+from robbie_mp.messages.well_formed import MAX_POSITION_M, Flaw, elements_beyond, unlike_lengths
 
 
 class NumberSigns(Message, name="number_msgs/msg/NumberSigns", version=1):
@@ -23,6 +24,11 @@ class NumberSigns(Message, name="number_msgs/msg/NumberSigns", version=1):
     )
     sheet: str = DEFAULT  # the digits on the sheet, in order; empty: none was read
     images: uint32 = DEFAULT  # number of images that were searched
+
+    def flaw(self) -> Flaw | None:
+        """Return whether something is not known of each post, or a place is not finite."""
+        others = ("y_m", "facing_rad", "digits", "likely", "views", "searched")
+        return unlike_lengths(self, "x_m", *others) or elements_beyond(self, MAX_POSITION_M, "x_m", "y_m")
 
 
 class SignsReached(Message, name="number_msgs/msg/SignsReached", version=1, latched=True):

@@ -18,6 +18,7 @@ from robbie_mp import (
     uint32,
 )
 from robbie_mp.messages import Image, MapMetaData, Pose, Upgrade
+from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond, outside, wrong_size
 
 
 class OrderAccepted(Reply, name="rescue_msgs/srv/OrderMission_Response", version=1):
@@ -101,6 +102,12 @@ class VictimFound(Message, name="rescue_msgs/msg/VictimFound", version=1):
     answer_within_s: float32 = DEFAULT  # time left to answer, if ASKED; otherwise 0
     image: Image = DEFAULT  # the best view; empty if there is none
 
+    def flaw(self) -> Flaw | None:
+        """Return a number that is not finite."""
+        return outside(self, 0.0, MAX_MAGNITUDE, "spread_m") or beyond(
+            self, MAX_MAGNITUDE, "confidence", "answer_within_s"
+        )
+
 
 class SearchedWalls(Message, name="rescue_msgs/msg/SearchedWalls", version=1):
     """The walls on which a victim could hang, and which of them the camera has searched."""
@@ -108,6 +115,10 @@ class SearchedWalls(Message, name="rescue_msgs/msg/SearchedWalls", version=1):
     header: Header = DEFAULT  # frame_id: map frame
     info: MapMetaData = DEFAULT  # size and position of the grid
     data: Array[int8] = DEFAULT  # (height * width,) 100: searched, 0: not searched, -1: no wall
+
+    def flaw(self) -> Flaw | None:
+        """Return whether there are more or fewer cells than the size of the grid says."""
+        return wrong_size(self, "data", self.info.width * self.info.height, "info.width times info.height")
 
 
 class VictimAnswered(Reply, name="rescue_msgs/srv/AnswerVictim_Response", version=1):

@@ -13,6 +13,7 @@ from robbie_mp.messages.errors import (
     FieldError,
     FieldTypeError,
     FieldValueError,
+    IllFormed,
     MessageError,
     NotAMessage,
     SchemaError,
@@ -145,6 +146,7 @@ from robbie_mp.messages.stock.vision_msgs import (
     Pose2D,
 )
 from robbie_mp.messages.versions import VersionDecoder, decode_version
+from robbie_mp.messages.well_formed import Flaw, check_well_formed, find_flaw
 
 __all__ = [
     "DEFAULT",
@@ -179,12 +181,14 @@ __all__ = [
     "FieldTypeError",
     "FieldValueError",
     "FixedLength",
+    "Flaw",
     "ForgetRecognition",
     "Frontiers",
     "Goal",
     "GoalCancel",
     "GoalEnd",
     "Header",
+    "IllFormed",
     "Image",
     "Imu",
     "JointCommand",
@@ -279,7 +283,9 @@ __all__ = [
     "bool_",
     "byte",
     "char",
+    "check_well_formed",
     "decode_version",
+    "find_flaw",
     "float32",
     "float64",
     "from_dict",

@@ -23,6 +23,24 @@ class FieldValueError(FieldError, ValueError):
     """A value has the right type, but is out of range, too long, or of the wrong shape."""
 
 
+class IllFormed(FieldValueError):
+    """The values of a message make no sense together, or none at all; the text says which, and what would.
+
+    Example scenarios:
+      - a position is NaN, or 1e12 m away
+      - a map says that it has 100 x 100 cells, and holds 17
+
+    Attributes:
+        type_name: the type of the whole message.
+        field: where in it, without the numbers of elements, to count by.
+    """
+
+    def __init__(self, text: str, type_name: str = "", field: str = ""):
+        super().__init__(text)
+        self.type_name = type_name
+        self.field = field
+
+
 class NotAMessage(MessageError, TypeError):
     """Something else was given where a message or a class of messages is wanted.
 

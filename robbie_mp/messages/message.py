@@ -15,13 +15,14 @@ from robbie_mp.messages.codec.generate import LoanEncoder, generate, generate_lo
 from robbie_mp.messages.codec.table import tabulate
 from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration, read_fields
 from robbie_mp.messages.errors import DeclarationError, NotAMessage
-from robbie_mp.messages.field_types import Field, MessageLayout, Nested, Numbers, natural_default
+from robbie_mp.messages.field_types import Field, Items, MessageLayout, Nested, Numbers, natural_default
 from robbie_mp.messages.text import represent
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
     from robbie_mp._hot.native import MessageCodec
+    from robbie_mp.messages.well_formed import Flaw
 
 _NATIVE = native()
 """Chosen here, because classes get their functions when they are made, and most are made by imports."""
@@ -44,6 +45,8 @@ class MessageType(type):
             inherit from it, in front of theirs; see `robbie_mp.messages.calls`.
         latched: whether the core keeps the newest message of each topic for later subscribers; `publish` can
             ask for it too. This is no part of the wire format.
+        checked: whether `publish` refuses messages of this type that are not well formed, as with all that
+            moves a robot; this costs some time. Subscribers get no message that is not, whatever its type.
 
     Raises:
         DeclarationError: the class cannot be a message type; the text says why.
@@ -61,6 +64,7 @@ class MessageType(type):
         upgrades: Mapping[int, Upgrade] | None = None,
         template: bool = False,
         latched: bool = False,
+        checked: bool = False,
     ) -> MessageType:
         """Create the class."""
         if not bases:
@@ -86,6 +90,12 @@ class MessageType(type):
             "type_name": name,
             "version": version,
             "is_latched": latched,
+            "is_checked": checked,
+            "_ruled": tuple(
+                (field.name, isinstance(field.type, Items))
+                for field in declaration.fields
+                if _has_rules(field)
+            ),
             "_constants": declaration.constants,
             "_upgrades": dict(upgrades or {}),
             "_source": {},
@@ -94,6 +104,7 @@ class MessageType(type):
         made: Any = super().__new__(metacls, class_name, (*bases, blank), body)
         made._layout = MessageLayout(name, version, declaration.fields, blank, made)
         made.has_views = made._layout.has_views
+        made.has_rules = "flaw" in namespace or bool(made._ruled)
         if _NATIVE is not None:
             codec = _NATIVE.MessageCodec(made, partial(tabulate, made._layout), partial(_generate, made))
             for function in (*GENERATED, "forget_arrays"):
@@ -139,6 +150,10 @@ class Message(metaclass=MessageType):
     """Version number from 1; it grows whenever the fields change."""
     is_latched: ClassVar[bool]
     """Whether the core keeps the newest message of each topic for later subscribers."""
+    is_checked: ClassVar[bool]
+    """Whether `publish` refuses a message that is not well formed."""
+    has_rules: ClassVar[bool]
+    """Whether a message may be ill-formed, by its own rules or those of messages in it; see `flaw`."""
 
     has_views: ClassVar[bool]
     """Whether a decoded message may hold arrays that are views of the buffer it was decoded from."""
@@ -146,6 +161,8 @@ class Message(metaclass=MessageType):
     _layout: ClassVar[MessageLayout]
     _leading: ClassVar[tuple[Field, ...]]
     """Of a template: its fields."""
+    _ruled: ClassVar[tuple[tuple[str, bool], ...]]
+    """The fields with messages that have rules, and whether each is a list of them."""
     _constants: ClassVar[tuple[Constant, ...]]
     _upgrades: ClassVar[dict[int, Upgrade]]
     _source: ClassVar[dict[str, str]]
@@ -204,6 +221,13 @@ class Message(metaclass=MessageType):
         message: Self = _install(cls, "decode")(buffer)
         return message
 
+    def flaw(self) -> Flaw | None:
+        """Return what is wrong with the values of this message, apart from those of messages nested in it.
+
+        A type whose values must fit together overrides this; see `robbie_mp.messages.well_formed`.
+        """
+        return None
+
     def forget_arrays(self) -> None:
         """Replace the message's arrays (not those of nested messages) by their defaults.
 
@@ -261,6 +285,12 @@ def _generate(message_type: type[Message], name: str) -> Callable[..., Any]:
     made.__doc__ = getattr(Message, name).__doc__
     made.__qualname__ = f"{message_type.__qualname__}.{name}"
     return made
+
+
+def _has_rules(field: Field) -> bool:
+    """Whether a field holds messages that may be ill-formed."""
+    kind = field.type.element if isinstance(field.type, Items) else field.type
+    return isinstance(kind, Nested) and kind.message.has_rules
 
 
 def fields_of(message_type: type[Message]) -> tuple[Field, ...]:

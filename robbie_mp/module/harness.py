@@ -26,6 +26,7 @@ from robbie_mp.messages import (
 from robbie_mp.messages.calls import FeedbackType, Goal, ReplyType, Request, ResultType, reply_type
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.messages.message import check_message, check_message_type
+from robbie_mp.messages.well_formed import check_well_formed
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.calls.client import GOAL_ENDS
 from robbie_mp.module.calls.errors import CallError, CallRefused
@@ -517,6 +518,8 @@ class HarnessBus:
     def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
         """Collect a message."""
         check_message(message, "publish")
+        if message.is_checked:
+            check_well_formed(message)
         if self.stopped:
             raise PublishAfterStop(f"this module published a {message.type_name} after it was stopped")
         if isinstance(message, CallsQuestion):

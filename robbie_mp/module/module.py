@@ -377,6 +377,7 @@ class Module:
         Raises:
             NotAMessage: `message` is not a message, but for example a dict.
             FieldError: a field has the wrong type or shape.
+            IllFormed: the message moves something, and is not well formed; see `Message.flaw`.
             MessageTooLarge: the message is larger than this module's memory.
             PublishAfterStop: the module has already been stopped.
         """

@@ -15,6 +15,7 @@ from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.messages.loans import Layout
 from robbie_mp.messages.message import check_message, check_message_type
+from robbie_mp.messages.well_formed import check_well_formed, find_flaw, ill_formed
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.envelope import MessageType
@@ -68,6 +69,7 @@ class Outbox:
         self._wiring = wiring
         self._lock = endpoint.lock
         self._declarations: dict[tuple[type[Message], str], int] = {}
+        """The number of each channel by type and own topic, without types that are checked."""
         self._channels: dict[ChannelName, int] = {}
         """The same by own name, with types that have no class in this program."""
         self._latched: set[ChannelName] = set()
@@ -162,6 +164,8 @@ class Outbox:
             declaration = self._declarations.get((type(message), topic))
             if declaration is None:
                 check_message(message, "publish")
+                if message.is_checked:
+                    check_well_formed(message)
                 declaration = self._declare(type(message), topic)
             size = message.encoded_size()
             block = self._blocks.reuse(size)
@@ -297,7 +301,8 @@ class Outbox:
         if message_type.is_latched:
             self._latch(name)
         declaration = self._advertise(name)
-        self._declarations[message_type, topic] = declaration
+        if not message_type.is_checked:  # so that there is no shorter way for those, neither here nor in C
+            self._declarations[message_type, topic] = declaration
         return declaration
 
     def _advertise(self, name: ChannelName) -> int:
@@ -483,12 +488,15 @@ class Loan(Generic[MessageType]):
         return self._message
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        flaw = find_flaw(self._message) if self._message.is_checked and error is None else None
         self._message.forget_arrays()
         del self._whole
-        if error is None:
+        if error is None and flaw is None:
             self._outbox.end_loan(self._declaration, self._block, self._size, self._name, self._holds)
         elif self._block is not None:
             self._outbox.give_up(self._block, self._holds)
+        if flaw is not None:
+            raise ill_formed(self._message.type_name, flaw)
 
 
 def _name_of(message_type: type[Message], topic: str) -> ChannelName:

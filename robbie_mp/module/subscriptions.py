@@ -1,15 +1,21 @@
 """The subscriptions of a module and their handlers: the same on every bus."""
 
+import logging
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import Message
+from robbie_mp.messages import Goal, Message, Reply, Request, Result
 from robbie_mp.messages.message import check_message_type
+from robbie_mp.messages.refusals import Refusals
+from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.envelope import EncodedMessage, MessageType
 from robbie_mp.module.wiring import UNCHANGED, TopicsMeet, Wiring
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.tables import ChannelName
+
+ANSWERED = (Request, Goal, Reply, Result)
+"""Messages for which somebody waits: server and client check them."""
 
 
 class SubscribedTwice(RobbieError, ValueError):
@@ -70,6 +76,7 @@ class Subscriptions:
     Attributes:
         by_number: the subscriptions by the number that their messages carry.
         numbers: these numbers by the name of the subscription.
+        refusals: the messages that no handler got, because they were ill-formed.
     """
 
     def __init__(
@@ -79,7 +86,9 @@ class Subscriptions:
         wiring: Wiring = UNCHANGED,
     ):
         self._request = request
+        self._current_name = current_name
         self._wiring = wiring
+        self.refusals = Refusals(logging.getLogger("robbie.receive"))
         self._as_bytes = _AsBytes(current_name)
         self._by_name: dict[ChannelName, Subscription] = {}
         self.by_number: dict[int, Subscription] = {}
@@ -102,7 +111,7 @@ class Subscriptions:
 
         Args:
             message_type: the class of the messages.
-            handler: called with each message.
+            handler: called with each message that is well formed.
             handling: what to do when messages come faster than they are handled.
             topic: '' for all topics.
             optional: whether the module works without them.
@@ -118,8 +127,29 @@ class Subscriptions:
         check_message_type(message_type, "subscribe")
         type_name = message_type.type_name
         name = ChannelName(type_name, message_type.version, self._wiring.subscribed(type_name, topic))
+        handler = self._checked(message_type, handler)
         self._add(Subscription(name, handling, message_type, handler, optional, topic))
         return name
+
+    def _checked(
+        self, message_type: type[MessageType], handler: Callable[[MessageType], None]
+    ) -> Callable[[MessageType], None]:
+        """Return a handler that does not get ill-formed messages; those of calls get an answer instead."""
+        if not message_type.has_rules or issubclass(message_type, ANSWERED):
+            return handler
+
+        def handle(message: MessageType) -> None:
+            if (flaw := find_flaw(message)) is None:
+                handler(message)
+            else:
+                self.refusals.count(ill_formed(message.type_name, flaw), self._origin())
+
+        handle.__qualname__ = getattr(handler, "__qualname__", type(handler).__qualname__)
+        return handle
+
+    def _origin(self) -> str:
+        topic = self._current_name().topic
+        return f"on topic '{topic}'" if topic else ""
 
     def subscribe_encoded(
         self,

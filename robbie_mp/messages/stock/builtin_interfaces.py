@@ -5,6 +5,7 @@ from typing import Self
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import int32, uint32
+from robbie_mp.messages.well_formed import Flaw, outside
 
 NANOSECONDS_PER_SECOND = 1_000_000_000
 
@@ -14,6 +15,10 @@ class Time(Message, name="builtin_interfaces/msg/Time", version=1):
 
     sec: int32 = DEFAULT  # s, may be negative
     nanosec: uint32 = DEFAULT  # ns on top of sec, 0 to 999 999 999
+
+    def flaw(self) -> Flaw | None:
+        """Return whether the nanoseconds are a second or more."""
+        return outside(self, 0, NANOSECONDS_PER_SECOND - 1, "nanosec")
 
     @property
     def nanoseconds(self) -> int:
@@ -32,6 +37,10 @@ class Duration(Message, name="builtin_interfaces/msg/Duration", version=1):
 
     sec: int32 = DEFAULT  # s, may be negative
     nanosec: uint32 = DEFAULT  # ns on top of sec, 0 to 999 999 999
+
+    def flaw(self) -> Flaw | None:
+        """Return whether the nanoseconds are a second or more."""
+        return outside(self, 0, NANOSECONDS_PER_SECOND - 1, "nanosec")
 
     @property
     def nanoseconds(self) -> int:

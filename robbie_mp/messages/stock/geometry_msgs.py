@@ -10,6 +10,7 @@ from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float64
 from robbie_mp.messages.stock.std_msgs import Header
+from robbie_mp.messages.well_formed import MAX_MAGNITUDE, MAX_POSITION_M, Flaw, beyond
 
 
 class Point(Message, name="geometry_msgs/msg/Point", version=1):
@@ -19,6 +20,10 @@ class Point(Message, name="geometry_msgs/msg/Point", version=1):
     y: float64 = DEFAULT  # m
     z: float64 = DEFAULT  # m
 
+    def flaw(self) -> Flaw | None:
+        """Return a coordinate that is not finite, or too far away."""
+        return beyond(self, MAX_POSITION_M, "x", "y", "z")
+
 
 class Vector3(Message, name="geometry_msgs/msg/Vector3", version=1):
     """A direction and magnitude in space; its unit is that of the field it is used for."""
@@ -26,6 +31,14 @@ class Vector3(Message, name="geometry_msgs/msg/Vector3", version=1):
     x: float64 = DEFAULT
     y: float64 = DEFAULT
     z: float64 = DEFAULT
+
+    def flaw(self) -> Flaw | None:
+        """Return a number that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "x", "y", "z")
+
+
+UNIT_TOLERANCE = 0.01
+"""Most by which the length of a quaternion differs from 1."""
 
 
 class Quaternion(Message, name="geometry_msgs/msg/Quaternion", version=1):
@@ -47,6 +60,14 @@ class Quaternion(Message, name="geometry_msgs/msg/Quaternion", version=1):
     def from_yaw(cls, yaw: float) -> Self:
         """Return the rotation by `yaw` (rad) about the z axis, counter-clockwise seen from above."""
         return cls(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
+
+    def flaw(self) -> Flaw | None:
+        """Return whether it is no rotation. All zero means that it was never set, and is taken for none."""
+        length_2 = self.x * self.x + self.y * self.y + self.z * self.z + self.w * self.w
+        if abs(length_2 - 1.0) <= 2.0 * UNIT_TOLERANCE or length_2 == 0.0:
+            return None
+        value = (self.x, self.y, self.z, self.w)
+        return Flaw("x, y, z, w", value, "a unit quaternion, or all 0 if it was not set")
 
 
 class Pose(Message, name="geometry_msgs/msg/Pose", version=1):
@@ -80,11 +101,27 @@ class PoseWithCovarianceStamped(Message, name="geometry_msgs/msg/PoseWithCovaria
     pose: PoseWithCovariance = DEFAULT
 
 
+MAX_SPEED_M_PER_S = 1e4
+MAX_TURN_RAD_PER_S = 1e4
+"""No robot moves faster."""
+
+
 class Twist(Message, name="geometry_msgs/msg/Twist", version=1):
     """A velocity, linear and angular."""
 
     linear: Vector3 = DEFAULT  # m/s
     angular: Vector3 = DEFAULT  # rad/s, about the axes
+
+    def flaw(self) -> Flaw | None:
+        """Return whether it is faster than anything."""
+        linear, angular = self.linear, self.angular
+        fastest = max(abs(linear.x), abs(linear.y), abs(linear.z))
+        if fastest > MAX_SPEED_M_PER_S:
+            return Flaw("linear", fastest, f"at most {MAX_SPEED_M_PER_S:g} m/s")
+        fastest = max(abs(angular.x), abs(angular.y), abs(angular.z))
+        if fastest > MAX_TURN_RAD_PER_S:
+            return Flaw("angular", fastest, f"at most {MAX_TURN_RAD_PER_S:g} rad/s")
+        return None
 
 
 class TwistWithCovariance(Message, name="geometry_msgs/msg/TwistWithCovariance", version=1):
@@ -97,7 +134,7 @@ class TwistWithCovariance(Message, name="geometry_msgs/msg/TwistWithCovariance",
     covariance: Array[float64, Literal[36]] = DEFAULT
 
 
-class TwistStamped(Message, name="geometry_msgs/msg/TwistStamped", version=1):
+class TwistStamped(Message, name="geometry_msgs/msg/TwistStamped", version=1, checked=True):
     """A velocity in a frame, at a time."""
 
     header: Header = DEFAULT
@@ -109,6 +146,15 @@ class Transform(Message, name="geometry_msgs/msg/Transform", version=1):
 
     translation: Vector3 = DEFAULT  # m
     rotation: Quaternion = DEFAULT
+
+    def flaw(self) -> Flaw | None:
+        """Return whether one frame is too far from the other, or has no rotation."""
+        if (flaw := beyond(self.translation, MAX_POSITION_M, "x", "y", "z")) is not None:
+            return flaw._replace(field=f"translation.{flaw.field}")
+        turn = self.rotation
+        if turn.x == turn.y == turn.z == turn.w == 0.0:
+            return Flaw("rotation", (0.0, 0.0, 0.0, 0.0), "a unit quaternion")
+        return None
 
 
 class TransformStamped(Message, name="geometry_msgs/msg/TransformStamped", version=1):

@@ -8,6 +8,7 @@ from robbie_mp.messages.primitives import Array, float32, uint8, uint32
 from robbie_mp.messages.stock.builtin_interfaces import Time
 from robbie_mp.messages.stock.geometry_msgs import Pose
 from robbie_mp.messages.stock.std_msgs import Header
+from robbie_mp.messages.well_formed import MAX_CELL_M, MIN_CELL_M, Flaw, outside, wrong_size
 
 
 class Cost(IntEnum):
@@ -33,6 +34,11 @@ class CostmapMetaData(Message, name="nav2_msgs/msg/CostmapMetaData", version=1):
     size_y: uint32 = DEFAULT  # cells along y
     origin: Pose = DEFAULT  # of the corner of cell (0, 0), in the frame of the map
 
+    def flaw(self) -> Flaw | None:
+        """Return a size of cells that is none, unless there are no cells."""
+        least = 0.0 if self.size_x * self.size_y == 0 else MIN_CELL_M
+        return outside(self, least, MAX_CELL_M, "resolution")
+
 
 class Costmap(Message, name="nav2_msgs/msg/Costmap", version=1):
     """Where a robot may be, and which places it prefers to avoid."""
@@ -40,3 +46,8 @@ class Costmap(Message, name="nav2_msgs/msg/Costmap", version=1):
     header: Header = DEFAULT
     metadata: CostmapMetaData = DEFAULT
     data: Array[uint8] = DEFAULT  # (size_y * size_x,) row-major, as `Cost`
+
+    def flaw(self) -> Flaw | None:
+        """Return whether there are more or fewer cells than its size says."""
+        size = self.metadata.size_x * self.metadata.size_y
+        return wrong_size(self, "data", size, "metadata.size_x times metadata.size_y")

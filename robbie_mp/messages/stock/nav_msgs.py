@@ -6,6 +6,7 @@ from robbie_mp.messages.primitives import Array, float32, int8, uint32
 from robbie_mp.messages.stock.builtin_interfaces import Time
 from robbie_mp.messages.stock.geometry_msgs import Pose, PoseStamped, PoseWithCovariance, TwistWithCovariance
 from robbie_mp.messages.stock.std_msgs import Header
+from robbie_mp.messages.well_formed import MAX_CELL_M, MIN_CELL_M, Flaw, outside, wrong_size
 
 
 class MapMetaData(Message, name="nav_msgs/msg/MapMetaData", version=1):
@@ -17,6 +18,11 @@ class MapMetaData(Message, name="nav_msgs/msg/MapMetaData", version=1):
     height: uint32 = DEFAULT  # cells along y
     origin: Pose = DEFAULT  # of the corner of cell (0, 0), in the frame of the map
 
+    def flaw(self) -> Flaw | None:
+        """Return a size of cells that is none, unless there are no cells."""
+        least = 0.0 if self.width * self.height == 0 else MIN_CELL_M
+        return outside(self, least, MAX_CELL_M, "resolution")
+
 
 class OccupancyGrid(Message, name="nav_msgs/msg/OccupancyGrid", version=1):
     """A map of cells that are free, occupied or unknown."""
@@ -24,6 +30,10 @@ class OccupancyGrid(Message, name="nav_msgs/msg/OccupancyGrid", version=1):
     header: Header = DEFAULT
     info: MapMetaData = DEFAULT
     data: Array[int8] = DEFAULT  # (height * width,) row-major: 0 free … 100 occupied, -1 unknown
+
+    def flaw(self) -> Flaw | None:
+        """Return whether there are more or fewer cells than its size says."""
+        return wrong_size(self, "data", self.info.width * self.info.height, "info.width times info.height")
 
 
 class Odometry(Message, name="nav_msgs/msg/Odometry", version=1):

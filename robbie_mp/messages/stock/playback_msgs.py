@@ -4,6 +4,7 @@ from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import float64, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Time
+from robbie_mp.messages.well_formed import Flaw, nan_in
 
 
 class PlaybackControl(Message, name="robbie_msgs/msg/PlaybackControl", version=1):
@@ -12,6 +13,10 @@ class PlaybackControl(Message, name="robbie_msgs/msg/PlaybackControl", version=1
     request: uint64 = DEFAULT  # a number that PlaybackState repeats; 0: none
     command: str = DEFAULT  # pause, resume, step (pause, and play one message), seek or rate
     value: float64 = DEFAULT  # seek: s from the log's beginning; rate: times real time, infinity: no waiting
+
+    def flaw(self) -> Flaw | None:
+        """Return a value that is no number."""
+        return nan_in(self, "value")
 
 
 class PlaybackState(Message, name="robbie_msgs/msg/PlaybackState", version=1):
@@ -30,6 +35,10 @@ class PlaybackState(Message, name="robbie_msgs/msg/PlaybackState", version=1):
     jumps: uint64 = DEFAULT  # number of jumps of the time so far
     request: uint64 = DEFAULT  # the last control that was handled
     error: str = DEFAULT  # why that was refused; '' if it was not
+
+    def flaw(self) -> Flaw | None:
+        """Return a rate that is no number."""
+        return nan_in(self, "rate")
 
 
 class TimeJump(Message, name="robbie_msgs/msg/TimeJump", version=1):

@@ -12,6 +12,14 @@ from robbie_mp.messages.stock.geometry_msgs import Point, Pose, PoseStamped
 from robbie_mp.messages.stock.sensor_msgs import Image
 from robbie_mp.messages.stock.std_msgs import Header
 from robbie_mp.messages.stock.vision_msgs import BoundingBox2D
+from robbie_mp.messages.well_formed import (
+    MAX_MAGNITUDE,
+    Flaw,
+    beyond,
+    elements_beyond,
+    outside,
+    unlike_lengths,
+)
 
 
 class ModuleState(Message, name="robbie_msgs/msg/ModuleState", version=1):
@@ -104,6 +112,19 @@ class DeviceState(Message, name="robbie_msgs/msg/DeviceState", version=1):
     damaged: uint64 = DEFAULT  # frames that were damaged on the way
 
 
+MAX_COMMANDED_M_PER_S = 100.0
+MAX_COMMANDED_RAD_PER_S = 100.0
+MAX_VALID_FOR_S = 1.0
+"""Longest time for which a command moves anything: so long may it go on when nobody commands any more."""
+
+
+def invalid_for(valid_for: Duration) -> Flaw | None:
+    """Return whether a command is valid for too long, or for less than no time."""
+    if 0.0 <= valid_for.seconds <= MAX_VALID_FOR_S:
+        return None
+    return Flaw("valid_for", valid_for.seconds, f"0 to {MAX_VALID_FOR_S:g} s; send commands again and again")
+
+
 def _rests_on_its_stamp(fields: dict[str, Any]) -> dict[str, Any]:
     """Take the time of the decision for that of the measurements: version 1 did not tell them apart."""
     return {**fields, "based_on": fields["header"]["stamp"]}
@@ -116,6 +137,7 @@ class DriveCommand(
     upgrades={
         1: Upgrade(lambda fields: {**_rests_on_its_stamp(fields), "unguarded": False}),
     },
+    checked=True,
 ):
     """Drive at a velocity, for a while: the device stops when `valid_for` passes without a newer command.
 
@@ -129,6 +151,14 @@ class DriveCommand(
     valid_for: Duration = DEFAULT
     based_on: Time = DEFAULT  # stamp of the oldest measurement, or operator's input, that it rests on
     unguarded: bool = DEFAULT  # True: the operator drives on purpose where the guard would stop the robot
+
+    def flaw(self) -> Flaw | None:
+        """Return a velocity that is not finite, or a validity that is too long."""
+        return (
+            beyond(self, MAX_COMMANDED_M_PER_S, "linear_m_per_s")
+            or beyond(self, MAX_COMMANDED_RAD_PER_S, "angular_rad_per_s")
+            or invalid_for(self.valid_for)
+        )
 
 
 class ControlState(Message, name="robbie_msgs/msg/ControlState", version=1, latched=True):
@@ -179,6 +209,10 @@ class Bumper(Message, name="robbie_msgs/msg/Bumper", version=1):
     pressed: list[str] = DEFAULT  # names of the parts, as "front_left"; empty: nothing is touched
 
 
+MAX_JOINT_POSITION = 1e6
+"""Of a joint, in rad or m."""
+
+
 class PanTiltCommand(
     Message,
     name="robbie_msgs/msg/PanTiltCommand",
@@ -186,6 +220,7 @@ class PanTiltCommand(
     upgrades={
         1: Upgrade(lambda fields: {**_rests_on_its_stamp(fields), "valid_for": {"sec": 1, "nanosec": 0}})
     },
+    checked=True,
 ):
     """Look in a direction; the joints go there as fast as they can, and no farther than they can.
 
@@ -199,12 +234,17 @@ class PanTiltCommand(
     valid_for: Duration = DEFAULT  # time within which it must arrive
     based_on: Time = DEFAULT  # stamp of the oldest measurement, or operator's input, that it rests on
 
+    def flaw(self) -> Flaw | None:
+        """Return a direction that is not finite, or a validity that is too long."""
+        return beyond(self, MAX_JOINT_POSITION, "pan_rad", "tilt_rad") or invalid_for(self.valid_for)
+
 
 class JointCommand(
     Message,
     name="robbie_msgs/msg/JointCommand",
     version=2,
     upgrades={1: Upgrade(_rests_on_its_stamp)},
+    checked=True,
 ):
     """Move joints to positions. When `valid_for` passes without a newer command, the device lets them go."""
 
@@ -214,6 +254,14 @@ class JointCommand(
     valid_for: Duration = DEFAULT
     based_on: Time = DEFAULT  # stamp of the oldest measurement, or operator's input, that it rests on
 
+    def flaw(self) -> Flaw | None:
+        """Return whether a joint has no finite position, or the validity is too long."""
+        return (
+            unlike_lengths(self, "name", "position")
+            or elements_beyond(self, MAX_JOINT_POSITION, "position")
+            or invalid_for(self.valid_for)
+        )
+
 
 class JointLimits(Message, name="robbie_msgs/msg/JointLimits", version=1):
     """The joints that a module moves by `JointCommand` on the same topic, and how far they go."""
@@ -221,6 +269,10 @@ class JointLimits(Message, name="robbie_msgs/msg/JointLimits", version=1):
     name: list[str] = DEFAULT
     lower: Array[float64] = DEFAULT  # (joints,) rad or m
     upper: Array[float64] = DEFAULT  # (joints,) rad or m
+
+    def flaw(self) -> Flaw | None:
+        """Return whether a joint has no limits. They may be infinite, and NaN if they are not known."""
+        return unlike_lengths(self, "name", "lower", "upper")
 
 
 class LightsState(Message, name="robbie_msgs/msg/LightsState", version=1):
@@ -230,6 +282,10 @@ class LightsState(Message, name="robbie_msgs/msg/LightsState", version=1):
     name: list[str] = DEFAULT
     brightness: Array[float64] = DEFAULT  # (lights,) from 0, dark, to 1, full
     can_dim: bool = DEFAULT  # False: they are either dark or full
+
+    def flaw(self) -> Flaw | None:
+        """Return whether a light has no brightness, or one that is not finite."""
+        return unlike_lengths(self, "name", "brightness") or elements_beyond(self, 1.0, "brightness")
 
 
 class LightSet(Reply, name="robbie_msgs/srv/SetLight_Response", version=1):
@@ -243,6 +299,10 @@ class SetLight(Request[LightSet], name="robbie_msgs/srv/SetLight_Request", versi
 
     name: str = DEFAULT  # of the light
     brightness: float64 = DEFAULT  # from 0, dark, to 1, full
+
+    def flaw(self) -> Flaw | None:
+        """Return a brightness that no light has."""
+        return outside(self, 0.0, 1.0, "brightness")
 
 
 class SimulatedWorld(Message, name="robbie_msgs/msg/SimulatedWorld", version=1):
@@ -262,6 +322,10 @@ class LocalizationState(Message, name="robbie_msgs/msg/LocalizationState", versi
     agreement: float64 = DEFAULT  # share of the last scan's returns that lie on the map's obstacles, 0 … 1
     particles: uint32 = DEFAULT  # hypotheses kept at present
 
+    def flaw(self) -> Flaw | None:
+        """Return a number that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "spread_m", "spread_rad", "agreement")
+
 
 class NavigationFeedback(Feedback, name="robbie_msgs/action/NavigateTo_Feedback", version=1):
     """How far the robot is on its way to a goal; sent on each change and at intervals."""
@@ -269,6 +333,10 @@ class NavigationFeedback(Feedback, name="robbie_msgs/action/NavigateTo_Feedback"
     state: str = DEFAULT  # such as DRIVE, ALIGN, BACK_UP, STOPPED_NO_LASER, EMERGENCY_STOP
     reason: str = DEFAULT  # why it is in that state, for people
     distance_left_m: float64 = DEFAULT  # along the planned path; -1: there is none
+
+    def flaw(self) -> Flaw | None:
+        """Return a distance that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "distance_left_m")
 
 
 class NavigationResult(Result, name="robbie_msgs/action/NavigateTo_Result", version=1):
@@ -319,6 +387,12 @@ class Frontiers(Message, name="robbie_msgs/msg/Frontiers", version=1):
     header: Header = DEFAULT  # frame_id: of the map
     middles: list[Point] = DEFAULT  # m, the longest first
     lengths_m: Array[float32] = DEFAULT  # of each
+
+    def flaw(self) -> Flaw | None:
+        """Return whether a piece has no length, or one that is not finite."""
+        return unlike_lengths(self, "middles", "lengths_m") or elements_beyond(
+            self, MAX_MAGNITUDE, "lengths_m"
+        )
 
 
 class PointOfInterest(Message, name="robbie_msgs/msg/PointOfInterest", version=1):
@@ -384,6 +458,10 @@ class TaughtNames(Message, name="robbie_msgs/msg/TaughtNames", version=1):
 
     names: list[str] = DEFAULT
     examples: Array[uint32] = DEFAULT  # of each name
+
+    def flaw(self) -> Flaw | None:
+        """Return whether some names have a number of examples, and others have none."""
+        return unlike_lengths(self, "names", "examples", or_empty=True)
 
 
 class RecognitionTaught(Reply, name="robbie_msgs/srv/TeachRecognition_Response", version=1):

@@ -5,6 +5,7 @@ from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import float64
 from robbie_mp.messages.stock.geometry_msgs import PoseWithCovariance
 from robbie_mp.messages.stock.std_msgs import Header
+from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond, outside
 
 
 class Point2D(Message, name="vision_msgs/msg/Point2D", version=1):
@@ -13,12 +14,20 @@ class Point2D(Message, name="vision_msgs/msg/Point2D", version=1):
     x: float64 = DEFAULT
     y: float64 = DEFAULT
 
+    def flaw(self) -> Flaw | None:
+        """Return a coordinate that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "x", "y")
+
 
 class Pose2D(Message, name="vision_msgs/msg/Pose2D", version=1):
     """A position and an orientation in an image."""
 
     position: Point2D = DEFAULT
     theta: float64 = DEFAULT  # rad
+
+    def flaw(self) -> Flaw | None:
+        """Return a rotation that is not finite."""
+        return beyond(self, MAX_MAGNITUDE, "theta")
 
 
 class BoundingBox2D(Message, name="vision_msgs/msg/BoundingBox2D", version=1):
@@ -28,12 +37,20 @@ class BoundingBox2D(Message, name="vision_msgs/msg/BoundingBox2D", version=1):
     size_x: float64 = DEFAULT
     size_y: float64 = DEFAULT
 
+    def flaw(self) -> Flaw | None:
+        """Return a size that is negative or not finite."""
+        return outside(self, 0.0, MAX_MAGNITUDE, "size_x", "size_y")
+
 
 class ObjectHypothesis(Message, name="vision_msgs/msg/ObjectHypothesis", version=1):
     """A possible class of an object, with its score."""
 
     class_id: str = DEFAULT
     score: float64 = DEFAULT  # 0 … 1
+
+    def flaw(self) -> Flaw | None:
+        """Return a score that is not finite: detectors have scales of their own."""
+        return beyond(self, MAX_MAGNITUDE, "score")
 
 
 class ObjectHypothesisWithPose(Message, name="vision_msgs/msg/ObjectHypothesisWithPose", version=1):

@@ -10,6 +10,7 @@ import numpy as np
 
 from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX, number_call
+from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.calls.errors import (
@@ -332,8 +333,12 @@ class ClientCalls:
 
     def _on_reply(self, reply: Any) -> None:
         call = self._take(reply.call)
-        if call is not None:
+        if call is None:
+            return
+        if (flaw := find_flaw(reply)) is None:
             call.on_reply(reply)
+        else:
+            call.on_error(CallLost(f"{call.label}: {ill_formed(reply.type_name, flaw)}"))
 
     def _on_refusal(self, refusal: CallRefusal) -> None:
         call = self._take(refusal.call)

@@ -29,6 +29,7 @@ class CallLost(CallError, ConnectionError):
     Example scenarios:
       - the server's queue was full, so that the request was dropped
       - the server had no memory for the reply
+      - the reply was ill-formed
     """
 
 

@@ -19,6 +19,7 @@ from robbie_mp.messages.calls import (
     number_call,
     reply_type,
 )
+from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.calls.errors import CallRefused, CannotServe, GoalEnded, ServedTwice, WrongReply
@@ -179,6 +180,8 @@ class ServiceCalls:
 
         def on_request(request: Request[ReplyType]) -> None:
             client = self._bus.sender()
+            if not self._is_well_formed(request, client):
+                return
             try:
                 reply = handler(request)
             except CallRefused as refusal:
@@ -194,6 +197,13 @@ class ServiceCalls:
 
         on_request.__qualname__ = getattr(handler, "__qualname__", type(handler).__qualname__)
         self.listen(request_type, on_request, topic)
+
+    def _is_well_formed(self, request: Any, client: str) -> bool:
+        """Whether a request or goal is well formed; otherwise it is refused."""
+        if (flaw := find_flaw(request)) is None:
+            return True
+        self.refuse(client, request.call, str(ill_formed(request.type_name, flaw)))
+        return False
 
     def listen(
         self,
@@ -228,6 +238,8 @@ class ServiceCalls:
 
         def on_message(goal: Goal[FeedbackType, ResultType]) -> None:
             active: ActiveGoal[Any, Any, Any] = ActiveGoal(self, self._bus.sender(), goal, types)
+            if not self._is_well_formed(goal, active.client):
+                return
             self.goals[active.key] = active
             try:
                 on_goal(active)
