@@ -112,10 +112,9 @@ class MapMerger(Module):
     def on_map(self, message: OccupancyGrid) -> None:
         """Keep the newest map of each robot."""
         info, topic = message.info, self.envelope.topic
-        is_whole = len(message.data) == info.width * info.height > 0 and info.resolution > 0
-        if not is_whole or info.origin.orientation.yaw:
+        if not len(message.data) or info.origin.orientation.yaw:
             self.refused += 1
-            self.log.warning("a map on %s is not whole, or is turned; it is ignored", topic)
+            self.log.warning("a map on %s is empty, or is turned; it is ignored", topic)
             return
         grid = map_cells(message)
         kept = GridMap(grid.cells.copy(), grid.resolution_m, grid.corner_xy_m)

@@ -160,10 +160,7 @@ class Navigation(Module):
         frame = goal.pose.header.frame_id
         if frame not in MAP_FRAMES:
             raise CallRefused(f"a goal must be given in the frame 'map', not {frame!r}")
-        pose = planar(goal.pose.pose)
-        if not np.isfinite(pose).all():
-            raise CallRefused(f"a goal must have finite coordinates, not {pose}")
-        return pose
+        return planar(goal.pose.pose)
 
     def on_cancel(self, active: Active, reason: str) -> None:
         """Stop, and end the goal."""

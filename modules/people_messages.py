@@ -2,7 +2,7 @@
 
 from robbie_mp import DEFAULT, Array, Header, Message, float32, float64
 from robbie_mp.messages import Point
-from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond, elements_beyond, unlike_lengths
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, Flaw, beyond, elements_beyond, unlike_lengths
 
 
 class Person(Message, name="people_msgs/msg/Person", version=1):

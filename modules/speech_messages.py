@@ -1,7 +1,7 @@
 """Messages of a robot that hears and speaks."""
 
 from robbie_mp import DEFAULT, Header, Message, float64
-from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, Flaw, beyond
 
 
 class SpokenSlot(Message, name="speech_msgs/msg/SpokenSlot", version=1):

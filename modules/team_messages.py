@@ -4,7 +4,7 @@ import math
 
 from robbie_mp import DEFAULT, Duration, Header, Message, float64
 from robbie_mp.messages import Point, Pose
-from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond, nan_in
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, Flaw, beyond, nan_in
 
 
 class MapAlignment(Message, name="team_msgs/msg/MapAlignment", version=1):

@@ -2,7 +2,7 @@
 
 from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Reply, Request, Result, float64, uint32
 from robbie_mp.messages import Point
-from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, Flaw, beyond
 
 
 class FollowOrderTaken(Reply, name="home_msgs/srv/FollowOrder_Response", version=1):

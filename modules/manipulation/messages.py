@@ -4,7 +4,7 @@ from typing import Any
 
 from robbie_mp import DEFAULT, Feedback, Goal, Header, Message, Result, Upgrade, float64, uint32
 from robbie_mp.messages import Pose, Vector3
-from robbie_mp.messages.well_formed import MAX_POSITION_M, Flaw, outside, unlike_lengths
+from robbie_mp.messages.flaws import MAX_POSITION_M, Flaw, outside, unlike_lengths
 
 
 def _nothing_taken(fields: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from robbie_mp import DEFAULT, Array, Header, Message, float64, int8, uint8, uint16, uint32
-from robbie_mp.messages.well_formed import MAX_POSITION_M, Flaw, elements_beyond, unlike_lengths
+from robbie_mp.messages.flaws import MAX_POSITION_M, Flaw, elements_beyond, unlike_lengths
 
 
 class NumberSigns(Message, name="number_msgs/msg/NumberSigns", version=1):

@@ -18,7 +18,7 @@ from robbie_mp import (
     uint32,
 )
 from robbie_mp.messages import Image, MapMetaData, Pose, Upgrade
-from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond, outside, wrong_size
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, Flaw, beyond, outside, wrong_size
 
 
 class OrderAccepted(Reply, name="rescue_msgs/srv/OrderMission_Response", version=1):

@@ -21,6 +21,7 @@ from robbie_mp.messages.errors import (
     VersionError,
 )
 from robbie_mp.messages.field_types import DEFAULT, FixedLength, MaxLength
+from robbie_mp.messages.flaws import Flaw
 from robbie_mp.messages.loans import Layout, lay_out
 from robbie_mp.messages.message import Message, replace
 from robbie_mp.messages.plain import as_dict, from_dict
@@ -146,7 +147,7 @@ from robbie_mp.messages.stock.vision_msgs import (
     Pose2D,
 )
 from robbie_mp.messages.versions import VersionDecoder, decode_version
-from robbie_mp.messages.well_formed import Flaw, check_well_formed, find_flaw
+from robbie_mp.messages.well_formed import check_well_formed, find_flaw
 
 __all__ = [
     "DEFAULT",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from typing_extensions import Buffer
 
     from robbie_mp._hot.native import MessageCodec
-    from robbie_mp.messages.well_formed import Flaw
+    from robbie_mp.messages.flaws import Flaw
 
 _NATIVE = native()
 """Chosen here, because classes get their functions when they are made, and most are made by imports."""

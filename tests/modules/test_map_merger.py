@@ -12,7 +12,7 @@ from modules.rescue.mission import RescueMission
 from modules.rescue.victims import Victims
 from modules.team_messages import MapAlignment
 from robbie_mp import Module, ModuleHarness, SettingError
-from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, PoseStamped, TFMessage
+from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, PoseStamped, Quaternion, TFMessage
 from tests.workers._support.known_room import draw
 from tests.workers.maps.test_map_alignment import BLUE, RED, TRUE, off
 from workers.maps.map_alignment import GridMap
@@ -133,11 +133,14 @@ def test_modules_use_the_map_that_the_profile_names_and_no_other(module: type[Mo
         assert getattr(harness.module, kept) is not None
 
 
-def test_damaged_map_is_ignored() -> None:
+def test_turned_or_empty_map_is_ignored() -> None:
     with ModuleHarness(MapMerger, {"robots": ["blue"]}) as harness:
-        harness.send(OccupancyGrid(info=MapMetaData(resolution=0.05, width=3, height=3)), topic="blue/own")
+        turned = Pose(orientation=Quaternion.from_yaw(0.3))
+        info = MapMetaData(resolution=0.05, width=3, height=3, origin=turned)
+        harness.send(OccupancyGrid(info=info, data=np.zeros(9, np.int8)), topic="blue/own")
+        harness.send(OccupancyGrid(), topic="blue/own")
         harness.advance(1.1)
-        assert harness.module.refused == 1
+        assert harness.module.refused == 2
         assert harness.module.status == "waiting for this robot's map"
 
 

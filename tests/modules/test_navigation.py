@@ -287,7 +287,7 @@ def test_navigation_waits_while_the_emergency_stop_is_engaged(robot: Robot) -> N
     ("pose", "reason"),
     [
         (PoseStamped(header=Header(frame_id="odom")), "must be given in the frame 'map', not 'odom'"),
-        (PoseStamped(pose=pose_of(math.nan, 0.0, 0.0)), "must have finite coordinates"),
+        (PoseStamped(pose=pose_of(math.nan, 0.0, 0.0)), "expected a finite number"),
     ],
 )
 def test_invalid_goal_is_refused_and_the_robot_keeps_its_goal(

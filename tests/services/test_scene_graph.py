@@ -274,11 +274,8 @@ def test_odometry_with_a_future_stamp_does_not_block_the_robot_for_ever(file: Pa
             r"odometry on 'odom' is ignored: there is no node 'base'; did",
         ),
         (odometry(1.0, 0.0, child="laser"), "odom", "the parent of node 'laser' is 'base_link', not 'odom'"),
-        (odometry(1.0, math.nan), "odom", "expected finite numbers as translation"),
         (joints(1.0, pan_join=1.0), "", "'pan_join' is ignored: there is no joint 'pan_join'; did you mean"),
-        (joints(1.0, pan_joint=math.inf), "", "must be a finite number, not inf"),
         (joints(1.0, pan_joint=3.0), "", r"joint 'pan_joint': is at 3, beyond its limits \(-1.0, 1.0\)"),
-        (JointState(name=["a", "b"], position=np.array([1.0])), "", "2 names, but 1 positions"),
         (
             PoseStamped(header=header(1.0, "mapp")),
             "map_pose",

@@ -3,9 +3,9 @@
 from typing import Self
 
 from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.flaws import Flaw, outside
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import int32, uint32
-from robbie_mp.messages.well_formed import Flaw, outside
 
 NANOSECONDS_PER_SECOND = 1_000_000_000
 

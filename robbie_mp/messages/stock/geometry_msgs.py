@@ -7,10 +7,10 @@ import math
 from typing import Literal, Self
 
 from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, MAX_POSITION_M, Flaw, beyond
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float64
 from robbie_mp.messages.stock.std_msgs import Header
-from robbie_mp.messages.well_formed import MAX_MAGNITUDE, MAX_POSITION_M, Flaw, beyond
 
 
 class Point(Message, name="geometry_msgs/msg/Point", version=1):

@@ -1,12 +1,12 @@
 """Maps, paths and odometry (ROS nav_msgs)."""
 
 from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.flaws import MAX_CELL_M, MIN_CELL_M, Flaw, outside, wrong_size
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, int8, uint32
 from robbie_mp.messages.stock.builtin_interfaces import Time
 from robbie_mp.messages.stock.geometry_msgs import Pose, PoseStamped, PoseWithCovariance, TwistWithCovariance
 from robbie_mp.messages.stock.std_msgs import Header
-from robbie_mp.messages.well_formed import MAX_CELL_M, MIN_CELL_M, Flaw, outside, wrong_size
 
 
 class MapMetaData(Message, name="nav_msgs/msg/MapMetaData", version=1):

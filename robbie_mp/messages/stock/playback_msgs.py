@@ -1,10 +1,10 @@
 """Messages that control a playback and show its state."""
 
 from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.flaws import Flaw, nan_in
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import float64, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Time
-from robbie_mp.messages.well_formed import Flaw, nan_in
 
 
 class PlaybackControl(Message, name="robbie_msgs/msg/PlaybackControl", version=1):

@@ -5,14 +5,7 @@ from typing import Any, ClassVar
 from robbie_mp.messages.calls import Feedback, Goal, Reply, Request, Result
 from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.field_types import DEFAULT
-from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
-from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
-from robbie_mp.messages.stock.geometry_msgs import Point, Pose, PoseStamped
-from robbie_mp.messages.stock.sensor_msgs import Image
-from robbie_mp.messages.stock.std_msgs import Header
-from robbie_mp.messages.stock.vision_msgs import BoundingBox2D
-from robbie_mp.messages.well_formed import (
+from robbie_mp.messages.flaws import (
     MAX_MAGNITUDE,
     Flaw,
     beyond,
@@ -20,6 +13,13 @@ from robbie_mp.messages.well_formed import (
     outside,
     unlike_lengths,
 )
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
+from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
+from robbie_mp.messages.stock.geometry_msgs import Point, Pose, PoseStamped
+from robbie_mp.messages.stock.sensor_msgs import Image
+from robbie_mp.messages.stock.std_msgs import Header
+from robbie_mp.messages.stock.vision_msgs import BoundingBox2D
 
 
 class ModuleState(Message, name="robbie_msgs/msg/ModuleState", version=1):

@@ -4,11 +4,7 @@ import math
 from typing import ClassVar, Literal
 
 from robbie_mp.messages.field_types import DEFAULT
-from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import Array, float32, float64, int8, int32, uint8, uint16, uint32
-from robbie_mp.messages.stock.geometry_msgs import Quaternion, Vector3
-from robbie_mp.messages.stock.std_msgs import Header
-from robbie_mp.messages.well_formed import (
+from robbie_mp.messages.flaws import (
     MAX_MAGNITUDE,
     MAX_POSITION_M,
     Flaw,
@@ -18,6 +14,10 @@ from robbie_mp.messages.well_formed import (
     unlike_lengths,
     wrong_size,
 )
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.primitives import Array, float32, float64, int8, int32, uint8, uint16, uint32
+from robbie_mp.messages.stock.geometry_msgs import Quaternion, Vector3
+from robbie_mp.messages.stock.std_msgs import Header
 
 MAX_ANGLE_RAD = 1e3
 MAX_SCAN_S = 1e3

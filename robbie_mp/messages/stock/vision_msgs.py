@@ -1,11 +1,11 @@
 """Detections in images (ROS vision_msgs, https://github.com/ros-perception/vision_msgs, branch ros2)."""
 
 from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, Flaw, beyond, outside
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import float64
 from robbie_mp.messages.stock.geometry_msgs import PoseWithCovariance
 from robbie_mp.messages.stock.std_msgs import Header
-from robbie_mp.messages.well_formed import MAX_MAGNITUDE, Flaw, beyond, outside
 
 
 class Point2D(Message, name="vision_msgs/msg/Point2D", version=1):

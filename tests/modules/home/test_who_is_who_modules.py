@@ -110,7 +110,10 @@ def show(
         k = [FOCAL_PX, 0.0, CENTRE_PX, 0.0, FOCAL_PX, 256.0, 0.0, 0.0, 1.0]
         harness.send(CameraInfo(header=header(harness), k=np.array(k)), topic="camera")
         seen = header(harness, "camera_optical")
-        harness.send(Image(header=seen, height=1, width=1, encoding="rgb8", step=3), topic="camera")
+        pixel = np.zeros(3, np.uint8)
+        harness.send(
+            Image(header=seen, height=1, width=1, encoding="rgb8", step=3, data=pixel), topic="camera"
+        )
         if faces is not None:
             harness.send(Detection2DArray(header=seen, detections=faces), topic="camera")
         transforms(harness)

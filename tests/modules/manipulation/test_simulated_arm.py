@@ -25,6 +25,13 @@ def command(position: dict[str, float], valid_for_s: float) -> JointCommand:
     )
 
 
+def hold(arm: ModuleHarness[SimulatedArm], position: dict[str, float], duration_s: float) -> None:
+    """Command positions again and again."""
+    for _ in range(round(duration_s / 0.1)):
+        arm.send(command(position, 0.3), topic="module")
+        arm.advance(0.1)
+
+
 @pytest.fixture
 def arm() -> Iterator[ModuleHarness[SimulatedArm]]:
     with ModuleHarness(SimulatedArm, SETTINGS) as harness:
@@ -41,11 +48,10 @@ def test_limits_and_speeds_are_those_of_the_urdf(arm: ModuleHarness[SimulatedArm
     (limits,) = arm.take(JointLimits)
     assert limits.name == NAMES
     assert (limits.lower[1], limits.upper[1], limits.upper[6]) == (-1.85, 1.75, 0.045)
-    arm.send(command({"shoulder": 1.0, "waist": 9.0}, 10.0), topic="module")
-    arm.advance(0.5)
+    hold(arm, {"shoulder": 1.0, "waist": 9.0}, 0.5)
     at = newest(arm)
     assert [at["shoulder"], at["waist"]] == pytest.approx([0.6, 0.75], abs=0.07)
-    arm.advance(3.0)
+    hold(arm, {"shoulder": 1.0, "waist": 9.0}, 3.0)
     assert newest(arm)["waist"] == pytest.approx(2.9)
 
 
@@ -60,8 +66,7 @@ def test_arm_stands_still_when_its_command_expires(arm: ModuleHarness[SimulatedA
 
 
 def test_restarted_arm_is_where_it_was_and_holds_what_it_held(arm: ModuleHarness[SimulatedArm]) -> None:
-    arm.send(command({"elbow": 0.5, "gripper": 0.02}, 10.0), topic="module")
-    arm.advance(2.0)
+    hold(arm, {"elbow": 0.5, "gripper": 0.02}, 2.0)
     before = newest(arm)
     assert before["elbow"] == pytest.approx(0.5)
     truth = arm.take(TabletopTruth)[-1]
