@@ -17,7 +17,7 @@ from robbie_mp.module.setting_changes import NotChangeable
 from robbie_mp.profile.reader import read_text
 from robbie_mp.profile.show import inline
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool.parameters import ANSWER_TIMEOUT_S, Parameters
+from robbie_mp.tool.parameters import ANSWER_TIMEOUT_S, Answer, Parameters
 from robbie_mp.views.plain_table import PlainTable
 
 if TYPE_CHECKING:
@@ -60,7 +60,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "set",
         "change a setting",
         "Change a setting of a running module. The module checks the value as it checks a profile's, and "
-        "uses it from the next message on. The change lasts until the run ends, even if the module restarts.",
+        "uses it from the next message on. The change lasts until the run ends, even if the module restarts. "
+        "But if the module dies before it has run with the value for 5 s, the value is taken back. A module "
+        "that does not run takes the change at its next start.",
         ["robbie param set mapping.resolution_m 0.1", "robbie param set camera.size '[640, 480]'"],
     )
     _add_setting_argument(changed)
@@ -146,9 +148,23 @@ def change(arguments: argparse.Namespace) -> int:
     """Ask a module to change a setting, and print what it answers."""
     parameters = Parameters(choose_run(arguments.run))
     _, _, before = parameters.find_changeable(arguments.setting)
-    value = parameters.set_text(arguments.setting, arguments.value, arguments.timeout)
-    print(f"{arguments.setting} is {value}, was {inline(before['value'])}")
+    value, waits = parameters.set_text(arguments.setting, arguments.value, arguments.timeout)
+    print(_told(arguments.setting, value, waits, before["value"]))
     return 0
+
+
+def _told(path: str, value: str, waits: str, before: object) -> str:
+    """Say what became of a change.
+
+    Args:
+        path: the setting.
+        value: its new value.
+        waits: the state of its module, if the change waits for its start.
+        before: the value before.
+    """
+    if waits:
+        return f"{path.partition('.')[0]} is {waits}: it takes {path} = {value} at its next start"
+    return f"{path} is {value}, was {inline(before)}"
 
 
 def dump(arguments: argparse.Namespace) -> int:
@@ -189,16 +205,15 @@ def load(arguments: argparse.Namespace) -> int:
     parameters = Parameters(run)
     wanted = _read(Path(arguments.file))
     before = _check(parameters, wanted, arguments.file)
-    done: list[str] = []
+    done: dict[str, Answer] = {}
     try:
         for path in before:
-            parameters.set(path, wanted[path], arguments.timeout)
-            done.append(path)
+            done[path] = parameters.set_text(path, inline(wanted[path]), arguments.timeout)
     except RobbieError as error:
         _take_back(parameters, {path: before[path] for path in reversed(done)}, arguments.timeout)
         raise CannotLoad(f"{path}: {error}") from error
     for path, value in before.items():
-        print(f"{path} is {inline(wanted[path])}, was {inline(value)}")
+        print(_told(path, inline(wanted[path]), done[path].waits, value))
     print(f"{len(before)} of {len(wanted)} settings changed; the others had these values already")
     return 0
 

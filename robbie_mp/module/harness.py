@@ -144,6 +144,7 @@ class ModuleHarness(Generic[ModuleClass]):
         check_period(self.module)
         self._next_tick_ns = self.clock.monotonic_ns()
         self._calls.begin()
+        self._changes.begin()
         return self
 
     def __exit__(

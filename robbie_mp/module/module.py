@@ -694,6 +694,11 @@ def tick_is_awaited(module: Module) -> bool:
     return is_awaited
 
 
+def health_of(module: Module) -> Health:
+    """Return a module's health, for what runs it."""
+    return module._health
+
+
 def calls_of(module: Module) -> Calls:
     """Return a module's calls and services, for the loop that runs it."""
     return module._calls

@@ -121,11 +121,13 @@ class ModuleRunner:
         while not self.ends and not self._may_go():
             self._wakeup.wait(MAX_WAIT_S)
         self._calls.begin()
+        self._changes.begin()
         self._ticks.begin()
         self._take_turns()
         if self._module.patience_s:
             self._handle_the_rest()
         self._begin(Activity.TEARDOWN)
+        self._changes.end()
         self._module.teardown()
         self._idle()
         self._inbox.release_unreferenced()

@@ -86,7 +86,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock, wiring), peers)
     context = ModuleContext(
         name=name,
-        settings=read_settings(plan, planned, module_class, settings_file.changed()),
+        settings=read_settings(plan, planned, module_class, settings_file.start().values),
         bus=bus,
         clock=clock,
         config=Config(plan.config),

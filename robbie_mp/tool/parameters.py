@@ -3,7 +3,7 @@
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from typing import Any
+from typing import Any, NamedTuple
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import SettingChange, SettingChanged
@@ -15,13 +15,22 @@ from robbie_mp.run.control import RunNotControlled
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.suggest import did_you_mean
-from robbie_mp.supervisor.states import state_name
+from robbie_mp.supervisor.states import ChildState, state_name
 from robbie_mp.tool.tool import Received, Tool
 
 OPEN_TIMEOUT_S = 2.0
 ANSWER_TIMEOUT_S = 5.0
 Entry = dict[str, Any]
 """A setting as in a SettingsFile: value, type, outline, description, changeable, changed."""
+
+
+class Answer(NamedTuple):
+    """What became of a change."""
+
+    value: str
+    """The new value as text."""
+    waits: str = ""
+    """The state of the module, which does not run and takes the change at its next start; '': it has."""
 
 
 class NoAnswer(RobbieError, TimeoutError):
@@ -115,6 +124,8 @@ class Parameters(Mapping[str, Any]):
     def set(self, path: str, value: object, timeout_s: float = ANSWER_TIMEOUT_S) -> str:
         """Ask a module to change a setting, and wait for its answer.
 
+        A module that does not run takes the change at its next start, and nothing is awaited.
+
         Args:
             path: the setting.
             value: the new value, as a profile would hold it.
@@ -130,11 +141,19 @@ class Parameters(Mapping[str, Any]):
             ControlRefused: the profile allows no further tools.
             RunEnded, RunNotControlled: the run has ended, or is just starting.
         """
-        return self.set_text(path, inline(value), timeout_s)
+        return self.set_text(path, inline(value), timeout_s).value
 
-    def set_text(self, path: str, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> str:
-        """Do the same as `set`, with the value in YAML."""
+    def set_text(self, path: str, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
+        """Do the same as `set`, with the value in YAML; the answer also says whether the change waits."""
         module, name, _ = self.find_changeable(path)
+        file = SettingsFile(self._run.folder, module)
+        if not self._is_running(module):
+            file.wait_for_start(name, text)
+            if not self._is_running(module) or not file.withdraw(name):
+                return Answer(text, self._state(module))
+        return Answer(self._ask(module, name, path, text, timeout_s))
+
+    def _ask(self, module: str, name: str, path: str, text: str, timeout_s: float) -> str:
         with closing(Tool(self._run, f"robbie param set {path}")) as tool:
             tool.subscribe(SettingChanged.type_name, SettingChanged.version, module)
             tool.ready()
@@ -152,6 +171,9 @@ class Parameters(Mapping[str, Any]):
         if answer.error:
             raise SettingError(f"{module} refuses: {answer.error}", name)
         return answer.value
+
+    def _is_running(self, module: str) -> bool:
+        return self._state(module) == ChildState.RUNNING
 
     def _state(self, module: str) -> str:
         with closing(RunObserver(self._run.run_id)) as observer:

@@ -11,6 +11,7 @@ import pytest
 
 from robbie_mp.cli import completers, main
 from robbie_mp.cli.runs import live_runs
+from robbie_mp.module.setting_changes import SettingsFile
 from robbie_mp.profile.load import load_profile
 from tests._support.robot import Robot, kill, wait_until
 
@@ -185,6 +186,8 @@ def changes_settings(person: Person) -> None:
     assert "did you mean 'gain'" in person.errors
     person.types("param", "set", "pulse.burst", "3", code=1)
     assert person.errors.startswith("pulse has no setting 'burst' that can be changed while it runs")
+    file = SettingsFile(person.robot.known_run().folder, "tunable")
+    wait_until(lambda: not file.read()["gain"]["change"]["is_on_trial"])
     kill(person.robot.top()["tunable"]["pid"])
     wait_until(lambda: person.robot.journal("tunable") == [2, 5, 5])  # the next incarnation has it still
 

@@ -8,7 +8,7 @@ import pytest
 
 from robbie_mp import Module, ModuleHarness, SettingError, setting
 from robbie_mp.messages import SettingChange, SettingChanged
-from robbie_mp.module.setting_changes import NotChangeable, SettingChanges, SettingsFile
+from robbie_mp.module.setting_changes import TRIAL_S, NotChangeable, SettingChanges, SettingsFile
 
 
 class Filter(Module):
@@ -75,19 +75,127 @@ def test_module_answers_requests_by_message() -> None:
 
 def test_changes_are_kept_for_the_next_incarnation(tmp_path: Path) -> None:
     file = SettingsFile(tmp_path, "filter")
-    assert file.changed() == {}
+    assert file.start().values == {}
     harness = ModuleHarness(Filter, name="filter")
     harness.module.setup()
     changes = SettingChanges(harness.module, harness.bus, file)
     changes.listen()
-    assert file.changed() == {}
+    changes.begin()
+    assert file.start().values == {}
     changes.change("high", 3)
-    assert file.changed() == {"high": 3.0}
+    harness.advance(TRIAL_S)
+    assert file.start().values == {"high": 3.0}
     assert file.read()["low"] == {
         "value": 1.0, "type": "float, at least 0", "description": "lower bound", "changeable": True,
         "changed": False,
         "outline": {"kind": "float", "is_list": False, "choices": [], "minimum": 0.0, "maximum": None},
     }  # fmt: skip
+
+
+class Life:
+    """One process of the filter, which starts with what the one before has left."""
+
+    def __init__(self, folder: Path, *, ends_setup: bool = True):
+        self.file = SettingsFile(folder, "filter")
+        self.harness = ModuleHarness(Filter, self.file.start().values, name="filter")
+        self.module = self.harness.module
+        self.changes = SettingChanges(self.module, self.harness.bus, self.file)
+        self.changes.listen()
+        self.module.setup()
+        if ends_setup:
+            self.changes.begin()
+
+    def set(self, name: str, value: float, then_s: float = TRIAL_S) -> None:
+        self.changes.change(name, value)
+        self.harness.advance(then_s)
+
+    @property
+    def taken_back(self) -> list[str]:
+        return [answer.error for answer in self.harness.take(SettingChanged, "filter") if not answer.request]
+
+
+def test_value_with_which_its_module_dies_soon_is_taken_back(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = Life(tmp_path)
+    first.set("high", 3)
+    first.set("high", 13, then_s=TRIAL_S - 0.1)
+    second = Life(tmp_path)
+    assert second.module.high == 3.0, "the value before survived"
+    assert "setting high was taken back from 13.0 to 3.0: the module died before" in caplog.text
+    assert len(second.taken_back) == 1
+    second.set("high", 4, then_s=0)
+    third = Life(tmp_path)
+    assert third.module.high == 3.0
+    third.set("high", 5)
+    fourth = Life(tmp_path)
+    assert fourth.module.high == 5.0
+    assert fourth.taken_back == []
+
+
+def test_value_of_the_profile_comes_back_if_no_change_survived(tmp_path: Path) -> None:
+    Life(tmp_path).set("high", 3, then_s=1.0)
+    second = Life(tmp_path)
+    assert second.module.high == 2.0
+    assert not second.file.read()["high"]["changed"]
+
+
+def test_value_that_kills_only_in_setup_is_taken_back_too(tmp_path: Path) -> None:
+    Life(tmp_path).set("high", 3)
+    assert Life(tmp_path, ends_setup=False).module.high == 3.0
+    assert Life(tmp_path).module.high == 2.0
+
+
+def test_value_that_has_started_once_stays_whatever_else_kills_the_module(tmp_path: Path) -> None:
+    Life(tmp_path).set("high", 3)
+    for _ in range(2):
+        assert Life(tmp_path).module.high == 3.0
+        assert Life(tmp_path, ends_setup=False).module.high == 3.0
+
+
+def test_module_that_is_stopped_in_order_keeps_a_new_value(tmp_path: Path) -> None:
+    first = Life(tmp_path)
+    first.set("high", 3, then_s=0)
+    first.changes.end()
+    assert Life(tmp_path).module.high == 3.0
+
+
+def test_other_settings_are_not_taken_back(tmp_path: Path) -> None:
+    first = Life(tmp_path)
+    first.set("high", 3)
+    first.set("low", 1.5, then_s=0)
+    second = Life(tmp_path)
+    assert (second.module.low, second.module.high) == (1.0, 3.0)
+
+
+def test_value_that_waits_for_the_start_is_there_before_setup(tmp_path: Path) -> None:
+    Life(tmp_path).file.wait_for_start("high", "7")
+    second = Life(tmp_path, ends_setup=False)
+    assert second.module.high == 7.0
+    assert second.file.waiting() == {}
+    assert Life(tmp_path).module.high == 2.0, "it died with it"
+    second.file.wait_for_start("high", "8")
+    third = Life(tmp_path)
+    third.harness.advance(TRIAL_S)
+    assert Life(tmp_path).module.high == 8.0
+
+
+def test_value_that_comes_during_setup_is_applied_when_the_module_runs(tmp_path: Path) -> None:
+    life = Life(tmp_path, ends_setup=False)
+    life.file.wait_for_start("high", "7")
+    life.changes.begin()
+    assert life.module.used == [("high", 7.0)]
+
+
+@pytest.mark.parametrize(("name", "text"), [("high", "[1"), ("high", "much"), ("low", "99"), ("window", "3")])
+def test_value_that_waits_and_does_not_fit_is_not_used(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, text: str
+) -> None:
+    Life(tmp_path).file.wait_for_start(name, text)
+    life = Life(tmp_path)
+    assert (life.module.low, life.module.high, life.module.window) == (1.0, 2.0, 5)
+    assert "a value that waited for this start is not used" in caplog.text
+    assert life.file.waiting() == {}
 
 
 def test_damaged_file_is_ignored(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import logging
 import math
 import threading
+from collections.abc import Callable
 
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.client import ClientCalls
@@ -39,6 +40,7 @@ class Calls:
         self.client = ClientCalls(bus, clock, log, self.due)
         self.server = ServiceCalls(bus, log, self.due)
         self.deadlines = Deadlines(bus, clock, health or Health(log), self.due)
+        self._later: list[tuple[int, Callable[[], None]]] = []
         self._thread = threading.get_ident()
         self.is_granted = False
         self._has_begun = False
@@ -74,6 +76,26 @@ class Calls:
             self.server.check_rivals()
         self.deadlines.begin()
 
+    def call_later(self, delay_s: float, action: Callable[[], None]) -> None:
+        """Do something once, between two messages or ticks.
+
+        Args:
+            delay_s: when, from now on, by the machine's clock.
+            action: what.
+        """
+        due_ns = self._bus.peers.now_ns() + round(delay_s * 1e9)
+        self._later.append((due_ns, action))
+        self.due.bring_forward(due_ns)
+
+    def _run_later(self) -> int:
+        """Do what was put off until now; return when the next action is due."""
+        now_ns = self._bus.peers.now_ns()
+        due = [action for due_ns, action in self._later if due_ns <= now_ns]
+        self._later = [entry for entry in self._later if entry[0] > now_ns]
+        for action in due:
+            action()
+        return min((due_ns for due_ns, _ in self._later), default=NEVER_NS)
+
     def wait_s(self) -> float:
         """Return how long the module may wait for messages, in s; infinite if nothing is due."""
         due_ns = self.due.ns
@@ -98,11 +120,11 @@ class Calls:
             client.report()
         if server.are_any and self._bus.peers.now_ns() >= server.look_again_ns:
             server.check_rivals()
-        if self.is_granted:
-            self.due.ns = min(client.due_ns(), server.due_ns())
-            return
-        self.deadlines.look()
-        self.due.ns = min(client.due_ns(), server.due_ns(), self.deadlines.due_ns)
+        later_ns = self._run_later() if self._later else NEVER_NS
+        if not self.is_granted:
+            self.deadlines.look()
+            later_ns = min(later_ns, self.deadlines.due_ns)
+        self.due.ns = min(client.due_ns(), server.due_ns(), later_ns)
 
     def run_granted(self) -> None:
         """Do what is due by the module's clock, when a tick is granted."""
