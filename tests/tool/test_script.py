@@ -139,7 +139,7 @@ def says_why_nothing_comes(run: AttachedRun) -> None:
     for kind, topic, why in (
         (Image, "", "no Image within 0.05 s; no module publishes it"),
         (DriveCommand, "arm", "nothing is published on topic 'arm', but on 'wheels'"),
-        (Newer, "", "the robot has version 1, this program version 99"),
+        (Newer, "", f"the robot has version {DriveCommand.version}, this program version 99"),
     ):
         with pytest.raises(NothingHeard) as caught:
             run.latest(kind, topic, timeout_s=0.05)
