@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
+from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     LaserScan,
@@ -45,8 +46,9 @@ class MonteCarloLocalization(Module):
         else:
             self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
-        self.subscribe(Odometry, self.on_odometry, topic="odom")
-        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST, topic=self.scan_topic)
+        self.subscribe(Odometry, self.on_odometry, topic="odom", deadline_s=ODOMETRY_S)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic, deadline_s=LASER_S)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         self.subscribe(PoseStamped, self.on_initial_pose, topic="initial_pose", optional=True)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from modules.planar_messages import laser_mount, planar, pose_stamped
+from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
@@ -68,8 +69,8 @@ class Mapping(Module):
             self._restore(self.restored)
         self.next_checkpoint_s = 0.0
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
-        self.subscribe(Odometry, self.on_odometry, topic="odom")
-        self.subscribe(LaserScan, self.on_scan, topic=self.scan_topic)
+        self.subscribe(Odometry, self.on_odometry, topic="odom", deadline_s=ODOMETRY_S)
+        self.subscribe(LaserScan, self.on_scan, topic=self.scan_topic, deadline_s=LASER_S)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         if self.draw_truth:
             self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")

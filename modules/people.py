@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from modules.people_messages import People, PeopleClothes, Person
 from modules.planar_messages import map_cells
+from modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     CameraInfo,
@@ -65,10 +66,10 @@ class PeopleFinder(Module):
         self.seen = self.pictures = self.unplaced = 0
         self.scene = SceneGraphListener(self)
         newest = MessageHandling.KEEP_ONLY_NEWEST
-        self.subscribe(LaserScan, self.on_scan)
+        self.subscribe(LaserScan, self.on_scan, deadline_s=LASER_S)
         self.subscribe(OccupancyGrid, self.on_map, newest, optional=True)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera", optional=True)
-        self.subscribe(Image, self.on_image, newest, topic="camera", optional=True)
+        self.subscribe(Image, self.on_image, newest, topic="camera", optional=True, deadline_s=CAMERA_S)
 
     def on_scan(self, scan: LaserScan) -> None:
         """Keep the newest scans of each laser, by its frame, until their poses are known."""

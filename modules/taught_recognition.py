@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from modules.sensor_deadlines import CAMERA_S
 from robbie_mp import CallRefused, Header, MessageHandling, Module, SettingError, setting
 from robbie_mp.checkpoint.file import write_file
 from robbie_mp.messages import (
@@ -95,7 +96,8 @@ class TaughtRecognition(Module):
             self.log.error("starts without what was taught: %s", error)
         self.image: Image | None = None
         self.images = self.sightings = self.unusable = 0
-        self.subscribe(Image, self.on_image, MessageHandling.KEEP_ONLY_NEWEST, topic=self.camera)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(Image, self.on_image, newest, topic=self.camera, deadline_s=CAMERA_S)
         self.serve(TeachRecognition, self.on_teach, topic=self.kind)
         self.serve(ForgetRecognition, self.on_forget, topic=self.kind)
         self._publish_names()

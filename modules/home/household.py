@@ -38,6 +38,7 @@ from modules.navigation_goals import NavigationGoals
 from modules.people import PEOPLE, THINGS, reports_of
 from modules.people_messages import People
 from modules.planar_messages import angles_rad, planar, pose_stamped
+from modules.sensor_deadlines import LASER_S
 from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import (
     ActiveGoal,
@@ -178,7 +179,7 @@ class Household(Module):
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(MapAnnotations, self.on_annotations, newest)
         if self.doors:
-            self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic)
+            self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic, deadline_s=LASER_S)
         self.subscribe(People, self.on_people, newest, topic=PEOPLE, optional=True)
         self.subscribe(People, self.on_things, newest, topic=THINGS, optional=True)
         self.subscribe(TableObjects, self.on_table, newest, optional=True)

@@ -25,6 +25,7 @@ from modules.manipulation.messages import (
     TableObjects,
 )
 from modules.manipulation.shape_messages import view_of
+from modules.sensor_deadlines import JOINTS_S
 from robbie_mp import (
     REQUIRED,
     ActiveGoal,
@@ -101,7 +102,7 @@ class Manipulation(Module):
         self.serve_goals(HandOver, self.on_hand_over, self.on_cancel)
         self.serve_goals(StowArm, self.on_stow, self.on_cancel)
         newest = MessageHandling.KEEP_ONLY_NEWEST
-        self.subscribe(JointState, self.on_joints, newest, topic="arm")
+        self.subscribe(JointState, self.on_joints, newest, topic="arm", deadline_s=JOINTS_S)
         self.subscribe(TableObjects, self.on_table, newest)
 
     def _restore(self, kept: dict[str, Any]) -> None:

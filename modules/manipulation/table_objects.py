@@ -7,6 +7,7 @@ import numpy as np
 import yaml
 
 from modules.manipulation.shape_messages import view_message
+from modules.sensor_deadlines import CAMERA_S
 from robbie_mp import REQUIRED, Header, MessageHandling, Module, SettingError, setting
 from robbie_mp.messages import (
     CameraInfo,
@@ -75,7 +76,7 @@ class TableObjectFinder(Module):
         self.images = self.alone = self.skipped = 0
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(CameraInfo, self.on_camera, newest, topic="depth")
-        self.subscribe(Image, self.on_image, newest, topic="depth")
+        self.subscribe(Image, self.on_image, newest, topic="depth", deadline_s=CAMERA_S)
         if self.pictures:
             self.subscribe(TaughtNames, self.on_taught, newest, topic=TAUGHT, optional=True)
             self.subscribe(CameraInfo, self.on_picture_camera, newest, topic=self.pictures, optional=True)

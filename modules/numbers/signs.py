@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modules.numbers.messages import NumberSigns
 from modules.planar_messages import angles_rad, map_cells, pose_stamped
+from modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -81,8 +82,8 @@ class NumberSignFinder(Module):
         self.scene = SceneGraphListener(self)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
-        self.subscribe(Image, self.on_image, newest, topic="camera")
-        self.subscribe(LaserScan, self.scans.append, topic=self.scan_topic)
+        self.subscribe(Image, self.on_image, newest, topic="camera", deadline_s=CAMERA_S)
+        self.subscribe(LaserScan, self.scans.append, topic=self.scan_topic, deadline_s=LASER_S)
         self.subscribe(OccupancyGrid, self.on_map, newest)
 
     def on_camera(self, camera: CameraInfo) -> None:

@@ -17,6 +17,7 @@ from modules.rescue.messages import (
     SearchedWalls,
     VictimFound,
 )
+from modules.sensor_deadlines import BATTERY_S
 from modules.team_messages import GoalClaim, MapAlignment
 from robbie_mp import (
     CallRefused,
@@ -146,7 +147,7 @@ class RescueMission(Module):
         self.serve(OrderMission, self.on_order)
         self.subscribe(VictimFound, self.on_victim)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
-        self.subscribe(BatteryState, self.on_battery, newest, topic="battery")
+        self.subscribe(BatteryState, self.on_battery, newest, topic="battery", deadline_s=BATTERY_S)
         self.subscribe(Bumper, self.on_bumper, topic="bumper", optional=True)
         for device in self.devices:
             self.subscribe(DeviceState, self.on_device, topic=device, optional=True)

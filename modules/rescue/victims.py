@@ -7,6 +7,7 @@ import numpy as np
 
 from modules.planar_messages import map_cells
 from modules.rescue.messages import AnswerVictim, SearchedWalls, VictimAnswered, VictimFound
+from modules.sensor_deadlines import CAMERA_S
 from robbie_mp import CallRefused, Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -83,9 +84,10 @@ class Victims(Module):
             self.searched.restore(self.restored["searched"])
             self.images = self.restored["images"]
         self.scene = SceneGraphListener(self)
-        self.subscribe(CameraInfo, self.on_camera, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
-        self.subscribe(Image, self.on_image, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
-        self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST, topic=self.map_topic)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
+        self.subscribe(Image, self.on_image, newest, topic="camera", deadline_s=CAMERA_S)
+        self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
         self.advertise(VictimFound)
         self.serve(AnswerVictim, self.on_answer)
 
