@@ -1,12 +1,17 @@
 """The demo's application control module: explores the arena, drives home, and ends the run."""
 
+import math
+
 from hw.laser import LaserGeometry
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
-from robbie_mp.messages import DriveCommand, LaserScan, OccupancyGrid, PoseStamped
+from robbie_mp.messages import ControlState, DriveCommand, LaserScan, OccupancyGrid, PoseStamped
 from workers.exploration.explorer import Explorer
 from workers.exploration.explorer_states import ExplorerSettings
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.path_follower import FollowerSettings, PathFollower
+
+LATE_S = 0.4
+"""Pose and laser must keep coming at least this often."""
 
 
 class Exploration(Module):
@@ -29,11 +34,14 @@ class Exploration(Module):
     def setup(self) -> None:
         """Subscribe; the first scan creates the explorer."""
         self.explorer: Explorer | None = None
+        self.hold = ""
         self.before = self.restored or {"home_xy_m": None, "exploring_ended": None, "used_s": 0.0}
         self.began_s = self._time_s()
-        self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
-        self.subscribe(PoseStamped, self.on_pose, MessageHandling.KEEP_ONLY_NEWEST, topic="map_pose")
-        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST, topic=self.scan_topic)
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(OccupancyGrid, self.on_map, newest)
+        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", deadline_s=LATE_S)
+        self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic, deadline_s=LATE_S)
+        self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Pass a new map to the explorer."""
@@ -47,7 +55,8 @@ class Exploration(Module):
         """Pass the robot's pose to the explorer."""
         if self.explorer is not None:
             position = pose.pose.position
-            self.explorer.see_pose((position.x, position.y, pose.pose.orientation.yaw), self._published_s())
+            place = position.x, position.y, pose.pose.orientation.yaw
+            self.explorer.see_pose(place, pose.header.stamp.nanoseconds / 1e9, self._published_s())
 
     def on_scan(self, scan: LaserScan) -> None:
         """Pass a scan to the explorer; the first scan defines the laser's geometry."""
@@ -69,7 +78,14 @@ class Exploration(Module):
                 home_xy_m=self.before["home_xy_m"],
             )
             self.explorer.exploring_ended = self.before["exploring_ended"]
-        self.explorer.see_sweep(scan.ranges, self._published_s())
+            self.explorer.see_hold(self.hold)
+        self.explorer.see_sweep(scan.ranges, scan.header.stamp.nanoseconds / 1e9, self._published_s())
+
+    def on_control(self, control: ControlState) -> None:
+        """Pass to the explorer whether the robot may drive by itself."""
+        self.hold = "" if control.mode == ControlState.AUTO else control.reason or "no reason given"
+        if self.explorer is not None:
+            self.explorer.see_hold(self.hold)
 
     def tick(self) -> None:
         """Command the drive; end the module when the task has ended."""
@@ -77,12 +93,14 @@ class Exploration(Module):
             self.status = "waiting for the laser"
             return
         linear_m_per_s, angular_rad_per_s = self.explorer.drive()
+        rests_on_s = self.explorer.rests_on_s
         self.publish(
             DriveCommand(
                 header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link"),
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+                based_on=Time() if math.isinf(rests_on_s) else Time.from_nanoseconds(round(rests_on_s * 1e9)),
             )
         )
         ended = self.explorer.exploring_ended

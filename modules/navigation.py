@@ -1,5 +1,7 @@
 """Navigation: drives the robot to goals."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ from robbie_mp import (
 )
 from robbie_mp.messages import (
     CancelNavigation,
+    ControlState,
     Costmap,
     CostmapMetaData,
     DriveCommand,
@@ -84,7 +87,7 @@ class Navigation(Module):
     heading_tolerance_rad: float = setting(
         0.15, "tolerance of the goal's heading; pi: any heading", minimum=0.02
     )
-    stale_s: float = setting(0.6, "the robot stops when pose or laser is older than this", minimum=0.05)
+    stale_s: float = setting(0.4, "the robot stops when pose or laser is older than this", minimum=0.05)
     max_recoveries: int = setting(6, "recovery attempts before the goal is given up", minimum=0)
     enters_unknown: bool = setting(
         False, "drive through places that were never seen if no other path leads to the goal"
@@ -103,6 +106,7 @@ class Navigation(Module):
     def setup(self) -> None:
         """Subscribe; the first scan creates the navigator."""
         self.navigator: Navigator | None = None
+        self.hold = ""
         self.laser_pose = np.zeros(3)
         self.mounts: dict[str, NDArray[np.float64]] = {}
         self.grid: OccupancyGrid | None = None
@@ -126,12 +130,13 @@ class Navigation(Module):
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
         self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
-        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
-        self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic)
+        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", deadline_s=self.stale_s)
+        self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic, deadline_s=self.stale_s)
         for topic in self.more_scan_topics:
-            self.subscribe(LaserScan, self.on_further_scan, newest, topic=topic)
+            self.subscribe(LaserScan, self.on_further_scan, newest, topic=topic, deadline_s=self.stale_s)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         self.subscribe(EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state")
+        self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
 
     def on_goal(self, active: Active) -> None:
         """Drive to a new goal from now on, unless it is invalid."""
@@ -234,6 +239,7 @@ class Navigation(Module):
         """Pass a scan to the navigator; the first scan defines the laser's geometry."""
         if self.navigator is None:
             self.navigator = self._make_navigator(scan)
+            self.navigator.see_hold(self.hold)
             self._see_map()
             if self.goal is not None:
                 self.navigator.go_to(self.goal)
@@ -254,6 +260,12 @@ class Navigation(Module):
         """Pass the emergency stop's state to the navigator."""
         if self.navigator is not None:
             self.navigator.see_emergency_stop((message.reason or "no reason given") * message.engaged)
+
+    def on_control(self, control: ControlState) -> None:
+        """Pass to the navigator whether the robot may drive by itself."""
+        self.hold = "" if control.mode == ControlState.AUTO else control.reason or "no reason given"
+        if self.navigator is not None:
+            self.navigator.see_hold(self.hold)
 
     def setting_changed(self, name: str) -> None:
         """Apply a new maximum speed."""
@@ -314,8 +326,14 @@ class Navigation(Module):
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+                based_on=self._rests_on(),
             )
         )
+
+    def _rests_on(self) -> Time:
+        """Return the stamp of the oldest measurement that a command rests on."""
+        rests_on_s = -math.inf if self.navigator is None else self.navigator.rests_on_s
+        return Time() if math.isinf(rests_on_s) else Time.from_nanoseconds(round(rests_on_s * 1e9))
 
     def _make_navigator(self, scan: LaserScan) -> Navigator:
         """Make the navigator for the laser's geometry."""

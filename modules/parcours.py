@@ -6,7 +6,7 @@ import json
 from hw.pose import Pose
 from modules.planar_messages import angles_rad, planar
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
-from robbie_mp.messages import DriveCommand, LaserScan, Odometry, PoseStamped
+from robbie_mp.messages import ControlState, DriveCommand, LaserScan, Odometry, PoseStamped
 from workers.parcours.lap_counter import LapCounter, LapState
 from workers.parcours.race_driver import RaceDriver, RaceLimits
 
@@ -33,13 +33,23 @@ class Parcours(Module):
         """Subscribe; the first scan creates the driver."""
         self.driver: RaceDriver | None = None
         self.speeds = (0.0, 0.0)
-        self.scan_ns: int | None = None
+        self.scan_stamp = Time()
+        self.holds = False
         self.speed_m_per_s = 0.0
         self.counter = LapCounter(self.restored and LapState.from_plain(self.restored["laps"]))
         self.has_map: bool = self.restored is not None and self.restored["has_map"]
         self.began_s: float = self._time_s() if self.restored is None else self.restored["began_s"]
-        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST, topic=self.scan_topic)
+        self.subscribe(
+            LaserScan,
+            self.on_scan,
+            MessageHandling.KEEP_ONLY_NEWEST,
+            topic=self.scan_topic,
+            deadline_s=self.stale_s,
+        )
         self.subscribe(Odometry, self.on_odometry, topic="odom")
+        self.subscribe(
+            ControlState, self.on_control, MessageHandling.KEEP_ONLY_NEWEST, topic="control", optional=True
+        )
         self.subscribe(PoseStamped, self.on_map_pose, topic="map_pose", optional=True)
 
     def setting_changed(self, _name: str) -> None:
@@ -51,8 +61,12 @@ class Parcours(Module):
         if self.driver is None:
             limits = RaceLimits(max_linear_m_per_s=self.max_linear_m_per_s, margin_m=self.margin_m)
             self.driver = RaceDriver(angles_rad(scan), limits)
-        self.scan_ns = self.clock.now_ns()
+        self.scan_stamp = scan.header.stamp
         self.speeds = self.driver.drive(scan.ranges, self.speed_m_per_s)
+
+    def on_control(self, control: ControlState) -> None:
+        """Stand while an operator drives, and until somebody orders the robot to go on."""
+        self.holds = control.mode != ControlState.AUTO
 
     def on_odometry(self, odometry: Odometry) -> None:
         """Take the speed; count laps as long as there is no map."""
@@ -80,9 +94,9 @@ class Parcours(Module):
         if self.counter.laps >= self.laps:
             self._finish()
             return
-        is_fresh = self.scan_ns is not None and self.clock.now_ns() - self.scan_ns <= self.stale_s * 1e9
-        self._command(*(self.speeds if is_fresh else (0.0, 0.0)))
-        self.show_state("RACE" if is_fresh else "STOPPED_NO_LASER")
+        is_fresh = self.clock.now_ns() - self.scan_stamp.nanoseconds <= self.stale_s * 1e9
+        self._command(*(self.speeds if is_fresh and not self.holds else (0.0, 0.0)))
+        self.show_state("HOLD" if self.holds else "RACE" if is_fresh else "STOPPED_NO_LASER")
         self.status = f"lap {self.counter.laps + 1} of {self.laps}, {self.speed_m_per_s:.2f} m/s"
 
     def _finish(self) -> None:
@@ -102,6 +116,7 @@ class Parcours(Module):
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+                based_on=self.scan_stamp,
             )
         )
 

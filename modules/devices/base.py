@@ -33,20 +33,21 @@ class SimulatedBase(CommandedBase, TrueBase):
 
     def tick(self) -> None:
         """Publish odometry, the true pose and the emergency stop's state; checkpoint them."""
+        self.look_after_control()
         state, truth = self.drive.read(), self.drive.ground_truth()
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         self.publish(odometry(state, stamp, "odom"), topic="odom")
         self.publish_truth(truth, stamp)
         self.confirm()
         self.status = (
-            f"{'EMERGENCY STOP, ' if self.drive.is_emergency_stopped else ''}"
+            f"{'EMERGENCY STOP, ' if self.drive.is_emergency_stopped else ''}{self.control_status}"
             f"{state.linear_m_per_s:.2f} m/s, {state.angular_rad_per_s:.2f} rad/s, "
             f"{self.drive.collisions} collisions, {self.drive.expired_commands} expired commands"
         )
 
     def confirm(self) -> None:
         """Checkpoint the world and publish the emergency stop's state, so that both survive a restart."""
-        self.checkpoint(state_of(self.drive.world_state()))
+        self.checkpoint({**state_of(self.drive.world_state()), "control": self.control.memory()})
         super().confirm()
 
     def teardown(self) -> None:

@@ -1,14 +1,20 @@
 """Base of the modules of all bases: the one commander of the drive, and the emergency stop."""
 
 import math
+from collections import Counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hw.drive import Drive, DriveCommandError, DriveState
-from robbie_mp import Header, MessageHandling, Module, Time, setting
+from modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
+from modules.devices.hand_guard import HandGuard
+from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     BatteryState,
+    ControlSet,
+    ControlState,
     DriveCommand,
     EmergencyStop,
     Odometry,
@@ -16,65 +22,150 @@ from robbie_mp.messages import (
     Pose,
     PoseWithCovariance,
     Quaternion,
+    SetControl,
     Twist,
     TwistWithCovariance,
     Vector3,
 )
+from workers.driving.control import ControlMode, DriveControl
 
 MANUAL_TOPIC = "manual"
+CONTROL_TOPIC = "control"
 # Rows of a pose's covariance that a robot in the plane has: x, y and yaw.
 PLANE = (0, 1, 5)
+
+
+WARN_PERIOD_S = 5.0
+"""Of refused commands, no more is logged than one in this time."""
 
 
 class CommandedBase(Module):
     """A module whose drive follows `DriveCommand` and `EmergencyStop`, and stops on an empty battery.
 
-    A subclass creates `drive` in `setup` and calls `obey`. `confirm` publishes `EmergencyStop` on
-    `emergency_stop_state`.
+    It owns the state of who controls the robot, and publishes it as `ControlState` on topic `control`:
+    commands on topic `manual` take over; other commands are followed only in AUTO. After an emergency stop,
+    and when an operator has let go, the robot holds until an operator drives or `SetControl` orders AUTO.
+
+    A command is followed until it expires, or until what it rests on is older than `max_age_s`. Where
+    `guard_topics` names lasers, commands by hand are slowed as what these see requires.
+
+    A subclass creates `drive` in `setup`, calls `obey` there, and calls `look_after_control` in `tick`.
+    `confirm` publishes `EmergencyStop` on `emergency_stop_state`.
     """
 
     drive: Drive
     stop_reason: str
 
-    manual_hold_s: float = setting(
-        2.0,
-        "after a command on topic `manual`, commands from other topics are ignored for this time",
-        minimum=0.0,
+    max_age_s: float = MAX_AGE_S
+    let_go_s: float = setting(
+        0.5, "an operator has let go when no command by hand has come for this time", minimum=0.1
     )
+    starts_in_auto: bool = setting(True, "false: the robot holds at the start until it is ordered to go on")
+    guard_topics: list[str] = setting(
+        [], "topics of the lasers that guard driving by hand; a robot without any drives unguarded"
+    )
+    guard_radius_m: float = setting(0.2, "radius of the robot's body, for driving by hand", minimum=0.05)
 
     def obey(self) -> None:
         """Subscribe to what commands the drive."""
-        self.manual_until_s = -math.inf
+        before = None if self.restored is None else self.restored["control"]
+        mode = ControlMode.AUTO if self.starts_in_auto else ControlMode.HOLD
+        self.control = DriveControl(self.monotonic_s, mode, self.let_go_s, before)
+        self.told_control: dict[str, Any] | None = None
+        self.refused: Counter[str] = Counter()
+        self.warned_s = -math.inf
+        self.guard = HandGuard(self, self.guard_topics, self.guard_radius_m, self.max_age_s)
         self.subscribe(DriveCommand, self.on_command, optional=True)
         self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop", optional=True)
         self.subscribe(
             BatteryState, self.on_battery, MessageHandling.KEEP_ONLY_NEWEST, topic="battery", optional=True
         )
+        self.advertise(ControlState, topic=CONTROL_TOPIC)
+        self.serve(SetControl, self.on_set_control)
 
     def on_command(self, command: DriveCommand) -> None:
-        """Follow the command while it is valid; manual commands take precedence over all others."""
-        now_s = self.monotonic_s()
-        if self.envelope.topic == MANUAL_TOPIC:
-            self.manual_until_s = now_s + self.manual_hold_s
-        elif now_s < self.manual_until_s:
-            return
-        # The age counts from publication: this module may have been stopped while the command waited.
-        age_s = max(0.0, now_s - self.envelope.published_ns / 1e9)
-        valid_for_s = command.valid_for.nanoseconds / 1e9
-        if age_s >= valid_for_s > 0:
-            return
-        valid_for_s -= age_s
+        """Follow the command if its sender is in control, while it and what it rests on are fresh."""
+        by_hand = self.envelope.topic == MANUAL_TOPIC
+        moves = bool(command.linear_m_per_s or command.angular_rad_per_s)
+        if by_hand:
+            refusal = self.control.refuses_by_hand(self.envelope.sender, moves)
+        else:
+            refusal = self.control.refuses_module()
+        if refusal:
+            self._refuse("not in control", refusal, is_loud=by_hand)
+        elif not moves:
+            self.drive.stop()
+        else:
+            self._follow(command, is_guarded=by_hand and not command.unguarded)
+        self.tell_control()
+
+    def _follow(self, command: DriveCommand, *, is_guarded: bool) -> None:
+        wanted = command.linear_m_per_s, command.angular_rad_per_s
         try:
-            self.drive.command(command.linear_m_per_s, command.angular_rad_per_s, valid_for_s)
+            valid_for_s = left_s(self, command, self.max_age_s)
+            if is_guarded and self.guard.is_blind:
+                raise StaleCommand("a laser that guards driving by hand has sent no scan lately")
+            allowed = self.guard.checked(*wanted) if is_guarded else wanted
+            self.drive.command(*allowed, valid_for_s)
+        except StaleCommand as error:
+            self._refuse("too old", str(error))
         except DriveCommandError as error:
             self.drive.stop()
-            self.log.error(
-                "stopped the robot because a command from %s is invalid: %s", self.envelope.sender, error
-            )
+            self._refuse("invalid", str(error))
+
+    def _refuse(self, kind: str, reason: str, *, is_loud: bool = True) -> None:
+        """Count a command that is not followed, and log some of them."""
+        self.refused[kind] += 1
+        now_s = self.monotonic_s()
+        if is_loud and now_s - self.warned_s >= WARN_PERIOD_S:
+            self.warned_s = now_s
+            self.log.warning("refused a drive command of %s: %s", self.envelope.sender, reason)
+
+    def on_set_control(self, request: SetControl) -> ControlSet:
+        """Go on, or hold, as ordered."""
+        if request.mode not in list(ControlMode):
+            raise CallRefused(f"there is no mode {request.mode}; 0 is AUTO and 2 is HOLD")
+        refusal = self.control.order(ControlMode(request.mode), self.envelope.sender, request.reason)
+        if refusal:
+            raise CallRefused(refusal)
+        if self.control.mode is ControlMode.HOLD:
+            self.drive.stop()
+        self.tell_control()
+        return ControlSet(mode=int(self.control.mode))
+
+    def look_after_control(self) -> None:
+        """Hold the robot when its operator has let go, and say who controls it."""
+        self.control.look_after()
+        self.tell_control()
+
+    def tell_control(self) -> None:
+        """Publish who controls the robot, if that is new; first of all so that it survives a restart."""
+        memory = self.control.memory()
+        if memory == self.told_control:
+            return
+        self.told_control = memory
+        self.log.info("%s: %s", self.control.mode.name, self.control.reason)
+        self.confirm()
+        self.publish(
+            ControlState(
+                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link"),
+                mode=int(self.control.mode),
+                who=self.control.who,
+                reason=self.control.reason,
+            ),
+            topic=CONTROL_TOPIC,
+        )
+
+    @property
+    def control_status(self) -> str:
+        """Return who controls the robot, and how many commands were refused, to begin a status line."""
+        kinds = ", ".join(f"{count} {kind}" for kind, count in self.refused.items())
+        return f"{self.control.mode.name}{f' (refused commands: {kinds})' if kinds else ''}, "
 
     def on_emergency_stop(self, request: EmergencyStop) -> None:
         """Engage the emergency stop, or release it."""
         self.stop_reason = request.reason if request.engaged else ""
+        self.control.see_stop(request.engaged, self.envelope.sender, request.reason)
         if request.engaged:
             self.drive.stop_for_emergency()
             self.log.warning("emergency stop by %s: %s", self.envelope.sender, request.reason)
@@ -82,11 +173,13 @@ class CommandedBase(Module):
             self.drive.release()
             self.log.info("emergency stop released by %s: %s", self.envelope.sender, request.reason)
         self.confirm()
+        self.tell_control()
 
     def on_battery(self, battery: BatteryState) -> None:
         """Engage the emergency stop when the battery is empty."""
         if battery.percentage <= 0 and not self.drive.is_emergency_stopped:
             self.stop_reason = "the battery is empty"
+            self.control.see_stop(True, self.name, self.stop_reason)
             self.drive.stop_for_emergency()
             self.log.error("the battery is empty: emergency stop")
 

@@ -45,9 +45,19 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
         self.problems: tuple[str, ...] = ()
         self.obey()
 
+    def tick(self) -> None:
+        """Publish what the base has told, and who controls it."""
+        super().tick()
+        self.look_after_control()
+
     def confirm(self) -> None:
         """Checkpoint and publish the emergency stop's state, so that it survives a restart."""
-        self.checkpoint({"is_emergency_stopped": self.drive.is_emergency_stopped})
+        self.checkpoint(
+            {
+                "is_emergency_stopped": self.drive.is_emergency_stopped,
+                "control": self.control.memory(),
+            }
+        )
         super().confirm()
 
     def on_value(self, value: BaseReading) -> None:
@@ -71,7 +81,8 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
             return super().status_line()
         stopped = "EMERGENCY STOP, " if self.drive.is_emergency_stopped else ""
         problems = "".join(f", {problem}" for problem in self.problems)
-        return f"{stopped}{super().status_line()}, {self.drive.expired_commands} expired commands{problems}"
+        figures = f"{super().status_line()}, {self.drive.expired_commands} expired commands"
+        return f"{stopped}{self.control_status}{figures}{problems}"
 
 
 class CreateModule(ConnectedBaseModule):

@@ -4,6 +4,7 @@ import numpy as np
 
 from hw.flir.ptu import BIT_RATE, FlirPanTilt
 from hw.pan_tilt import PanTiltState
+from modules.devices.command_age import LOOK_AGE_S
 from modules.devices.pan_tilt import JOINTS, TOPIC, PanTiltByHand
 from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import Header, Time, setting
@@ -22,13 +23,14 @@ class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):
 
     bit_rate: int = setting(BIT_RATE, "bit/s of the unit's line", minimum=600)
     rate_rad_per_s: float = setting(1.0, "speed of each joint", minimum=0.01)
+    max_age_s: float = LOOK_AGE_S
 
     def setup(self) -> None:
         """Create the driver."""
         super().setup()
         assert isinstance(self.device, FlirPanTilt)
         self.unit = self.device
-        self.by_hand = PanTiltByHand(self, self.unit)
+        self.by_hand = PanTiltByHand(self, self.unit, self.max_age_s)
 
     def open_device(self) -> FlirPanTilt:
         """Return the driver."""

@@ -73,12 +73,14 @@ class GamepadModule(Module):
         return (share - (self.dead_zone if share > 0 else -self.dead_zone)) / (1 - self.dead_zone)
 
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
+        now = Time.from_nanoseconds(self.clock.now_ns())
         self.publish(
             DriveCommand(
-                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
+                header=Header(stamp=now),
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_seconds(self.valid_for_s),
+                based_on=now,
             ),
             topic="manual",
         )

@@ -9,6 +9,7 @@ from hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
 from hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
 from hw.joints import Joint, JointCommandError, JointReading, Joints
 from hw.simulation.joints import SimulatedJoints
+from modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
 from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
 from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
@@ -32,6 +33,7 @@ class CommandedJoints(Module):
     least_rad: list[float] = setting([], "least position of each joint; default -pi")
     most_rad: list[float] = setting([], "greatest position of each joint; default pi")
     speed_rad_per_s: float = setting(1.0, "speed of each joint", minimum=0.01)
+    max_age_s: float = MAX_AGE_S
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -63,12 +65,7 @@ class CommandedJoints(Module):
             self.subscribe(PanTiltCommand, self.on_pan_tilt, optional=True)
 
     def on_joint_command(self, command: JointCommand) -> None:
-        """Move the joints while the command is valid."""
-        # The age counts from publication: this module may have been stopped while the command waited.
-        age_s = max(0.0, (self.clock.monotonic_ns() - self.envelope.published_ns) / 1e9)
-        valid_for_s = command.valid_for.nanoseconds / 1e9
-        if age_s >= valid_for_s > 0:
-            return
+        """Move the joints while the command is valid, and what it rests on is fresh."""
         if len(command.name) != len(command.position):
             self.log.error(
                 "ignored a command from %s with %d names and %d positions",
@@ -77,11 +74,11 @@ class CommandedJoints(Module):
                 len(command.position),
             )
             return
-        self._move(dict(zip(command.name, command.position.tolist(), strict=True)), valid_for_s - age_s)
+        self._move(dict(zip(command.name, command.position.tolist(), strict=True)), command)
 
     def on_pan_tilt(self, command: PanTiltCommand) -> None:
         """Look in a direction."""
-        self._move({"pan": command.pan_rad, "tilt": command.tilt_rad}, math.inf)
+        self._move({"pan": command.pan_rad, "tilt": command.tilt_rad}, command)
 
     def publish_state(self, reading: JointReading) -> None:
         """Publish where the joints are."""
@@ -103,10 +100,11 @@ class CommandedJoints(Module):
             "speed_rad_per_s": self.speed_rad_per_s,
         }
 
-    def _move(self, positions_rad: dict[str, float], valid_for_s: float) -> None:
+    def _move(self, positions_rad: dict[str, float], command: JointCommand | PanTiltCommand) -> None:
         try:
-            self.moved.command(positions_rad, valid_for_s)
-        except JointCommandError as error:
+            fresh_s = left_s(self, command, self.max_age_s)
+            self.moved.command(positions_rad, fresh_s if isinstance(command, JointCommand) else math.inf)
+        except (JointCommandError, StaleCommand) as error:
             self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from hw.pan_tilt import PanTiltError, PanTiltLimits, PanTiltUnit
 from hw.simulation.pan_tilt import SimulatedPanTilt
+from modules.devices.command_age import LOOK_AGE_S, StaleCommand, left_s
 from robbie_mp import Header, Module, Time, setting
 from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
 
@@ -22,10 +23,12 @@ class PanTiltByHand:
     Args:
         module: the module.
         unit: the unit.
+        max_age_s: greatest age of what a command rests on.
     """
 
-    def __init__(self, module: Module, unit: PanTiltUnit):
+    def __init__(self, module: Module, unit: PanTiltUnit, max_age_s: float):
         self._module = module
+        self._max_age_s = max_age_s
         self._unit = unit
         self._until_ns: float = math.inf
         self._offered: PanTiltLimits | None = None
@@ -54,14 +57,10 @@ class PanTiltByHand:
             self._unit.look(now.pan_rad, now.tilt_rad)
 
     def _on_direction(self, command: PanTiltCommand) -> None:
-        if self._look(command.pan_rad, command.tilt_rad):
+        if self._look(command, command.pan_rad, command.tilt_rad) is not None:
             self._until_ns = math.inf
 
     def _on_joints(self, command: JointCommand) -> None:
-        # The age counts from publication: the module may have been stopped while the command waited.
-        until_ns = self._module.envelope.published_ns + command.valid_for.nanoseconds
-        if until_ns <= self._module.clock.monotonic_ns():
-            return
         goals = dict(zip(command.name, command.position.tolist(), strict=False))
         if len(goals) != len(command.position) or not set(goals) <= set(JOINTS):
             self._module.log.error(
@@ -69,18 +68,21 @@ class PanTiltByHand:
             )
             return
         now = self._unit.read()
-        if self._look(goals.get("pan", now.pan_rad), goals.get("tilt", now.tilt_rad)):
-            self._until_ns = until_ns
+        left = self._look(command, goals.get("pan", now.pan_rad), goals.get("tilt", now.tilt_rad))
+        if left is not None:
+            self._until_ns = self._module.clock.monotonic_ns() + round(left * 1e9)
 
-    def _look(self, pan_rad: float, tilt_rad: float) -> bool:
+    def _look(self, command: JointCommand | PanTiltCommand, pan_rad: float, tilt_rad: float) -> float | None:
+        """Turn the unit; return how long the command lasts, s, or None if it is not followed."""
         try:
+            fresh_s = left_s(self._module, command, self._max_age_s)
             self._unit.look(pan_rad, tilt_rad)
-        except PanTiltError as error:
+        except (PanTiltError, StaleCommand) as error:
             self._module.log.error(
                 "ignored an invalid command from %s: %s", self._module.envelope.sender, error
             )
-            return False
-        return True
+            return None
+        return fresh_s
 
 
 class SimulatedPanTiltModule(Module):
@@ -92,13 +94,14 @@ class SimulatedPanTiltModule(Module):
 
     rate_rad_per_s: float = setting(2.0, "speed of each joint", minimum=0.01)
     period_s: float = setting(0.05, "time between messages", minimum=0.01)
+    max_age_s: float = LOOK_AGE_S
 
     def setup(self) -> None:
         """Create the unit, looking straight ahead or where it looked before the restart."""
         limits = PanTiltLimits(rate_rad_per_s=self.rate_rad_per_s)
         pan_rad, tilt_rad = (0.0, 0.0) if self.restored is None else self.restored["direction"]
         self.unit = SimulatedPanTilt(self._time_s, limits, (pan_rad, tilt_rad))
-        self.by_hand = PanTiltByHand(self, self.unit)
+        self.by_hand = PanTiltByHand(self, self.unit, self.max_age_s)
         self.by_hand.offer(limits)
 
     def tick(self) -> None:

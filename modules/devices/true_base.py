@@ -124,4 +124,5 @@ def state_of(world: WorldState) -> dict[str, object]:
 def world_of(state: dict[str, Any]) -> WorldState:
     """Return the world that `state_of` described."""
     poses = {"true_pose": Pose2D(*state["true_pose"]), "odometry": Pose2D(*state["odometry"])}
-    return WorldState(**state | poses)
+    names = {field.name for field in fields(WorldState)}
+    return WorldState(**{name: value for name, value in (state | poses).items() if name in names})

@@ -6,6 +6,7 @@ from dataclasses import replace as changed
 
 import numpy as np
 
+from modules.devices.command_age import LOOK_FOR
 from modules.home.messages import Following, FollowOrder, FollowOrderTaken
 from modules.navigation_goals import NavigationGoals
 from modules.people import PEOPLE, reports_of
@@ -49,6 +50,7 @@ class FollowMe(Module):
         self.goals = NavigationGoals(self, self.task.arrived, self.task.unreachable, self.task.see_stopped)
         self.look = LookAround(step_s=0.9, around_rad=AROUND_RAD)
         self.pose: tuple[float, float, float] | None = None
+        self.pose_stamp = Time()
         self.pan_rad = math.nan
         self.told_s = -math.inf
         self.wrong_clothes = 0
@@ -85,7 +87,7 @@ class FollowMe(Module):
 
     def on_pose(self, message: PoseStamped) -> None:
         """Pass the robot's pose to the task."""
-        self.pose = planar(message.pose)
+        self.pose, self.pose_stamp = planar(message.pose), message.header.stamp
         self.task.see_pose(self.pose)
 
     def on_map(self, grid: OccupancyGrid) -> None:
@@ -150,8 +152,15 @@ class FollowMe(Module):
     def _turn_camera(self, pan_rad: float) -> None:
         if not abs(pan_rad - self.pan_rad) < 0.04:
             self.pan_rad = pan_rad
-            command = PanTiltCommand(header=self._header("base_link"), pan_rad=pan_rad, tilt_rad=TILT_RAD)
-            self.publish(command)
+            self.publish(
+                PanTiltCommand(
+                    header=self._header("base_link"),
+                    pan_rad=pan_rad,
+                    tilt_rad=TILT_RAD,
+                    valid_for=LOOK_FOR,
+                    based_on=self.pose_stamp,
+                )
+            )
 
     def _state_changed(self, state: FollowState) -> None:
         self.show_state(state)

@@ -4,6 +4,7 @@ import json
 import math
 from typing import Any, cast
 
+from modules.devices.command_age import LOOK_FOR
 from modules.home.messages import (
     Following,
     LearnPerson,
@@ -86,6 +87,7 @@ class WhoIsWhoTask(Module):
         self.names: list[str] | None = None
         self.places: list[tuple[str, tuple[float, float]]] = []
         self.pose: tuple[float, float, float] | None = None
+        self.pose_stamp = Time()
         self.intrinsics: tuple[float, float] | None = None
         self.pictures: dict[int, Image] = {}
         self.found: Detection2DArray | None = None
@@ -208,7 +210,7 @@ class WhoIsWhoTask(Module):
 
     def on_pose(self, message: PoseStamped) -> None:
         """Take the robot's pose."""
-        self.pose = planar(message.pose)
+        self.pose, self.pose_stamp = planar(message.pose), message.header.stamp
         self.tour.see_pose(self.pose)
 
     def on_map(self, grid: OccupancyGrid) -> None:
@@ -350,7 +352,15 @@ class WhoIsWhoTask(Module):
         if not max(abs(pan_rad - self.direction[0]), abs(tilt_rad - self.direction[1])) < TURN_RAD:
             self.direction = pan_rad, tilt_rad
             header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link")
-            self.publish(PanTiltCommand(header=header, pan_rad=pan_rad, tilt_rad=tilt_rad))
+            self.publish(
+                PanTiltCommand(
+                    header=header,
+                    pan_rad=pan_rad,
+                    tilt_rad=tilt_rad,
+                    valid_for=LOOK_FOR,
+                    based_on=self.pose_stamp,
+                )
+            )
 
     def _eye_m(self) -> float:
         """Return the height of the camera."""

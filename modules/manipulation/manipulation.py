@@ -94,6 +94,7 @@ class Manipulation(Module):
         self.released = ""
         self.fed_back = ""
         self.told: tuple[str, str, bool] | None = None
+        self.joints_stamp = Time()
         if self.restored is not None:
             self._restore(self.restored)
         self.show_state(self.work.machine.state)
@@ -120,6 +121,7 @@ class Manipulation(Module):
 
     def on_joints(self, state: JointState) -> None:
         """Pass the joints to the worker."""
+        self.joints_stamp = state.header.stamp
         at = dict(zip(state.name, state.position.tolist(), strict=True))
         wanted = [*self.joints, self.fingers[0]]
         if all(name in at for name in wanted):
@@ -205,6 +207,7 @@ class Manipulation(Module):
                     name=[*self.joints, self.fingers[0]],
                     position=np.append(order.positions, order.half_opening_m),
                     valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+                    based_on=self.joints_stamp,
                 ),
                 topic="arm",
             )

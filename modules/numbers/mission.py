@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from modules.devices.command_age import LOOK_FOR
 from modules.navigation_goals import NavigationGoals
 from modules.numbers.messages import NumberSigns, SignsReached
 from modules.planar_messages import map_cells, planar
@@ -43,6 +44,7 @@ class Numbers(Module):
         mission.see_stopped(None)
         self.look = LookAround(step_s=0.9, around_rad=AROUND_RAD)
         self.pose: tuple[float, float, float] | None = None
+        self.pose_stamp = Time()
         self.pan_rad = math.nan
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(OccupancyGrid, self.on_map, newest)
@@ -55,7 +57,7 @@ class Numbers(Module):
 
     def on_pose(self, message: PoseStamped) -> None:
         """Pass the robot's pose to the mission."""
-        self.pose = planar(message.pose)
+        self.pose, self.pose_stamp = planar(message.pose), message.header.stamp
         self.mission.see_pose(self.pose)
 
     def on_signs(self, message: NumberSigns) -> None:
@@ -126,7 +128,14 @@ class Numbers(Module):
     def _turn_camera(self, pan_rad: float) -> None:
         if not abs(pan_rad - self.pan_rad) < 0.02:
             self.pan_rad = pan_rad
-            self.publish(PanTiltCommand(header=self._header("base_link"), pan_rad=pan_rad))
+            self.publish(
+                PanTiltCommand(
+                    header=self._header("base_link"),
+                    pan_rad=pan_rad,
+                    valid_for=LOOK_FOR,
+                    based_on=self.pose_stamp,
+                )
+            )
 
     def _state_changed(self, state: NumbersState) -> None:
         self.show_state(state)

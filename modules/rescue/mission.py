@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.connection.device import ConnectionState
+from modules.devices.command_age import LOOK_FOR
 from modules.navigation_goals import NavigationGoals
 from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
 from modules.rescue.messages import (
@@ -33,6 +34,7 @@ from robbie_mp.messages import (
     BatteryState,
     Bumper,
     CameraInfo,
+    ControlState,
     DeviceState,
     OccupancyGrid,
     PanTiltCommand,
@@ -40,6 +42,7 @@ from robbie_mp.messages import (
     PointOfInterest,
     PointsOfInterest,
     PoseStamped,
+    SetControl,
 )
 from workers.exploration.team_claims import Claim, SeenInVain
 from workers.planar_pose import compose
@@ -123,6 +126,7 @@ class RescueMission(Module):
         self.show_state(self.mission.state)
         self.look = LookAround()
         self.pose: tuple[float, float, float] | None = None
+        self.pose_stamp = Time()
         mission = self.mission
         self.goals = NavigationGoals(self, mission.arrived, mission.unreachable, mission.see_stopped)
         # With its feedback, navigation says whether the robot can drive.
@@ -144,6 +148,7 @@ class RescueMission(Module):
             self.subscribe(MapAlignment, self.on_alignment, topic=robot, optional=True)
             self.subscribe(GoalClaim, self.on_claim, newest, topic=robot, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
+        self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
         self.serve(OrderMission, self.on_order)
         self.subscribe(VictimFound, self.on_victim)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
@@ -197,8 +202,13 @@ class RescueMission(Module):
 
     def on_pose(self, message: PoseStamped) -> None:
         """Pass the robot's pose to the mission."""
-        self.pose = planar(message.pose)
+        self.pose, self.pose_stamp = planar(message.pose), message.header.stamp
         self.mission.see_pose(self.pose)
+
+    def on_control(self, control: ControlState) -> None:
+        """Accept START while the robot waits for an order to go on, and say so at once."""
+        self.mission.operator.must_order = control.mode != ControlState.AUTO
+        self.told_s = -math.inf
 
     def on_camera(self, _camera: CameraInfo) -> None:
         """Record that the camera works."""
@@ -249,6 +259,9 @@ class RescueMission(Module):
         if refusal is not None:
             self.log.warning("refused an order of %s: %s", self.envelope.sender, refusal)
             raise CallRefused(refusal)
+        if order.order in (OperatorOrder.START, OperatorOrder.RETURN) and self.mission.operator.must_order:
+            reason = f"{OperatorOrder(order.order).name} of the mission"
+            self.call(SetControl(mode=ControlState.AUTO, reason=reason), lambda _reply: None)
         self.told_s = -math.inf
         self.tick()
         return OrderAccepted(state=self.mission.state.name)
@@ -380,7 +393,14 @@ class RescueMission(Module):
         pan_rad = self.look.pan_rad(self._time_s(), self.pose, look_at_xy_m)
         if not abs(pan_rad - self.pan_rad) < 0.02:
             self.pan_rad = pan_rad
-            self.publish(PanTiltCommand(header=self._header("base_link"), pan_rad=pan_rad))
+            self.publish(
+                PanTiltCommand(
+                    header=self._header("base_link"),
+                    pan_rad=pan_rad,
+                    valid_for=LOOK_FOR,
+                    based_on=self.pose_stamp,
+                )
+            )
 
     def _header(self, frame: str) -> Header:
         return Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id=frame)

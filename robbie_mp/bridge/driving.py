@@ -8,7 +8,7 @@ from robbie_mp.messages import DriveCommand, Duration, Header, Time, Twist, Twis
 def drive_command(
     velocity: Twist | TwistStamped, stamp: Time, valid_for_s: float, waited_s: float = 0.0
 ) -> DriveCommand | None:
-    """Return the drive command that a velocity stands for.
+    """Return the drive command that a velocity stands for. It rests on what was known when it arrived.
 
     Only the velocity forward (linear x) and about the vertical (angular z) count.
 
@@ -31,4 +31,5 @@ def drive_command(
         linear_m_per_s=twist.linear.x,
         angular_rad_per_s=twist.angular.z,
         valid_for=Duration.from_nanoseconds(round(left_s * 1e9)),
+        based_on=Time.from_nanoseconds(stamp.nanoseconds - round(waited_s * 1e9)),
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.messages import Message, Time, replace
 from robbie_mp.tool.tool import Tool
 from robbie_mp.views.message_text import message_of_yaml
 
@@ -58,6 +59,13 @@ def _count(text: str) -> int:
     return count
 
 
+def based_on_now(message: Message) -> Message:
+    """Return a command that does not say what it rests on with the time of its input, which is now."""
+    if getattr(message, "based_on", None) != Time():
+        return message
+    return replace(message, based_on=Time.from_nanoseconds(time.time_ns()))
+
+
 def pub(arguments: argparse.Namespace) -> int:
     """Publish; 1 if a message was refused because the robot's memory or tables are full."""
     run = choose_run(arguments.run)
@@ -72,7 +80,7 @@ def pub(arguments: argparse.Namespace) -> int:
             while count is None or published + refused < count:
                 while (wait_s := next_s - time.monotonic()) > 0:
                     tool.wait(wait_s)
-                sent = tool.publish(message, channel.topic, arguments.latched)
+                sent = tool.publish(based_on_now(message), channel.topic, arguments.latched)
                 published, refused = published + sent, refused + (not sent)
                 next_s = max(next_s + 1 / (arguments.rate or 1), time.monotonic() - 1)
         finally:

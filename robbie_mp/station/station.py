@@ -213,9 +213,19 @@ class OperatorStation(Module):
         *,
         topic: str = "",
         optional: bool = True,
+        deadline_s: float | None = None,
+        on_late: Callable[[], None] | None = None,
     ) -> None:
         """Subscribe as every module does, but optionally: panels show what there is."""
-        super().subscribe(message_type, handler, handling, topic=topic, optional=optional)
+        super().subscribe(
+            message_type,
+            handler,
+            handling,
+            topic=topic,
+            optional=optional,
+            deadline_s=deadline_s,
+            on_late=on_late,
+        )
 
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
         """Return the holder of the newest message of a type and topic. All panels share it.

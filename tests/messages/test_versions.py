@@ -131,4 +131,4 @@ def test_command_of_an_old_log_rests_on_what_was_known_at_its_stamp(command: typ
     written = message_type_from_schema(command.type_name, schema, 1)
     fields = as_dict(command(header=Header(stamp=Time(sec=7))))
     old = from_dict(written, {name: value for name, value in fields.items() if name not in new})
-    assert decode_version(command, 1, old.encode(), schema).based_on == Time(sec=7)
+    assert decode_version(command, old.encode(), 1, schema).based_on == Time(sec=7)

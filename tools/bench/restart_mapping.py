@@ -5,7 +5,7 @@ import time
 IMPORT_BEGIN_NS = time.monotonic_ns()
 
 from modules.mapping import Mapping  # noqa: E402
-from robbie_mp import Duration, Module  # noqa: E402
+from robbie_mp import Duration, Module, Time  # noqa: E402, Time
 from robbie_mp.messages import DriveCommand, LaserScan, Odometry  # noqa: E402
 from tools.bench.restart_times import StartTimes  # noqa: E402
 
@@ -19,8 +19,14 @@ class Circling(Module):
 
     def tick(self) -> None:
         """Send the command again."""
-        second = Duration(sec=1)
-        self.publish(DriveCommand(linear_m_per_s=0.2, angular_rad_per_s=0.4, valid_for=second))
+        self.publish(
+            DriveCommand(
+                linear_m_per_s=0.2,
+                angular_rad_per_s=0.4,
+                valid_for=Duration(sec=1),
+                based_on=Time.from_nanoseconds(self.clock.now_ns()),
+            )
+        )
 
 
 class MappingSubject(Mapping):

@@ -156,7 +156,10 @@ class Pilot(Module):
         header = Header(stamp=Time.from_nanoseconds(time.monotonic_ns()), frame_id=str(self.number))
         valid_for = Duration.from_nanoseconds(round(VALID_FOR_S * 1e9))
         self.journal.note(SENT, "manual", self.number)
-        self.publish(DriveCommand(header=header, linear_m_per_s=0.5, valid_for=valid_for), topic="manual")
+        self.publish(
+            DriveCommand(header=header, linear_m_per_s=0.5, valid_for=valid_for, based_on=header.stamp),
+            topic="manual",
+        )
 
 
 class Base(Module):

@@ -68,6 +68,8 @@ class Explorer:
         self._grid: NavigationGrid | None = None
         self._pose: tuple[NDArray[np.float64], float] | None = None
         self._sweep: tuple[NDArray[np.float64], float] | None = None
+        self._stamps_s = [-math.inf, -math.inf]  # of the newest pose and sweep
+        self._hold = ""
         self._planned_s = -math.inf
         self._began_s = math.inf
         self._moved_s = -math.inf
@@ -93,15 +95,32 @@ class Explorer:
         """Take a new map: see `NavigationGrid` for the arguments."""
         self._grid = NavigationGrid(cells, resolution_m, corner_xy_m, self.settings.clearance_m)
 
-    def see_pose(self, pose: ArrayLike, stamp_s: float) -> None:
-        """Take the robot's pose (x, y, heading), m and rad, map frame."""
-        self._pose = np.asarray(pose, float), stamp_s
+    def see_hold(self, reason: str) -> None:
+        """Take the reason why the robot must stand until somebody orders it to go on; '' if it may drive."""
+        self._hold = reason
+
+    @property
+    def rests_on_s(self) -> float:
+        """Return the stamp of the oldest input on which the speeds rest, s; -inf before the first."""
+        return min(self._stamps_s)
+
+    def see_pose(self, pose: ArrayLike, stamp_s: float, told_s: float) -> None:
+        """Take the robot's pose (x, y, heading), m and rad, map frame.
+
+        Args:
+            pose: the pose.
+            stamp_s: when the robot was there, on the clock of the stamps.
+            told_s: when it was published, on the clock of `drive`.
+        """
+        self._pose = np.asarray(pose, float), told_s
+        self._stamps_s[0] = stamp_s
         if self.home_xy_m is None:
             self.home_xy_m = self._pose[0][:2]
 
-    def see_sweep(self, ranges_m: ArrayLike, stamp_s: float) -> None:
-        """Take the ranges of a laser sweep `(N,)`, m."""
-        self._sweep = np.asarray(ranges_m, float), stamp_s
+    def see_sweep(self, ranges_m: ArrayLike, stamp_s: float, told_s: float) -> None:
+        """Take the ranges of a laser sweep `(N,)`, m; stamps as for `see_pose`."""
+        self._sweep = np.asarray(ranges_m, float), told_s
+        self._stamps_s[1] = stamp_s
 
     def drive(self) -> Velocity:
         """Return the speeds for the drive: forward (m/s) and turn rate (rad/s)."""
@@ -110,7 +129,7 @@ class Explorer:
         senses = self._senses()
         if senses is None:
             if self.state is not ExplorerState.WAIT:
-                self.machine.go(ExplorerState.WAIT, "pose or laser is missing or too old")
+                self.machine.go(ExplorerState.WAIT, self._hold or "pose or laser is missing or too old")
             return HALT
         if self.state is ExplorerState.WAIT:
             self._resume("map, pose and laser are available")
@@ -124,7 +143,7 @@ class Explorer:
 
     def _senses(self) -> _Senses | None:
         """Return map, pose and ranges; None if one is missing or too old."""
-        if self._grid is None or self._pose is None or self._sweep is None:
+        if self._hold or self._grid is None or self._pose is None or self._sweep is None:
             return None
         (pose, pose_s), (ranges_m, sweep_s) = self._pose, self._sweep
         if self._clock() - min(pose_s, sweep_s) > self.settings.stale_s:

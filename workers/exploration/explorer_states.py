@@ -47,7 +47,7 @@ class ExplorerSettings:
 
     clearance_m: float = 0.27
     plan_period_s: float = 0.5
-    stale_s: float = 0.6
+    stale_s: float = 0.4
     patience_s: float = 4.0
     blocked_s: float = 1.0
     recover_s: float = 1.5

@@ -110,10 +110,11 @@ class Navigator:
         self._costmap: Costmap | None = None
         self._pose: tuple[NDArray[np.float64], float] | None = None
         self._sweep: tuple[NDArray[np.float64], float] | None = None
+        self._stamps_s = [-math.inf, -math.inf]  # of the newest pose and sweep
         self._track = OdometryTrack(TRACKED)
         self._waiting: dict[str, tuple[NDArray[np.float64], LaserSweep, float]] = {}
         self._further: dict[str, _FurtherLaser | None] = dict.fromkeys(further_lasers)
-        self._emergency = ""
+        self._emergency = self._hold = ""
         self._renew()
 
     @property
@@ -174,6 +175,7 @@ class Navigator:
             told_s: When the pose was published, in the clock's time.
         """
         self._pose = np.asarray(pose, float), told_s
+        self._stamps_s[0] = stamp_s
         self._track.add(stamp_s, pose)
         self._place_sweep()
 
@@ -187,6 +189,7 @@ class Navigator:
             told_s: When the sweep was published, in the clock's time.
         """
         self._sweep = np.asarray(ranges_m, float), told_s
+        self._stamps_s[1] = stamp_s
         self._waiting[""] = self.laser_pose, sweep, stamp_s
         self._place_sweep()
 
@@ -240,6 +243,18 @@ class Navigator:
     def see_emergency_stop(self, reason: str) -> None:
         """Take the reason of the emergency stop; '' if there is none."""
         self._emergency = reason
+
+    def see_hold(self, reason: str) -> None:
+        """Take the reason why the robot must stand until somebody orders it to go on; '' if it may drive."""
+        self._hold = reason
+
+    @property
+    def rests_on_s(self) -> float:
+        """Return the stamp of the oldest input on which the speeds of `drive` rest, s; -inf before the first.
+
+        The map is not among them: what has come into the robot's way since is in the sweep.
+        """
+        return min(self._stamps_s)
 
     def drive(self) -> Velocity | None:
         """Return forward speed (m/s) and turn rate (rad/s); None if there is no goal to drive to."""
@@ -301,6 +316,8 @@ class Navigator:
         """Return the state in which the robot must stop; None if it may drive."""
         if self._emergency:
             return NavigatorState.EMERGENCY_STOP
+        if self._hold:
+            return NavigatorState.STOPPED_HOLD
         if self._is_old(self._sweep):
             return NavigatorState.STOPPED_NO_LASER
         if self._is_old(self._pose):
@@ -310,6 +327,8 @@ class Navigator:
     def _why(self, stopped: NavigatorState) -> str:
         if stopped is NavigatorState.EMERGENCY_STOP:
             return self._emergency
+        if stopped is NavigatorState.STOPPED_HOLD:
+            return self._hold
         if stopped is NavigatorState.STOPPED_NO_MAP:
             return "no map yet"
         no_laser = stopped is NavigatorState.STOPPED_NO_LASER

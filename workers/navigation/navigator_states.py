@@ -20,13 +20,16 @@ class NavigatorState(StrEnum):
     STOPPED_NO_MAP = "stopped: no map"
     STOPPED_NO_POSE = "stopped: no pose"
     STOPPED_NO_LASER = "stopped: the laser is silent"
+    STOPPED_HOLD = "stopped: waits for an order to go on"
     EMERGENCY_STOP = "emergency stop"
 
 
 S = NavigatorState
 RESTING = frozenset({S.IDLE, S.ARRIVED, S.UNREACHABLE})
 RECOVERIES = (S.CLEAR_COSTMAP, S.BACK_UP, S.ROTATE)
-STOPPED = frozenset({S.STOPPED_NO_MAP, S.STOPPED_NO_POSE, S.STOPPED_NO_LASER, S.EMERGENCY_STOP})
+STOPPED = frozenset(
+    {S.STOPPED_NO_MAP, S.STOPPED_NO_POSE, S.STOPPED_NO_LASER, S.STOPPED_HOLD, S.EMERGENCY_STOP}
+)
 # A goal may start, be cancelled or become unreachable at any time, and the robot may be stopped at any time.
 _ALWAYS = {S.IDLE, S.DRIVE, S.UNREACHABLE}
 TRANSITIONS = {
@@ -68,7 +71,7 @@ class NavigatorSettings:
     tolerance_m: float = 0.25
     heading_tolerance_rad: float = 0.15
     plan_period_s: float = 1.0
-    stale_s: float = 0.6
+    stale_s: float = 0.4
     patience_s: float = 6.0
     blocked_s: float = 1.0
     recover_s: float = 2.0

@@ -23,11 +23,13 @@ class OperatorOrders:
     Attributes:
         is_held: the operator has paused the robot.
         has_begun: the mission has left its start.
+        must_order: the robot goes on by itself only after an order, as after an emergency stop.
     """
 
     def __init__(self, starts_by_itself: bool) -> None:
         self.is_held = not starts_by_itself
         self.has_begun = False
+        self.must_order = False
 
     @property
     def is_awaited(self) -> bool:
@@ -43,7 +45,7 @@ class OperatorOrders:
         if state is MissionState.DONE:
             return f"{OperatorOrder(order).name}: the mission has ended"
         refusals = {
-            OperatorOrder.START: None if self.is_held else "the mission is under way",
+            OperatorOrder.START: None if self.is_held or self.must_order else "the mission is under way",
             OperatorOrder.PAUSE: "the robot stands already, until START" if self.is_held else None,
             OperatorOrder.ABORT: None,
             OperatorOrder.RETURN: self._refuses_return(state),

@@ -86,11 +86,13 @@ class Driver:
         held, begins, linear, angular, sent_s = command
         if not self._control.accepts(held=held, begins=begins, sent_s=sent_s):
             return
+        header = header_of_now(self._station, "base_link")
         command_message = DriveCommand(
-            header=header_of_now(self._station, "base_link"),
+            header=header,
             linear_m_per_s=linear * self.linear_m_per_s,
             angular_rad_per_s=angular * self.angular_rad_per_s,
             valid_for=VALID_FOR,
+            based_on=header.stamp,
         )
         self._last, self._last_s = command_message, time.monotonic()
         self._page.publish(command_message, "the command", MANUAL_TOPIC)

@@ -148,6 +148,7 @@ class JointsPanel(Panel):
                 name=[*goals],
                 position=np.array([*goals.values()]),
                 valid_for=VALID_FOR,
+                based_on=header_of_now(self.station).stamp,
             )
             for topic, goals in wanted.items()
         }

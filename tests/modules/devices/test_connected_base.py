@@ -19,6 +19,7 @@ from robbie_mp.messages import (
     EmergencyStop,
     Odometry,
 )
+from tests._support.commands import fresh
 from tests.hw.irobot.test_create import frame
 
 FORWARD = DriveCommand(linear_m_per_s=0.2, valid_for=Duration.from_seconds(0.3))
@@ -65,7 +66,7 @@ def test_frame_is_published_as_odometry_bumper_and_battery(robot: Robot) -> None
 def test_command_drives_the_robot_and_emergency_stop_stops_it(robot: Robot) -> None:
     robot.send(frame())
     robot.heard()
-    robot.harness.send(FORWARD)
+    robot.harness.send(fresh(robot.harness, FORWARD))
     assert robot.heard() == oi.drive_direct(200, 200)
     robot.harness.send(EmergencyStop(engaged=True, reason="test"), topic="emergency_stop")
     assert robot.heard() == oi.drive_direct(0, 0)

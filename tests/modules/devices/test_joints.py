@@ -16,6 +16,7 @@ from hw.emulation.line import EmulatedLine
 from modules.devices.joints import DynamixelModule, SimulatedJointsModule
 from robbie_mp import Duration, ModuleHarness
 from robbie_mp.messages import DeviceState, JointCommand, JointState, PanTiltCommand
+from tests._support.commands import fresh
 
 
 def command(valid_for_s: float = 0.5, **positions: float) -> JointCommand:
@@ -34,8 +35,10 @@ def until(condition: Callable[[], bool]) -> None:
 def test_simulated_gripper_closes_until_its_command_expires() -> None:
     settings = {"names": ["gripper"], "least_rad": [0.0], "most_rad": [1.0]}
     with ModuleHarness(SimulatedJointsModule, settings, name="gripper") as gripper:
-        gripper.send(command(gripper=5.0), topic="gripper")
-        gripper.advance(0.4)
+        gripper.send(fresh(gripper, command(gripper=5.0)), topic="gripper")
+        gripper.advance(0.2)
+        gripper.send(fresh(gripper, command(gripper=5.0)), topic="gripper")
+        gripper.advance(0.2)
         assert gripper.take(JointState)[-1].position[0] == pytest.approx(0.4, abs=0.03)
         gripper.advance(2.0)
         last = gripper.take(JointState)[-1]
@@ -60,9 +63,9 @@ def test_pan_tilt_on_servos_follows_both_commands(tmp_path: Path) -> None:
         with ModuleHarness(DynamixelModule, settings, name="pan_tilt") as unit:
             unit.advance(0.02)
             assert unit.take(DeviceState)[-1].state == "CONNECTED"
-            unit.send(PanTiltCommand(pan_rad=0.3, tilt_rad=-0.1))
+            unit.send(fresh(unit, PanTiltCommand(pan_rad=0.3, tilt_rad=-0.1)))
             until(lambda: emulated.servos[1].table[TORQUE] == 1)
-            unit.send(command(pan=0.1), topic="pan_tilt")
+            unit.send(fresh(unit, command(pan=0.1)), topic="pan_tilt")
             until(lambda: emulated.servos[1].get(GOAL) == 2048 + round(0.1 * 4096 / math.tau))
         until(lambda: emulated.servos[1].table[TORQUE] == 0)
 
@@ -80,7 +83,7 @@ def test_older_servo_closes_a_gripper_and_is_let_go_at_the_end(tmp_path: Path) -
         with ModuleHarness(DynamixelModule, settings | {"silence_s": 10.0}, name="gripper") as gripper:
             gripper.advance(0.02)
             assert gripper.take(DeviceState)[-1].state == "CONNECTED"
-            gripper.send(command(1.0, gripper=0.3), topic="gripper")
+            gripper.send(fresh(gripper, command(1.0, gripper=0.3)), topic="gripper")
             until(lambda: emulated.servos[7].table[dynamixel1.TORQUE] == 1)
             assert emulated.servos[7].get(dynamixel1.GOAL) == round(511.5 + 0.3 / (math.radians(300) / 1023))
         until(lambda: emulated.servos[7].table[dynamixel1.TORQUE] == 0)

@@ -29,6 +29,7 @@ from robbie_mp.messages import (
     BatteryState,
     Bumper,
     CameraInfo,
+    ControlState,
     DriveCommand,
     EmergencyStop,
     Image,
@@ -39,8 +40,10 @@ from robbie_mp.messages import (
     LaserScan,
     Odometry,
     PanTiltCommand,
+    SetControl,
     SimulatedWorld,
 )
+from tests._support.commands import fresh
 
 # A corridor along x; the robot starts at (0.75, 0.75). A box comes in front of it after 2 s, before a victim.
 ARENA = """\
@@ -70,7 +73,8 @@ def drive(base: ModuleHarness[SimulatedBase], seconds: float, linear: float, ang
     """Command at 10 Hz."""
     for _ in range(round(seconds * 10)):
         valid = Duration.from_seconds(0.3)
-        base.send(DriveCommand(linear_m_per_s=linear, angular_rad_per_s=angular, valid_for=valid))
+        command = DriveCommand(linear_m_per_s=linear, angular_rad_per_s=angular, valid_for=valid)
+        base.send(fresh(base, command))
         base.advance(0.1)
 
 
@@ -150,6 +154,7 @@ def test_emergency_stop_latches_is_published_and_outlives_the_base(
         assert again.take(EmergencyStop, "emergency_stop_state")[-1].engaged
         assert tell(again).pose.pose.position.x == 0.0
         again.send(EmergencyStop(engaged=False), topic="emergency_stop")
+        again.call(SetControl(mode=ControlState.AUTO))
         drive(again, 1.0, 0.3)
         assert not again.take(EmergencyStop, "emergency_stop_state")[-1].engaged
         assert tell(again).pose.pose.position.x > 0.2
@@ -257,7 +262,7 @@ def test_cameras_follow_the_pan_tilt_unit_and_publish_their_projection(
         assert not camera.published
         warm = []
         for pan in (0.0, 0.9):
-            unit.send(PanTiltCommand(pan_rad=pan))
+            unit.send(fresh(unit, PanTiltCommand(pan_rad=pan)))
             unit.advance(0.5)
             joints = unit.take(JointState, "pan_tilt")[-1]
             assert (list(joints.name), joints.position[0]) == (["pan", "tilt"], pan)
@@ -324,8 +329,8 @@ def test_image_shows_the_direction_at_its_stamp(
 
 def test_restarted_pan_tilt_unit_keeps_its_direction() -> None:
     with ModuleHarness(SimulatedPanTiltModule) as unit:
-        unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=math.nan))
-        unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=-0.1))
+        unit.send(fresh(unit, PanTiltCommand(pan_rad=0.5, tilt_rad=math.nan)))
+        unit.send(fresh(unit, PanTiltCommand(pan_rad=0.5, tilt_rad=-0.1)))
         unit.advance(1.0)
     with ModuleHarness(SimulatedPanTiltModule, restored=unit.checkpoint) as again:
         again.advance(0.0)
@@ -344,49 +349,24 @@ def test_pan_tilt_unit_is_moved_by_hand_and_stops_when_the_command_expires() -> 
         held = JointCommand(
             name=["pan"], position=np.array([2.0]), valid_for=Duration.from_nanoseconds(220_000_000)
         )
-        unit.send(held, topic="pan_tilt")
+        unit.send(fresh(unit, held), topic="pan_tilt")
         unit.advance(2.0)
         stopped = unit.take(JointState, "pan_tilt")[-1].position.tolist()
         assert stopped == pytest.approx([2.0 * 0.22, 0.0], abs=2.0 * 0.06)
-        unit.send(PanTiltCommand(pan_rad=-0.5, tilt_rad=0.3))  # which does not expire
+        unit.send(fresh(unit, PanTiltCommand(pan_rad=-0.5, tilt_rad=0.3)))  # which does not expire
         unknown = JointCommand(name=["arm"], position=np.array([1.0]), valid_for=held.valid_for)
-        unit.send(unknown, topic="pan_tilt")
+        unit.send(fresh(unit, unknown), topic="pan_tilt")
         unit.advance(2.0)
         assert unit.take(JointState, "pan_tilt")[-1].position.tolist() == pytest.approx([-0.5, 0.3])
 
 
 def command(base: ModuleHarness[SimulatedBase], linear: float, topic: str = "", valid_s: float = 0.3) -> None:
     valid_for = Duration.from_nanoseconds(round(valid_s * 1e9))
-    base.send(DriveCommand(linear_m_per_s=linear, valid_for=valid_for), topic=topic)
+    base.send(fresh(base, DriveCommand(linear_m_per_s=linear, valid_for=valid_for)), topic=topic)
 
 
 def speed(base: ModuleHarness[SimulatedBase]) -> float:
     return base.take(Odometry, topic="odom")[-1].twist.twist.linear.x
-
-
-def test_manual_commands_have_priority_until_a_while_after_the_last_one(
-    base: ModuleHarness[SimulatedBase],
-) -> None:
-    base.advance(0.1)
-    for _ in range(10):
-        command(base, 0.2, "manual")
-        command(base, -0.5)
-        base.advance(0.1)
-        assert speed(base) >= 0
-    assert speed_after_a_while(base) == 0
-    for _ in range(3):  # 2 s are not over yet
-        command(base, -0.5)
-        base.advance(0.1)
-    assert speed(base) == 0
-    base.advance(2.0)
-    command(base, -0.2)
-    base.advance(0.2)
-    assert speed(base) < 0
-
-
-def speed_after_a_while(base: ModuleHarness[SimulatedBase]) -> float:
-    base.advance(0.4)
-    return speed(base)
 
 
 def test_drive_stops_soon_after_its_last_command_has_expired(base: ModuleHarness[SimulatedBase]) -> None:

@@ -10,6 +10,7 @@ from modules.manipulation.messages import TabletopTruth
 from modules.manipulation.simulated_arm import SimulatedArm
 from robbie_mp import Duration, ModuleHarness, SettingError
 from robbie_mp.messages import JointCommand, JointLimits, JointState, Odometry
+from tests._support.commands import fresh
 from tests._support.places import ARENAS, PROJECT
 
 ROBOT = PROJECT / "hw/robots/home.urdf"
@@ -25,10 +26,10 @@ def command(position: dict[str, float], valid_for_s: float) -> JointCommand:
     )
 
 
-def hold(arm: ModuleHarness[SimulatedArm], position: dict[str, float], duration_s: float) -> None:
-    """Command positions again and again."""
-    for _ in range(round(duration_s / 0.1)):
-        arm.send(command(position, 0.3), topic="module")
+def hold(arm: ModuleHarness[SimulatedArm], position: dict[str, float], for_s: float) -> None:
+    """Command at 10 Hz."""
+    for _ in range(round(for_s * 10)):
+        arm.send(fresh(arm, command(position, 0.3)), topic="module")
         arm.advance(0.1)
 
 

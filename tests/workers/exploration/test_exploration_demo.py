@@ -50,8 +50,8 @@ class Loop:
         self.map.add(truth.pose, sweep.ranges_m, self.angles)
         if shows_map:
             self.explorer.see_map(self.map.cells, RESOLUTION_M, self.map.corner_xy_m)
-        self.explorer.see_pose(truth.pose, truth.stamp_s)
-        self.explorer.see_sweep(sweep.ranges_m, sweep.stamp_s)
+        self.explorer.see_pose(truth.pose, truth.stamp_s, truth.stamp_s)
+        self.explorer.see_sweep(sweep.ranges_m, sweep.stamp_s, sweep.stamp_s)
         self.now_s += LATENCY_S
         self.drive.command(*self.explorer.drive(), valid_for_s=0.4)
 

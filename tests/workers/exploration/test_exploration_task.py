@@ -57,8 +57,8 @@ class World:
         commands = []
         for _ in range(max(1, round(seconds * 10))):
             self.clock.now_s += 0.1
-            self.explorer.see_pose(self.pose, self.clock.now_s)
-            self.explorer.see_sweep(self.ranges, self.clock.now_s)
+            self.explorer.see_pose(self.pose, self.clock.now_s, self.clock.now_s)
+            self.explorer.see_sweep(self.ranges, self.clock.now_s, self.clock.now_s)
             commands.append(self.explorer.drive())
         return commands
 
@@ -79,8 +79,8 @@ def test_explorer_waits_for_map_pose_and_laser() -> None:
     clock = Clock()
     explorer = Explorer(clock, CollisionGuard(ANGLES))
     assert explorer.drive() == HALT
-    explorer.see_pose((1, 1, 0), clock())
-    explorer.see_sweep(FREE, clock())
+    explorer.see_pose((1, 1, 0), clock(), clock())
+    explorer.see_sweep(FREE, clock(), clock())
     assert explorer.drive() == HALT
     waiting = explorer.state
     explorer.see_map(drawn_cells(HALF_KNOWN), RESOLUTION_M, (0, 0))
@@ -197,5 +197,5 @@ def test_finished_task_stays_finished() -> None:
 def test_restarted_explorer_knows_its_home() -> None:
     clock = Clock()
     explorer = Explorer(clock, CollisionGuard(ANGLES), home_xy_m=(1.0, 2.0))
-    explorer.see_pose((3.0, 3.0, 0.0), clock())
+    explorer.see_pose((3.0, 3.0, 0.0), clock(), clock())
     assert present(explorer.home_xy_m).tolist() == [1.0, 2.0]

@@ -1,0 +1,197 @@
+"""The base follows who is in control, and nothing that is old or rests on old measurements."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modules.devices.base import SimulatedBase
+from robbie_mp import CallRefused, Duration, Header, ModuleHarness, Time
+from robbie_mp.messages import (
+    ControlState,
+    DriveCommand,
+    EmergencyStop,
+    LaserScan,
+    Odometry,
+    SetControl,
+)
+from tests._support.commands import fresh
+
+ARENA = """\
+cell_m: 0.5
+drawing: |
+  ####################
+  #..................#
+  #R.................#
+  #..................#
+  ####################
+"""
+Base = ModuleHarness[SimulatedBase]
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> dict[str, object]:
+    (tmp_path / "arena.yaml").write_text(ARENA)
+    return {"arena": tmp_path / "arena.yaml", "guard_topics": ["scan"]}
+
+
+@pytest.fixture
+def base(settings: dict[str, object]) -> Iterator[Base]:
+    with ModuleHarness(SimulatedBase, settings, name="base") as harness:
+        harness.advance(10.0)
+        yield harness
+
+
+def send(
+    base: Base, topic: str = "", age_s: float = 0.0, valid_s: float = 0.3, unguarded: bool = False
+) -> None:
+    command = DriveCommand(linear_m_per_s=0.3, valid_for=Duration.from_seconds(0.3), unguarded=unguarded)
+    base.send(fresh(base, command, age_s), topic=topic)
+
+
+def see(base: Base, ahead_m: float, beams: int = 360) -> None:
+    """Send a scan with a wall ahead."""
+    angles = np.linspace(-math.pi, math.pi, beams, endpoint=False)
+    ranges = np.where(np.abs(angles) < 0.5, ahead_m, 5.0)
+    scan = LaserScan(
+        header=Header(stamp=Time.from_nanoseconds(base.clock.now_ns()), frame_id="laser"),
+        angle_min=-math.pi,
+        angle_increment=2 * math.pi / beams,
+        range_max=10.0,
+        ranges=ranges,
+    )
+    base.send(scan, topic="scan")
+
+
+def speed(base: Base) -> float:
+    base.advance(0.1)
+    return base.take(Odometry, "odom")[-1].twist.twist.linear.x
+
+
+def mode(base: Base) -> int:
+    state = base.latched(ControlState, "control")
+    assert state is not None
+    return state.mode
+
+
+def test_command_that_rests_on_old_measurements_is_refused(base: Base) -> None:
+    send(base, age_s=0.35)
+    assert speed(base) == 0.0
+    assert "1 too old" in base.module.status
+    send(base, age_s=0.05)
+    assert speed(base) > 0.0
+
+
+def test_new_commands_on_old_measurements_do_not_keep_the_robot_going(base: Base) -> None:
+    stamp_ns = base.clock.now_ns()
+    speeds = []
+    for _ in range(10):  # a module whose laser has stopped goes on commanding
+        age_s = (base.clock.now_ns() - stamp_ns) / 1e9
+        send(base, age_s=age_s)
+        speeds.append(speed(base))
+    assert max(speeds[:3]) > 0.2
+    assert speeds[3:] == [0.0] * 7  # 0.4 s after the measurement
+
+
+def test_command_that_does_not_say_what_it_rests_on_is_refused(
+    base: Base, caplog: pytest.LogCaptureFixture
+) -> None:
+    base.send(DriveCommand(linear_m_per_s=0.3, valid_for=Duration.from_seconds(0.3)))
+    assert speed(base) == 0.0
+    assert "it does not say (based_on)" in caplog.text
+
+
+def test_command_from_the_future_is_refused(base: Base) -> None:
+    send(base, age_s=-1.0)
+    assert speed(base) == 0.0
+
+
+def test_command_to_stand_is_followed_however_old(base: Base) -> None:
+    send(base)
+    assert speed(base) > 0.0
+    base.send(DriveCommand())
+    base.advance(0.3)
+    assert speed(base) == 0.0
+
+
+def test_driving_by_hand_ends_in_hold_and_an_order_lets_modules_drive_again(base: Base) -> None:
+    see(base, 5.0)
+    send(base, "manual")
+    assert speed(base) > 0.0
+    assert mode(base) == ControlState.MANUAL
+    base.advance(1.0)
+    assert mode(base) == ControlState.HOLD
+    send(base)
+    assert speed(base) == 0.0
+    assert base.call(SetControl(mode=ControlState.AUTO)).mode == ControlState.AUTO
+    send(base)
+    assert speed(base) > 0.0
+
+
+def test_released_emergency_stop_does_not_start_the_mission(base: Base) -> None:
+    base.send(EmergencyStop(engaged=True, reason="test"), topic="emergency_stop")
+    with pytest.raises(CallRefused, match="release it first"):
+        base.call(SetControl(mode=ControlState.AUTO))
+    base.send(EmergencyStop(engaged=False), topic="emergency_stop")
+    for _ in range(20):
+        send(base)
+        assert speed(base) == 0.0
+    assert mode(base) == ControlState.HOLD
+
+
+def test_restarted_base_still_holds(base: Base, settings: dict[str, object]) -> None:
+    base.call(SetControl(mode=ControlState.HOLD, reason="wait"))
+    with ModuleHarness(SimulatedBase, settings, restored=base.checkpoint) as again:
+        again.advance(0.1)
+        send(again)
+        assert speed(again) == 0.0
+        assert mode(again) == ControlState.HOLD
+
+
+def test_hold_stops_a_robot_that_drives(base: Base) -> None:
+    send(base)
+    assert speed(base) > 0.0
+    base.call(SetControl(mode=ControlState.HOLD))
+    base.advance(0.4)
+    assert speed(base) == 0.0
+
+
+def test_robot_that_starts_in_hold_waits_for_an_order(settings: dict[str, object]) -> None:
+    with ModuleHarness(SimulatedBase, settings | {"starts_in_auto": False}) as base:
+        base.advance(1.0)
+        send(base)
+        assert speed(base) == 0.0
+
+
+@pytest.mark.parametrize("beams", [360, 359, 361])
+def test_guard_stops_an_operator_before_a_wall(base: Base, beams: int) -> None:
+    see(base, 5.0)
+    send(base, "manual")
+    assert speed(base) > 0.0
+    base.advance(1.0)
+    see(base, 0.27, beams)
+    send(base, "manual")
+    base.advance(0.1)
+    assert speed(base) == 0.0
+
+
+def test_operator_drives_past_the_guard_on_purpose(base: Base) -> None:
+    see(base, 0.27)
+    send(base, "manual", unguarded=True)
+    assert speed(base) > 0.0
+
+
+def test_blind_guard_lets_nobody_drive_by_hand(base: Base) -> None:
+    see(base, 5.0)
+    base.advance(0.5)
+    send(base, "manual")
+    assert speed(base) == 0.0
+    assert "too old" in base.module.status
+
+
+def test_wrong_order_is_refused(base: Base) -> None:
+    for wrong in (ControlState.MANUAL, 7):
+        with pytest.raises(CallRefused):
+            base.call(SetControl(mode=wrong))

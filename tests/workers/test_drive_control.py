@@ -1,0 +1,116 @@
+"""A robot that was stopped, taken over or left by its operator stands until somebody orders it to go on."""
+
+import pytest
+
+from workers.driving.control import ControlMode, DriveControl
+
+AUTO, MANUAL, HOLD = ControlMode.AUTO, ControlMode.MANUAL, ControlMode.HOLD
+
+
+class Robot:
+    def __init__(self) -> None:
+        self.now_s = 10.0
+        self.control = DriveControl(lambda: self.now_s)
+
+    def by_hand(self, moves: bool = True, who: str = "page") -> bool:
+        """Command by hand; return whether it is followed."""
+        return not self.control.refuses_by_hand(who, moves)
+
+    def wait(self, time_s: float) -> None:
+        for _ in range(round(time_s / 0.1)):
+            self.now_s += 0.1
+            self.control.look_after()
+
+    def release(self) -> None:
+        self.control.see_stop(False, "page", "")
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def test_modules_drive_until_an_operator_takes_over(robot: Robot) -> None:
+    assert not robot.control.refuses_module()
+    assert robot.by_hand()
+    assert robot.control.mode is MANUAL
+    assert "MANUAL" in robot.control.refuses_module()
+
+
+def test_operator_who_lets_go_leaves_a_robot_that_holds(robot: Robot) -> None:
+    robot.by_hand()
+    robot.wait(0.3)
+    assert robot.control.mode is MANUAL
+    robot.wait(0.3)
+    assert robot.control.mode is HOLD
+    robot.wait(60.0)
+    assert robot.control.refuses_module()
+
+
+def test_order_lets_a_holding_robot_go_on(robot: Robot) -> None:
+    robot.by_hand()
+    robot.wait(1.0)
+    assert robot.control.order(AUTO, "page", "") == ""
+    assert not robot.control.refuses_module()
+
+
+def test_released_stop_holds_the_robot_until_an_order(robot: Robot) -> None:
+    robot.control.see_stop(True, "page", "button")
+    assert "emergency stop" in robot.control.order(AUTO, "page", "")
+    robot.release()
+    robot.wait(60.0)
+    assert robot.control.mode is HOLD
+    assert robot.control.refuses_module()
+    assert robot.control.order(AUTO, "page", "go on") == ""
+
+
+def test_stick_held_during_the_stop_moves_nothing_until_it_was_let_go(robot: Robot) -> None:
+    robot.by_hand()
+    robot.control.see_stop(True, "page", "button")
+    for _ in range(5):
+        assert not robot.by_hand()
+        robot.wait(0.1)
+    robot.release()
+    for _ in range(20):
+        assert not robot.by_hand()
+        robot.wait(0.1)
+    assert robot.by_hand(moves=False)
+    assert robot.by_hand()
+
+
+def test_stick_counts_as_let_go_after_silence(robot: Robot) -> None:
+    robot.control.see_stop(True, "page", "button")
+    robot.release()
+    robot.wait(0.6)
+    assert robot.by_hand()
+
+
+def test_release_without_a_stop_changes_nothing(robot: Robot) -> None:
+    robot.release()
+    assert robot.control.mode is AUTO
+
+
+def test_letting_go_does_not_take_over_from_hold(robot: Robot) -> None:
+    robot.control.order(HOLD, "page", "wait")
+    assert robot.by_hand(moves=False)
+    assert robot.control.mode is HOLD
+
+
+def test_manual_cannot_be_ordered(robot: Robot) -> None:
+    assert "first command by hand" in robot.control.order(MANUAL, "page", "")
+
+
+@pytest.mark.parametrize("mode", list(ControlMode))
+def test_restarted_base_knows_who_was_in_control(robot: Robot, mode: ControlMode) -> None:
+    robot.control.order(mode, "page", "test")
+    if mode is MANUAL:
+        robot.by_hand()
+    again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
+    assert (again.mode, again.who, again.reason) == (mode, "page", robot.control.reason)
+
+
+def test_restarted_base_still_asks_for_the_release(robot: Robot) -> None:
+    robot.control.see_stop(True, "page", "button")
+    again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
+    assert again.order(AUTO, "page", "")
+    assert again.refuses_by_hand("page", True)

@@ -1,0 +1,1 @@
+"""Driving: who controls the robot, whatever it drives for."""
