@@ -8,7 +8,7 @@ AHEAD_S = 0.1
 """A stamp may lie this far in the future: clocks of devices are estimated."""
 
 MAX_AGE_S: float = setting(
-    0.3,
+    0.25,
     "age of a command's oldest measurement, or of the operator's input, at which it is no longer followed",
     minimum=0.02,
     maximum=1.0,

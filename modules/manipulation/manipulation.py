@@ -38,10 +38,10 @@ from robbie_mp import (
     Time,
     setting,
 )
-from robbie_mp.messages import JointCommand, JointState
+from robbie_mp.messages import ControlState, JointCommand, JointState
 from workers.manipulation.arm_model import ArmModel
 from workers.manipulation.errors import KinematicsMissing, ManipulationError
-from workers.manipulation.hand_work import HandWork, Outcome
+from workers.manipulation.hand_work import HandWork, Order, Outcome
 from workers.manipulation.hand_work_states import Task
 
 PickUpGoal = ActiveGoal[PickUp, PickUpFeedback, PickUpResult]
@@ -87,14 +87,16 @@ class Manipulation(Module):
 
     def setup(self) -> None:
         """Create the worker; continue the order of the process before."""
-        arm = ArmModel(self.robot, self.joints, self.fingers)
-        self.work = HandWork(arm, self._time_s, on_change=self.show_state, seed=self.seed)
+        self.arm = ArmModel(self.robot, self.joints, self.fingers)
+        self.work = HandWork(self.arm, self._time_s, on_change=self.show_state, seed=self.seed)
         self.active: AnyGoal | None = None
         self.accepted_s = self._time_s()
         self.released = ""
         self.fed_back = ""
         self.told: tuple[str, str, bool] | None = None
         self.joints_stamp = Time()
+        self.holds = False
+        self.order: Order | None = None
         if self.restored is not None:
             self._restore(self.restored)
         self.show_state(self.work.machine.state)
@@ -105,6 +107,7 @@ class Manipulation(Module):
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(JointState, self.on_joints, newest, topic="arm", deadline_s=JOINTS_S)
         self.subscribe(TableObjects, self.on_table, newest)
+        self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
 
     def _restore(self, kept: dict[str, Any]) -> None:
         self.released, self.accepted_s = kept["released"], kept["accepted_s"]
@@ -130,6 +133,17 @@ class Manipulation(Module):
             if len(state.effort) == len(state.name):
                 efforts = dict(zip(state.name, state.effort.tolist(), strict=True))
                 self.work.see_efforts(np.array([efforts[name] for name in self.joints]))
+
+    def on_control(self, control: ControlState) -> None:
+        """Keep the arm where it is until somebody orders the robot to go on.
+
+        Then it plans from where it is, as after a restart: its trajectory is of another time.
+        """
+        held, self.holds = self.holds, control.mode != ControlState.AUTO
+        if held and not self.holds:
+            kept = self.work.memory()
+            self.work = HandWork(self.arm, self._time_s, on_change=self.show_state, seed=self.seed)
+            self.work.remember(kept)
 
     def on_table(self, message: TableObjects) -> None:
         """Pass what the camera sees to the worker."""
@@ -195,7 +209,10 @@ class Manipulation(Module):
 
     def tick(self) -> None:
         """Send the joints where they should be now."""
-        order = self.work.step()
+        # An arm that holds is commanded on: without commands its joints are let go, and it falls.
+        if not self.holds:
+            self.order = self.work.step()
+        order = self.order
         if self.active is not None and self.work.outcome is not None and self.work.task is None:
             self._end(self.active, self.work.outcome)
         elif self.active is not None:

@@ -28,6 +28,7 @@ from robbie_mp.messages import (
     BoundingBox2D,
     CallRefusal,
     CameraInfo,
+    ControlState,
     Detection2DArray,
     GoalEnd,
     Image,
@@ -96,6 +97,23 @@ def test_arm_is_commanded_only_with_an_order_and_where_it_is_known(hand: ModuleH
     hand.take(JointCommand, "arm")
     hand.advance(0.5)
     assert not hand.take(JointCommand, "arm")
+
+
+def test_arm_stays_where_it_is_while_the_robot_holds_and_then_goes_on(
+    hand: ModuleHarness[Manipulation],
+) -> None:
+    hand.send_goal(PickUp(object="soup"))
+    hear_joints(hand, 1.0)
+    last = hand.take(JointCommand, "arm")[-1]
+    hand.send(ControlState(mode=ControlState.HOLD), topic="control")
+    hear_joints(hand, 5.0)
+    held = hand.take(JointCommand, "arm")
+    assert all((command.position == last.position).all() for command in held)
+    assert len(held) >= 50  # its joints are not let go
+    hand.send(ControlState(mode=ControlState.AUTO), topic="control")
+    hear_joints(hand, 0.2)
+    assert hand.take(JointCommand, "arm")[0].position.tolist() == pytest.approx(STOWED, abs=0.1)
+    assert hand.module.work.task == "pick up"
 
 
 def test_newer_order_takes_the_place_of_another_one_and_a_cancelled_one_ends(

@@ -57,10 +57,10 @@ def test_limits_and_speeds_are_those_of_the_urdf(arm: ModuleHarness[SimulatedArm
 
 
 def test_arm_stands_still_when_its_command_expires(arm: ModuleHarness[SimulatedArm]) -> None:
-    arm.send(command({"shoulder": 1.0}, 0.3), topic="module")
+    arm.send(fresh(arm, command({"shoulder": 1.0}, 0.2)), topic="module")
     arm.advance(0.5)
     there = newest(arm)
-    assert there["shoulder"] == pytest.approx(0.36, abs=0.01)
+    assert there["shoulder"] == pytest.approx(0.24, abs=0.01)
     arm.advance(1.0)
     assert newest(arm) == there
     assert arm.module.status.endswith("1 expired commands")
