@@ -60,7 +60,7 @@ def attach(run: str | None = None) -> "AttachedRun":
 
         with robbie_mp.attach() as run:
             scan = run.latest(LaserScan)
-            run.publish(DriveCommand(linear_m_per_s=0.1), topic="wheels")
+            run.publish(String(data="docked"), topic="notes")
 
     It works in scripts and in notebooks, installs no signal handlers, and needs no event loop. A program may
     attach more than once. The robot does not wait for it.
