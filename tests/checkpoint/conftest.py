@@ -44,6 +44,13 @@ class SlotOfARun:
             file.seek(offset)
             file.write(data)
 
+    def damage(self, number: int, offset: int, size: int = 1) -> None:
+        """Flip all bits of a part of a segment: whatever is there, it becomes something else."""
+        with open(Path("/dev/shm") / self.name(number), "r+b") as file:
+            file.seek(offset)
+            flipped = bytes(byte ^ 0xFF for byte in file.read(size))
+        self.scribble(number, offset, flipped)
+
 
 @pytest.fixture
 def slot() -> Iterator[SlotOfARun]:

@@ -103,7 +103,7 @@ def test_damaged_checkpoint_is_reported_and_the_previous_one_is_restored(
     slot: SlotOfARun, offset: int
 ) -> None:
     write(slot.start(), 1, 2)
-    slot.scribble(0, IMAGE_BEGIN + offset, b"\xee\xee\xee")  # the first goes to segment 1
+    slot.damage(0, IMAGE_BEGIN + offset, 3)  # the first goes to segment 1
     buffers = slot.start()
     assert number_in(buffers) == 1
     assert len(buffers.damaged) == 1
@@ -115,7 +115,7 @@ def test_damaged_checkpoint_is_reported_and_the_previous_one_is_restored(
 def test_two_damaged_checkpoints_are_reported_and_replaced(slot: SlotOfARun) -> None:
     write(slot.start(), 1, 2)
     for number in (0, 1):
-        slot.scribble(number, IMAGE_BEGIN + 70, b"\xee")
+        slot.damage(number, IMAGE_BEGIN + 70)
     buffers = slot.start()
     assert buffers.found is None
     assert len(buffers.damaged) == 2
@@ -171,7 +171,7 @@ def test_hold_returns_nothing_without_a_checkpoint(slot: SlotOfARun) -> None:
     with pytest.raises(LookupError), slot.start().newest():
         pass
     write(slot.start(), 1)
-    slot.scribble(1, IMAGE_BEGIN, b"\xee")
+    slot.damage(1, IMAGE_BEGIN)
     buffers = slot.start()
     with pytest.raises((LookupError, CheckpointDamaged)), buffers.newest():
         pass

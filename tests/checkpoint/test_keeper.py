@@ -222,6 +222,6 @@ def test_damaged_memory_is_logged_and_does_not_damage_the_file(
     keeper.save("bad")
     keeper.save("bad")
     for number in (0, 1):
-        slot.scribble(number, IMAGE_BEGIN + 40, b"\xee")
+        slot.damage(number, IMAGE_BEGIN + 40)
     assert start().restored == "good"
     assert caplog.text.count("is ignored") == 2
