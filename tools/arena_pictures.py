@@ -3,6 +3,7 @@
 Each shows an arena from above. On its right is what the robot's camera sees 1.2 m before the first victim.
 """
 
+import argparse
 import math
 import sys
 import tempfile
@@ -35,6 +36,7 @@ VICTIM_COLOURS = {
 
 def main() -> int:
     """Write one picture for each stock arena and one for a random one."""
+    argparse.ArgumentParser(prog="python -m tools.arena_pictures", description=__doc__).parse_args()
     for name in STOCK:
         _write(name, read_arena(ARENAS / f"{name}.yaml"))
     with tempfile.TemporaryDirectory() as folder:

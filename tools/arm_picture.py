@@ -4,6 +4,7 @@ On the left the hand is around an object; on the right is what the depth camera 
 out of its view: the nearer, the brighter.
 """
 
+import argparse
 import contextlib
 import math
 import sys
@@ -41,6 +42,7 @@ Floats = NDArray[np.float64]
 
 def main() -> int:
     """Write the picture."""
+    argparse.ArgumentParser(prog="python -m tools.arm_picture", description=__doc__).parse_args()
     arena = read_arena(Path("hw/simulation/arenas/arm.yaml"))
     things = [
         Placed(

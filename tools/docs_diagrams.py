@@ -4,6 +4,7 @@ The docs site shows these pictures, so it needs no network and no script. A pict
 it was drawn from. Needs playwright, Chromium, and the Mermaid that NiceGUI contains.
 """
 
+import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,6 +35,7 @@ def diagrams() -> dict[str, str]:
 
 def main() -> None:
     """Draw what has no picture yet, and remove the pictures of diagrams that are gone."""
+    argparse.ArgumentParser(prog="python -m tools.docs_diagrams", description=__doc__).parse_args()
     FOLDER.mkdir(exist_ok=True)
     wanted = diagrams()
     for file in FOLDER.iterdir():

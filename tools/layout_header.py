@@ -1,5 +1,6 @@
 """Writes the constants that C shares with Python: `python -m tools.layout_header`."""
 
+import argparse
 from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from pathlib import Path
@@ -73,4 +74,5 @@ def _upper(name: str) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m tools.layout_header", description=__doc__).parse_args()
     HEADER.write_text(header())

@@ -147,7 +147,6 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line. The exit code is 0 if every run ended in order, else 1."""
     parser = command_line("python -m tools.rescue_trials", __doc__, "rescue-fast", "number of arenas")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the missions")
     parser.add_argument(
         "--appearing", type=int, default=0, help="number of obstacles that appear and disappear in each arena"
     )

@@ -6,6 +6,7 @@ A robot's code is the files of its modules' classes, and everything of `modules/
 these import, directly or not. Lines are those of its files that are not blank.
 """
 
+import argparse
 import ast
 import sys
 from collections.abc import Iterator, Mapping
@@ -176,5 +177,6 @@ def figures(text: str) -> Mapping[str, list[int]]:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m tools.robots_page", description=__doc__).parse_args()
     PAGE.write_text(page())
     sys.stdout.write(f"wrote {PAGE}\n")

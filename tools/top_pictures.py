@@ -3,6 +3,7 @@
 The tool runs the demo, aborts a module to have a crash report, and presses the keys of each view.
 """
 
+import argparse
 import asyncio
 import os
 import re
@@ -43,6 +44,7 @@ T = TypeVar("T")
 
 def main() -> None:
     """Run the demo and take all pictures."""
+    argparse.ArgumentParser(prog="python -m tools.top_pictures", description=__doc__).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         runtime = Path(folder, "runtime")
         runtime.mkdir(mode=0o700)

@@ -29,7 +29,8 @@ def play(feed: PlayedFeed, script: Script, size: tuple[int, int] = (80, 24)) -> 
     async def run_it() -> None:
         app = TopProgram(feed, 3600.0)  # type: ignore[arg-type]
         async with app.run_test(size=size, notifications=True) as pilot:
-            while not app.screen.query(FooterKey):  # the footer gets its keys later than the rest is drawn
+            # The footer gets its keys, and they their places, later than the rest is drawn.
+            while not (keys := app.screen.query(FooterKey)) or not all(key.size.width for key in keys):
                 await pilot.pause()
             await script(pilot)
 

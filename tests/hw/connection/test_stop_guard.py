@@ -87,12 +87,23 @@ def test_order_to_stand_lets_nothing_expire(line: Line) -> None:
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_robot_stands_after_its_driver_is_killed_or_stopped(line: Line, how: signal.Signals) -> None:
+    stand_after(line, how, LIMIT_S)
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_robot_stands_soon_after_its_driver_is_killed_or_stopped(line: Line, how: signal.Signals) -> None:
+    stand_after(line, how, STAND_WITHIN_S)
+
+
+def stand_after(line: Line, how: signal.Signals, limit_s: float) -> None:
     program = subprocess.Popen([sys.executable, "-m", driving.__name__, line.path], cwd=PROJECT)
     try:
         line.listen_until(DRIVE, LIMIT_S, frame())
         program.send_signal(how)
-        assert line.listen_until(HALT, LIMIT_S) < STAND_WITHIN_S
+        assert line.listen_until(HALT, LIMIT_S) < limit_s
     finally:
         with suppress(ProcessLookupError):
             program.kill()

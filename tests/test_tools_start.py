@@ -1,0 +1,51 @@
+"""Every program of `tools/` starts, and says with `--help` what it does instead of doing it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+START_ALL = """\
+import contextlib, io, runpy, sys, traceback
+
+for name in sys.argv[1:]:
+    sys.argv = [name, "--help"]
+    for imported in (name, f"{name}.__main__"):  # perhaps by another program
+        sys.modules.pop(imported, None)
+    shown = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(shown):
+            runpy.run_module(name, run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        if end.code or "usage: " not in shown.getvalue():
+            print(f"{name} ended with {end.code!r} and showed {shown.getvalue()!r}")
+    except Exception:
+        print(f"{name}: {traceback.format_exc()}")
+    else:
+        print(f"{name} did something in spite of --help")
+"""
+
+
+def programs() -> list[str]:
+    """Return the programs that can be started by themselves; other files are parts of these."""
+    names = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in ROOT.glob("tools/*.py")}
+    names |= {path: f"tools.{path.parent.name}" for path in ROOT.glob("tools/*/__main__.py")}
+    names |= {
+        ROOT / "tools" / "bench" / f"{one}.py": f"tools.bench.{one}" for one in ("restart", "ros2_overhead")
+    }
+    return sorted(name for path, name in names.items() if '__name__ == "__main__"' in path.read_text())
+
+
+def test_every_tool_starts_and_explains_itself(tmp_path: Path) -> None:
+    names = programs()
+    assert {"tools.rescue_trials", "tools.top_pictures", "tools.bench"} <= set(names)
+    found = subprocess.run(
+        [sys.executable, "-W", "error", "-c", START_ALL, *names],
+        cwd=tmp_path,  # one that ignores --help does not overwrite a picture of the docs
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
