@@ -36,7 +36,9 @@ STATE = {
 @settings(deadline=None)
 @given(STATES)
 @example({"nan": float("nan"), "minus zero": -0.0, "infinite": float("-inf"), 1: True})
-@example([np.zeros((0, 3)), np.array(5), np.float32(1.5), np.bool_(True), np.datetime64("NaT", "s"), np.str_("ä")])
+@example(
+    [np.zeros((0, 3)), np.array(5), np.float32(1.5), np.bool_(True), np.datetime64("NaT", "s"), np.str_("ä")]
+)
 def test_state_is_restored_unchanged(state: Any) -> None:
     assert same(decode(encode(state)).state, state)
 
