@@ -312,7 +312,8 @@ class Ticker(Journal):
     def tick(self) -> None:
         self.number += 1
         now = Time.from_nanoseconds(self.clock.now_ns())
-        self.publish(DriveCommand(header=Header(stamp=now, frame_id=self.name), linear_m_per_s=self.number))
+        header = Header(stamp=now, frame_id=self.name)
+        self.publish(DriveCommand(header=header, linear_m_per_s=self.number / 1000))  # at most 100 m/s
 
 
 class Sleeper(Ticker):
@@ -362,8 +363,8 @@ class Chronicle(Module):
         self.write(self.line(command))
 
     def line(self, command: DriveCommand) -> str:
-        header, published_ns = command.header, self.envelope.published_ns
-        return f"{header.stamp.nanoseconds} {header.frame_id} {command.linear_m_per_s:g} {published_ns}"
+        header, number = command.header, 1000 * command.linear_m_per_s
+        return f"{header.stamp.nanoseconds} {header.frame_id} {number:g} {self.envelope.published_ns}"
 
     def tick(self) -> None:
         order = "-".join({"a", "set", "of", "some", "texts"})
@@ -384,7 +385,7 @@ class Detector(Journal):
 
     def on_command(self, command: DriveCommand) -> None:
         time.sleep(self.work_s)
-        self.note(round(command.linear_m_per_s))
+        self.note(round(1000 * command.linear_m_per_s))
 
 
 class StandingBase(Module):
