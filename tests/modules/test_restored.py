@@ -28,6 +28,7 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
+from tests._support.commands import fresh
 from tests._support.places import ARENAS
 from tests._support.present import present
 from tests.checkpoint._support.states import same
@@ -167,8 +168,9 @@ def command(linear_m_per_s: float) -> DriveCommand:
 def test_restarted_base_finds_the_robot_where_it_is() -> None:
     with ModuleHarness(SimulatedBase, {"arena": str(ARENA)}) as base:
         for _ in range(4):
-            base.send(command(0.4))
-            base.advance(0.5)
+            for _ in range(5):
+                base.send(fresh(base, command(0.4)))
+                base.advance(0.1)
         wheels, truth = base.take(Odometry, "odom")[-1], base.take(Odometry, "ground_truth")[-1]
         state = base.checkpoint
     assert truth.pose.pose.position.x > 0.4
