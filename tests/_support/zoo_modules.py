@@ -313,11 +313,7 @@ class Ticker(Journal):
         self.number += 1
         now = Time.from_nanoseconds(self.clock.now_ns())
         header = Header(stamp=now, frame_id=self.name)
-<<<<<<< Updated upstream
         self.publish(DriveCommand(header=header, linear_m_per_s=self.number / 1000))  # at most 100 m/s
-=======
-        self.publish(DriveCommand(header=header, linear_m_per_s=self.number / 1000))
->>>>>>> Stashed changes
 
 
 class Sleeper(Ticker):
