@@ -5,6 +5,7 @@ import math
 from hw.laser import LaserGeometry
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, OccupancyGrid, PoseStamped
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from workers.exploration.explorer import Explorer
 from workers.exploration.explorer_states import ExplorerSettings
 from workers.navigation.collision_guard import CollisionGuard
@@ -22,7 +23,10 @@ class Exploration(Module):
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
     command_valid_for_s: float = setting(
-        0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
+        0.3,
+        "the drive stops when no newer command arrives within this time",
+        minimum=0.01,
+        maximum=MAX_VALID_FOR_S,
     )
     max_linear_m_per_s: float = setting(0.7, "maximum forward speed", minimum=0.05)
     scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")

@@ -39,6 +39,7 @@ from robbie_mp.messages import (
     TFMessage,
     TimeJump,
 )
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from workers.laser.laser_sweep import LaserSweep
 from workers.maps.map_annotations import forbid
 from workers.maps.navigation_grid import NavigationGrid
@@ -69,7 +70,10 @@ class Navigation(Module):
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
     command_valid_for_s: float = setting(
-        0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
+        0.3,
+        "the drive stops when no newer command arrives within this time",
+        minimum=0.01,
+        maximum=MAX_VALID_FOR_S,
     )
     max_linear_m_per_s: float = setting(0.5, "maximum forward speed", minimum=0.05, changeable=True)
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")

@@ -7,6 +7,7 @@ from hw.pose import Pose
 from modules.planar_messages import angles_rad, planar
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, Odometry, PoseStamped
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from workers.parcours.lap_counter import LapCounter, LapState
 from workers.parcours.race_driver import RaceDriver, RaceLimits
 
@@ -22,7 +23,10 @@ class Parcours(Module):
     period_s: float = setting(0.05, "time between drive commands", minimum=0.01)
     laps: int = setting(2, "laps to drive", minimum=1)
     command_valid_for_s: float = setting(
-        0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
+        0.3,
+        "the drive stops when no newer command arrives within this time",
+        minimum=0.01,
+        maximum=MAX_VALID_FOR_S,
     )
     stale_s: float = setting(0.3, "the robot stops when the newest scan is older than this", minimum=0.05)
     max_linear_m_per_s: float = setting(0.8, "maximum speed", minimum=0.05, changeable=True)

@@ -3,6 +3,7 @@
 from hw.gamepad import Gamepad
 from robbie_mp import REQUIRED, Duration, Header, Module, Time, setting
 from robbie_mp.messages import DeviceState, DriveCommand
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 
 STATE_PERIOD_S = 1.0
 # Codes of Linux: BTN_TL, ABS_X and ABS_Y.
@@ -31,7 +32,9 @@ class GamepadModule(Module):
     )
     max_linear_m_per_s: float = setting(0.5, "speed at a stick pushed fully forward", minimum=0.0)
     max_angular_rad_per_s: float = setting(1.0, "turn rate at a stick pushed fully aside", minimum=0.0)
-    valid_for_s: float = setting(0.25, "a command expires after this time", minimum=0.05)
+    valid_for_s: float = setting(
+        0.25, "a command expires after this time", minimum=0.05, maximum=MAX_VALID_FOR_S
+    )
     period_s: float = setting(0.05, "time between commands", minimum=0.005)
 
     def setup(self) -> None:

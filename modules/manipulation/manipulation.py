@@ -39,6 +39,7 @@ from robbie_mp import (
     setting,
 )
 from robbie_mp.messages import ControlState, JointCommand, JointState
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from workers.manipulation.arm_model import ArmModel
 from workers.manipulation.errors import KinematicsMissing, ManipulationError
 from workers.manipulation.hand_work import HandWork, Order, Outcome
@@ -68,7 +69,9 @@ class Manipulation(Module):
         ["gripper", "right_finger"], "joints of the fingers in the URDF; the first one is commanded"
     )
     period_s: float = setting(0.05, "time between commands", minimum=0.01)
-    command_valid_for_s: float = setting(0.3, "the arm stands when no newer command arrives", minimum=0.05)
+    command_valid_for_s: float = setting(
+        0.3, "the arm stands when no newer command arrives", minimum=0.05, maximum=MAX_VALID_FOR_S
+    )
     seed: int = setting(0, "random seed of the planner")
 
     @classmethod

@@ -1,6 +1,5 @@
 """Hands messages that another system has sent to the robot, as themselves or as what they become."""
 
-import math
 from typing import Any, cast
 
 from robbie_mp.bridge.driving import drive_command
@@ -10,7 +9,6 @@ from robbie_mp.messages import (
     Message,
     NavigateTo,
     NavigationResult,
-    Pose,
     PoseStamped,
     PoseWithCovarianceStamped,
     Time,
@@ -35,13 +33,12 @@ def hand_over(
         module: the bridge; not in its `setup()`.
         incoming: what the settings say about it.
         message_type: the class of the type on the other side.
-        data: the message, encoded; it has been checked that it can be decoded.
+        data: the message, encoded; it has been checked that it is well formed.
         valid_for_s: how long a velocity is followed, s.
         waited_s: how long the message has waited since it arrived on this machine, s.
 
     Returns:
-        Whether it was handed over. It is not if the robot has no room for it, if a velocity is too old, or
-        if a number is not finite where the robot would act on it.
+        Whether it was handed over. It is not if the robot has no room for it, or if a velocity is too old.
 
     Raises:
         MessageTooLarge: the message does not fit into the module's memory.
@@ -57,8 +54,6 @@ def hand_over(
         command = drive_command(cast("Twist | TwistStamped", message), stamp, valid_for_s, waited_s)
         return command is not None and module.publish(command, topic=topic)
     pose = message.pose.pose if isinstance(message, PoseWithCovarianceStamped) else message.pose
-    if not is_finite(pose):
-        return False
     stamped = PoseStamped(header=message.header, pose=pose)
     if incoming.becomes is PoseStamped:
         return module.publish(stamped, topic=topic, latched=is_latched)
@@ -74,9 +69,3 @@ def _send_goal(module: Module, pose: PoseStamped, topic: str) -> bool:
     except TooManyCalls:
         return False
     return True
-
-
-def is_finite(pose: Pose) -> bool:
-    """Whether all numbers of a pose are finite."""
-    position, turn = pose.position, pose.orientation
-    return all(map(math.isfinite, (position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.messages import Message, Time, replace
+from robbie_mp.messages import Message, Time, check_well_formed, replace
 from robbie_mp.tool.tool import Tool
 from robbie_mp.views.message_text import message_of_yaml
 
@@ -71,6 +71,7 @@ def pub(arguments: argparse.Namespace) -> int:
     run = choose_run(arguments.run)
     types, channel = choose_messages(run, arguments)
     message = message_of_yaml(types.get(channel.type_name), arguments.message)
+    check_well_formed(message)
     count = 1 if arguments.rate is None else arguments.count
     published = refused = 0
     next_s = time.monotonic()

@@ -17,7 +17,7 @@ TOTALS = ("replaced", "overflowed", "left", "lost")
 FIGURES = (
     "pid", "incarnation", "restarts", "rss_bytes", "shared_bytes", "threads", "published", "handled",
     "refused", "waiting", "waiting_peak", "outbound_waiting", "pinned", "pinned_bytes", "copied",
-    "outstanding", "outstanding_bytes", "ticks_missed",
+    "ill_formed", "outstanding", "outstanding_bytes", "ticks_missed",
 )  # fmt: skip
 RATES = ("cpu_percent", "in_hz", "out_hz", "tick_hz")
 TIMES = (

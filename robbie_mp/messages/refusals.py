@@ -25,21 +25,18 @@ class Refusals:
 
     Args:
         log: gets a warning at the 1st, 2nd, 4th, 8th, … refusal of a kind.
-        types: the types of encoded messages; by default the stock types.
-        on_refused: called with the total after each refusal.
 
     Attributes:
         total: number of messages refused.
         by_kind: the same by type and field.
+        on_refused: called with the total after each refusal.
     """
 
-    def __init__(
-        self, log: Logger, types: KnownTypes | None = None, on_refused: Callable[[int], None] | None = None
-    ):
+    def __init__(self, log: Logger):
         self._log = log
-        self._types = types
+        self._types: KnownTypes | None = None
         self._classes: dict[tuple[str, int], type[Message] | None] = {}
-        self._on_refused = on_refused
+        self.on_refused: Callable[[int], None] = lambda _total: None
         self.total = 0
         self.by_kind: Counter[tuple[str, str]] = Counter()
 
@@ -55,7 +52,7 @@ class Refusals:
     def admits_encoded(
         self, type_name: str, version: int, data: bytes | memoryview, origin: str = ""
     ) -> bool:
-        """Return whether an encoded message is well formed, as far as its type is known; if not, count it."""
+        """Return whether an encoded message is well formed, if it is of a stock type; if not, count it."""
         known = self._class(type_name, version)
         return known is None or self._passes(lambda one: check_well_formed(known.decode(one)), data, origin)
 
@@ -70,8 +67,7 @@ class Refusals:
         if count & (count - 1) == 0:
             where = f" ({origin})" if origin else ""
             self._log.warning("refused an ill-formed message%s, %d of this kind: %s", where, count, error)
-        if self._on_refused is not None:
-            self._on_refused(self.total)
+        self.on_refused(self.total)
 
     @property
     def summary(self) -> str:

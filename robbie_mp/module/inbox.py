@@ -53,6 +53,7 @@ class Inbox:
         self._log = logging.getLogger("robbie.receive")
         self._channel_name = channel_name
         self.subscriptions = Subscriptions(self._request, self.name_current, wiring)
+        self.subscriptions.refusals.on_refused = self._show_refused
         self._by_number = self.subscriptions.by_number
         unreferenced: Any = deque() if native is None else native.Unreferenced()
         self._unreferenced: deque[int] = unreferenced
@@ -217,6 +218,9 @@ class Inbox:
     def _may_pin(self, delivery: Delivery) -> bool:
         """Whether this module's limits leave room for a message that it might pin."""
         return self._pins.have_room_for(delivery, self._views.free_bytes(delivery.source))
+
+    def _show_refused(self, total: int) -> None:
+        self._words[layout.OUT_ILL_FORMED] = total
 
     def _copy(self, view: memoryview) -> memoryview:
         """Copy a message out of its publisher's memory, with the same alignment of its body."""

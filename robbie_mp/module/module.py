@@ -22,6 +22,7 @@ from robbie_mp.messages.calls import (
     goal_types,
     reply_type,
 )
+from robbie_mp.messages.refusals import Refusals
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.client import SentGoal
@@ -600,6 +601,15 @@ class Module:
             LookupError: no message is being handled.
         """
         return self._bus.envelope()
+
+    @property
+    def ill_formed(self) -> Refusals:
+        """The ill-formed messages that this module has refused; `robbie top` shows how many.
+
+        No handler gets an ill-formed message. A module that lets messages of others in asks `admits` before
+        it publishes them.
+        """
+        return self._bus.subscriptions.refusals
 
     @property
     def outstanding(self) -> int:

@@ -116,6 +116,8 @@ class ModuleFigures:
     pinned_bytes: int
     copied: int
     """Messages that it received as copies, because it pins too much of their publishers' memory."""
+    ill_formed: int
+    """Ill-formed messages that no handler got, or that it did not let in from outside."""
     outstanding: int
     """Messages it published that a subscriber still waits for or holds."""
     outstanding_bytes: int

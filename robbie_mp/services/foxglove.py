@@ -38,6 +38,7 @@ from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
     Header,
+    IllFormed,
     Message,
     MessageError,
     SettingChange,
@@ -47,12 +48,14 @@ from robbie_mp.messages import (
     Twist,
     TwistStamped,
     UnknownType,
+    check_well_formed,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.plain import from_dict
 from robbie_mp.messages.registry import full_name
 from robbie_mp.messages.schema import schema_text
 from robbie_mp.messages.schema_parser import message_type_from_schema
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import MessageHandling, Module, setting
 from robbie_mp.module.secret import Secret, reveal
@@ -150,7 +153,10 @@ class FoxgloveServer(Module):
     )
     frames: dict[str, str] = setting({}, "names of the robot's frames for clients; `*` stands for all others")
     drive_valid_for_s: float = setting(
-        0.5, "how long a velocity of a client drives the robot unless another follows", minimum=0.01
+        0.5,
+        "how long a velocity of a client drives the robot unless another follows",
+        minimum=0.01,
+        maximum=MAX_VALID_FOR_S,
     )
     newest: list[str] = setting(LARGE, "types of which only the newest message counts for a slow reader")
     change_settings: bool = setting(True, "whether clients may change the settings that can be changed")
@@ -464,8 +470,13 @@ class FoxgloveServer(Module):
             return
         try:
             message = self._decode(accepted, arrived)
+            check_well_formed(message)
             if not accepted.drives:
                 message = renamed(message, self._frames.name_here)
+        except IllFormed as error:
+            self.ill_formed.count(error, f"on {name:.200}")
+            self._refuse(f"{type_name:.200} on {name:.200}: {error}")
+            return
         except (RobbieError, ValueError) as error:
             self._refuse(f"{type_name:.200} on {name:.200}: {error}")
             return

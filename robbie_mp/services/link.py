@@ -384,8 +384,9 @@ class Link(Module):
     def on_arrived(self, message: Arrived) -> Fate:
         """Publish a message of another robot, unless it is late, not allowed, or of another type."""
         incoming = self._may_come_in(message)
-        data = None if incoming is None else self._in_time(message)
-        if incoming is None or data is None:
+        if incoming is None or not self._is_well_formed(message):
+            return Fate.REFUSED
+        if (data := self._in_time(message)) is None:
             return Fate.REFUSED
         if incoming.is_request:
             return self._follow(message.robot, data)
@@ -403,6 +404,11 @@ class Link(Module):
             self.log.warning("a message of %s cannot be published: %s", message.robot, error)
             return Fate.REFUSED
         return Fate.PUBLISHED if done else Fate.NO_ROOM
+
+    def _is_well_formed(self, message: Arrived) -> bool:
+        name = message.name
+        origin = f"from {message.robot} on topic '{name.topic}'"
+        return self.ill_formed.admits_encoded(name.type_name, name.version, message.data, origin)
 
     def _may_come_in(self, message: Arrived) -> Incoming | None:
         """Find out what becomes of a message; None: it may not come in."""
@@ -554,6 +560,8 @@ class Link(Module):
         shown += [f"{robot}: {driver}" for robot, driver in self._drivers.items()]
         if self.operators.holder:
             shown.append(self.operators.text)
+        if self.ill_formed.total:
+            shown.append(self.ill_formed.summary)
         self.status = "; ".join(shown) or "no other robot has been found"
 
     def link_state(self, now_ns: int) -> LinkState:

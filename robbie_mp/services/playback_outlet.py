@@ -42,6 +42,11 @@ class BusOutlet:
         translation = self._translations[channel.id]
         try:
             data = translation.translate(message.data)
+            if not self._module.ill_formed.admits_encoded(
+                channel.type_name, translation.version, data, f"on topic '{channel.topic}'"
+            ):
+                self.skipped += 1
+                return True
             self._remember(1)
             return self._module.publish_encoded(
                 channel.type_name, translation.version, data, topic=channel.topic, latched=channel.is_latched

@@ -14,6 +14,7 @@ from robbie_mp.bridge.surroundings import Surroundings
 from robbie_mp.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, own_types
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
@@ -88,7 +89,9 @@ class Ros1Bridge(Module):
     )
     rosout: bool = setting(True, "send what modules log on /rosout")
     diagnostics: bool = setting(True, "send the state of all modules on /diagnostics, once a second")
-    command_valid_s: float = setting(0.3, "how long a velocity from ROS is followed", minimum=0.01)
+    command_valid_s: float = setting(
+        0.3, "how long a velocity from ROS is followed", minimum=0.01, maximum=MAX_VALID_FOR_S
+    )
     max_waiting_bytes: int = setting(64 << 20, "size of the messages that may wait for ROS", minimum=1)
 
     @classmethod
@@ -313,6 +316,8 @@ class Ros1Bridge(Module):
             encoded: bytes | memoryview = kind.from_ros1(data)
             if not incoming.drives:  # a velocity moves the robot, whatever frame its sender names
                 encoded = self._frames.inward(message_type)(encoded)
+            if not self.ill_formed.admits(message_type.decode(encoded), f"on {incoming.name}"):
+                return False
             return hand_over(self, incoming, message_type, encoded, self.command_valid_s, waited_s)
         except (ConversionError, ForeignFrame, MessageError, MessageTooLarge, TooManyDeclarations) as error:
             self.warnings.say(f"a message on {incoming.name} is refused", error)

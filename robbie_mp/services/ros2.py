@@ -26,6 +26,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages.descriptions import KnownTypes, own_types
 from robbie_mp.messages.schema_parser import message_type_from_schema
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
@@ -119,7 +120,9 @@ class Ros2Bridge(Module):
     emergency_stop: str = setting(
         "engage", "what ROS may do with the emergency stop", choices=("none", "engage", "release")
     )
-    drive_for_s: float = setting(0.5, "how long a velocity is followed if no other comes", minimum=0.05)
+    drive_for_s: float = setting(
+        0.5, "how long a velocity is followed if no other comes", minimum=0.05, maximum=MAX_VALID_FOR_S
+    )
     inbox_messages: int = setting(1000, "messages that may wait until this module takes them", minimum=1)
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
 
@@ -321,6 +324,9 @@ class Ros2Bridge(Module):
         except MessageError as error:
             self.malformed += 1
             self.log.warning("a message on %s was thrown away: %s", incoming.name, one_line(str(error)))
+            return
+        if not self.ill_formed.admits(message, f"on {incoming.name}"):
+            self.refused += 1
             return
         try:
             if incoming.drives:

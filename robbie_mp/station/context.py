@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from nicegui import ui
 
-from robbie_mp.messages import Header, Time
+from robbie_mp.messages import Header, IllFormed, Time, check_well_formed
+from robbie_mp.messages.refusals import Refusals
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
 from robbie_mp.station.access import Role
 from robbie_mp.station.latest import MessageSource
@@ -83,6 +84,10 @@ class StationContext(MessageSource, Protocol):
     speech_commands: list[str]
     persons: list[str]
     objects: list[str]
+
+    @property
+    def ill_formed(self) -> Refusals:
+        """Counts the ill-formed messages that pages wanted to publish."""
 
     def publish(self, message: Message, *, topic: str = "") -> bool:
         """Publish a message from any thread. Panels use `Page.publish`, which checks the visitor's role."""
@@ -206,9 +211,16 @@ class Page:
             needs: the role that the action needs.
 
         Returns:
-            Whether it was published. It is not if the visitor lacks the role, or the robot's memory is full.
+            Whether it was published. It is not if the visitor lacks the role, the message is ill-formed, or
+            the robot's memory is full.
         """
         if not self.may(what, needs):
+            return False
+        try:
+            check_well_formed(message)
+        except IllFormed as error:
+            self._station.ill_formed.count(error, f"{what} of a page")
+            ui.notify(f"{what} was refused: {error}", type="negative")
             return False
         is_sent = self._station.publish(message, topic=topic)
         if not is_sent:

@@ -24,6 +24,7 @@ COUNTERS = {
     "ticks missed": layout.OUT_TICKS_MISSED,
     "pinned": layout.OUT_PINNED,
     "copied": layout.OUT_COPIED,
+    "ill_formed": layout.OUT_ILL_FORMED,
     "bytes of data segments": layout.OUT_SEGMENT_BYTES,
 }
 

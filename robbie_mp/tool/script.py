@@ -24,7 +24,7 @@ from typing import Any, Generic, Self
 from weakref import WeakSet, finalize
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import Message, MessageError
+from robbie_mp.messages import Message, MessageError, check_well_formed
 from robbie_mp.messages.calls import ReplyType, Request, reply_type
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.errors import CallError
@@ -187,10 +187,12 @@ class AttachedRun:
 
         Raises:
             FieldError: a field has the wrong type or shape.
+            IllFormed: the message is not well formed.
             MessageTooLarge: the message is larger than a tool's memory.
             ControlRefused, NotAttached, RunEnded, RunNotControlled: as for `listen`.
         """
         self._check_process()
+        check_well_formed(message)
         with self._lock:
             self._check_open()
             if self._publisher is None:

@@ -188,6 +188,7 @@ OUT_HOT_PATH = HEADER_WORDS + 20  # a HotPath; 0: the process has not chosen yet
 # In lockstep with charged handlers: the run's time at which the last one began, and how long it took.
 OUT_CHARGED_SINCE_NS = HEADER_WORDS + 21
 OUT_CHARGED_NS = HEADER_WORDS + 22
+OUT_ILL_FORMED = HEADER_WORDS + 23  # ill-formed messages that no handler got, or that were not let in
 OUT_STATUS = HEADER_WORDS + 24
 OUT_STATES = OUT_STATUS + LINE_WORDS  # states of its state machines, a text like the status line
 OUT_HEALTH = OUT_STATES + LINE_WORDS  # why the module is DEGRADED, such a text, too; '': it is OK

@@ -212,6 +212,7 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     _of("pinned", lambda module: module.pinned),
     _bytes("pin mem", lambda module: module.pinned_bytes),
     _of("copied", lambda module: module.copied),
+    _of("ill", lambda module: module.ill_formed, alarm=True),
     ModuleColumn("msg mem", _memory_used, lambda row: row.figures.outstanding_bytes),
     ModuleColumn(
         "code",

@@ -157,6 +157,8 @@ def publishes(person: Person) -> None:
     again = text.replace("1000001", "1000002")
     assert person.types("pub", "DriveCommand", again, "--rate", "500", "--count", "20") == "published 20\n"
     wait_until(lambda: person.robot.journal("listener").count(1000002) == 20)
+    person.types("pub", "DriveCommand", "{valid_for: {sec: 3600}}", code=1)
+    assert "valid_for is 3600.0; expected 0 to 1 s" in person.errors
     person.types("pub", "DriveCommand", "{linear_m_per_s: fast}", code=1)
     assert person.errors.startswith(
         "robbie_msgs/msg/DriveCommand.linear_m_per_s: expected float64, got 'fast'"

@@ -188,7 +188,7 @@ def test_accepted_message_is_published(harness: ModuleHarness[FoxgloveServer], c
         ("/goal_pose", "std_msgs/msg/String", String().encode(), "`accept` does not allow it"),
         ("/goal_pose", "geometry_msgs/msg/PoseStamped", b"\x00\x01\x00\x00\x07", "PoseStamped"),
         ("/goal_pose", "geometry_msgs/msg/PoseStamped", b"", "PoseStamped"),
-        ("/cmd_vel", "geometry_msgs/msg/Twist", Twist(linear=Vector3(x=np.nan)).encode(), "not finite"),
+        ("/cmd_vel", "geometry_msgs/msg/Twist", Twist(linear=Vector3(x=np.nan)).encode(), "a finite number"),
     ],
 )
 def test_wrong_message_is_counted_and_explained(

@@ -27,6 +27,7 @@ class FakeModule:
         self.sent: list[bytes] = []
         self.log = SimpleNamespace(error=lambda *words: self.said.append(words))
         self.said: list[Any] = []
+        self.ill_formed = SimpleNamespace(admits_encoded=lambda *_: True)
 
     def unhandled(self) -> int:
         return self.outstanding - self.kept

@@ -1,6 +1,7 @@
 """Scripts and notebooks listen, publish, and read and change parameters of a live robot."""
 
 import gc
+import math
 import multiprocessing
 import os
 import signal
@@ -15,7 +16,7 @@ import pytest
 
 import robbie_mp
 from robbie_mp import Header, Message, Time, float64
-from robbie_mp.messages import DriveCommand, Image
+from robbie_mp.messages import DriveCommand, IllFormed, Image, Point, Pose, PoseStamped
 from robbie_mp.module.calls.errors import CallRefused, CallTimedOut, NoServer
 from robbie_mp.module.setting_changes import NotChangeable
 from robbie_mp.module.settings import SettingError
@@ -149,6 +150,8 @@ def says_why_nothing_comes(run: AttachedRun) -> None:
 def publishes(robot: Robot, run: AttachedRun) -> None:
     for number in (1000001, 1000002):
         assert run.publish(DriveCommand(header=Header(stamp=Time(sec=number))), "other")
+    with pytest.raises(IllFormed, match="expected a finite number"):
+        run.publish(PoseStamped(pose=Pose(position=Point(x=math.nan))), "goal")
     wait_until(lambda: 1000002 in robot.journal("listener"))
 
 

@@ -94,8 +94,9 @@ class Details(Screen[None]):
         yield Text(
             f"queue {module.waiting}/{module.queue_messages} (peak {module.waiting_peak}), "
             f"{size(module.waiting_bytes)}/{size(module.queue_bytes)}; "
-            f"outbound {module.outbound_waiting}/{module.outbound_records}; refused {module.refused}; "
-            f"ticks missed {module.ticks_missed}; hot path in {module.hot_path.capitalize() or '-'}"
+            f"outbound {module.outbound_waiting}/{module.outbound_records}; refused {module.refused}, "
+            f"ill-formed {module.ill_formed}; ticks missed {module.ticks_missed}; "
+            f"hot path in {module.hot_path.capitalize() or '-'}"
         )
         if rates:
             for name, text in (
