@@ -1,5 +1,6 @@
 """The examples of docs/messages.md do what it says."""
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -7,10 +8,19 @@ from typing import Any
 import pytest
 
 import robbie_mp.messages as package
-from robbie_mp.messages import DecodeError, Header, LaserScan, decode_version, message_type_from_schema
+from robbie_mp.messages import (
+    DecodeError,
+    Header,
+    IllFormed,
+    LaserScan,
+    check_well_formed,
+    decode_version,
+    message_type_from_schema,
+)
+from robbie_mp.messages.flaws import beyond
 
 PAGE = (Path(__file__).parents[2] / "docs" / "messages.md").read_text()
-DECLARE, LOAN, VERSIONS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+DECLARE, RULE, LOAN, VERSIONS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
 def run(example: str, **names: object) -> dict[str, Any]:
@@ -24,6 +34,13 @@ def test_the_declaration() -> None:
     victim = names["victim"]
     assert (victim.state, len(victim.covariance), len(victim.corners)) == (0, 9, 4)
     assert names["Victim"].decode(victim.encode()) == victim
+
+
+def test_the_rule() -> None:
+    wrench = run(RULE, __name__=__name__, beyond=beyond)["Wrench"]
+    check_well_formed(wrench(torque_nm=-20.0))
+    with pytest.raises(IllFormed, match="torque_nm is nan"):
+        check_well_formed(wrench(torque_nm=math.nan))
 
 
 def test_the_loan() -> None:
