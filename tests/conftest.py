@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from robbie_mp.run import run_directory
 from tests._support.left_behind import leaving_nothing_behind
-from tests._support.others_runs import VARIABLE, OthersRuns, Session, remove_names_of_dead_tests, watched
+from tests._support.others_runs import OthersRuns, Session, remove_names_of_dead_tests, watched
+from tests._support.own_runs import VARIABLE, own_base_folders
 from tests._support.robot import Robot, robot_in
 from tools.loop_disk import LoopDisk, NoLoopDisk
 from tools.test_network.network import Network, NoTestNetwork
@@ -49,6 +51,15 @@ def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
         patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_runs_but_our_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Hide the runs of the user, who may have a robot running, and of other tests on this machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
+        patch.setattr(run_directory, "base_folders", own_base_folders)
         yield
 
 

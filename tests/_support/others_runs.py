@@ -26,11 +26,11 @@ from robbie_mp.run.run_directory import RUN_ID
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.transport.layout import HEADER_CREATOR_PID, HEADER_CREATOR_START, HEADER_WORDS
 from robbie_mp.transport.shared_folder import remove_names
+from tests._support.own_runs import VARIABLE
 from tests._support.places import PROJECT
 
 SHARED_MEMORY = Path("/dev/shm")
 LOOK_PERIOD_S = 0.05
-VARIABLE = "ROBBIE_TEST_SESSION"
 UNIT_TEST_RUN = re.compile(rf"(?!{RUN_ID.pattern}$)[a-z]+([0-9]+)(?:x[0-9]+)?")
 """What unit tests call their memory: after their process, with a number if it makes several.
 

@@ -16,7 +16,6 @@ import pytest
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
-from robbie_mp.run import run_directory
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.trace.reader import entries
 from robbie_mp.transport.segment import SegmentMissing
@@ -24,14 +23,15 @@ from robbie_mp.views.run_figures import as_data
 
 PROJECT = Path(__file__).parents[2]
 ZOO = Path(__file__).parent / "zoo_modules.py"
+OWN_RUNS = Path(__file__).parent / "own_runs.py"
 COMMAND = [
     sys.executable,
     "-c",
-    "import sys; from robbie_mp.run import run_directory as runs; "
-    "own = runs.base_folders()[:1]; runs.base_folders = lambda: own; "
+    # Not by an import: a workspace has a folder `tests` of its own.
+    f"import sys; exec(open({str(OWN_RUNS)!r}).read()); see_own_runs_only(); "
     "from robbie_mp.cli import main; sys.exit(main())",
 ]
-"""The command line. It does not see other runs of the same user on this machine, in /tmp/robbie-UID."""
+"""The command line. It does not see other runs of the same user on this machine."""
 LIMIT_S = 100.0
 
 
@@ -144,15 +144,13 @@ class Robot:
 
 @contextmanager
 def robot_in(folder: Path) -> Iterator[Robot]:
-    """An empty workspace with the zoo's modules; no other runs are listed, as for `COMMAND`."""
-    every = run_directory.base_folders
+    """An empty workspace with the zoo's modules; no other runs are listed."""
     runtime, workspace = folder / "runtime", folder / "workspace"
     runtime.mkdir(mode=0o700)
     workspace.mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(runtime))
         patch.setenv("PYTHONPATH", str(PROJECT))
-        patch.setattr(run_directory, "base_folders", lambda: every()[:1])
         with closing(Robot(workspace)) as robot:
             yield robot
 

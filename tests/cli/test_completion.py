@@ -4,6 +4,7 @@ import argparse
 import os
 import pty
 import re
+import shlex
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -30,8 +31,7 @@ def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A workspace, and `robbie` on the path."""
     program = tmp_path / "bin" / "robbie"
     program.parent.mkdir()
-    python, *arguments = COMMAND
-    program.write_text(f"#!/bin/sh\nexec {python} {arguments[0]} '{arguments[1]}' \"$@\"\n")
+    program.write_text(f'#!/bin/sh\nexec {shlex.join(COMMAND)} "$@"\n')
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))

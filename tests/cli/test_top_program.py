@@ -48,6 +48,12 @@ def shown(pilot: Pilot[None]) -> str:
     return "\n".join(lines[y] for y in sorted(lines))
 
 
+async def until_shown(pilot: Pilot[None], pattern: str) -> None:
+    """Wait until the terminal shows this: on a busy machine, a new screen gets its places after the keys."""
+    while not re.search(pattern, shown(pilot)):
+        await pilot.pause()
+
+
 def line_of(pilot: Pilot[None], start: str) -> str:
     return next(line for line in shown(pilot).splitlines() if line.strip().startswith(start))
 
@@ -157,12 +163,13 @@ def test_details_show_times_counters_log_and_the_last_crash(tmp_path: Path) -> N
 
     async def script(pilot: Pilot[None]) -> None:
         await pilot.press("down", "enter")
+        await until_shown(pilot, "works again")
         text = shown(pilot)
         for part in ("last end: exit code 1", "handler", "publishes sensor_msgs", "works again", "█"):
             assert part in text
         assert "ZeroDivisionError: division by zero" in text
         await pilot.press("escape", "down", "enter")
-        assert re.search(r"sensor_msgs/msg/LaserScan front +40 +30 +0 +3 +2 +0 +5 +all", shown(pilot))
+        await until_shown(pilot, r"sensor_msgs/msg/LaserScan front +40 +30 +0 +3 +2 +0 +5 +all")
         await pilot.press("2")  # of the views, which are not seen
         assert "subscribes to" in shown(pilot)
         await pilot.press("escape")

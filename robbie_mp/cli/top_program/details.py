@@ -134,7 +134,6 @@ def _books(module: ModuleFigures) -> Iterable[RenderableType]:
     if module.subscriptions:
         table = _table(
             "subscribes to", "routed", "deliv.", "repl.", "dropped", "left", "lost", "waiting", "handling",
-            "age", "deadline", "late", "longest",
         )  # fmt: skip
         for entry in module.subscriptions:
             table.add_row(
@@ -142,8 +141,16 @@ def _books(module: ModuleFigures) -> Iterable[RenderableType]:
                 str(entry.routed), str(entry.delivered), str(entry.replaced),
                 Text(str(entry.overflowed), ALARM if entry.overflowed else ""), str(entry.left),
                 Text(str(entry.lost), ALARM if entry.lost else ""), str(entry.waiting),
-                "newest" if entry.handling == "KEEP_ONLY_NEWEST" else "all", seconds(entry.age_s),
-                seconds(entry.deadline_s), Text(str(entry.latenesses), ALARM if entry.latenesses else ""),
+                "newest" if entry.handling == "KEEP_ONLY_NEWEST" else "all",
+            )  # fmt: skip
+        yield Text()
+        yield table
+    if watched := [entry for entry in module.subscriptions if entry.deadline_s]:
+        table = _table("must keep coming", "age", "deadline", "late", "longest")
+        for entry in watched:
+            table.add_row(
+                f"{entry.type_name} {entry.topic}", seconds(entry.age_s), seconds(entry.deadline_s),
+                Text(str(entry.latenesses), ALARM if entry.latenesses else ""),
                 seconds(entry.greatest_age_s or None),
             )  # fmt: skip
         yield Text()

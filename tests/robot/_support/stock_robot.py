@@ -4,12 +4,12 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
+from tests._support.robot import COMMAND
+
 PROJECT = Path(__file__).parents[3]
-COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 
 
 class StockRobot:
