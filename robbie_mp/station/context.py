@@ -11,6 +11,7 @@ from robbie_mp.messages import Header, IllFormed, Time, check_well_formed
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
 from robbie_mp.station.access import Role
+from robbie_mp.station.dead_man import DeadManSwitch
 from robbie_mp.station.latest import MessageSource
 from robbie_mp.station.requests import Asked, Asking
 
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from robbie_mp.station.map_marks import MapMarks, PlacesWatch
     from robbie_mp.station.run_watch import RunWatch
     from robbie_mp.station.settings_watch import SettingsWatch
+
+MAX_AGE_S = 3600.0
 
 
 class StationContext(MessageSource, Protocol):
@@ -107,6 +110,12 @@ def header_of_now(station: StationContext, frame_id: str = "") -> Header:
     return Header(stamp=Time.from_nanoseconds(station.clock.now_ns()), frame_id=frame_id)
 
 
+def time_ago(station: StationContext, age_s: float) -> Time:
+    """Return the time that was some time ago, such as that of an operator's input; 0 if too long ago."""
+    age_ns = min(max(age_s, 0.0), MAX_AGE_S) * 1e9
+    return Time.from_nanoseconds(max(0, station.clock.now_ns() - round(age_ns)))
+
+
 class Link(Protocol):
     """The connection to a browser."""
 
@@ -128,10 +137,12 @@ class Drives(Protocol):
     Attributes:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
+        without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
     """
 
     linear_m_per_s: float
     angular_rad_per_s: float
+    without_guard: bool
 
     @property
     def refused(self) -> int:
@@ -144,6 +155,10 @@ class Drives(Protocol):
     @property
     def is_other_driving(self) -> bool:
         """Whether another page, or an operator elsewhere, drives."""
+
+    @property
+    def delay(self) -> str:
+        """Why the network does not allow to drive; '' if it does."""
 
     def take_over(self) -> None:
         """Drive instead of the page or the operator elsewhere that drives now."""
@@ -176,6 +191,7 @@ class Page:
         """The timers of panels, which run only while the page shows these."""
         self.shown: frozenset[str] = frozenset()
         """Names of the panels that the page shows now."""
+        self.dead_man = DeadManSwitch()
         self.driver: Drives | None = None
         """Drives for an operator; None on an observer's page."""
         self.keys: dict[str, Key] = {}

@@ -1,36 +1,86 @@
-"""The dead man's switch: a command counts only if it is fresh when it arrives."""
+"""The dead man's switch: a command counts only if it is surely fresh when it arrives.
 
-STALE_S = 0.25
-"""A command is stale if it took longer than the quickest one of this drive by this time."""
+Page and server exchange numbered pings on the socket of the commands. They bound how far the page's clock is
+ahead, however slow and unequal the two directions are, and so the greatest age that a command can have.
+"""
+
+import math
+from collections import deque
+
+from robbie_mp.link.clock_offset import ClockOffset, Exchange
+
+LIMIT_S = 0.2
+"""Greatest age of a command that counts. With a round trip above it, the page does not drive."""
+PING_PERIOD_S = 0.25
+WINDOW_S = 1.5
+"""The delay is that of the quickest ping of this time: one that had to wait is no slow network."""
+MAX_WAITING = 64
+MAX_PAGE_S = 1e9
+NS = 1_000_000_000
 
 
 class DeadManSwitch:
-    """Distinguishes fresh commands from those that a slow link or a stopped server delivers late.
+    """Knows the greatest age of what comes from one page, and whether its network is too slow to drive.
 
-    The clocks of page and robot differ, so the time that a command took is unknown. The quickest command of a
-    drive bounds the difference of the clocks, and the others are compared with it.
+    All times of the robot are those of its monotonic clock.
+
+    Attributes:
+        losses: how often the network became too slow. A drive from before does not go on.
+        is_too_slow: whether it was at the last `look`.
     """
 
     def __init__(self) -> None:
-        self._offset_s: float | None = None
-        self.stale = 0
-        """Number of commands that arrived too late and were discarded."""
+        self._page_clock = ClockOffset()
+        self._number = 0
+        self._waiting: deque[tuple[int, float]] = deque(maxlen=MAX_WAITING)
+        """Number and departure of each ping without an answer."""
+        self._trips: deque[tuple[float, float]] = deque(maxlen=MAX_WAITING)
+        """Return and round trip of each ping, in s."""
+        self.losses = 0
+        self.is_too_slow = False
 
-    def begin(self) -> None:
-        """Begin a drive: the operator holds the control."""
-        self._offset_s = None
+    def ping(self, now_s: float) -> int:
+        """Return the number of a ping that is sent to the page now."""
+        self._number += 1
+        self._waiting.append((self._number, now_s))
+        return self._number
 
-    def accept(self, sent_s: float, now_s: float) -> bool:
-        """Return whether a command is fresh.
+    def pong(self, number: int, page_s: float, now_s: float) -> None:
+        """Take the page's answer to a ping; one that was not asked for is ignored.
+
+        Args:
+            number: of the ping.
+            page_s: when the page got the ping, and answered it, on its monotonic clock.
+            now_s: the present time.
+        """
+        sent = next((one for one in self._waiting if one[0] == number), None)
+        if sent is None or not abs(page_s) <= MAX_PAGE_S:
+            return
+        self._waiting.remove(sent)
+        page_ns = round(page_s * NS)
+        self._page_clock.add(Exchange(round(sent[1] * NS), page_ns, page_ns, round(now_s * NS)))
+        self._trips.append((now_s, now_s - sent[1]))
+
+    def age_s(self, sent_s: float, now_s: float) -> float:
+        """Return the greatest age that a command can have; infinite before the first answer to a ping.
 
         Args:
             sent_s: when the page sent it, on the page's monotonic clock.
-            now_s: the present time, on the robot's monotonic clock.
+            now_s: the present time.
         """
-        offset_s = now_s - sent_s
-        if self._offset_s is None or offset_s < self._offset_s:
-            self._offset_s = offset_s
-        if offset_s - self._offset_s > STALE_S:
-            self.stale += 1
-            return False
-        return True
+        if not abs(sent_s) <= MAX_PAGE_S:
+            return math.inf
+        ages = self._page_clock.age_ns(round(sent_s * NS), round(now_s * NS))
+        return math.inf if ages is None else ages[1] / NS
+
+    def delay_s(self, now_s: float) -> float:
+        """Return the round trip now; 0 while it is not known."""
+        recent = [trip_s for returned_s, trip_s in self._trips if now_s - returned_s <= WINDOW_S]
+        if recent:
+            return min(recent)
+        return now_s - self._waiting[0][1] if self._waiting else 0.0
+
+    def look(self, now_s: float) -> None:
+        """Look whether the network is too slow. Call it several times a second."""
+        was_too_slow, self.is_too_slow = self.is_too_slow, self.delay_s(now_s) > LIMIT_S
+        self.losses += self.is_too_slow and not was_too_slow

@@ -73,7 +73,7 @@ class EmergencyStopControl:
                 ui.notify("the release was not sent: the robot's memory is full", type="negative")
 
         with ui.dialog() as dialog, ui.card():
-            ui.label("Release the emergency stop? The robot may move at once.")
+            ui.label("Release the emergency stop? The robot holds until you drive, or press Go on.")
             with ui.row():
                 ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
                 ui.button("Keep it stopped", on_click=dialog.close)

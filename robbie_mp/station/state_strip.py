@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.messages import BatteryState, LinkState
+from robbie_mp.station.control_buttons import ControlButtons
 from robbie_mp.station.state_item import ALERT, GOOD, UNKNOWN, WARNING, StateItem, clock_text
 from robbie_mp.views.run_figures import state_name
 
@@ -41,6 +42,9 @@ class StateStrip:
     Args:
         station: source of messages and figures.
         panels: add their own items, or replace one of the strip's of the same name.
+
+    Attributes:
+        control: who controls the robot, and the buttons to change that.
     """
 
     def __init__(self, station: StationContext, panels: Sequence[Panel] = ()):
@@ -48,6 +52,7 @@ class StateStrip:
         self._panels = panels
         self._battery = station.newest(BatteryState)
         self._link = station.newest(LinkState)
+        self.control = ControlButtons(station)
         self._charges: deque[tuple[float, float]] = deque(maxlen=600)
         self._charges_count = 0
         self._restarts: deque[tuple[float, int]] = deque(maxlen=round(RESTARTS_S / PERIOD_S) * 4)
@@ -86,6 +91,9 @@ class StateStrip:
 
     def _driver(self, page: Page) -> StateItem:
         holder, robot = self._station.drivers_seat.holder, self._station.robot_command
+        if page.driver is not None and (delay := page.driver.delay):
+            detail = "this page does not drive until the network is quicker and you take hold again"
+            return StateItem("driver", "network_check", delay, ALERT, detail)
         if robot.other:
             detail = "an operator elsewhere drives; the commands of this page are refused"
             return StateItem("driver", "sports_esports", robot.text[:24], WARNING, detail)
@@ -98,6 +106,8 @@ class StateStrip:
         return StateItem("driver", "sports_esports", text)
 
     def _look(self) -> Iterator[StateItem]:
+        if (control := self.control.item) is not None:
+            yield control
         reading, rates = self._station.run_watch.reading, self._station.run_watch.rates
         if reading is None:
             return

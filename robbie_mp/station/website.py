@@ -101,11 +101,12 @@ class Website:
         self._strip = StateStrip(station, self._panels)
         titled = [(panels[name], title or panels[name].title) for name, title in titles.items()]
         self._emergency_stop = EmergencyStopControl(station)
-        tools = [MomentMarker(station).build, self._emergency_stop.build]
+        tools = [self._strip.control.build, MomentMarker(station).build, self._emergency_stop.build]
         event_kinds = [kind for panel in self._panels for kind in panel.log_events]
         playback_bar = PlaybackBar(station, event_kinds)
         bars = [panel.build_on_every_tab for panel in self._panels]
         foot = [*(panel.build_below_tiles for panel in self._panels), playback_bar.build]
+        foot.append(self._strip.control.add_keys)
         parts = PageParts(self._strip.build, tools, bars, foot, titled, lambda: playback_bar.has_log)
         layouts = layouts_of(station, [name for name in titles if name in panels])
 

@@ -1,39 +1,132 @@
-"""Commands that a slow link or a stopped server delivers late do not move the robot."""
+"""Commands that a slow network or a stopped server delivers late do not move the robot."""
 
+import heapq
 import math
 from typing import Any
 
 import pytest
 
-from robbie_mp.station.dead_man import DeadManSwitch
-from robbie_mp.station.driving.driver import checked
+from robbie_mp.station.dead_man import LIMIT_S, MAX_WAITING, PING_PERIOD_S, WINDOW_S, DeadManSwitch
+from robbie_mp.station.driving.driver import Wish, checked
+
+PAGE_AHEAD_S = 1000.0
+"""How far the page's clock is ahead of the robot's."""
 
 
-def test_commands_with_the_usual_delay_are_fresh() -> None:
+class Network:
+    """A page and its server, with a delay in each direction, in fake time."""
+
+    def __init__(self, there_s: float, back_s: float):
+        self.there_s, self.back_s = there_s, back_s
+        self.now_s = 5.0
+        self.switch = DeadManSwitch()
+        self._next_ping_s = self.now_s
+        self._pongs: list[tuple[float, int, float]] = []
+
+    def run(self, for_s: float) -> None:
+        """Let time pass, in which pings are exchanged."""
+        until_s = self.now_s + for_s
+        while self.now_s < until_s:
+            self.now_s += 0.01
+            if self.now_s >= self._next_ping_s:
+                self._next_ping_s += PING_PERIOD_S
+                number, page_s = self.switch.ping(self.now_s), self.now_s + self.there_s + PAGE_AHEAD_S
+                heapq.heappush(self._pongs, (self.now_s + self.there_s + self.back_s, number, page_s))
+            while self._pongs and self._pongs[0][0] <= self.now_s:
+                arrives_s, number, page_s = heapq.heappop(self._pongs)
+                self.switch.pong(number, page_s, arrives_s)
+            self.switch.look(self.now_s)
+
+    def age_s(self, delay_s: float | None = None) -> float:
+        """Return the age that is told of a command that arrives now."""
+        delay_s = self.back_s if delay_s is None else delay_s
+        return self.switch.age_s(self.now_s - delay_s + PAGE_AHEAD_S, self.now_s)
+
+
+@pytest.mark.parametrize(
+    ("there_s", "back_s"),
+    [(0.3, 0.3), (1.0, 1.0), (2.5, 2.5), (0.0, 0.3), (0.3, 0.0), (2.0, 0.01)],
+)
+def test_constant_delay_is_seen_whatever_the_clocks_say(there_s: float, back_s: float) -> None:
+    network = Network(there_s, back_s)
+    for _ in range(20):
+        network.run(0.5)
+        assert network.age_s() >= there_s + back_s - 0.02 > LIMIT_S
+    assert network.switch.is_too_slow
+    assert network.switch.losses == 1
+    assert network.switch.delay_s(network.now_s) == pytest.approx(there_s + back_s, abs=0.02)
+
+
+def test_commands_of_a_quick_network_are_fresh() -> None:
+    network = Network(0.03, 0.02)
+    network.run(60.0)
+    assert 0.02 <= network.age_s() <= 0.1
+    assert (network.switch.is_too_slow, network.switch.losses) == (False, 0)
+
+
+def test_no_command_counts_before_the_first_ping_is_answered() -> None:
+    network = Network(0.05, 0.05)
+    assert network.age_s(0.0) == math.inf
+    network.run(0.2)
+    assert network.age_s() <= LIMIT_S
+
+
+def test_delay_that_begins_during_a_drive_makes_commands_old_at_once() -> None:
+    network = Network(0.01, 0.01)
+    network.run(5.0)
+    network.there_s = network.back_s = 0.3
+    assert network.age_s() >= 0.3
+    network.run(WINDOW_S + 1.0)
+    assert network.switch.is_too_slow
+    network.there_s = network.back_s = 0.01
+    network.run(1.0)
+    assert not network.switch.is_too_slow
+    assert network.age_s() < 0.1
+
+
+def test_page_that_answers_no_ping_is_too_slow() -> None:
+    network = Network(0.01, math.inf)
+    network.run(1.0)
+    assert network.switch.is_too_slow
+    assert network.switch.delay_s(network.now_s) == pytest.approx(1.0, abs=0.03)
+
+
+def test_one_ping_that_had_to_wait_is_no_slow_network() -> None:
+    network = Network(0.01, 0.01)
+    network.run(3.0)
+    network.back_s = 0.4
+    network.run(PING_PERIOD_S)
+    network.back_s = 0.01
+    network.run(3.0)
+    assert network.switch.losses == 0
+
+
+def test_clock_of_a_laptop_that_was_asleep_is_learnt_again() -> None:
+    network = Network(0.01, 0.01)
+    network.run(3.0)
+    slept_s = 900.0  # for which the page's clock stood still
+    switch, now_s = network.switch, network.now_s + slept_s
+    number = switch.ping(now_s)
+    page_s = network.now_s + 0.01 + PAGE_AHEAD_S
+    assert switch.age_s(page_s, now_s + 0.02) > LIMIT_S
+    switch.pong(number, page_s, now_s + 0.02)
+    assert switch.age_s(page_s, now_s + 0.03) <= LIMIT_S
+
+
+@pytest.mark.parametrize("page_s", [math.nan, math.inf, -1e300])
+def test_answers_that_cannot_be_are_ignored(page_s: float) -> None:
     switch = DeadManSwitch()
-    switch.begin()
-    for beat in range(20):
-        sent_s = 1000 + 0.1 * beat
-        assert switch.accept(sent_s, 5 + 0.1 * beat + 0.02 * (beat % 3))
-    assert switch.stale == 0
+    switch.pong(switch.ping(1.0), page_s, 1.1)
+    switch.pong(99, 5.0, 1.1)
+    assert switch.age_s(5.0, 1.1) == math.inf
+    assert switch.age_s(page_s, 1.1) == math.inf
 
 
-def test_delayed_commands_are_discarded_and_counted() -> None:
+def test_pings_without_an_answer_are_bounded() -> None:
     switch = DeadManSwitch()
-    switch.begin()
-    assert switch.accept(1000.0, 5.0)
-    # The server stood still for 2 s; then it gets all of them at once.
-    late = [switch.accept(1000.0 + 0.1 * beat, 7.06) for beat in range(1, 21)]
-    assert late == [False] * 18 + [True, True]
-    assert switch.stale == 18
-
-
-def test_each_drive_has_its_own_reference_delay() -> None:
-    switch = DeadManSwitch()
-    switch.begin()
-    assert switch.accept(1000.0, 5.0)
-    switch.begin()  # perhaps after the page's clock stood still in a laptop that was asleep
-    assert switch.accept(1001.0, 900.0)
+    numbers = [switch.ping(float(second)) for second in range(10 * MAX_WAITING)]
+    switch.pong(numbers[0], 5.0, 1000.0)
+    assert switch.age_s(5.0, 1000.0) == math.inf
 
 
 @pytest.mark.parametrize(
@@ -46,6 +139,7 @@ def test_each_drive_has_its_own_reference_delay() -> None:
         {"linear": "fast", "angular": 0, "sent_s": 0},
         {"linear": math.nan, "angular": 0, "sent_s": 0},
         {"linear": 0, "angular": math.inf, "sent_s": 0},
+        {"linear": 0, "angular": 10**400, "sent_s": 0},
         {"linear": None, "angular": 0, "sent_s": 0},
     ],
 )
@@ -54,4 +148,10 @@ def test_malformed_commands_are_ignored(sent: Any) -> None:
 
 
 def test_speeds_beyond_the_pad_are_clamped() -> None:
-    assert checked({"linear": 7, "angular": -7, "sent_s": 1, "held": True}) == (True, False, 1.0, -1.0, 1.0)
+    sent = {"linear": 7, "angular": -7, "sent_s": 1, "held": True}
+    assert checked(sent) == Wish(held=True, begins=False, linear=1.0, angular=-1.0, sent_s=1.0)
+
+
+def test_who_has_let_go_does_not_move_the_robot() -> None:
+    sent = {"linear": 1, "angular": 1, "sent_s": 1, "held": False}
+    assert checked(sent) == Wish(held=False, begins=False, linear=0.0, angular=0.0, sent_s=1.0)

@@ -1,4 +1,4 @@
-"""The driver of a page stops the robot when the connection of the page ends while it drives."""
+"""The driver of a page moves the robot only by fresh commands, and stops it when the page is gone."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -8,7 +8,8 @@ import pytest
 
 from robbie_mp.messages import DriveCommand
 from robbie_mp.station.access import DriversSeat
-from robbie_mp.station.driving import driver
+from robbie_mp.station.dead_man import WINDOW_S, DeadManSwitch
+from robbie_mp.station.driving import driver, held_control
 from robbie_mp.station.driving.held_control import VALID_FOR
 
 
@@ -17,23 +18,45 @@ class Scene:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch):
         self.now_s = 100.0
+        self.delay_s = 0.0
+        """Of the network, in each direction. The page's clock is the robot's."""
         elements = Mock()
         monkeypatch.setattr(driver, "DriverKeys", elements)
         monkeypatch.setattr(driver, "ui", ui := Mock())
-        monkeypatch.setattr(driver, "time", SimpleNamespace(monotonic=lambda: self.now_s))
+        clock = SimpleNamespace(monotonic=lambda: self.now_s)
+        monkeypatch.setattr(driver, "time", clock)
+        monkeypatch.setattr(held_control, "time", clock)
         self.seat = DriversSeat()
         self.station = Mock(max_linear_m_per_s=0.4, max_angular_rad_per_s=1.0, drivers_seat=self.seat)
-        self.station.clock.now_ns.return_value = 0
+        self.station.clock.now_ns = lambda: round(self.now_s * 1e9)
         self.station.robot_command = Mock(other="", is_here=False)
-        self.page = Mock(key="anna")
-        driver.Driver(self.station, self.page)
-        ((_, self._drive), _) = elements.return_value.props.return_value.on.call_args
+        self.page = Mock(key="anna", dead_man=DeadManSwitch())
+        self.driver = driver.Driver(self.station, self.page)
+        keys = elements.return_value.props.return_value
+        self._answer = keys.run_method
+        (((_, self._drive), _),) = keys.on.call_args_list
+        (((_, self.pong), _),) = keys.on.return_value.on.call_args_list
+        ((_, self._look), _) = ui.timer.call_args
         ((self.disconnect,), _) = ui.context.client.on_disconnect.call_args
+        self.ping()
 
-    def hold(self, linear: float) -> None:
-        """Get a heartbeat of the page."""
-        sent: dict[str, Any] = {"held": True, "begins": True, "linear": linear, "angular": 0.0, "sent_s": 0.0}
-        self._drive(SimpleNamespace(args=sent))
+    def ping(self) -> None:
+        """Let the page answer a ping."""
+        self._look()
+        ((_, number), _) = self._answer.call_args
+        page_s = self.now_s + self.delay_s
+        self.now_s += 2 * self.delay_s
+        self.pong(SimpleNamespace(args={"number": number, "page_s": page_s}))
+        self._look()
+
+    def hold(self, linear: float, **more: bool) -> None:
+        """Get a heartbeat of the page; `begins` and `held` unless others are given."""
+        sent: dict[str, Any] = {"held": True, "begins": True, "linear": linear, "angular": 0.0, **more}
+        self._drive(SimpleNamespace(args={**sent, "sent_s": self.now_s - self.delay_s}))
+
+    def commands(self) -> list[DriveCommand]:
+        """Return the commands that the page has published."""
+        return [call.args[0] for call in self.page.publish.call_args_list]
 
     def told(self) -> list[DriveCommand]:
         """Return what the station has published without the page."""
@@ -62,3 +85,68 @@ def test_page_that_does_not_drive_stops_nobody(monkeypatch: pytest.MonkeyPatch) 
     scene.seat.take("ben", over=True)
     scene.disconnect()
     assert scene.told() == []
+
+
+@pytest.mark.parametrize("delay_s", [0.3, 1.0, 2.5])
+def test_page_of_a_slow_network_does_not_drive_and_gives_up_control(
+    monkeypatch: pytest.MonkeyPatch, delay_s: float
+) -> None:
+    scene = Scene(monkeypatch)
+    scene.hold(1.0)
+    assert (len(scene.commands()), scene.seat.holder) == (1, "anna")
+    scene.delay_s = delay_s
+    scene.now_s += WINDOW_S
+    scene.ping()
+    scene.hold(1.0, begins=False)
+    scene.hold(1.0)
+    assert (len(scene.commands()), scene.seat.holder, scene.driver.stale) == (1, None, 2)
+    assert scene.driver.delay == f"delay {2 * delay_s:.1f} s: too long to drive"
+    scene.station.robot_command.give_up.assert_called()
+    scene.hold(1.0, held=False)
+    assert scene.commands()[-1].linear_m_per_s == 0, "letting go did not count"
+
+
+def test_drive_that_was_lost_goes_on_only_when_the_operator_takes_hold_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = Scene(monkeypatch)
+    scene.hold(1.0)
+    scene.delay_s = 1.0
+    scene.now_s += WINDOW_S
+    scene.ping()
+    scene.delay_s = 0.0
+    scene.ping()
+    assert scene.driver.delay == ""
+    scene.hold(1.0, begins=False)
+    assert len(scene.commands()) == 1
+    scene.hold(1.0)
+    assert len(scene.commands()) == 2
+
+
+def test_command_rests_on_the_operators_input_and_not_on_its_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    scene.delay_s = 0.05
+    scene.now_s += 1.0
+    scene.ping()
+    scene.hold(1.0)
+    (command,) = scene.commands()
+    age_s = (command.header.stamp.nanoseconds - command.based_on.nanoseconds) / 1e9
+    assert 0.05 <= age_s <= 0.11
+
+
+def test_guard_is_left_out_only_on_purpose_and_until_the_operator_lets_go(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = Scene(monkeypatch)
+    scene.hold(1.0)
+    scene.hold(1.0, unguarded=True)
+    scene.driver.without_guard = True
+    scene.hold(1.0)
+    scene.hold(1.0, held=False)
+    scene.hold(1.0)
+    assert [one.unguarded for one in scene.commands()] == [False, True, True, False, False]
+
+
+@pytest.mark.parametrize("sent", [None, [], {}, {"number": "x", "page_s": 1}, {"number": 1e400, "page_s": 1}])
+def test_malformed_answers_to_pings_are_ignored(monkeypatch: pytest.MonkeyPatch, sent: Any) -> None:
+    Scene(monkeypatch).pong(SimpleNamespace(args=sent))

@@ -11,6 +11,7 @@ from modules.devices.joints import SimulatedJointsModule
 from robbie_mp import Message, ModuleHarness
 from robbie_mp.messages import JointLimits, JointState
 from robbie_mp.station.access import DriversSeat
+from robbie_mp.station.dead_man import DeadManSwitch
 from robbie_mp.station.driving.held_control import HeldControl
 from robbie_mp.station.panels.joints import MAX_JOINTS, JointsPanel, checked
 
@@ -24,7 +25,7 @@ class Station:
         self.poses = POSES
         self.drivers_seat = DriversSeat()
         self.robot_command = SimpleNamespace(is_here=True, other="", text="", take=lambda: None)
-        self.clock = SimpleNamespace(now_ns=lambda: 7)
+        self.clock = SimpleNamespace(now_ns=lambda: 200_000_007)
         self.envelope = SimpleNamespace(topic="arm")
         self.handlers: dict[type[Message], Callable[[Any], None]] = {}
 
@@ -78,11 +79,12 @@ def test_commands_expire_end_at_the_limits_and_go_to_the_module_of_each_joint(
     station: Station, panel: JointsPanel
 ) -> None:
     station.tell(limits("pan"), topic="neck")
-    commands = panel.commands({"arm/wrist": 9.0, "arm/gripper": -0.5, "neck/pan": 0.1, "arm/elbow": 1.0})
+    commands = panel.commands({"arm/wrist": 9.0, "arm/gripper": -0.5, "neck/pan": 0.1, "arm/elbow": 1.0}, 0.1)
     assert {topic: dict(zip(one.name, one.position, strict=True)) for topic, one in commands.items()} == {
         "arm": {"wrist": 2.0, "gripper": -0.5},
         "neck": {"pan": 0.1},
     }
+    assert all(one.based_on.nanoseconds == 100_000_007 for one in commands.values())
     assert all(0 < one.valid_for.nanoseconds <= 250_000_000 for one in commands.values())
     station.tell(limits("elbow"))  # the module has restarted with other joints
     assert [joint["key"] for joint in panel.shown()] == ["neck/pan", "arm/elbow"]
@@ -120,11 +122,12 @@ def test_control_counts_only_for_the_operator_who_drives_and_while_it_is_fresh(
     rights = {"one": True, "two": True, "observer": False}
 
     def control(key: str) -> HeldControl:
-        page = SimpleNamespace(key=key, may=lambda _what: rights[key])
+        page = SimpleNamespace(key=key, may=lambda _what: rights[key], dead_man=DeadManSwitch())
+        page.dead_man.pong(page.dead_man.ping(time_s[0]), time_s[0], time_s[0])
         return HeldControl(station, page, "moving a joint")  # type: ignore[arg-type]
 
     def begins(one: HeldControl) -> bool:
-        return one.accepts(held=True, begins=True, sent_s=time_s[0])
+        return one.age_s(held=True, begins=True, sent_s=time_s[0]) is not None
 
     first, second = control("one"), control("two")
     assert not begins(control("observer"))
@@ -133,9 +136,10 @@ def test_control_counts_only_for_the_operator_who_drives_and_while_it_is_fresh(
     assert second.is_other_driving
     late = time_s[0] + 0.1
     time_s[0] += 0.5
-    assert not first.accepts(held=True, begins=False, sent_s=late)
-    assert first.accepts(held=False, begins=False, sent_s=late)
-    assert first.stale == 2
+    assert first.age_s(held=True, begins=False, sent_s=late) is None
+    assert first.age_s(held=False, begins=False, sent_s=late) == pytest.approx(0.4, abs=0.01)
+    assert second.age_s(held=False, begins=False, sent_s=late) is None
+    assert first.stale == 1
     station.robot_command.other, station.robot_command.text = "pit", "the operator at pit drives"
     assert not begins(first)
     assert (first.refused, first.is_other_driving) == (1, True)
@@ -146,9 +150,10 @@ def test_simulated_arm_follows_a_held_control_and_stops_when_it_is_released(stat
     panel = JointsPanel(station)  # type: ignore[arg-type]
     settings = {"names": ["wrist"], "least_rad": [-1.0], "most_rad": [2.0]}
     with ModuleHarness(SimulatedJointsModule, settings, name="arm") as arm:
+        station.clock = SimpleNamespace(now_ns=arm.clock.now_ns)
         station.tell(arm.take(JointLimits, "arm")[0])
         for _ in range(5):
-            arm.send(panel.commands({"arm/wrist": 2.0})["arm"], topic="arm")
+            arm.send(panel.commands({"arm/wrist": 2.0}, 0.0)["arm"], topic="arm")
             arm.advance(0.1)
         arm.advance(1.0)
         station.tell(arm.take(JointState, "arm")[-1])

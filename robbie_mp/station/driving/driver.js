@@ -1,6 +1,9 @@
-// Sends "drive" events at 10 Hz while the pad, a key or a gamepad's dead man's button is held, and one
+// Sends "drive" events at 20 Hz while the pad, a key or a gamepad's dead man's button is held, and one
 // with held = false when that ends, for any reason that the browser reports. The robot does not rely on the
 // last one: it stops when the others are missing.
+//
+// It also answers the server's pings, by which the server knows the age of these events (dead_man.py). While
+// Shift is held, the robot drives without its guard against collisions.
 //
 // Keys drive wherever the focus is, but for texts, menus and dialogs, and only while the page shows the pad or a camera to drive by.
 export default {
@@ -9,7 +12,9 @@ export default {
     this.keys = new Set();
     this.pointer = null;
     this.held = false;
+    this.unguarded = false;
     this.on_key = (event) => {
+      this.unguarded = event.shiftKey;
       if (!KEYS[event.code]) return;
       if (event.type === "keyup") {
         // A released key counts as released, wherever the focus is.
@@ -75,6 +80,7 @@ export default {
       else if (this.held) this.send(false, 0, 0);
     },
     let_go() {
+      this.unguarded = false;
       this.pointer = null;
       this.keys.clear();
       if (this.held) this.send(false, 0, 0);
@@ -83,7 +89,11 @@ export default {
       const begins = held && !this.held;
       this.held = held;
       dispatchEvent(new CustomEvent("robbie-driven", { detail: { linear, angular } }));
-      this.$emit("drive", { held, begins, linear, angular, sent_s: performance.now() / 1000 });
+      const { unguarded } = this;
+      this.$emit("drive", { held, begins, linear, angular, unguarded, sent_s: performance.now() / 1000 });
+    },
+    answer(number) {
+      this.$emit("pong", { number, page_s: performance.now() / 1000 });
     },
   },
 };

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.messages import DriveCommand
-from robbie_mp.station.context import header_of_now
+from robbie_mp.station.context import header_of_now, time_ago
+from robbie_mp.station.dead_man import PING_PERIOD_S
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 
 if TYPE_CHECKING:
@@ -25,7 +26,19 @@ STEP = 1.25
 
 
 class DriverKeys(Element, component="driver.js"):
-    """Listens to keys, the gamepad and the pads of the page."""
+    """Listens to keys, the gamepad and the pads of the page, and answers pings."""
+
+
+class Wish(NamedTuple):
+    """What the page of a driver has sent."""
+
+    held: bool
+    begins: bool
+    linear: float
+    """From -1 to 1, as `angular`; 0 when the operator has let go."""
+    angular: float
+    sent_s: float
+    unguarded: bool = False
 
 
 class Driver:
@@ -38,6 +51,7 @@ class Driver:
     Attributes:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
+        without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
     """
 
     def __init__(self, station: StationContext, page: Page):
@@ -48,7 +62,10 @@ class Driver:
         self.angular_rad_per_s = station.max_angular_rad_per_s / 2
         self._last = DriveCommand()
         self._last_s = -math.inf
-        DriverKeys().props("id=driver").on("drive", self._on_drive)
+        self.without_guard = False
+        self._keys = DriverKeys().props("id=driver")
+        self._keys.on("drive", self._on_drive).on("pong", self._on_pong)
+        ui.timer(PING_PERIOD_S, self._look_at_network)  # also while the browser does not keep up
         ui.context.client.on_disconnect(self._stop_without_page)
 
     @property
@@ -66,6 +83,13 @@ class Driver:
         """Whether another page, or an operator elsewhere, drives."""
         return self._control.is_other_driving
 
+    @property
+    def delay(self) -> str:
+        """Why the network does not allow to drive; '' if it does."""
+        switch = self._page.dead_man
+        delay_s = switch.delay_s(time.monotonic())
+        return f"delay {delay_s:.1f} s: too long to drive" if switch.is_too_slow else ""
+
     def take_over(self) -> None:
         """Drive instead of the page or the operator elsewhere that drives now."""
         if self._page.may("taking over"):
@@ -80,23 +104,41 @@ class Driver:
         self.angular_rad_per_s = min(self._station.max_angular_rad_per_s, max(MIN_ANGULAR_RAD_PER_S, angular))
 
     def _on_drive(self, event: GenericEventArguments) -> None:
-        command = checked(event.args)
-        if command is None:
+        wish = checked(event.args)
+        if wish is None:
             return
-        held, begins, linear, angular, sent_s = command
-        if not self._control.accepts(held=held, begins=begins, sent_s=sent_s):
+        age_s = self._control.age_s(held=wish.held, begins=wish.begins, sent_s=wish.sent_s)
+        if age_s is None:
             return
-        header = header_of_now(self._station, "base_link")
+        self.without_guard = self.without_guard and wish.held
         command_message = DriveCommand(
-            header=header,
-            linear_m_per_s=linear * self.linear_m_per_s,
-            angular_rad_per_s=angular * self.angular_rad_per_s,
+            header=header_of_now(self._station, "base_link"),
+            linear_m_per_s=wish.linear * self.linear_m_per_s,
+            angular_rad_per_s=wish.angular * self.angular_rad_per_s,
             valid_for=VALID_FOR,
-            based_on=header.stamp,
+            based_on=time_ago(self._station, age_s),
+            unguarded=wish.unguarded or self.without_guard,
         )
         self._last, self._last_s = command_message, time.monotonic()
         self._page.publish(command_message, "the command", MANUAL_TOPIC)
         self._station.motion.command(command_message)
+
+    def _on_pong(self, event: GenericEventArguments) -> None:
+        try:
+            number, page_s = int(event.args["number"]), float(event.args["page_s"])
+        except (KeyError, TypeError, ValueError, OverflowError):
+            return
+        self._page.dead_man.pong(number, page_s, time.monotonic())
+
+    def _look_at_network(self) -> None:
+        """Ping the page, and give up control while its network is too slow."""
+        switch, now_s = self._page.dead_man, time.monotonic()
+        if self._page.link.is_free:
+            self._keys.run_method("answer", switch.ping(now_s))
+        switch.look(now_s)
+        if switch.is_too_slow and self._station.drivers_seat.holder == self._page.key:
+            self._station.drivers_seat.leave(self._page.key)
+            self._station.robot_command.give_up()
 
     def _stop_without_page(self) -> None:
         """Stop the robot at once if the page's connection ends while it drives.
@@ -112,13 +154,14 @@ class Driver:
             self._station.motion.command(stop)
 
 
-def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:
-    """Return the command that the page sent, with speeds from -1 to 1; None if it is malformed."""
+def checked(sent: Any) -> Wish | None:
+    """Return what the page sent, with speeds from -1 to 1; None if it is malformed."""
     try:
-        numbers = [float(sent[name]) for name in ("linear", "angular", "sent_s")]
-    except (KeyError, TypeError, ValueError):
+        linear, angular, sent_s = (float(sent[name]) for name in ("linear", "angular", "sent_s"))
+    except (KeyError, TypeError, ValueError, OverflowError):
         return None
-    if not all(map(math.isfinite, numbers)):
+    if not all(map(math.isfinite, (linear, angular, sent_s))):
         return None
-    linear, angular = (max(-1.0, min(1.0, number)) for number in numbers[:2])
-    return bool(sent.get("held")), bool(sent.get("begins")), linear, angular, numbers[2]
+    held = bool(sent.get("held"))
+    linear, angular = (max(-1.0, min(1.0, speed)) if held else 0.0 for speed in (linear, angular))
+    return Wish(held, bool(sent.get("begins")), linear, angular, sent_s, bool(sent.get("unguarded")))

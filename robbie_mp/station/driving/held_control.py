@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.messages import Duration
-from robbie_mp.station.dead_man import DeadManSwitch
+from robbie_mp.station.dead_man import LIMIT_S
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext
@@ -27,19 +27,15 @@ class HeldControl:
 
     Attributes:
         refused: number of commands refused here because an operator elsewhere drives.
+        stale: number of commands that came too late, or when the page had lost control.
     """
 
     def __init__(self, station: StationContext, page: Page, what: str):
         self._station = station
         self._page = page
         self._what = what
-        self._switch = DeadManSwitch()
-        self.refused = 0
-
-    @property
-    def stale(self) -> int:
-        """Number of commands that came too late."""
-        return self._switch.stale
+        self._drive: int | None = None
+        self.refused = self.stale = 0
 
     @property
     def is_other_driving(self) -> bool:
@@ -47,26 +43,46 @@ class HeldControl:
         is_other_page = self._station.drivers_seat.holder not in (None, self._page.key)
         return is_other_page or bool(self._station.robot_command.other)
 
-    def accepts(self, *, held: bool, begins: bool, sent_s: float) -> bool:
-        """Return whether a command counts: the visitor may, nobody else drives, and the command is fresh.
+    def age_s(self, *, held: bool, begins: bool, sent_s: float) -> float | None:
+        """Return the greatest age of a command that counts, in s; None if it does not count.
+
+        It counts if the visitor may, nobody else drives, and it is fresh. A page whose network was too slow
+        has lost control until the operator takes hold again. Letting go counts however late it comes.
 
         Args:
-            held: whether the control is held. The command that ends a drive counts even if it is late.
+            held: whether the control is held; False: the operator has let go.
             begins: whether the operator has just taken hold of the control.
             sent_s: when the page sent the command, on the page's monotonic clock.
         """
-        if not self._page.may(self._what) or not self._station.drivers_seat.take(self._page.key):
+        if not self._page.may(self._what):
+            return None
+        age_s = self._page.dead_man.age_s(sent_s, time.monotonic())
+        if not held:
+            is_counted = self._station.drivers_seat.holder in (None, self._page.key)
+        else:
+            is_counted = self._may_move(begins=begins, age_s=age_s)
+        return age_s if is_counted and not self._is_refused() else None
+
+    def _may_move(self, *, begins: bool, age_s: float) -> bool:
+        """Return whether the page is in control and the command is fresh."""
+        switch, seat = self._page.dead_man, self._station.drivers_seat
+        if begins:
+            self._drive = switch.losses
+        if not switch.is_too_slow and not seat.take(self._page.key):
             return False
         if begins:
-            self._switch.begin()
             self._begin()
-        if not self._switch.accept(sent_s, time.monotonic()) and held:
-            return False
-        robot = self._station.robot_command
-        if robot.is_here and robot.other:
-            self.refused += 1
+        if switch.is_too_slow or self._drive != switch.losses or age_s > LIMIT_S:
+            self.stale += 1
             return False
         return True
+
+    def _is_refused(self) -> bool:
+        """Count a command that the link of this robot refuses, and return whether it does."""
+        robot = self._station.robot_command
+        is_refused = robot.is_here and bool(robot.other)
+        self.refused += is_refused
+        return is_refused
 
     def _begin(self) -> None:
         """Ask the robot for the command, or tell that an operator elsewhere holds it."""

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.messages import DriveCommand, EmergencyStop, Imu, LaserScan, Odometry, Quaternion
+from robbie_mp.messages import (
+    ControlState,
+    DriveCommand,
+    EmergencyStop,
+    Imu,
+    LaserScan,
+    Odometry,
+    Quaternion,
+)
 from robbie_mp.scene_graph import SceneGraphError
 from robbie_mp.station.latest import MessageSource, silence
 from robbie_mp.station.scene_view.points import scan_points
@@ -30,6 +38,7 @@ STANDS_AFTER_S = 1.0
 """A robot that has not moved for this time although it was commanded is reported."""
 MOVES_M_PER_S, MOVES_RAD_PER_S = 0.02, 0.05
 NEAR_M = 0.15
+WITHOUT_GUARD = "WITHOUT GUARD: nothing keeps the robot from driving into something"
 MAX_LASERS = 8
 """Scans of further ones are not looked at."""
 
@@ -51,7 +60,7 @@ class Movement:
     silent: str = ""
     """For how long the odometry has been silent; '' while it is not."""
     hint: str = ""
-    """Why the robot does not move although it is commanded; '' while it does."""
+    """Why the robot does not move although it is commanded, or that it drives without guard; '' otherwise."""
 
 
 class MovingRobot(MessageSource, Protocol):
@@ -85,6 +94,7 @@ class Motion:
         self._scans: dict[str, tuple[float, LaserScan]] = {}
         station.newest(LaserScan).listen(self.scan)
         self._stop = station.newest(EmergencyStop, "emergency_stop_state")
+        self._control = station.newest(ControlState, "control")
         self._commands = station.newest(DriveCommand)
         self._commands.listen(self.command)
         self._command: tuple[float, DriveCommand] | None = None
@@ -129,6 +139,7 @@ class Motion:
             roll_rad=roll,
             ahead_m=self._ahead_m(now_s),
             silent=silence(self._odometry.age_s, SILENT_AFTER_S),
+            hint=WITHOUT_GUARD if command is not None and command.unguarded else "",
         )
         return replace(found, hint=self._why(found)) if self._stands(found, now_s) else found
 
@@ -182,10 +193,16 @@ class Motion:
     def _why(self, found: Movement) -> str:
         if self._stop.message is not None and self._stop.message.engaged:
             return "It is commanded but stands: the emergency stop is engaged"
+        control = self._control.message
+        if control is not None and control.mode == ControlState.HOLD:
+            return f"It is commanded but holds: {control.reason}; let go and drive again, or press Go on"
         if found.silent or found.linear_m_per_s is None:
             return "It is commanded, and the base does not report whether it moves"
         if (found.commanded_linear or 0.0) > 0 and found.ahead_m is not None and found.ahead_m < NEAR_M:
             return f"It is commanded but stands: something is {found.ahead_m:.2f} m ahead"
+        command = self._command[1] if self._command else None
+        if control is not None and control.mode == ControlState.MANUAL and command and not command.unguarded:
+            return "It is commanded but stands: the guard stops it (Shift: without guard), or it is blocked"
         return "It is commanded but stands: it is blocked, or the base does not follow"
 
 

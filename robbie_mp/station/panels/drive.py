@@ -58,8 +58,10 @@ class DrivePanel(Panel):
         angular_text = ui.label("")
         angular = ui.slider(min=0.1, max=self.station.max_angular_rad_per_s, step=0.1)
         angular.props('id=angular-limit dense aria-label="Fastest turn in rad/s"')
+        without_guard = ui.switch("without guard, until you let go").props("id=without-guard dense")
         ui.label(
-            "Hold and move; or W A S D, arrows; or a gamepad with its right shoulder button held"
+            "Hold and move; or W A S D, arrows; or a gamepad with its right shoulder button held. "
+            "Shift: without the guard against collisions"
         ).classes("drive-hint text-xs")
 
         def limit_linear(value: float) -> None:
@@ -68,6 +70,10 @@ class DrivePanel(Panel):
         def limit_angular(value: float) -> None:
             driver.angular_rad_per_s = value
 
+        def change_guard(value: bool) -> None:
+            driver.without_guard = value
+
+        without_guard.on_value_change(lambda event: change_guard(bool(event.value)))
         linear.on_value_change(lambda event: limit_linear(float(event.value)))
         angular.on_value_change(lambda event: limit_angular(float(event.value)))
 
@@ -77,13 +83,14 @@ class DrivePanel(Panel):
             linear_text.set_text(f"fastest ahead {driver.linear_m_per_s:.2f} m/s")
             angular_text.set_text(f"fastest turn {driver.angular_rad_per_s:.2f} rad/s")
             take_over.set_visibility(driver.is_other_driving)
+            without_guard.set_value(driver.without_guard)
             late = f"; {driver.stale} commands came too late" if driver.stale else ""
             robot = self.station.robot_command
             own = f"this page drives{late}" if self.station.drivers_seat.holder else "nobody drives"
             own += f"; commands of {robot.rival} are refused" if robot.rival else ""
             page = "another page drives" if driver.is_other_driving else own
             refused = f"; {driver.refused} commands were refused" if driver.refused else ""
-            seat.set_text(f"{robot.text}{refused}" if robot.other else page)
+            seat.set_text(driver.delay or (f"{robot.text}{refused}" if robot.other else page))
 
         update()
         page.every(0.25, self.name, update)

@@ -1,4 +1,4 @@
-// Sliders for joints, and buttons for poses. While one is held, "move" events are sent at 10 Hz, and one with
+// Sliders for joints, and buttons for poses. While one is held, "move" events are sent at 20 Hz, and one with
 // held = false when that ends. The robot does not rely on the last one: the joints stop when the others are missing.
 export default {
   template: `<div class="joint-controls">

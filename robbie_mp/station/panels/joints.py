@@ -13,7 +13,7 @@ from nicegui.element import Element
 
 from robbie_mp.messages import JointCommand, JointLimits, JointState
 from robbie_mp.station.access import Role
-from robbie_mp.station.context import header_of_now
+from robbie_mp.station.context import header_of_now, time_ago
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.light_controls import LightSliders
@@ -131,11 +131,12 @@ class JointsPanel(Panel):
             if pose and set(pose) <= set(by_name)
         ]
 
-    def commands(self, positions: dict[str, float]) -> dict[str, JointCommand]:
+    def commands(self, positions: dict[str, float], age_s: float) -> dict[str, JointCommand]:
         """Return the commands for goals, by topic; goals beyond a joint's limits end at the limit.
 
         Args:
             positions: by the keys of the joints, rad. Joints that do not exist are ignored.
+            age_s: greatest age of the operator's input.
         """
         wanted: dict[str, dict[str, float]] = {}
         for joint, (lower, upper) in self._limits.items():
@@ -148,7 +149,7 @@ class JointsPanel(Panel):
                 name=[*goals],
                 position=np.array([*goals.values()]),
                 valid_for=VALID_FOR,
-                based_on=header_of_now(self.station).stamp,
+                based_on=time_ago(self.station, age_s),
             )
             for topic, goals in wanted.items()
         }
@@ -164,12 +165,11 @@ class JointsPanel(Panel):
 
         def move(event: GenericEventArguments) -> None:
             goals = checked(event.args)
-            if goals is None or not control.accepts(
-                held=goals.held, begins=goals.begins, sent_s=goals.sent_s
-            ):
+            if goals is None:
                 return
-            if goals.held:
-                for topic, command in self.commands(goals.positions).items():
+            age_s = control.age_s(held=goals.held, begins=goals.begins, sent_s=goals.sent_s)
+            if goals.held and age_s is not None:
+                for topic, command in self.commands(goals.positions, age_s).items():
                     page.publish(command, "the command", topic)
 
         if page.role is Role.OPERATOR:
@@ -179,7 +179,8 @@ class JointsPanel(Panel):
             rows = self.shown()
             hint.set_visibility(not lights.update() and not rows)
             is_other = control.is_other_driving
-            seat.set_text("somebody else drives; take over in Drive to move joints" if is_other else "")
+            delay = page.driver.delay if page.driver is not None else ""
+            seat.set_text("somebody else drives; take over in Drive to move joints" if is_other else delay)
             can_move = page.role is Role.OPERATOR and not is_other
             controls.set(joints=rows, poses=self.poses(), can_move=can_move)
 

@@ -21,6 +21,8 @@ ELEMENTS = re.compile(r"parseElements\(String\.raw`(.*?)`\)", re.DOTALL)
 QUERY = re.compile(r"query: (\{.*?\}),\n")
 SOCKET_PATH = "/_nicegui_ws/socket.io/"
 LIMIT_S = 30.0
+DELAY_PING = re.compile(r"runMethod\(\d+, ['\"]answer['\"], \[(\d+)\]\)")
+"""A station measures the delay of a driver's page with it."""
 PING, PONG, CONNECT, EVENT = "2", "3", "40", "42"
 """How packets of Socket.IO 5 over Engine.IO 4 begin."""
 
@@ -146,12 +148,14 @@ class PageSocket:
     Attributes:
         greeting: what the server has answered to the connection.
         elements: what the server has said of the page's elements since.
+        delay_pings: when each delay ping came that waits for an answer, by its number.
     """
 
     def __init__(self, made: websockets_client.ClientConnection):
         self._made = made
         self.greeting = str(made.recv(LIMIT_S))
         self.elements: dict[str, dict[str, Any]] = {}
+        self.delay_pings: dict[int, float] = {}
 
     def emit(self, event: str, content: object) -> None:
         self._made.send(EVENT + json.dumps([event, content]))
@@ -183,8 +187,17 @@ class PageSocket:
                 self._made.send(PONG)
             if isinstance(packet, str) and packet.startswith(EVENT):
                 event, content = json.loads(packet[len(EVENT) :])
+                if event == "run_javascript" and (asked := DELAY_PING.search(content["code"])):
+                    self.delay_pings[int(asked[1])] = time.monotonic()
                 if event == "update":
                     self.elements |= {key: one for key, one in content.items() if isinstance(one, dict)}
+
+    def answer_delay_pings(self, document: Document) -> None:
+        """Answer as a driver's page does whose monotonic clock is that of this machine."""
+        element, listener = listener_of(document.elements, "pong", id="driver")
+        for number, page_s in self.delay_pings.items():
+            self.fire(document.client_id, element, listener, {"number": number, "page_s": page_s})
+        self.delay_pings.clear()
 
     def is_closed_within(self, limit_s: float) -> bool:
         """Whether the server closes the connection before long."""

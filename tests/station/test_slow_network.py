@@ -1,0 +1,150 @@
+"""Through a slow network, no old command drives the robot, and the page says why it does not drive."""
+
+import re
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests._support.delaying_proxy import delaying_proxy
+from tests._support.robot import Robot, wait_until
+from tests.security.station._support.attacker import Attacker, Document, PageSocket, listener_of
+from tests.station._support.browser import browser, needs_chromium, page_of
+from tests.station.test_driving import PROFILE, Journal, start_in_hall
+from tests.station.test_page import address_of
+
+pytestmark = [pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(300)]
+TOKEN = "drives-from-far-away"
+BEAT_S = 0.05
+STANDS_WITHIN_S = 0.4
+LIMIT_S = 0.2
+
+
+@pytest.fixture
+def journal(robot: Robot) -> Iterator[Journal]:
+    """What happens on a robot in a long hall."""
+    robot.write_secret("operator.token", TOKEN)
+    start_in_hall(robot, PROFILE.replace("{port: 0", "{port: 0, operator_token: file:operator.token"))
+    address_of(robot)
+    yield Journal(robot)
+
+
+def port_of(robot: Robot) -> int:
+    found = re.search(r":(\d+)/", robot.top()["operator"]["status"])
+    assert found
+    return int(found[1])
+
+
+class Page:
+    """A page without a browser that is far away; its monotonic clock is that of this machine."""
+
+    def __init__(self, socket: PageSocket, document: Document):
+        self._socket = socket
+        self._document = document
+        self._element, self._listener = listener_of(document.elements, "drive", id="driver")
+        self.let_go_s = 0.0
+
+    def drive(self, for_s: float) -> None:
+        """Hold the control for some time, and let go."""
+        until_s, begins = time.monotonic() + for_s, True
+        while time.monotonic() < until_s:
+            self._send(held=True, begins=begins)
+            begins = False
+            self.wait(BEAT_S)
+        self.let_go_s = time.monotonic()
+        self._send(held=False, begins=False)
+
+    def wait(self, for_s: float) -> None:
+        """Do what a page does while nothing is pressed."""
+        self._socket.listen(for_s)
+        self._socket.answer_delay_pings(self._document)
+
+    def _send(self, **more: bool) -> None:
+        wish = {"linear": 1.0 if more["held"] else 0.0, "angular": 0.0, "sent_s": time.monotonic(), **more}
+        self._socket.fire(self._document.client_id, self._element, self._listener, wish)
+
+
+def driven(journal: Journal) -> list[float]:
+    """Return when the robot moved."""
+    return [row[0] for row in journal.rows("odometry") if row[2] > 0.0]
+
+
+@pytest.mark.parametrize("delay_s", [0.3, 1.0, 2.5])
+def test_page_that_is_too_far_away_never_drives_the_robot(
+    robot: Robot, journal: Journal, delay_s: float
+) -> None:
+    operator = Attacker(port_of(robot)).log_in(TOKEN)
+    document = operator.open()
+    with delaying_proxy(operator.port, delay_s) as proxy:
+        far = Attacker(proxy.port, operator.cookie)
+        with far.connect(document.query) as socket:
+            page = Page(socket, document)
+            page.wait(2 * delay_s + 1.0)
+            page.drive(3.0)
+            page.wait(2 * delay_s + 1.0)
+    assert driven(journal) == []
+    assert not [row for row in journal.rows("command") if row[1] > 0]
+
+
+@pytest.mark.parametrize("delay_s", [0.3, 1.0, 2.5])
+def test_robot_stands_soon_when_the_network_becomes_slow_while_it_drives(
+    robot: Robot, journal: Journal, delay_s: float
+) -> None:
+    operator = Attacker(port_of(robot)).log_in(TOKEN)
+    document = operator.open()
+    with delaying_proxy(operator.port) as proxy:
+        far = Attacker(proxy.port, operator.cookie)
+        with far.connect(document.query) as socket:
+            page = Page(socket, document)
+            page.wait(1.0)
+            page.drive(2.0)
+            wait_until(lambda: journal.speed() == 0)
+            moved = driven(journal)
+            assert moved
+            assert moved[-1] - page.let_go_s <= STANDS_WITHIN_S
+            proxy.delay_s = delay_s
+            slow_s = time.monotonic()
+            page.drive(3.0)
+            page.wait(2 * delay_s + 1.0)
+    assert [at for at in driven(journal) if at > slow_s] == []
+
+
+def test_robot_of_a_page_that_is_not_too_far_away_stands_soon_after_letting_go(
+    robot: Robot, journal: Journal
+) -> None:
+    operator = Attacker(port_of(robot)).log_in(TOKEN)
+    document = operator.open()
+    with delaying_proxy(operator.port, 0.04) as proxy:
+        far = Attacker(proxy.port, operator.cookie)
+        with far.connect(document.query) as socket:
+            page = Page(socket, document)
+            page.wait(1.0)
+            page.drive(2.0)
+            page.wait(0.5)
+    wait_until(lambda: journal.speed() == 0)
+    moved = driven(journal)
+    assert moved
+    assert moved[-1] - page.let_go_s <= STANDS_WITHIN_S
+
+
+@needs_chromium
+def test_page_says_that_the_delay_is_too_long_to_drive(robot: Robot, journal: Journal) -> None:
+    with (
+        delaying_proxy(port_of(robot), 0.3) as proxy,
+        browser() as started,
+        page_of(started, f"http://127.0.0.1:{proxy.port}/login", may_say=("",)) as page,
+    ):
+        page.fill("#token", TOKEN)
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#state-driver:has-text('s: too long to drive')")
+        page.keyboard.down("KeyW")
+        page.wait_for_selector("#drivers-seat:has-text('too long to drive')")
+        page.wait_for_timeout(1500)
+        page.keyboard.up("KeyW")
+        assert driven(journal) == []
+        proxy.delay_s = 0.0
+        page.wait_for_selector("#state-driver:has-text('nobody drives')")
+        page.keyboard.down("KeyW")
+        wait_until(lambda: journal.speed() > 0.1)
+        page.keyboard.up("KeyW")
+        wait_until(lambda: journal.speed() == 0)
