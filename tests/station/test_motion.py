@@ -7,9 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp.messages import DriveCommand, EmergencyStop, Header, LaserScan, Message, Odometry, Quaternion
+from robbie_mp.messages import (
+    ControlState,
+    DriveCommand,
+    EmergencyStop,
+    Header,
+    LaserScan,
+    Message,
+    Odometry,
+    Quaternion,
+)
 from robbie_mp.scene_graph import RigidTransform, UnknownNode
-from robbie_mp.station.driving.motion import Motion, Movement, free_way_m, tilt
+from robbie_mp.station.driving.motion import WITHOUT_GUARD, Motion, Movement, free_way_m, tilt
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.state_item import clock_text
 from robbie_mp.station.state_strip import time_left_s
@@ -55,17 +64,23 @@ def test_robot_that_stands_though_commanded_is_reported_with_the_reason(time_s: 
     stage = Stage()
     watch = Motion(stage)  # type: ignore[arg-type]
 
-    def drive(for_s: float) -> str:
+    def drive(for_s: float, *, unguarded: bool = False) -> str:
         until_s = time_s[0] + for_s
         while time_s[0] < until_s:
             time_s[0] += 0.2
             stage.known[(Odometry, "odom")].put(Odometry())
-            watch.command(DriveCommand(linear_m_per_s=0.3))
+            watch.command(DriveCommand(linear_m_per_s=0.3, unguarded=unguarded))
             watch.tick()
         return watch.now.hint
 
     assert drive(0.8) == ""
     assert drive(1.0) == "It is commanded but stands: it is blocked, or the base does not follow"
+    control = stage.known[(ControlState, "control")]
+    control.put(ControlState(mode=ControlState.HOLD, reason="the emergency stop was released"))
+    assert drive(0.4).startswith("It is commanded but holds: the emergency stop was released")
+    control.put(ControlState(mode=ControlState.MANUAL, who="operator"))
+    assert "the guard stops it" in drive(0.4)
+    assert "guard" not in drive(0.4, unguarded=True)
     stage.known[(EmergencyStop, "emergency_stop_state")].put(EmergencyStop(engaged=True))
     assert drive(0.4) == "It is commanded but stands: the emergency stop is engaged"
     assert watch.now.commanded_linear == 0.3
@@ -74,6 +89,17 @@ def test_robot_that_stands_though_commanded_is_reported_with_the_reason(time_s: 
     assert watch.now == Movement(linear_m_per_s=0.0, angular_rad_per_s=0.0, heading_rad=0.0)
     assert (LaserScan, "") in stage.known
     assert watch.now.ahead_m is None
+
+
+def test_drive_without_the_guard_is_shown(time_s: list[float]) -> None:
+    stage = Stage()
+    watch = Motion(stage)  # type: ignore[arg-type]
+    watch.command(DriveCommand(linear_m_per_s=0.3, unguarded=True))
+    watch.tick()
+    assert watch.now.hint == WITHOUT_GUARD
+    time_s[0] += 1.0
+    watch.tick()
+    assert watch.now.hint == ""
 
 
 def test_free_way_ahead_is_that_of_all_lasers_together(
