@@ -69,7 +69,7 @@ bench: .venv/bench
 .venv/dev: .venv/robot
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,dev]'
 	# The tests need its network only; what it requires would bring in a second OpenCV.
-	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps 'rapidocr-onnxruntime>=1.4'
+	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps 'rapidocr>=3.0,<3.8'
 	touch $@
 
 .venv/docs: $(INSTALLED)

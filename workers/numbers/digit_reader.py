@@ -1,4 +1,4 @@
-"""Reads digits with the recogniser for lines of text of PP-OCRv4, which rapidocr-onnxruntime ships.
+"""Reads digits with the recogniser for lines of text of PP-OCRv4, which rapidocr ships before version 3.8.
 
 The network (Du et al., "PP-OCR: A practical ultra lightweight OCR system", 2020; version 4 of 2023) gives for
 each step along the line the probability of each character, to be decoded as by Graves et al., "Connectionist
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
 
-PACKAGE = "rapidocr_onnxruntime"
+PACKAGE = "rapidocr"
 MODEL = "models/ch_PP-OCRv4_rec_infer.onnx"
 LINE_PX = 48
 """The network reads lines of this height."""
@@ -54,7 +54,7 @@ class LineReader:
     """Reads one line of text.
 
     Raises:
-        ReaderMissing: `rapidocr-onnxruntime` or OpenCV is not installed.
+        ReaderMissing: `rapidocr` or OpenCV is not installed.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class LineReader:
         # Only the network's file is used, and OpenCV runs it: an import of the package would need seconds.
         model = Path(places[0]) / MODEL if places else None
         if model is None or not model.exists():
-            raise ReaderMissing("digits are read with rapidocr-onnxruntime: install it (extra 'digits')")
+            raise ReaderMissing("digits are read with rapidocr before 3.8: install it (extra 'digits')")
         try:
             self._cv2: Any = import_module("cv2")
         except ImportError as error:

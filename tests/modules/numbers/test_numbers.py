@@ -62,7 +62,7 @@ def test_referee_judges_each_visit_where_the_robot_truly_is() -> None:
 
 def test_missing_reader_is_named_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing() -> None:
-        raise ReaderMissing("digits are read with rapidocr-onnxruntime: install it (extra 'digits')")
+        raise ReaderMissing("digits are read with rapidocr before 3.8: install it (extra 'digits')")
 
     monkeypatch.setattr(signs_module, "BoardReader", missing)
     with pytest.raises(SettingError, match="extra 'digits'"):

@@ -19,8 +19,8 @@ from workers.numbers.board_reader import BoardReader, BoardSighting
 from workers.numbers.digit_reader import LineReader, ReaderMissing, Reading
 
 needs_reader = pytest.mark.skipif(
-    find_spec("rapidocr_onnxruntime") is None,
-    reason="rapidocr-onnxruntime, which reads digits, is not installed (extra 'digits')",
+    find_spec("rapidocr") is None,
+    reason="rapidocr, which reads digits, is not installed (extra 'digits')",
 )
 GEOMETRY = CameraGeometry(640, 360, math.radians(60))
 WALLS = box_segments(np.array([[0.0, 0.0, 12.0, 8.0]]))
