@@ -213,7 +213,8 @@ class Navigation(Module):
 
     def on_annotations(self, annotations: MapAnnotations) -> None:
         """Stay out of the no-go areas from now on, and know the places."""
-        self.no_go = [np.array([(one.x, one.y) for one in area.corners]) for area in annotations.no_go]
+        areas = [one for one in annotations.no_go if len(one.corners) > 2]
+        self.no_go = [np.array([(one.x, one.y) for one in area.corners]) for area in areas]
         self.places = {place.name: planar(place.pose) for place in annotations.places}
         self._see_map()
 

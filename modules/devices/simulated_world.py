@@ -29,7 +29,8 @@ from robbie_mp import (
     float64,
     setting,
 )
-from robbie_mp.messages import Odometry, SimulatedWorld
+from robbie_mp.messages import Flaw, Odometry, SimulatedWorld
+from robbie_mp.messages.flaws import MAX_POSITION_M, elements_beyond, wrong_size
 
 
 class SimulatedPeople(Message, name="home_msgs/msg/SimulatedPeople", version=1):
@@ -38,12 +39,23 @@ class SimulatedPeople(Message, name="home_msgs/msg/SimulatedPeople", version=1):
     header: Header = DEFAULT  # frame_id: arena
     shown: Array[float64] = DEFAULT  # (5 * people,): x (m), y (m), heading (rad), phase (rad), stride of each
 
+    def flaw(self) -> Flaw | None:
+        """Return whether not five numbers are known of each person, or one is not finite."""
+        people = len(self.shown) // 5
+        return wrong_size(self, "shown", 5 * people, "5 of each person") or elements_beyond(
+            self, MAX_POSITION_M, "shown"
+        )
+
 
 class SimulatedDoors(Message, name="home_msgs/msg/SimulatedDoors", version=1):
     """How far the doors of a simulated world are truly open. Published by the simulated base."""
 
     header: Header = DEFAULT  # frame_id: arena
     opened: Array[float64] = DEFAULT  # (doors,), rad, from where each door is closed
+
+    def flaw(self) -> Flaw | None:
+        """Return an angle that is not finite."""
+        return elements_beyond(self, math.tau, "opened")
 
 
 class DoorMoved(Reply, name="home_msgs/srv/MoveDoor_Response", version=1):
@@ -137,8 +149,9 @@ class SharedWorld:
         self._change()
 
     def _on_doors(self, message: SimulatedDoors) -> None:
-        self._opened_rad = message.opened.tolist()
-        self._change()
+        if len(message.opened) == len(self._whole.doors):  # otherwise they are those of another arena
+            self._opened_rad = message.opened.tolist()
+            self._change()
 
     def _change(self) -> None:
         self.arena = self._whole.with_obstacles(self._obstacles).with_doors(self._opened_rad)

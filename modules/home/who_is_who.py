@@ -237,7 +237,8 @@ class WhoIsWhoTask(Module):
 
     def on_camera(self, camera: CameraInfo) -> None:
         """Take the camera's projection."""
-        self.intrinsics = float(camera.k[0]), float(camera.k[2])
+        if camera.is_calibrated:
+            self.intrinsics = float(camera.k[0]), float(camera.k[2])
 
     def on_image(self, image: Image) -> None:
         """Keep a picture while somebody is learnt: what is found in it comes later."""

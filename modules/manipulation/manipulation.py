@@ -128,7 +128,7 @@ class Manipulation(Module):
     def on_joints(self, state: JointState) -> None:
         """Pass the joints to the worker."""
         self.joints_stamp = state.header.stamp
-        at = dict(zip(state.name, state.position.tolist(), strict=True))
+        at = dict(zip(state.name, state.position.tolist(), strict=False))
         wanted = [*self.joints, self.fingers[0]]
         if all(name in at for name in wanted):
             positions = np.array([at[name] for name in self.joints])

@@ -79,7 +79,7 @@ class SimulatedDepthCameraModule(SimulatedDevice):
 
     def on_joints(self, state: JointState) -> None:
         """Take where the arm is."""
-        self.shapes.move(dict(zip(state.name, state.position.tolist(), strict=True)))
+        self.shapes.move(dict(zip(state.name, state.position.tolist(), strict=False)))
 
     def tick(self) -> None:
         """Publish an image."""

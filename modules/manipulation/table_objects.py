@@ -84,11 +84,11 @@ class TableObjectFinder(Module):
 
     def on_camera(self, camera: CameraInfo) -> None:
         """Store the projection of the depth images."""
-        self.camera = camera
+        self.camera = camera if camera.is_calibrated else None
 
     def on_picture_camera(self, camera: CameraInfo) -> None:
         """Store the projection of the pictures."""
-        self.picture_camera = camera
+        self.picture_camera = camera if camera.is_calibrated else None
 
     def on_taught(self, taught: TaughtNames) -> None:
         """Know which objects can be recognized."""

@@ -28,6 +28,8 @@ class NumberSigns(Message, name="number_msgs/msg/NumberSigns", version=1):
     def flaw(self) -> Flaw | None:
         """Return whether something is not known of each post, or a place is not finite."""
         others = ("y_m", "facing_rad", "digits", "likely", "views", "searched")
+        if self.sheet and not (self.sheet.isascii() and self.sheet.isdecimal()):
+            return Flaw("sheet", self.sheet, "digits")
         return unlike_lengths(self, "x_m", *others) or elements_beyond(self, MAX_POSITION_M, "x_m", "y_m")
 
 

@@ -88,7 +88,7 @@ class NumberSignFinder(Module):
 
     def on_camera(self, camera: CameraInfo) -> None:
         """Store the camera's projection."""
-        self.camera = camera
+        self.camera = camera if camera.is_calibrated else None
 
     def on_image(self, image: Image) -> None:
         """Keep the newest image until the camera's pose at its stamp is known."""

@@ -104,8 +104,11 @@ class VictimFound(Message, name="rescue_msgs/msg/VictimFound", version=1):
 
     def flaw(self) -> Flaw | None:
         """Return a number that is not finite."""
-        return outside(self, 0.0, MAX_MAGNITUDE, "spread_m") or beyond(
-            self, MAX_MAGNITUDE, "confidence", "answer_within_s"
+        states = outside(self, self.SUSPECTED, self.REJECTED, "state")
+        return (
+            states
+            or outside(self, 0.0, MAX_MAGNITUDE, "spread_m")
+            or beyond(self, MAX_MAGNITUDE, "confidence", "answer_within_s")
         )
 
 

@@ -158,12 +158,16 @@ class RescueMission(Module):
             self.subscribe(DeviceState, self.on_device, topic=device, optional=True)
 
     def on_map(self, grid: OccupancyGrid) -> None:
-        """Pass a new map to the mission."""
+        """Pass a new map to the mission, unless it is empty."""
+        if not len(grid.data):
+            return
         self.map = grid
         self.mission.see_map(*map_cells(grid))
 
     def on_searched(self, grid: SearchedWalls) -> None:
         """Pass the searched walls to the mission; keep those of other robots, and add them."""
+        if not len(grid.data):
+            return
         searched, robot = SearchedGrid(*map_cells(grid)), self.envelope.topic
         if robot in self.team:
             self.team_searched[robot] = searched.widened(self.mission.settings.min_wall_m)

@@ -93,6 +93,9 @@ class Victims(Module):
 
     def on_camera(self, camera: CameraInfo) -> None:
         """Store the camera's projection."""
+        if not camera.is_calibrated:
+            self.status = "the camera is not calibrated"
+            return
         k = camera.k
         self.projection = Projection((float(k[0]), float(k[4])), (float(k[2]), float(k[5])))
         self.half_width_rad = math.atan(camera.width / 2 / float(k[0]))

@@ -132,6 +132,11 @@ class CameraInfo(Message, name="sensor_msgs/msg/CameraInfo", version=1):
     binning_y: uint32 = DEFAULT
     roi: RegionOfInterest = DEFAULT
 
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether `k` is known: a camera that is not calibrated sends it with all 0."""
+        return bool(self.k.any())
+
     def flaw(self) -> Flaw | None:
         """Return numbers that are not finite. A `k` that is all 0 says that the camera is not calibrated."""
         if (flaw := elements_beyond(self, MAX_MAGNITUDE, "d", "k", "r", "p")) is not None:
