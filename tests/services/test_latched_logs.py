@@ -25,7 +25,7 @@ class Mapper(Module):
         self.number += 1
         if self.number == 1:
             self.publish(Odometry(child_frame_id="the map"), topic="map", latched=True)
-        self.publish(DriveCommand(linear_m_per_s=self.number))
+        self.publish(DriveCommand(linear_m_per_s=self.number / 1000))
 
 
 class Reader(Module):
