@@ -174,7 +174,7 @@ def test_every_step_of_a_message_is_stored_alike(
     compare(built, parcel, steps)
 
 
-@pytest.mark.parametrize("slot", [PUBLISHER, SUBSCRIBER])
+@pytest.mark.parametrize("slot", [PUBLISHER, pytest.param(SUBSCRIBER, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("keep", [0, 1])
 def test_module_dies_before_any_of_its_stores_alike(
     built: ModuleType, parcel: Any, slot: int, keep: int, monkeypatch: pytest.MonkeyPatch

@@ -28,6 +28,7 @@ def test_messages_of_every_class_cross_in_order_and_the_books_balance(robot: Rob
     assert 0 < peer.round_trip_s < 1
 
 
+@pytest.mark.slow
 def test_a_killed_link_continues_without_duplicates(robot: Robot) -> None:
     pair = Pair(robot, RED.replace(str(COUNT), "300"), BLUE)
     pair.start("red", "blue")
