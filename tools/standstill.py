@@ -99,11 +99,13 @@ class Truth:
         self._thread.start()
 
     def _listen(self) -> None:
-        with suppress(RobbieError):
-            for message in self._run.listen(Odometry, "ground_truth", max_waiting=2000):
-                twist, place = message.twist.twist, message.pose.pose.position
-                stamp_s = message.header.stamp.nanoseconds / 1e9
-                self.rows.append((stamp_s, twist.linear.x, twist.angular.z, place.x, place.y))
+        while True:
+            with suppress(RobbieError):  # the run is starting, or over
+                for message in self._run.listen(Odometry, "ground_truth", max_waiting=2000):
+                    twist, place = message.twist.twist, message.pose.pose.position
+                    stamp_s = message.header.stamp.nanoseconds / 1e9
+                    self.rows.append((stamp_s, twist.linear.x, twist.angular.z, place.x, place.y))
+            time.sleep(0.1)
 
     @property
     def drives(self) -> bool:

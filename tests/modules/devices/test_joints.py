@@ -42,7 +42,7 @@ def test_simulated_gripper_closes_until_its_command_expires() -> None:
         assert gripper.take(JointState)[-1].position[0] == pytest.approx(0.4, abs=0.03)
         gripper.advance(2.0)
         last = gripper.take(JointState)[-1]
-        assert last.position[0] == pytest.approx(0.5, abs=0.03) and last.velocity[0] == 0.0
+        assert last.position[0] == pytest.approx(0.45, abs=0.03) and last.velocity[0] == 0.0
 
 
 def test_invalid_commands_move_nothing_and_are_logged(caplog: pytest.LogCaptureFixture) -> None:
