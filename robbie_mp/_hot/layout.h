@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 enum {
-    LAYOUT_VERSION = 14,
+    LAYOUT_VERSION = 15,
     SEGMENT_KIND_BOARD = 1,
     SEGMENT_KIND_CORE = 2,
     SEGMENT_KIND_OUT = 3,
@@ -147,6 +147,7 @@ enum {
     OUT_HOT_PATH = 36,
     OUT_CHARGED_SINCE_NS = 37,
     OUT_CHARGED_NS = 38,
+    OUT_ILL_FORMED = 39,
     OUT_STATUS = 40,
     OUT_STATES = 73,
     OUT_HEALTH = 106,
