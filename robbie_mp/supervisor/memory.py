@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from robbie_mp.messages import ModuleState, Time
 from robbie_mp.module.clock import SystemClock
@@ -24,7 +25,13 @@ from robbie_mp.transport.run_memory import (
     make_endpoint,
 )
 from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.shared_folder import ForeignMemory, SegmentMissing, opened_folder, remove_names
+from robbie_mp.transport.shared_folder import (
+    SHARED_MEMORY,
+    ForeignMemory,
+    SegmentMissing,
+    opened_folder,
+    remove_names,
+)
 from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.wakeup import Wakeup
 
@@ -302,6 +309,13 @@ class RunMemory:
         """Let messages flow."""
         self.board.go()
         self._wake_participants()
+
+    def files(self) -> list[Path]:
+        """Return the files that the supervisor has made and not removed."""
+        memory = [made for _, made in self._incarnations.values()]
+        segments = [segment.name for made in memory for segment in (made.out, made.into)]
+        run = [names.board(self._run_id), names.clock(self._run_id), names.core(self._run_id)]
+        return [SHARED_MEMORY / name for name in (*run, *segments)]
 
     def close(self) -> None:
         """Unmap and unlink everything of this run."""

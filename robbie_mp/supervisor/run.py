@@ -15,12 +15,13 @@ from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile, Scheduling
 from robbie_mp.profile.show import as_profile
-from robbie_mp.run.plan import CORE, RunPlan
+from robbie_mp.run.plan import CORE, PLAN_FILE, RunPlan
 from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.supervisor.connection_watch import ConnectionWatch
 from robbie_mp.supervisor.control import ControlServer
+from robbie_mp.supervisor.files_watch import FilesWatch
 from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
 from robbie_mp.supervisor.scheduling import computing_with
@@ -150,12 +151,13 @@ def _run(
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
-            lambda: _each_turn(tree, memory, control, tools, watch, service),
+            lambda: _each_turn(tree, memory, control, tools, watch, files, service),
             spares=_spares(profile, run_folder, environment),
         )
         watch = ConnectionWatch(
             observer, tree.say, {module.name: list(module.topics) for module in plan.modules}
         )
+        files = FilesWatch(lambda: [run_folder / PLAN_FILE, *memory.files()])
         tools = AttachedTools(tree, memory, plan.tool_names)
         control = ControlServer(run_folder, tree, tools=tools)
         connections.callback(control.close)
@@ -199,9 +201,12 @@ def _each_turn(
     control: ControlServer,
     tools: AttachedTools,
     watch: ConnectionWatch,
+    files: FilesWatch,
     service: ServiceManager,
 ) -> None:
     service.turn(is_ready=tree.has_started, stop_reason=tree.stop_reason)
+    if missing := files.missing():
+        tree.stop(f"{missing} was removed, and no process can start without it", has_failed=True)
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()

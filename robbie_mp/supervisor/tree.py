@@ -168,6 +168,7 @@ class Tree:
         if len(set(names)) < len(names):
             raise InvalidChild(f"each child needs a unique name; the names are {', '.join(sorted(names))}")
         self.stop_reason = ""
+        self._has_failed = False
         self._incarnations = incarnations
         self._each_turn = each_turn
         self._clock = RunningTime(clock)
@@ -194,7 +195,11 @@ class Tree:
         return self._was_all_started
 
     def run(self) -> int:
-        """Run to the end and return the exit code: 1 if a child is FAILED or did not end in order, else 0."""
+        """Run to the end and return the exit code.
+
+        Returns:
+            1 if a child is FAILED or did not end in order, or if the run itself has failed; else 0.
+        """
         with ExitStack() as stack:
             stack.callback(self._loop.close)
             stack.callback(self._incarnations.close)
@@ -209,13 +214,20 @@ class Tree:
             while self._turn():
                 orphans.reap(self._known_pids())
             self._report_unfinished()
-        return int(any(child.state is ChildState.FAILED or child.unfinished for child in self.children))
+        is_failed = (child.state is ChildState.FAILED or child.unfinished for child in self.children)
+        return int(self._has_failed or any(is_failed))
 
-    def stop(self, reason: str) -> None:
-        """Begin an ordered stop; further calls have no effect."""
+    def stop(self, reason: str, *, has_failed: bool = False) -> None:
+        """Begin an ordered stop; further calls have no effect.
+
+        Args:
+            reason: why.
+            has_failed: whether the run has failed, so that its exit code is 1.
+        """
         if self._stop:
             return
         self.stop_reason = reason
+        self._has_failed = has_failed
         self._say(f"the run stops: {reason}")
         self._stop = OrderedStop(self.children, Then.STOPPED, "", self._clock)
         self._partial_stops.clear()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import socket
 from pathlib import Path
@@ -72,6 +73,23 @@ def test_hot_path_in_python_is_reported_once_and_in_the_figures(
             "the hot path runs in Python, which is slower: ROBBIE_PURE_PYTHON=1 is set; unset it to use C",
         )
     ]
+
+
+@pytest.mark.parametrize("removed", ["{memory}", "{memory}/core", "{memory}/out-1-1", "{folder}"])
+def test_run_whose_files_are_removed_ends_with_the_reason(robot: Robot, removed: str) -> None:
+    """Otherwise it went on for ever, and none of its modules could be restarted."""
+    robot.write_profile(ENDLESS)
+    process = robot.start()
+    robot.until(lambda modules: all(modules[name]["state"] == "RUNNING" for name in ("one", "two")))
+    run = robot.known_run()
+    path = Path(removed.format(memory=f"/dev/shm/robbie-{run.run_id}", folder=run.folder))
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 1
+    assert f"the run stops: {path}" in robot.log("supervisor")
+    assert "was removed, and no process can start without it" in robot.log("supervisor")
+    assert all(robot.log(name).count("RUNNING → STOPPED") == 1 for name in ("one", "two", "core"))
+    assert not list(Path("/dev/shm").glob(f"*robbie-{run.run_id}*"))
 
 
 @pytest.mark.skipif(why_not() != "", reason=f"NOT TESTED: {why_not()}")
