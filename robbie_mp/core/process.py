@@ -3,6 +3,7 @@
 import gc
 import logging
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -12,6 +13,7 @@ from robbie_mp._hot.choice import Native
 from robbie_mp.core.members import SUPERVISOR_SLOT, LinkMemory, RouterLimits
 from robbie_mp.core.native_router import NativeRouter, make_router
 from robbie_mp.core.router import SlotLimits
+from robbie_mp.core.supervisor_watch import SupervisorWatch
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import HotPath, SegmentKind
 from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, attach_wakeup
@@ -56,6 +58,7 @@ class CoreProcess:
         in_c = native is not None and not lockstep
         self._words[layout.CORE_HOT_PATH] = HotPath.C if in_c else HotPath.PYTHON
         self._stopping = False
+        self._supervisor: SupervisorWatch
         self._router = make_router(
             native,
             CoreTables.attach(self._words),
@@ -68,7 +71,12 @@ class CoreProcess:
         )
 
     def run(self) -> None:
-        """Route until SIGTERM."""
+        """Route until SIGTERM.
+
+        Raises:
+            SystemExit: the supervisor makes no progress. Without messages, the robot stands; a supervisor
+                that continues starts the next core.
+        """
         signal.signal(signal.SIGTERM, self._on_terminate)
         self._router.recover()
         self._router.module_up(SUPERVISOR_SLOT, 1)
@@ -77,8 +85,12 @@ class CoreProcess:
         run_round, sleep = router.run_round, self._sleep
         if isinstance(router, NativeRouter) and not self._wakeup.spin_s:
             sleep = partial(self._work_alone, router)
+        watch = self._supervisor
         while not self._stopping:
-            words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # here, as it never sleeps in a flood
+            now_ns = time.monotonic_ns()
+            words[layout.CORE_HEARTBEAT_NS] = now_ns  # here, as it never sleeps in a flood
+            if now_ns >= watch.next_look_ns and watch.look(now_ns):
+                sys.exit("the supervisor makes no progress, and nothing may move without it")
             # One look is enough: a module that writes later also posts later, which ends the wait at once.
             if run_round() or router.before_sleep():
                 continue
@@ -98,4 +110,6 @@ class CoreProcess:
 
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
         memory = IncarnationMemory.attach_as_core(self._run_id, slot, incarnation, self._native)
+        if slot == SUPERVISOR_SLOT:
+            self._supervisor = SupervisorWatch(memory.out.words, logging.getLogger("core").error)
         return LinkMemory(incarnation, memory.out.words, memory.into.words, memory.wakeup.post, memory.close)

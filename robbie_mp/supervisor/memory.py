@@ -107,6 +107,7 @@ class RunMemory:
         self._last_words = LastWordsReader(tables, self.board, inbound_records)
         own = IncarnationMemory.create(run_id, SUPERVISOR_SLOT, 1, plan.sizes)
         self._incarnations[SUPERVISOR_SLOT] = (1, own)
+        self._own_words = own.out.words
         self._endpoint = make_endpoint(own, SUPERVISOR_SLOT, 1, plan.sizes, self._core_wakeup.post)
         blocks = make_block_store(
             run_id, SUPERVISOR_SLOT, 1, SUPERVISOR_SEGMENT_BYTES, SUPERVISOR_MEMORY_BYTES
@@ -324,6 +325,10 @@ class RunMemory:
             memory.close()
         self._made.close()
         remove_names(self._run_id)
+
+    def beat(self) -> None:
+        """Show the core that the supervisor makes progress."""
+        self._own_words[layout.OUT_ACTIVITY_SINCE_NS] = time.monotonic_ns()
 
     # -- notices from the core --------------------------------------------------------------------------
 

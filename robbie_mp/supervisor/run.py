@@ -204,6 +204,7 @@ def _each_turn(
     files: FilesWatch,
     service: ServiceManager,
 ) -> None:
+    memory.beat()
     service.turn(is_ready=tree.has_started, stop_reason=tree.stop_reason)
     if missing := files.missing():
         tree.stop(f"{missing} was removed, and no process can start without it", has_failed=True)

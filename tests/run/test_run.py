@@ -13,6 +13,7 @@ import pytest
 from robbie_mp._hot.choice import PURE_PYTHON, why_not
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import last_entries
+from tests._support.debugger import held_by_debugger
 from tests._support.robot import Ended, Robot, is_running, kill, wait_until
 
 COUNTING = """
@@ -73,6 +74,32 @@ def test_hot_path_in_python_is_reported_once_and_in_the_figures(
             "the hot path runs in Python, which is slower: ROBBIE_PURE_PYTHON=1 is set; unset it to use C",
         )
     ]
+
+
+def test_stopped_supervisor_is_continued_and_its_run_can_be_stopped(robot: Robot) -> None:
+    """As by a module that sends SIGSTOP: Ctrl-C hung, and nobody supervised the robot."""
+    robot.write_profile(ENDLESS)
+    process = robot.start()
+    robot.until(lambda modules: all(modules[name]["state"] == "RUNNING" for name in ("one", "two")))
+    process.send_signal(signal.SIGSTOP)
+    wait_until(lambda: psutil.Process(process.pid).status() == psutil.STATUS_STOPPED)
+    process.send_signal(signal.SIGINT)
+    assert Ended.wait_for(process).exit_code == 0
+    assert "the supervisor makes no progress; it is continued (SIGCONT)" in robot.log("core")
+
+
+@pytest.mark.slow
+def test_core_ends_while_its_supervisor_hangs_and_comes_back_with_it(robot: Robot) -> None:
+    robot.write_profile(ENDLESS)
+    process = robot.start()
+    figures = robot.until(lambda modules: all(one["state"] == "RUNNING" for one in modules.values()))
+    with held_by_debugger(process.pid):
+        wait_until(lambda: not is_running(figures["core"]["pid"]))
+        assert is_running(figures["one"]["pid"])
+    robot.until(lambda modules: modules["core"]["state"] == "RUNNING" and modules["core"]["restarts"] == 1)
+    process.send_signal(signal.SIGINT)
+    assert Ended.wait_for(process).exit_code == 0
+    assert "nothing may move without it" in robot.log("core")
 
 
 @pytest.mark.parametrize("removed", ["{memory}", "{memory}/core", "{memory}/out-1-1", "{folder}"])
