@@ -13,6 +13,7 @@ import psutil
 from robbie_mp.doctor.finding import Finding, fail, ok, read_number, size, warn
 from robbie_mp.doctor.needs import Needs
 from robbie_mp.errors import RobbieError
+from robbie_mp.run.run_directory import lock_folder
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import HEADER_WORDS, SegmentKind
 from robbie_mp.transport.segment import Segment
@@ -45,11 +46,12 @@ def look_at_memory(needs: Needs | None) -> Iterator[Finding]:
 def probe_shared_memory() -> str:
     """Create and remove a segment and a semaphore; return what went wrong, '' if nothing did.
 
-    They are named like those of a run, so that the leftovers of a killed probe are swept like a dead run's.
+    They are named and locked like those of a run, so that the leftovers of a killed probe are swept like a
+    dead run's.
     """
     run_id = secrets.token_hex(4)
     try:
-        make_folder(run_id)
+        lock_fd = lock_folder(make_folder(run_id))
     except OSError as error:
         return str(error)
     try:
@@ -58,6 +60,8 @@ def probe_shared_memory() -> str:
     except (OSError, RobbieError, posix_ipc.Error) as error:
         return str(error) or type(error).__name__
     finally:
+        if lock_fd is not None:
+            os.close(lock_fd)
         remove_names(run_id)
     return ""
 

@@ -7,15 +7,14 @@ from robbie_mp.doctor.finding import Finding, ok, warn
 from robbie_mp.observe import RunObserver
 from robbie_mp.observe.connections import Unconnected
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.supervisor.sweep import unclaimed_runs
+from robbie_mp.supervisor.sweep import dead_runs
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 
 
 def look_at_runs() -> Iterator[Finding]:
     """Judge the runs of this user."""
     runs = list_runs()
-    dead = [run.run_id for run in runs if not run.is_live] + unclaimed_runs()
-    yield check_runs(len(runs) - sum(not run.is_live for run in runs), dead)
+    yield check_runs(sum(run.is_live for run in runs), dead_runs())
     for run in runs:
         if run.is_live:
             yield from _look_at_connections(run.run_id)

@@ -1,12 +1,15 @@
 """The folder of a run. It shows that the run exists, which process supervises it, and whether that is alive.
 
 The folder is `$XDG_RUNTIME_DIR/robbie/RUNID`, or `/tmp/robbie-UID/RUNID` where there is no such directory.
-The supervisor holds a lock (flock(2)) on the folder while it lives; the kernel releases it with the process.
-A folder is locked before it gets its name, so a folder without a lock belongs to a dead run. The lock also
-keeps systemd-tmpfiles from removing the folder of a robot that runs for weeks.
-
 A run's segments are in the folder `robbie-RUNID` of /dev/shm, which is made together with this one. The names
 of its semaphores begin with `sem.robbie-RUNID.`.
+
+The supervisor holds a lock (flock(2)) on each of the two folders while it lives; the kernel releases it with
+the process. So each folder itself says whether its run is alive, also to a container that sees other
+processes, or that shares only one of the two folders. The folder of the run is locked before it gets its
+name. The one in /dev/shm is not: if another process removes it just before it is locked, the run takes
+another id. So a folder without a lock belongs to a dead run. The lock also keeps systemd-tmpfiles from
+removing the folder of a robot that runs for weeks.
 """
 
 import contextlib
@@ -17,7 +20,7 @@ import re
 import secrets
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,7 +30,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.linux.private_files import ownership_problem, write_private
 from robbie_mp.linux.proc import ProcessIdentity
 from robbie_mp.trace.disk_writer import DiskWriter
-from robbie_mp.transport.shared_folder import NamesTaken, make_folder, remove_names
+from robbie_mp.transport.shared_folder import SHARED_MEMORY, NamesTaken, make_folder, remove_names
 
 RUN_ID = re.compile(r"[0-9a-f]{8}")
 UNFINISHED_PREFIX = "new-"
@@ -81,15 +84,28 @@ class RunDirectory:
         record: the content of run.json.
     """
 
-    def __init__(self, folder: Path, record: RunRecord, lock_fd: int):
+    def __init__(self, folder: Path, record: RunRecord, shared_memory: Path, lock_fds: Sequence[int]):
         self.run_id = record.run_id
         self.folder = folder
         self.record = record
-        self._lock_fd = lock_fd
+        self._shared_memory = shared_memory
+        self._lock_fds = lock_fds
 
     @classmethod
-    def create(cls, profile_name: str, output_directory: Path, base: Path | None = None) -> Self:
-        """Make a new run's folder and lock it until `remove` or the end of this process.
+    def create(
+        cls,
+        profile_name: str,
+        output_directory: Path,
+        base: Path | None = None,
+        shared_memory: Path = SHARED_MEMORY,
+    ) -> Self:
+        """Make a new run's folders and lock them until `remove` or the end of this process.
+
+        Args:
+            profile_name: for the record.
+            output_directory: for the record.
+            base: the folder for runs; None: the first of `base_folders`.
+            shared_memory: where named segments and semaphores appear.
 
         Raises:
             UnsafeRunFolder: other users could change the folder for runs.
@@ -97,7 +113,7 @@ class RunDirectory:
         """
         base = base_folders()[0] if base is None else base
         _make_private(base)
-        run_id = _reserve_run_id(base)
+        run_id, memory_lock_fd = _reserve_run_id(base, shared_memory)
         supervisor = ProcessIdentity.own()
         record = RunRecord(
             run_id=run_id,
@@ -109,7 +125,8 @@ class RunDirectory:
             output_directory=str(output_directory.absolute()),
         )
         with contextlib.ExitStack() as undo:
-            undo.callback(remove_names, run_id)
+            undo.callback(os.close, memory_lock_fd)
+            undo.callback(remove_names, run_id, shared_memory)
             unfinished = base / f"{UNFINISHED_PREFIX}{run_id}"
             unfinished.mkdir(mode=0o700)
             lock_fd = lock_folder(unfinished)
@@ -119,22 +136,23 @@ class RunDirectory:
             write_private(unfinished / RECORD_NAME, json.dumps(asdict(record), indent=2) + "\n")
             unfinished.rename(base / run_id)
             undo.pop_all()
-        return cls(base / run_id, record, lock_fd)
+        return cls(base / run_id, record, shared_memory, [lock_fd, memory_lock_fd])
 
     def remove(self, disk: DiskWriter | None = None) -> None:
-        """Remove the folder and the rest of the run's shared memory, then unlock the folder.
+        """Remove the folder and the rest of the run's shared memory, then unlock both.
 
         Args:
             disk: removes the folder; if the disk has stalled, the next sweep removes the rest. None: this
                 process removes it.
         """
-        remove_names(self.run_id)
+        remove_names(self.run_id, self._shared_memory)
         if disk:
             disk.order(["remove", str(self.folder)], b"")
             disk.flush()
         else:
             shutil.rmtree(self.folder, ignore_errors=True)
-        os.close(self._lock_fd)
+        for lock_fd in self._lock_fds:
+            os.close(lock_fd)
 
 
 def base_folders() -> list[Path]:
@@ -178,17 +196,22 @@ def is_live(folder: Path) -> bool:
 
 
 def lock_folder(folder: Path, *, shared: bool = False) -> int | None:
-    """Lock a folder; return the descriptor that holds the lock, None if it is locked or does not exist."""
+    """Lock a folder; return the descriptor that holds the lock, None if it is locked or does not exist.
+
+    Children do not inherit the descriptor (O_CLOEXEC), so none of them keeps a dead supervisor's lock.
+    """
     try:
         fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except FileNotFoundError:
         return None
     try:
         fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(fd)
-        return None
-    return fd
+        if os.path.samestat(os.fstat(fd), os.lstat(folder)):
+            return fd
+    except (BlockingIOError, FileNotFoundError):
+        pass  # somebody else has locked it, or removed it before we could
+    os.close(fd)
+    return None
 
 
 def read_record(folder: Path) -> RunRecord | None:
@@ -205,14 +228,14 @@ def _run_folders(bases: list[Path]) -> Iterator[Path]:
             yield from sorted(path for path in base.iterdir() if RUN_ID.fullmatch(path.name))
 
 
-def _reserve_run_id(base: Path) -> str:
-    """Find an unused run id and reserve it by making the folder of its shared memory."""
+def _reserve_run_id(base: Path, shared_memory: Path) -> tuple[str, int]:
+    """Find an unused run id; make and lock the folder of its shared memory, and return the lock with it."""
     for _ in range(MAX_TRIES):
         run_id = secrets.token_hex(4)
         if not (base / run_id).exists():
             with contextlib.suppress(FileExistsError):
-                make_folder(run_id)
-                return run_id
+                if (lock_fd := lock_folder(make_folder(run_id, shared_memory))) is not None:
+                    return run_id, lock_fd
     raise NamesTaken(f"all {MAX_TRIES} run ids that were tried are in use, such as {run_id}")
 
 

@@ -8,7 +8,6 @@ import contextlib
 import errno
 import mmap
 import os
-import struct
 from typing import Self
 
 from robbie_mp.errors import RobbieError
@@ -30,7 +29,6 @@ __all__ = [
     "SegmentMismatch",
     "SegmentMissing",
     "SharedMemoryFull",
-    "read_creator",
     "unlink_segment",
 ]
 
@@ -196,22 +194,6 @@ class Segment:
     def unlink(self) -> None:
         """Remove the name; the memory stays until the last process has unmapped it."""
         unlink_segment(self.name)
-
-
-def read_creator(fd: int) -> ProcessIdentity | None:
-    """Return the process that created a segment; None if the file is no segment, or is just being made.
-
-    Args:
-        fd: a descriptor of its file, open for reading.
-    """
-    header = struct.Struct(f"={layout.HEADER_WORDS}Q")
-    if len(found := os.pread(fd, header.size, 0)) < header.size:
-        return None
-    if header.unpack(found)[layout.HEADER_MAGIC] != layout.MAGIC:
-        return None
-    new_fence()()  # the magic is written last, so the rest of the header is there now
-    words = header.unpack(os.pread(fd, header.size, 0))
-    return ProcessIdentity(words[layout.HEADER_CREATOR_PID], words[layout.HEADER_CREATOR_START])
 
 
 def unlink_segment(name: str) -> None:

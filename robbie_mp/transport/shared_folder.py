@@ -44,13 +44,15 @@ class ForeignMemory(SegmentMismatch):
     """
 
 
-def make_folder(run_id: str) -> None:
-    """Make the folder of a new run.
+def make_folder(run_id: str, shared_memory: Path = SHARED_MEMORY) -> Path:
+    """Make the folder of a new run, and return it.
 
     Raises:
         FileExistsError: the name is taken; choose another run id.
     """
-    (SHARED_MEMORY / names.folder(run_id)).mkdir(mode=0o700)
+    folder = shared_memory / names.folder(run_id)
+    folder.mkdir(mode=0o700)
+    return folder
 
 
 @contextlib.contextmanager

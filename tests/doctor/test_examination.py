@@ -2,7 +2,6 @@
 
 import json
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,8 +17,9 @@ from robbie_mp.doctor.permissions import check_run_folder, login_setting
 from robbie_mp.doctor.python import own_requirements
 from robbie_mp.profile.model import MemoryLimits, ModuleSpec, Profile
 from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_directory import lock_folder
 from robbie_mp.supervisor.memory import RunMemory
-from robbie_mp.supervisor.sweep import UNCLAIMED_AGE_S, sweep
+from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 PROFILE = """
@@ -165,8 +165,8 @@ def test_remains_of_a_killed_probe_are_swept(tmp_path: Path) -> None:
     names = {f"robbie-{run_id}/board", f"sem.robbie-{run_id}.{0:016x}"}
     for name in names:
         (tmp_path / name).touch(mode=0o600)
-    assert sweep([], tmp_path).names == (), "it may be just at work"
-    with pytest.MonkeyPatch.context() as patch:
-        later = time.time() + 2 * UNCLAIMED_AGE_S
-        patch.setattr(time, "time", lambda: later)
-        assert set(sweep([], tmp_path).names) == names | {f"robbie-{run_id}"}
+    lock_fd = lock_folder(tmp_path / f"robbie-{run_id}")
+    assert lock_fd is not None
+    assert sweep([], tmp_path).names == (), "it is just at work"
+    os.close(lock_fd)
+    assert set(sweep([], tmp_path).names) == names | {f"robbie-{run_id}"}

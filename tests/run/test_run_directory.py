@@ -1,5 +1,6 @@
 """The folder of a run: private, locked as long as its supervisor lives."""
 
+import fcntl
 import json
 import os
 import stat
@@ -17,6 +18,7 @@ from robbie_mp.run.run_directory import (
     list_runs,
     safe_folders,
 )
+from robbie_mp.supervisor.sweep import dead_runs
 from robbie_mp.transport.shared_folder import remove_names
 
 
@@ -54,10 +56,34 @@ def test_runs_have_unique_ids(tmp_path: Path) -> None:
 def test_child_process_does_not_hold_the_lock(tmp_path: Path) -> None:
     run = RunDirectory.create("arena", tmp_path, tmp_path / "robbie")
     with subprocess.Popen(["sleep", "60"], close_fds=False) as child:
-        os.close(run._lock_fd)  # as the supervisor's death does
+        for lock_fd in run._lock_fds:
+            os.close(lock_fd)  # as the supervisor's death does
         assert [found.is_live for found in list_runs([tmp_path / "robbie"])] == [False]
+        assert dead_runs([tmp_path / "robbie"]) == [run.run_id]
         child.kill()
     remove_names(run.run_id)
+
+
+def test_run_takes_another_id_if_its_new_folder_is_removed_before_it_is_locked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a sweep, which finds a folder that nobody has locked."""
+    flock, removed = fcntl.flock, list[Path]()
+
+    def sweep_first(fd: int, operation: int) -> None:
+        if not removed and (folders := list(tmp_path.glob("shm/robbie-*"))):
+            folders[0].rmdir()
+            removed.extend(folders)
+        flock(fd, operation)
+
+    monkeypatch.setattr(fcntl, "flock", sweep_first)
+    (tmp_path / "shm").mkdir()
+    run = RunDirectory.create("arena", tmp_path, tmp_path / "robbie", tmp_path / "shm")
+    assert removed
+    assert [path.name for path in (tmp_path / "shm").iterdir()] == [f"robbie-{run.run_id}"]
+    assert removed[0].name != f"robbie-{run.run_id}"
+    run.remove()
+    assert not list((tmp_path / "shm").iterdir())
 
 
 def test_run_whose_supervisor_died_early_is_listed_as_dead(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from robbie_mp.linux.proc import ProcessIdentity
 from robbie_mp.transport import layout, segment, tables
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.records import MessageHandling, Outbound
-from robbie_mp.transport.segment import Segment, read_creator
+from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.tables import ChannelName, CoreTables, DeclarationRow, TableSizes
 from robbie_mp.transport.words import Words
@@ -67,16 +67,6 @@ def test_header_is_complete_before_the_magic_says_so(monkeypatch: pytest.MonkeyP
     assert header[layout.HEADER_KIND] == SegmentKind.BOARD
     assert header[layout.HEADER_CREATOR_PID] == os.getpid()
     assert header[layout.HEADER_CREATOR_START] == ProcessIdentity.own().start_ticks
-
-
-@pytest.mark.usefixtures("folder")
-def test_sweep_that_sees_the_magic_sees_the_creator(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Creator 0 seemed to be dead, so the sweep of another start removed the names of a live run."""
-    board = Segment.create(NAME, 64, SegmentKind.BOARD)
-    reveal_at_fence(monkeypatch, segment, board.words, layout.HEADER_CREATOR_PID, 2)
-    with open(Path("/dev/shm", NAME), "rb") as file:
-        assert read_creator(file.fileno()) == ProcessIdentity.own()
-    board.close()
 
 
 @pytest.mark.usefixtures("folder")
