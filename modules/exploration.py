@@ -2,7 +2,7 @@
 
 import math
 
-from hw.laser import LaserGeometry
+from modules.planar_messages import sweep_of
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, OccupancyGrid, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
@@ -63,27 +63,21 @@ class Exploration(Module):
             self.explorer.see_pose(place, pose.header.stamp.nanoseconds / 1e9, self._published_s())
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Pass a scan to the explorer; the first scan defines the laser's geometry."""
+        """Pass a scan to the explorer; the first one creates it."""
         if self.explorer is None:
-            geometry = LaserGeometry(
-                angle_min_rad=scan.angle_min,
-                angle_increment_rad=scan.angle_increment,
-                beams=len(scan.ranges),
-                range_min_m=scan.range_min,
-                range_max_m=scan.range_max,
-            )
             left_s = self.time_limit_s - self.before["used_s"]
             settings = ExplorerSettings(time_limit_s=left_s, returns_home=self.returns_home)
             self.explorer = Explorer(
                 self._time_s,
-                CollisionGuard(geometry.angles_rad()),
+                CollisionGuard(),
                 settings,
                 PathFollower(FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)),
                 home_xy_m=self.before["home_xy_m"],
             )
             self.explorer.exploring_ended = self.before["exploring_ended"]
             self.explorer.see_hold(self.hold)
-        self.explorer.see_sweep(scan.ranges, scan.header.stamp.nanoseconds / 1e9, self._published_s())
+        stamp_s = scan.header.stamp.nanoseconds / 1e9
+        self.explorer.see_sweep(sweep_of(scan), stamp_s, self._published_s())
 
     def on_control(self, control: ControlState) -> None:
         """Pass to the explorer whether the robot may drive by itself."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
+from modules.planar_messages import laser_mount, map_cells, planar, pose_stamped, sweep_of
 from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
@@ -92,7 +92,7 @@ class MonteCarloLocalization(Module):
             return
         before = self.localizer.newest
         stamp_s = scan.header.stamp.nanoseconds / 1e9
-        self.localizer.add_scan(stamp_s, scan.ranges, angles_rad(scan), scan.range_max)
+        self.localizer.add_scan(stamp_s, sweep_of(scan))
         newest = self.localizer.newest
         if newest is not None and newest is not before:
             self._publish_state(newest)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from modules.planar_messages import laser_mount, planar, pose_stamped
+from modules.planar_messages import laser_mount, planar, pose_stamped, sweep_of
 from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.checkpoint.errors import CheckpointTooLarge
@@ -22,6 +22,7 @@ from robbie_mp.messages import (
     TFMessage,
     TimeJump,
 )
+from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper, Limits
 from workers.maps.map_file import write_large_map
 from workers.maps.map_picture import draw_map
@@ -108,16 +109,13 @@ class Mapping(Module):
     def on_scan(self, scan: LaserScan) -> None:
         """Add a scan."""
         self.scans += 1
-        self.mapper.add_scan(
-            scan.header.stamp.nanoseconds / 1e9,
-            scan.ranges,
-            scan.angle_min,
-            scan.angle_increment,
-            scan.range_min,
-            scan.range_max,
-        )
+        self.mapper.add_scan(scan.header.stamp.nanoseconds / 1e9, self.mapped(sweep_of(scan)))
         if time.monotonic() >= self.next_checkpoint_s:
             self._take_checkpoint()
+
+    def mapped(self, sweep: LaserSweep) -> LaserSweep:
+        """Return what of a sweep to put on the map: all of it."""
+        return sweep
 
     def on_truth(self, truth: Odometry) -> None:
         """Record the simulated robot's true position."""

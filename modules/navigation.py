@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.planar_messages import LASER, angles_rad, map_cells, planar, planar_mounts, pose_stamped
+from modules.planar_messages import LASER, map_cells, planar, planar_mounts, pose_stamped, sweep_of
 from robbie_mp import (
     ActiveGoal,
     CallRefused,
@@ -40,7 +40,6 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from workers.laser.laser_sweep import LaserSweep
 from workers.maps.map_annotations import forbid
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.collision_guard import CollisionGuard
@@ -241,15 +240,15 @@ class Navigation(Module):
         self.laser_pose, self.navigator = mount, None
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Pass a scan to the navigator; the first scan defines the laser's geometry."""
+        """Pass a scan to the navigator; the first one creates the navigator."""
         if self.navigator is None:
-            self.navigator = self._make_navigator(scan)
+            self.navigator = self._make_navigator()
             self.navigator.see_hold(self.hold)
             self._see_map()
             if self.goal is not None:
                 self.navigator.go_to(self.goal)
         stamp_s = scan.header.stamp.nanoseconds / 1e9
-        self.navigator.see_sweep(sweep_of(scan), scan.ranges, stamp_s, self._published_s())
+        self.navigator.see_sweep(sweep_of(scan), stamp_s, self._published_s())
 
     def on_further_scan(self, scan: LaserScan) -> None:
         """Pass a scan of another laser to the navigator, as soon as its mounting pose is known."""
@@ -258,7 +257,7 @@ class Navigation(Module):
             return
         stamp_s = scan.header.stamp.nanoseconds / 1e9
         self.navigator.see_further_sweep(
-            self.envelope.topic, mount, sweep_of(scan), scan.ranges, stamp_s, self._published_s()
+            self.envelope.topic, mount, sweep_of(scan), stamp_s, self._published_s()
         )
 
     def on_emergency_stop(self, message: EmergencyStop) -> None:
@@ -340,8 +339,8 @@ class Navigation(Module):
         rests_on_s = -math.inf if self.navigator is None else self.navigator.rests_on_s
         return Time() if math.isinf(rests_on_s) else Time.from_nanoseconds(round(rests_on_s * 1e9))
 
-    def _make_navigator(self, scan: LaserScan) -> Navigator:
-        """Make the navigator for the laser's geometry."""
+    def _make_navigator(self) -> Navigator:
+        """Make the navigator for the laser's mounting pose."""
         settings = NavigatorSettings(
             clearance_m=self.clearance_m,
             tight_clearance_m=self.tight_clearance_m,
@@ -351,10 +350,14 @@ class Navigation(Module):
             max_recoveries=self.max_recoveries,
             enters_unknown=self.enters_unknown,
         )
-        guard = CollisionGuard(angles_rad(scan), self.laser_pose)
         follower = PathFollower(self._follower_settings())
         return Navigator(
-            self._time_s, guard, follower, settings, self.laser_pose, further_lasers=self.more_scan_topics
+            self._time_s,
+            CollisionGuard(),
+            follower,
+            settings,
+            self.laser_pose,
+            further_lasers=self.more_scan_topics,
         )
 
     def _publish_path(self, path: NDArray[np.float64]) -> None:
@@ -392,10 +395,3 @@ class Navigation(Module):
 
     def _published_s(self) -> float:
         return self.envelope.published_ns / 1e9
-
-
-def sweep_of(scan: LaserScan) -> LaserSweep:
-    """Return a scan's sweep."""
-    return LaserSweep.from_ranges(
-        scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
-    )

@@ -4,10 +4,11 @@ import itertools
 import json
 
 from hw.pose import Pose
-from modules.planar_messages import angles_rad, planar
+from modules.planar_messages import planar, sweep_of
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, Odometry, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
+from workers.laser.laser_sweep import UnusableSweeps
 from workers.parcours.lap_counter import LapCounter, LapState
 from workers.parcours.race_driver import RaceDriver, RaceLimits
 
@@ -36,6 +37,7 @@ class Parcours(Module):
     def setup(self) -> None:
         """Subscribe; the first scan creates the driver."""
         self.driver: RaceDriver | None = None
+        self.unusable = UnusableSweeps()
         self.speeds = (0.0, 0.0)
         self.scan_stamp = Time()
         self.holds = False
@@ -61,12 +63,15 @@ class Parcours(Module):
         self.driver = None
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Choose the speeds."""
+        """Choose the speeds. An unusable scan counts as none."""
+        sweep = sweep_of(scan)
+        if not self.unusable.passes(sweep):
+            return
         if self.driver is None:
             limits = RaceLimits(max_linear_m_per_s=self.max_linear_m_per_s, margin_m=self.margin_m)
-            self.driver = RaceDriver(angles_rad(scan), limits)
+            self.driver = RaceDriver(limits)
         self.scan_stamp = scan.header.stamp
-        self.speeds = self.driver.drive(scan.ranges, self.speed_m_per_s)
+        self.speeds = self.driver.drive(sweep, self.speed_m_per_s)
 
     def on_control(self, control: ControlState) -> None:
         """Stand while an operator drives, and until somebody orders the robot to go on."""
@@ -101,7 +106,8 @@ class Parcours(Module):
         is_fresh = self.clock.now_ns() - self.scan_stamp.nanoseconds <= self.stale_s * 1e9
         self._command(*(self.speeds if is_fresh and not self.holds else (0.0, 0.0)))
         self.show_state("HOLD" if self.holds else "RACE" if is_fresh else "STOPPED_NO_LASER")
-        self.status = f"lap {self.counter.laps + 1} of {self.laps}, {self.speed_m_per_s:.2f} m/s"
+        lap = self.counter.laps + 1
+        self.status = f"lap {lap} of {self.laps}, {self.speed_m_per_s:.2f} m/s{self.unusable}"
 
     def _finish(self) -> None:
         self._command(0.0, 0.0)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.people_messages import People, PeopleClothes, Person
-from modules.planar_messages import map_cells
+from modules.planar_messages import map_cells, sweep_of
 from modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
@@ -22,6 +22,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from workers.home.follow import PersonReport
+from workers.laser.laser_sweep import LaserSweep
 from workers.people.clothes import View, clothes_in
 from workers.people.leg_classifier import LegClassifier
 from workers.people.leg_segments import find_segments
@@ -120,15 +121,14 @@ class PeopleFinder(Module):
             self.unplaced += 1
             return True
         laser = _planar(X_ML)
-        segments = find_segments(
-            scan.ranges, scan.angle_min, scan.angle_increment, min(self.max_range_m, scan.range_max)
-        )
+        sweep = sweep_of(scan)
+        segments = find_segments(sweep, self.max_range_m)
         legs = transform_points(laser, segments.centres_m)
         on_map = np.zeros(len(legs), np.bool_) if self.things is None else self.things.at(legs)
         likely = self.classifier.probabilities(segments.features)
 
         def is_hidden(xy_m: NDArray[np.float64]) -> bool:
-            return hides(scan, laser, xy_m)
+            return hides(sweep, laser, xy_m)
 
         stamp_s = stamp.nanoseconds / 1e9
         self.tracker.see(stamp_s, legs, likely, on_map, is_hidden, scan.header.frame_id)
@@ -193,20 +193,19 @@ class PeopleFinder(Module):
             )
 
 
-def hides(scan: LaserScan, laser: NDArray[np.float64], xy_m: NDArray[np.float64]) -> bool:
-    """Return whether a scan shows something in front of a place.
+def hides(sweep: LaserSweep, laser: NDArray[np.float64], xy_m: NDArray[np.float64]) -> bool:
+    """Return whether a sweep shows something in front of a place.
 
     Args:
-        scan: the scan.
+        sweep: the sweep.
         laser: (3,), pose of the laser, map frame.
         xy_m: (2,), m, map frame.
     """
     x, y = xy_m - laser[:2]
-    bearing = math.remainder(math.atan2(y, x) - laser[2] - scan.angle_min, math.tau) % math.tau
-    beam = round(bearing / scan.angle_increment)
-    if beam >= len(scan.ranges):
+    beam = int(sweep.beams_at(np.arctan2(y, x) - laser[2]))
+    if beam >= len(sweep):
         return True  # the laser does not look there
-    seen_m = float(scan.ranges[beam])
+    seen_m = float(sweep.ranges_m[beam])
     return math.isfinite(seen_m) and seen_m < math.hypot(x, y) - HIDES_M
 
 

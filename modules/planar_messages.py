@@ -18,6 +18,7 @@ from robbie_mp.messages import (
     TFMessage,
 )
 from workers.exploration.frontiers import Frontier
+from workers.laser.laser_sweep import LaserSweep
 
 LASER = "laser"
 """Frame of the robot's laser, or of the one that looks ahead."""
@@ -70,9 +71,11 @@ def frontiers_message(frontiers: Sequence[Frontier], header: Header) -> Frontier
     return Frontiers(header=header, middles=middles, lengths_m=lengths_m)
 
 
-def angles_rad(scan: LaserScan) -> NDArray[np.float64]:
-    """Return the direction of each beam of a scan in the laser's frame: (N,)."""
-    return scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges), dtype=np.float64)
+def sweep_of(scan: LaserScan) -> LaserSweep:
+    """Return a scan's sweep, with the scan's own geometry."""
+    return LaserSweep.from_ranges(
+        scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+    )
 
 
 def laser_mount(message: TFMessage) -> NDArray[np.float64] | None:

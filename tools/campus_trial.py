@@ -227,7 +227,8 @@ def trial(
         mapper.add_odometry(number * period_s, odometry)
         if ranges is not None:
             sweeps += 1
-            mapper.add_scan(number * period_s, ranges, ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
+            sweep = LaserSweep.from_ranges(ranges, ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
+            mapper.add_scan(number * period_s, sweep)
             if sweeps % 5 == 0:
                 mapper.grid(16_000_000, 1000)
         busy_s += time.process_time() - began_s

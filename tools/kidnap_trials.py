@@ -44,6 +44,12 @@ class LogTooShort(ValueError):
     """A log in which the robot cannot be lifted from one place to another."""
 
 
+def _sweep(record: LaserRecord) -> LaserSweep:
+    return LaserSweep.from_ranges(
+        record.ranges_m, record.angle_min_rad, record.angle_increment_rad, 0.05, RANGE_MAX_M
+    )
+
+
 @dataclass(frozen=True)
 class Step:
     """Odometry's pose (x m, y m, heading rad), the right one, and a scan if one was taken there."""
@@ -96,8 +102,7 @@ class Building:
             if isinstance(record, OdometryRecord):
                 mapper.add_odometry(record.logger_time_s, (record.x_m, record.y_m, record.theta_rad))
             else:
-                angles = (record.angle_min_rad, record.angle_increment_rad)
-                mapper.add_scan(record.logger_time_s, record.ranges_m, *angles, 0.05, RANGE_MAX_M)
+                mapper.add_scan(record.logger_time_s, _sweep(record))
         track = mapper.trajectory()
         self.resolution_m = mapper.drawn().resolution_m
         self.steps = list(_steps(records, track))
@@ -107,10 +112,7 @@ class Building:
         grid = OccupancyGrid(self.resolution_m)
         for number, step in enumerate(self.steps):
             if step.scan is not None and number not in stretch:
-                scan = step.scan
-                angles = (scan.angle_min_rad, scan.angle_increment_rad)
-                sweep = LaserSweep.from_ranges(scan.ranges_m, *angles, 0.05, RANGE_MAX_M)
-                grid.add(step.true[:2], transform_points(step.true, sweep.hits.points))
+                grid.add(step.true[:2], transform_points(step.true, _sweep(step.scan).hits.points))
         cells, corner = grid.cells()
         return LikelihoodField(cells, self.resolution_m, corner)
 
@@ -213,9 +215,7 @@ class _Drive:
         began_s = time.process_time()
         self.localizer.add_odometry(self._now_s, self._odometry)
         if step.scan is not None:
-            scan = step.scan
-            angles = scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(scan.ranges_m))
-            self.localizer.add_scan(self._now_s, scan.ranges_m, angles, RANGE_MAX_M)
+            self.localizer.add_scan(self._now_s, _sweep(step.scan))
         self.busy_s += time.process_time() - began_s
         self._last = step
 

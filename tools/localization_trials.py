@@ -25,6 +25,8 @@ from hw.pose import Pose
 from hw.simulation.drive import SimulatedDrive, WorldState
 from hw.simulation.laser import SimulatedLaser
 from tools.random_rooms import drawn_map, random_rooms
+from tools.swept import swept
+from workers.laser.laser_sweep import LaserSweep, MountedSweep
 from workers.localization.likelihood_field import LikelihoodField
 from workers.localization.localizer import Localizer
 from workers.maps.navigation_grid import NavigationGrid
@@ -88,18 +90,18 @@ class Trial:
 class Operator:
     """Drives a robot from one random place to the next. It knows the true pose."""
 
-    def __init__(self, grid: NavigationGrid, angles_rad: NDArray[np.float64], seed: int) -> None:
+    def __init__(self, grid: NavigationGrid, seed: int) -> None:
         self._grid, self._random = grid, np.random.default_rng((seed, 7))
-        self._guard, self._follower = CollisionGuard(angles_rad), PathFollower()
+        self._guard, self._follower = CollisionGuard(), PathFollower()
         self._blocked = 0
 
-    def speeds(self, pose: Pose, ranges_m: NDArray[np.float32]) -> tuple[float, float]:
+    def speeds(self, pose: Pose, sweep: LaserSweep) -> tuple[float, float]:
         """Return the speeds to command."""
         if self._blocked > 10 or not len(self._follower.path) or self._follower.is_arrived(pose):
             self._follower.follow(self._way(pose))
             self._blocked = 0
         wanted = self._follower.velocity(pose)
-        allowed = self._guard.checked(ranges_m, wanted)
+        allowed = self._guard.checked(self._guard.near_points([MountedSweep(sweep)]), wanted)
         self._blocked = self._blocked + 1 if allowed[0] == 0.0 != wanted[0] else 0
         return allowed
 
@@ -128,8 +130,7 @@ class Drive:
         cells, corner = drawn_map(self.arena, RESOLUTION_M)
         self.localizer = Localizer(LikelihoodField(cells, RESOLUTION_M, corner), seed=seed)
         self.laser = SimulatedLaser(self.arena, conditions.laser(), seed=seed)
-        self.angles = self.laser.geometry.angles_rad()
-        self.operator = Operator(NavigationGrid(cells, RESOLUTION_M, corner, CLEARANCE_M), self.angles, seed)
+        self.operator = Operator(NavigationGrid(cells, RESOLUTION_M, corner, CLEARANCE_M), seed)
         self.drive = SimulatedDrive(self.arena, lambda: self.now_s, seed)
         self.busy_s: list[float] = []
 
@@ -139,14 +140,13 @@ class Drive:
         while self.way_m < end_m:
             truth, wheels = self.drive.ground_truth(), self.drive.read()
             self.laser.place(truth.pose, truth.stamp_s)
-            sweep = self.laser.scan()
+            sweep = swept(self.laser)
             began = time.process_time()
             self.localizer.add_odometry(wheels.stamp_s, wheels.pose)
-            range_max_m = self.laser.geometry.range_max_m
-            self.localizer.add_scan(sweep.stamp_s, sweep.ranges_m, self.angles, range_max_m)
+            self.localizer.add_scan(truth.stamp_s, sweep)
             self.busy_s.append(time.process_time() - began)
             yield truth.pose
-            self.drive.command(*self.operator.speeds(truth.pose, sweep.ranges_m), valid_for_s=0.4)
+            self.drive.command(*self.operator.speeds(truth.pose, sweep), valid_for_s=0.4)
             self.now_s += STEP_S
             self.way_m += abs(self.drive.read().linear_m_per_s) * STEP_S
 

@@ -16,6 +16,7 @@ from hw.laser import LaserGeometry
 from hw.simulation.course import Course, random_course
 from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
+from tools.swept import swept
 from workers.parcours.race_driver import RaceDriver, RaceLimits
 
 Array = NDArray[np.float64]
@@ -72,7 +73,7 @@ def race(course: Course, seed: int, laps: int = LAPS) -> Race:
     drive = SimulatedDrive(course.arena, lambda: now_s[0], seed=seed)
     geometry = LaserGeometry()
     laser = SimulatedLaser(course.arena, geometry, seed=seed)
-    driver = RaceDriver(geometry.angles_rad())
+    driver = RaceDriver()
     referee, next_sweep_s, speeds = Laps(course.middle), 0.0, (0.0, 0.0)
     while referee.done < laps and now_s[0] < LIMIT_S:
         truth = drive.ground_truth()
@@ -80,7 +81,7 @@ def race(course: Course, seed: int, laps: int = LAPS) -> Race:
         if now_s[0] >= next_sweep_s - 1e-9:
             next_sweep_s += SWEEP_S
             laser.place(truth.pose, truth.stamp_s)
-            speeds = driver.drive(laser.scan().ranges_m, truth.linear_m_per_s)
+            speeds = driver.drive(swept(laser), truth.linear_m_per_s)
         drive.command(*speeds, VALID_S)
         now_s[0] += COMMAND_S
     length_m = _length(course.middle)

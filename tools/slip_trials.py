@@ -23,6 +23,7 @@ from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
 from tools.localization_trials import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
 from tools.random_rooms import drawn_map, random_rooms
+from tools.swept import swept
 from workers.mapping.grid_mapper import GridMapper
 from workers.maps.navigation_grid import NavigationGrid
 from workers.planar_pose import compose, relative, wrap_angle
@@ -69,8 +70,7 @@ class Drive:
         arena = random_rooms(seed, conditions.width_m, conditions.height_m)
         cells, corner = drawn_map(arena, RESOLUTION_M)
         self._laser = SimulatedLaser(arena, conditions.laser(), seed=seed)
-        angles = self._laser.geometry.angles_rad()
-        self._operator = Operator(NavigationGrid(cells, RESOLUTION_M, corner, CLEARANCE_M), angles, seed)
+        self._operator = Operator(NavigationGrid(cells, RESOLUTION_M, corner, CLEARANCE_M), seed)
         self._drive = SimulatedDrive(arena, lambda: self.now_s, seed)
         self._start = self._drive.ground_truth().pose
         self._wheels = self._drive.read().pose  # as read last
@@ -90,30 +90,22 @@ class Drive:
     def steps(self, way_m: float) -> Iterator[None]:
         """Drive a distance; yield after each sweep."""
         end_m = self.way_m + way_m
-        geometry = self._laser.geometry
         while self.way_m < end_m:
             truth, wheels = self._drive.ground_truth(), self._drive.read()
             self._odometry = compose(self._odometry, relative(self._wheels, wheels.pose))
             self._wheels = wheels.pose
             self.true.append(truth.pose)
             self._laser.place(truth.pose, truth.stamp_s)
-            sweep = self._laser.scan()
+            sweep = swept(self._laser)
             began_s = time.process_time()
             self.mapper.add_odometry(self.now_s, self._odometry)
             if self._steps % STEPS_PER_SWEEP == 0:
-                self.mapper.add_scan(
-                    self.now_s,
-                    sweep.ranges_m,
-                    geometry.angle_min_rad,
-                    geometry.angle_increment_rad,
-                    geometry.range_min_m,
-                    geometry.range_max_m,
-                )
+                self.mapper.add_scan(self.now_s, sweep)
             self.busy_s += time.process_time() - began_s
             if self._steps % STEPS_PER_SWEEP == 0:
                 yield
             self._steps += 1
-            self._drive.command(*self._operator.speeds(truth.pose, sweep.ranges_m), valid_for_s=0.4)
+            self._drive.command(*self._operator.speeds(truth.pose, sweep), valid_for_s=0.4)
             self.now_s += STEP_S
             self.way_m += abs(self._drive.read().linear_m_per_s) * STEP_S
 

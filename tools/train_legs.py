@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.laser.laser_sweep import LaserSweep
 from workers.people.leg_classifier import LegClassifier
 from workers.people.leg_segments import FEATURES, Segments, find_segments
 from workers.people.person_tracker import PersonTracker
@@ -71,7 +72,9 @@ def read(file: Path) -> Recording:
         labels = data["leg_xy"].astype(np.float64) if "leg_xy" in data else None
     ranges[ranges < MIN_RANGE_M] = np.inf
     features, is_leg, legs = [np.empty((0, len(FEATURES)))], [np.empty(0, np.bool_)], 0
-    sweeps = [find_segments(scan, begin, step, MAX_RANGE_M) for scan in ranges]
+    sweeps = [
+        find_segments(LaserSweep.from_ranges(scan, begin, step, 0.0, np.inf), MAX_RANGE_M) for scan in ranges
+    ]
     for index, segments in enumerate(sweeps):
         if labels is None:
             features.append(segments.features)

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.devices.command_age import age_of
-from modules.planar_messages import angles_rad, planar_mounts
-from robbie_mp import MessageHandling, Module
+from modules.planar_messages import planar_mounts, sweep_of
+from robbie_mp import Header, MessageHandling, Module
 from robbie_mp.messages import LaserScan, TFMessage
+from workers.laser.laser_sweep import LaserSweep, MountedSweep
 from workers.navigation.collision_guard import CollisionGuard, GuardSettings
 
 
@@ -24,9 +25,9 @@ class HandGuard:
 
     def __init__(self, module: Module, topics: Sequence[str], radius_m: float, max_age_s: float) -> None:
         self._module = module
-        self._settings = GuardSettings(body_radius_m=radius_m)
+        self._guard = CollisionGuard(GuardSettings(body_radius_m=radius_m))
         self._max_age_s = max_age_s
-        self._scans: dict[str, LaserScan | None] = dict.fromkeys(topics)
+        self._seen: dict[str, tuple[Header, LaserSweep] | None] = dict.fromkeys(topics)
         self._mounts: dict[str, NDArray[np.float64]] = {}
         for topic in topics:
             module.subscribe(
@@ -40,8 +41,9 @@ class HandGuard:
             module.subscribe(TFMessage, self._see_mounts, topic="tf_static", optional=True)
 
     def _see_scan(self, scan: LaserScan) -> None:
-        topic = self._module.envelope.topic
-        self._scans[topic if topic in self._scans else ""] = scan
+        topic, sweep = self._module.envelope.topic, sweep_of(scan)
+        if not sweep.problem:  # an unusable one counts as none: the guard becomes blind
+            self._seen[topic if topic in self._seen else ""] = scan.header, sweep
 
     def _see_mounts(self, message: TFMessage) -> None:
         self._mounts |= planar_mounts(message)
@@ -50,23 +52,14 @@ class HandGuard:
     def is_blind(self) -> bool:
         """Whether a laser of the guard has sent no scan lately."""
         return any(
-            scan is None or age_of(self._module, scan.header.stamp) >= self._max_age_s
-            for scan in self._scans.values()
+            seen is None or age_of(self._module, seen[0].stamp) >= self._max_age_s
+            for seen in self._seen.values()
         )
 
     def checked(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
         """Return the speeds, reduced as the scans require; a robot without lasers drives unguarded."""
-        scans = [scan for scan in self._scans.values() if scan is not None]
-        if not scans:
-            return linear_m_per_s, angular_rad_per_s
-        guards = [
-            CollisionGuard(
-                angles_rad(scan), self._mounts.get(scan.header.frame_id, np.zeros(3)), self._settings
-            )
-            for scan in scans
-        ]
-        joined = guards[0]
-        for further in guards[1:]:
-            joined = joined.joined(further)
-        ranges = np.concatenate([scan.ranges for scan in scans])
-        return joined.checked(ranges, (linear_m_per_s, angular_rad_per_s))
+        points = self._guard.near_points(
+            MountedSweep(sweep, self._mounts.get(header.frame_id, np.zeros(3)))
+            for header, sweep in filter(None, self._seen.values())
+        )
+        return self._guard.checked(points, (linear_m_per_s, angular_rad_per_s))

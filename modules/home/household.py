@@ -37,7 +37,7 @@ from modules.manipulation.messages import (
 from modules.navigation_goals import NavigationGoals
 from modules.people import PEOPLE, THINGS, reports_of
 from modules.people_messages import People
-from modules.planar_messages import angles_rad, planar, pose_stamped
+from modules.planar_messages import planar, pose_stamped, sweep_of
 from modules.sensor_deadlines import LASER_S
 from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import (
@@ -71,6 +71,7 @@ from workers.home.household import HouseholdWork
 from workers.home.household_states import HouseholdState
 from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder
 from workers.manipulation.table_view import UNKNOWN
+from workers.planar_pose import wrap_angle
 from workers.speech.order_grammar import WrongGrammar, words_with
 
 CarryOutGoal = ActiveGoal[CarryOut, CarryOutFeedback, CarryOutResult]
@@ -264,8 +265,9 @@ class Household(Module):
 
     def on_scan(self, scan: LaserScan) -> None:
         """Pass on how far the laser sees straight ahead."""
-        ahead = scan.ranges[np.abs(angles_rad(scan)) <= AHEAD_RAD]
-        seen = ahead[ahead > scan.range_min]
+        sweep = sweep_of(scan)
+        ahead = sweep.ranges_m[np.abs(wrap_angle(sweep.bearings_rad)) <= AHEAD_RAD]
+        seen = ahead[ahead > 0.0]
         if len(seen):
             self.work.see_ahead(float(np.median(seen)))
 

@@ -1,10 +1,8 @@
 """Mapping of a place in which people walk."""
 
-import numpy as np
-
 from modules.mapping import Mapping
-from robbie_mp import replace, setting
-from robbie_mp.messages import LaserScan
+from robbie_mp import setting
+from workers.laser.laser_sweep import LaserSweep
 from workers.people.leg_classifier import LegClassifier
 from workers.people.leg_removal import without_legs
 
@@ -28,14 +26,8 @@ class MappingAmongPeople(Mapping):
         self.legs = LegClassifier.from_file()
         super().setup()
 
-    def on_scan(self, scan: LaserScan) -> None:
-        """Add a scan without legs."""
-        ranges = without_legs(
-            self.legs,
-            scan.ranges,
-            scan.angle_min,
-            scan.angle_increment,
-            probability=self.leg_probability,
-            known_range_m=self.known_leg_range_m,
+    def mapped(self, sweep: LaserSweep) -> LaserSweep:
+        """Return a sweep without legs."""
+        return without_legs(
+            self.legs, sweep, probability=self.leg_probability, known_range_m=self.known_leg_range_m
         )
-        super().on_scan(replace(scan, ranges=ranges.astype(np.float32)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.numbers.messages import NumberSigns
-from modules.planar_messages import angles_rad, map_cells, pose_stamped
+from modules.planar_messages import map_cells, pose_stamped, sweep_of
 from modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
@@ -33,6 +33,7 @@ from workers.numbers.digit_reader import ReaderMissing
 from workers.numbers.quadrangles import QuadranglesMissing
 from workers.numbers.sign_map import SheetVotes, Sign, SignMap
 from workers.numbers.sign_placing import View, distances_m, posts_on
+from workers.planar_pose import transform_points
 
 TURNED_S, TURNED_RAD = 0.1, 0.03
 """An image is not used if the camera has turned by more than this angle in this time: its direction is not
@@ -177,11 +178,8 @@ class NumberSignFinder(Module):
 
     def _points(self, scan: LaserScan, X_ML: RigidTransform) -> NDArray[np.float64]:
         """Return the ends of a scan's beams: (N, 2), m, map frame."""
-        ranges = np.asarray(scan.ranges, np.float64)
-        returned = np.isfinite(ranges) & (ranges < min(scan.range_max, self.max_range_m))
-        bearings = angles_rad(scan)[returned] + _turn(X_ML)
-        ends = ranges[returned, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
-        return np.asarray(ends + np.array([X_ML.x, X_ML.y]))
+        ends = sweep_of(scan).points(self.max_range_m)
+        return transform_points((X_ML.x, X_ML.y, _turn(X_ML)), ends)
 
     def _tell(self) -> None:
         """Publish all signs, and show which digits and how many open posts there are."""

@@ -9,6 +9,7 @@ import pytest
 
 from robbie_mp.recording.carmen import CarmenLog, LaserRecord
 from tools.slam_metric import BadInput, main, measure, read_table
+from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper
 
 DATA = Path(__file__).parents[3] / "shared/data"
@@ -136,7 +137,7 @@ def test_mapper_is_accurate_on_the_first_lap_of_intel() -> None:
         if isinstance(record, LaserRecord):
             sweeps += 1
             bearings = record.angle_min_rad, record.angle_increment_rad
-            mapper.add_scan(record.ipc_time_s, record.ranges_m, *bearings, 0.02, 80.0)
+            mapper.add_scan(record.ipc_time_s, LaserSweep.from_ranges(record.ranges_m, *bearings, 0.02, 80.0))
         else:
             mapper.add_odometry(record.ipc_time_s, (record.x_m, record.y_m, record.theta_rad))
         if sweeps == most:

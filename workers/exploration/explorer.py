@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_mp.state_machine import StateMachine
 from workers.exploration.exploration import FrontierExploration, Plan, PlanResult
 from workers.exploration.explorer_states import TRANSITIONS, ExplorerSettings, ExplorerState
+from workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.path_follower import HALT, PathFollower, Velocity
@@ -25,7 +26,7 @@ class _Senses(NamedTuple):
 
     grid: NavigationGrid
     pose: NDArray[np.float64]
-    ranges_m: NDArray[np.float64]
+    points: NDArray[np.float64]  # near the robot, as the guard expects them
 
 
 class Explorer:
@@ -44,6 +45,7 @@ class Explorer:
         plan: The newest plan: path, goal and frontiers.
         exploring_ended: Why exploring ended; None before that.
         home_xy_m: `(2,)`, m, map frame; None before the first pose.
+        unusable: Counts the sweeps that were not taken.
     """
 
     def __init__(
@@ -67,7 +69,8 @@ class Explorer:
         self._progress = ProgressWatch()
         self._grid: NavigationGrid | None = None
         self._pose: tuple[NDArray[np.float64], float] | None = None
-        self._sweep: tuple[NDArray[np.float64], float] | None = None
+        self._sweep: tuple[LaserSweep, float] | None = None
+        self.unusable = UnusableSweeps()
         self._stamps_s = [-math.inf, -math.inf]  # of the newest pose and sweep
         self._hold = ""
         self._planned_s = -math.inf
@@ -89,6 +92,7 @@ class Explorer:
         return (
             f"{self.state} ({self.machine.reason}); {known_m2:.1f} m2 free, "
             f"{len(self.plan.frontiers)} frontiers, {len(self._exploration.avoided_xy_m)} goals given up"
+            f"{self.unusable}"
         )
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
@@ -117,10 +121,11 @@ class Explorer:
         if self.home_xy_m is None:
             self.home_xy_m = self._pose[0][:2]
 
-    def see_sweep(self, ranges_m: ArrayLike, stamp_s: float, told_s: float) -> None:
-        """Take the ranges of a laser sweep `(N,)`, m; stamps as for `see_pose`."""
-        self._sweep = np.asarray(ranges_m, float), told_s
-        self._stamps_s[1] = stamp_s
+    def see_sweep(self, sweep: LaserSweep, stamp_s: float, told_s: float) -> None:
+        """Take a sweep, unless it is unusable, which counts as no sweep; stamps as for `see_pose`."""
+        if self.unusable.passes(sweep):
+            self._sweep = sweep, told_s
+            self._stamps_s[1] = stamp_s
 
     def drive(self) -> Velocity:
         """Return the speeds for the drive: forward (m/s) and turn rate (rad/s)."""
@@ -134,7 +139,7 @@ class Explorer:
         if self.state is ExplorerState.WAIT:
             self._resume("map, pose and laser are available")
         if self.state is ExplorerState.RECOVER:
-            return self._free_itself(senses.ranges_m)
+            return self._free_itself(senses.points)
         if self._clock() - self._planned_s >= self.settings.plan_period_s:
             self._make_plan(senses.grid, senses.pose)
         if self.state not in (ExplorerState.EXPLORE, ExplorerState.RETURN):
@@ -145,10 +150,10 @@ class Explorer:
         """Return map, pose and ranges; None if one is missing or too old."""
         if self._hold or self._grid is None or self._pose is None or self._sweep is None:
             return None
-        (pose, pose_s), (ranges_m, sweep_s) = self._pose, self._sweep
+        (pose, pose_s), (sweep, sweep_s) = self._pose, self._sweep
         if self._clock() - min(pose_s, sweep_s) > self.settings.stale_s:
             return None
-        return _Senses(self._grid, pose, ranges_m)
+        return _Senses(self._grid, pose, self._guard.near_points([MountedSweep(sweep)]))
 
     def _resume(self, reason: str) -> None:
         """Resume exploring or returning, with a new plan."""
@@ -218,7 +223,7 @@ class Explorer:
 
     def _along_path(self, senses: _Senses) -> Velocity:
         wanted = self._follower.velocity(senses.pose)
-        allowed = self._guard.checked(senses.ranges_m, wanted)
+        allowed = self._guard.checked(senses.points, wanted)
         if wanted[0] == 0.0 or allowed[0] != 0.0:
             self._moved_s = self._clock()
         elif self._clock() - self._moved_s > self.settings.blocked_s:
@@ -226,10 +231,10 @@ class Explorer:
             return HALT
         return allowed
 
-    def _free_itself(self, ranges_m: NDArray[np.float64]) -> Velocity:
+    def _free_itself(self, points: NDArray[np.float64]) -> Velocity:
         """Back up as far as the laser allows; otherwise turn on the spot to see more."""
         if self.machine.time_in_state_s > self.settings.recover_s:
             self._resume("recovery finished")
             return HALT
-        backwards = self._guard.checked(ranges_m, (-RECOVER_M_PER_S, 0.0))
+        backwards = self._guard.checked(points, (-RECOVER_M_PER_S, 0.0))
         return backwards if backwards[0] != 0.0 else (0.0, RECOVER_RAD_PER_S)

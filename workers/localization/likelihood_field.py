@@ -4,6 +4,8 @@ After Thrun, Burgard and Fox, "Probabilistic Robotics" (2005), section 6.4: the 
 distance to the nearest obstacle, which a distance transform gives for all places at once.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
@@ -65,6 +67,11 @@ class LikelihoodField:
     def free_m2(self) -> float:
         """Return the area where the robot may be."""
         return len(self._free_cells) * self.resolution_m**2
+
+    @property
+    def diagonal_m(self) -> float:
+        """Return how far two places of the map can be apart."""
+        return math.hypot(*self._occupied.shape) * self.resolution_m
 
     def random_poses(self, count: int, random: np.random.Generator) -> NDArray[np.float64]:
         """Draw poses uniformly from free space: `(count, 3)`, m and rad, map frame."""

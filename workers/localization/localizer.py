@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workers.laser.laser_sweep import LaserSweep
 from workers.localization.convergence_watch import ConvergenceWatch
 from workers.localization.likelihood_field import LikelihoodField
 from workers.localization.particle_cloud import MotionNoise, ParticleCloud
@@ -157,25 +158,20 @@ class Localizer:
         self._odometry.add(stamp_s, pose)
         self._use_waiting()
 
-    def add_scan(
-        self, stamp_s: float, ranges_m: ArrayLike, angles_rad: ArrayLike, range_max_m: float
-    ) -> None:
-        """Add a sweep: ranges `(N,)`, m, +inf or beyond the maximum for no return; and directions.
+    def add_scan(self, stamp_s: float, sweep: LaserSweep) -> None:
+        """Add a sweep.
 
         It is used once odometry has reached its stamp, if the robot has moved since the last sweep used.
         """
-        ranges, angles = np.asarray(ranges_m, float), np.asarray(angles_rad, float)
-        with np.errstate(invalid="ignore"):
-            returned = np.flatnonzero((ranges > 0) & (ranges < range_max_m))
+        returned = np.flatnonzero(np.isfinite(sweep.ranges_m))
         if len(returned) < FEWEST_RETURNS:
             return
         chosen = returned[np.linspace(0, len(returned) - 1, self.settings.beams).astype(int)]
-        far = np.flatnonzero(np.isposinf(ranges) | (ranges >= range_max_m))
+        far = np.flatnonzero(np.isposinf(sweep.ranges_m))
         traced = np.concatenate([chosen, far])[:: max(1, (len(chosen) + len(far)) // TRACED_BEAMS)]
-        seen_m = np.minimum(np.where(np.isnan(ranges), 0.0, ranges), range_max_m)
-        beams = transform_points(
-            self.laser_pose, seen_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-        )
+        farthest_m = min(sweep.range_max_m, self.field.diagonal_m)  # beyond the map there is nothing to trace
+        seen_m = np.clip(np.nan_to_num(sweep.ranges_m, nan=0.0, posinf=np.inf), 0.0, farthest_m)
+        beams = transform_points(self.laser_pose, seen_m[:, None] * sweep.directions)
         self._waiting.append(_Beams(stamp_s, beams[chosen], beams[traced]))
         self._use_waiting()
 

@@ -112,24 +112,14 @@ class GridMapper:
         self._odometry.add(stamp_s, pose)
         self._place_waiting()
 
-    def add_scan(
-        self,
-        stamp_s: float,
-        ranges: ArrayLike,
-        angle_min_rad: float,
-        angle_increment_rad: float,
-        range_min_m: float,
-        range_max_m: float,
-    ) -> None:
-        """Add a sweep: ranges `(N,)`, m, outside [range_min_m, range_max_m) or not finite for no return.
+    def add_scan(self, stamp_s: float, sweep: LaserSweep) -> None:
+        """Add a sweep, for which the mapper uses the odometry pose at the sweep's own stamp.
 
-        The mapper uses the odometry pose at the sweep's own stamp. The sweep waits until odometry has reached
-        that stamp.
+        The sweep waits until odometry has reached that stamp.
         """
-        most = min(range_max_m, self.max_range_m)
-        sweep = LaserSweep.from_ranges(ranges, angle_min_rad, angle_increment_rad, range_min_m, most)
+        sweep = sweep.within(self.max_range_m)
         if len(sweep.hits) < FEWEST_HITS:
-            self.refused["sweeps with too few returns"] += 1
+            self.refused["unusable sweeps" if sweep.problem else "sweeps with too few returns"] += 1
             return
         if len(self._waiting) == MOST_WAITING:
             self._waiting.popleft()

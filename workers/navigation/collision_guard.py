@@ -7,12 +7,13 @@ and keeps more distance.
 """
 
 import math
-from copy import copy
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from workers.laser.laser_sweep import MountedSweep
 from workers.navigation.path_follower import Velocity
 from workers.planar_pose import rotate
 
@@ -48,67 +49,54 @@ class GuardSettings:
 
 
 class CollisionGuard:
-    """Slows and stops the robot before it touches anything the laser sees, or several lasers see.
+    """Slows and stops the robot before it touches anything that one or more lasers see.
+
+    `near_points` takes the newest sweeps, each with its own geometry; the other methods take those points.
+    The body is round, so the robot may always turn on the spot. A robot without a usable sweep has no points
+    either: whoever drives must stop it first.
 
     Args:
-        angles_rad: `(N,)`, directions of the laser's beams in the laser's frame.
-        mount: The laser's mounting pose (x, y, heading) in the robot's frame, m and rad.
         settings: The robot's body and brakes.
     """
 
-    def __init__(
-        self, angles_rad: ArrayLike, mount: ArrayLike = (0.0, 0.0, 0.0), settings: GuardSettings | None = None
-    ) -> None:
-        angles = np.asarray(angles_rad, float)
-        pose = np.asarray(mount, float)
+    def __init__(self, settings: GuardSettings | None = None) -> None:
         self._settings = settings or GuardSettings()
-        # Of each beam, in the robot's frame: where it begins, and its direction.
-        self._beams = rotate(float(pose[2]), np.column_stack([np.cos(angles), np.sin(angles)]))
-        self._origins = np.broadcast_to(pose[:2], self._beams.shape)
-        self._touching_m = self._to_the_bodys_edge_m()
+
+    def near_points(self, sweeps: Iterable[MountedSweep]) -> NDArray[np.float64]:
+        """Return what the sweeps hit near enough to count: `(K, 2)`, m, robot frame."""
+        return np.concatenate([np.empty((0, 2)), *(self._near(one) for one in sweeps)])
+
+    def _near(self, seen: MountedSweep) -> NDArray[np.float64]:
+        mount = np.asarray(seen.mount, float)
         reach_m = self._settings.look_m + self._settings.body_radius_m + self._settings.margin_m
-        self._reach_m = np.full(len(angles), reach_m + float(np.hypot(*pose[:2])))
-
-    def joined(self, other: "CollisionGuard") -> "CollisionGuard":
-        """Return a guard for the beams of both, first this one's; it has the settings of this one."""
-        both = copy(self)
-        both._beams = np.concatenate([self._beams, other._beams])
-        both._origins = np.concatenate([self._origins, other._origins])
-        both._touching_m = np.concatenate([self._touching_m, other._touching_m])
-        both._reach_m = np.concatenate([self._reach_m, other._reach_m])
-        return both
-
-    def _to_the_bodys_edge_m(self) -> NDArray[np.float64]:
-        """Return how long each beam is inside the body: `(N,)`; 0 if the laser stands beside the body."""
-        along = (self._origins * self._beams).sum(axis=1)
-        inside = self._settings.body_radius_m**2 - (self._origins**2).sum(axis=1)
-        return np.where(inside > 0.0, np.sqrt(along**2 + np.maximum(inside, 0.0)) - along, 0.0)
-
-    def near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
-        """Return what the sweep hit near enough to count: `(K, 2)`, m, robot frame.
-
-        Args:
-            ranges_m: `(N,)`; +inf or NaN: no return; -inf: an obstacle too near to measure (REP 117).
-        """
+        near = seen.sweep.ranges_m <= reach_m + float(np.hypot(*mount[:2]))
+        ranges, beams = seen.sweep.ranges_m[near], rotate(float(mount[2]), seen.sweep.directions[near])
         # An obstacle too near to measure counts as touching the body, so that the robot can still drive away.
-        measured = np.asarray(ranges_m, float)
-        ranges = np.where(np.isneginf(measured), self._touching_m, measured)
-        near = ranges <= self._reach_m
-        return self._origins[near] + ranges[near, None] * self._beams[near]
+        ranges = np.where(np.isneginf(ranges), self._to_the_bodys_edge_m(mount[:2], beams), ranges)
+        return mount[:2] + ranges[:, None] * beams
 
-    def checked(self, ranges_m: ArrayLike, wanted: Velocity, loose: Loose = None) -> Velocity:
-        """Return the wanted speeds, reduced as the sweep requires: on the same arc, or turning on the spot.
+    def _to_the_bodys_edge_m(
+        self, origin: NDArray[np.float64], beams: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return how long each beam is inside the body: `(N,)`; 0 if the laser stands beside the body."""
+        inside = self._settings.body_radius_m**2 - float(origin @ origin)
+        if inside <= 0.0:
+            return np.zeros(len(beams))
+        along = beams @ origin
+        return np.asarray(np.sqrt(along**2 + inside) - along)
+
+    def checked(self, points: NDArray[np.float64], wanted: Velocity, loose: Loose = None) -> Velocity:
+        """Return the wanted speeds, reduced as the sweeps require: on the same arc, or turning on the spot.
 
         Args:
-            ranges_m: `(N,)`; +inf or NaN: no return; -inf: an obstacle too near to measure (REP 117).
-            wanted: Forward speed and turn rate.
-            loose: `(K,)`, which of the `near_points` may move. None: none.
+            points: `(K, 2)`, the `near_points` of the newest sweeps.
+            wanted: Forward speed, negative backwards, and turn rate.
+            loose: `(K,)`, which of the points may move. None: none.
         """
         linear, angular = wanted
         if linear == 0.0:
             return wanted
-        points = self.near_points(ranges_m)
-        way_m = self._free_way_m(points, linear, angular, loose)
+        way_m = self.free_way_m(points, linear, angular, loose)
         allowed = min(self._admissible(way_m), self._near_limit(points, loose))
         if allowed < self._settings.min_linear_m_per_s:
             return 0.0, angular
@@ -117,7 +105,7 @@ class CollisionGuard:
 
     def free_way_m(
         self,
-        ranges_m: ArrayLike,
+        points: NDArray[np.float64],
         linear_m_per_s: float,
         angular_rad_per_s: float,
         loose: Loose = None,
@@ -126,15 +114,6 @@ class CollisionGuard:
 
         If an obstacle is nearer than the margin already, arcs that lead away from it are free.
         """
-        return self._free_way_m(self.near_points(ranges_m), linear_m_per_s, angular_rad_per_s, loose)
-
-    def _free_way_m(
-        self,
-        points: NDArray[np.float64],
-        linear_m_per_s: float,
-        angular_rad_per_s: float,
-        loose: Loose,
-    ) -> float:
         if loose is None or not loose.any():
             return self._way_to_m(points, linear_m_per_s, angular_rad_per_s, self._settings.margin_m)
         margin_m = self._settings.margin_m + self._settings.loose_margin_m

@@ -56,7 +56,9 @@ class LiveObstacles:
         self._newest[name] = np.asarray(laser, float), sweep, now_s
         kept = now_s - self._hit_s < self._decay_s
         kept &= ~sweep.looked_through(transform_points(relative(laser, HERE), self._middles(self._cells)))
-        hit = np.floor(self._hits(laser, sweep) / self._resolution_m).astype(np.int64)
+        hit = np.floor(transform_points(laser, sweep.points(self._range_m)) / self._resolution_m).astype(
+            np.int64
+        )
         cells = np.concatenate([hit, self._cells[kept]])
         hit_s = np.concatenate([np.full(len(hit), now_s), self._hit_s[kept]])
         # Of equal cells, keep the first one: the newest.
@@ -79,10 +81,3 @@ class LiveObstacles:
     def _middles(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         middles: NDArray[np.float64] = (cells + np.float64(0.5)) * self._resolution_m
         return middles
-
-    def _hits(self, laser: ArrayLike, sweep: LaserSweep) -> NDArray[np.float64]:
-        bearings = sweep.angle_min_rad + sweep.angle_increment_rad * np.arange(len(sweep.ranges_m))
-        with np.errstate(invalid="ignore"):
-            near = sweep.ranges_m < self._range_m
-        directions = np.column_stack([np.cos(bearings[near]), np.sin(bearings[near])])
-        return transform_points(laser, sweep.ranges_m[near, None] * directions)

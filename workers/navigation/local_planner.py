@@ -47,7 +47,7 @@ class LocalPlanner:
     """Chooses the next speeds.
 
     Args:
-        guard: Checks every command against the newest sweep.
+        guard: Checks every command against the newest sweeps.
         follower: Steers along the path.
         settings: Settings of the local planner.
 
@@ -63,24 +63,26 @@ class LocalPlanner:
         self._settings = settings or LocalSettings()
         self._curvature = 0.0
 
-    def velocity(self, pose: ArrayLike, ranges_m: ArrayLike, loose: Loose = None) -> Velocity:
+    def velocity(self, pose: ArrayLike, points: NDArray[np.float64], loose: Loose = None) -> Velocity:
         """Return the speeds for the drive; HALT if every arc is blocked.
 
         Args:
             pose: The robot's (x, y, heading), m and rad, map frame.
-            ranges_m: `(N,)`, the newest sweep.
-            loose: `(K,)`, which of the guard's `near_points` may move. None: none.
+            points: `(K, 2)`, the guard's `near_points` of the newest sweeps.
+            loose: `(K,)`, which of them may move. None: none.
         """
         wanted = self.follower.velocity(pose)
-        allowed = self.guard.checked(ranges_m, wanted, loose)
+        allowed = self.guard.checked(points, wanted, loose)
         self.avoiding = wanted[0] > 0.0 and allowed[0] < self._settings.free_share * wanted[0]
         if not self.avoiding:
             self._curvature = wanted[1] / wanted[0] if wanted[0] > 0.0 else 0.0
             return allowed
-        arc = self._best_arc(relative(pose, [*self.follower.target_xy_m(pose), 0.0])[:2], ranges_m, loose)
-        return HALT if arc is None else self.guard.checked(ranges_m, arc, loose)
+        arc = self._best_arc(relative(pose, [*self.follower.target_xy_m(pose), 0.0])[:2], points, loose)
+        return HALT if arc is None else self.guard.checked(points, arc, loose)
 
-    def _best_arc(self, target: NDArray[np.float64], ranges_m: ArrayLike, loose: Loose) -> Velocity | None:
+    def _best_arc(
+        self, target: NDArray[np.float64], points: NDArray[np.float64], loose: Loose
+    ) -> Velocity | None:
         """Return speeds on the best free arc to a target `(2,)`, m, robot's frame; None if there is none."""
         settings = self._settings
         best, best_cost = None, math.inf
@@ -88,7 +90,7 @@ class LocalPlanner:
             linear = min(
                 settings.max_linear_m_per_s, settings.max_angular_rad_per_s / max(abs(curvature), 1e-6)
             )
-            way_m = self.guard.free_way_m(ranges_m, linear, linear * curvature, loose)
+            way_m = self.guard.free_way_m(points, linear, linear * curvature, loose)
             if way_m < settings.least_way_m:
                 continue
             cost = self._cost_m(float(curvature), min(way_m, settings.step_m), target)

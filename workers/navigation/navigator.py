@@ -6,14 +6,13 @@ when it makes no progress, and gives up a goal with a reason.
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.state_machine import StateMachine
-from workers.laser.laser_sweep import LaserSweep
+from workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.costmap import Costmap
@@ -44,13 +43,10 @@ PASSABLE = (Obstruction.UNKNOWN_GOAL, Obstruction.NO_WAY, Obstruction.ROBOT)
 DETOUR_M = 1.0  # a path that is longer than the previous one by this much counts as a detour
 
 
-@dataclass
-class _FurtherLaser:
-    """What a laser beside the one that looks ahead has seen last."""
+class _Seen(NamedTuple):
+    """What a laser has seen last, and when the sweep was published, in the clock's time."""
 
-    geometry: tuple[float, ...]
-    guard: CollisionGuard
-    ranges_m: NDArray[np.float64]
+    mounted: MountedSweep
     told_s: float
 
 
@@ -59,8 +55,8 @@ class _Situation(NamedTuple):
 
     costmap: Costmap
     pose: NDArray[np.float64]
-    ranges_m: NDArray[np.float64]  # of all lasers, as the guard expects them
-    loose: NDArray[np.bool_]  # which points near the robot may move: the map shows free ground there
+    points: NDArray[np.float64]  # near the robot, of all lasers, as the guard expects them
+    loose: NDArray[np.bool_]  # which of them may move: the map shows free ground there
     goal: NDArray[np.float64]
 
 
@@ -69,7 +65,7 @@ class Navigator:
 
     Args:
         clock: Returns the time in s; the stamps of all inputs are in this time.
-        guard: Checks every command against the newest sweep.
+        guard: Checks every command against the newest sweeps.
         follower: Steers along the planned ways.
         settings: Settings of the navigator.
         laser_pose: The laser's mounting pose on the robot (x m, y m, heading rad).
@@ -83,6 +79,7 @@ class Navigator:
         goal: (x m, y m, heading rad), map frame; None before the first.
         recoveries: Number of recoveries since the last progress.
         grid: The map with live obstacles on which it has planned last; None before the first plan.
+        unusable: Counts the sweeps that were not taken.
     """
 
     def __init__(
@@ -109,11 +106,12 @@ class Navigator:
         self._progress = ProgressWatch()
         self._costmap: Costmap | None = None
         self._pose: tuple[NDArray[np.float64], float] | None = None
-        self._sweep: tuple[NDArray[np.float64], float] | None = None
+        self._sweep: _Seen | None = None
+        self.unusable = UnusableSweeps()
         self._stamps_s = [-math.inf, -math.inf]  # of the newest pose and sweep
         self._track = OdometryTrack(TRACKED)
         self._waiting: dict[str, tuple[NDArray[np.float64], LaserSweep, float]] = {}
-        self._further: dict[str, _FurtherLaser | None] = dict.fromkeys(further_lasers)
+        self._further: dict[str, _Seen | None] = dict.fromkeys(further_lasers)
         self._emergency = self._hold = ""
         self._renew()
 
@@ -143,7 +141,7 @@ class Navigator:
         without = "".join(f"; no fresh scan of {name}: the robot does not back up" for name in self.silent)
         return (
             f"{self.state}{around} ({self.machine.reason}){way}; {len(self._obstacles)} live obstacle cells"
-            f"{without}"
+            f"{without}{self.unusable}"
         )
 
     @property
@@ -179,58 +177,37 @@ class Navigator:
         self._track.add(stamp_s, pose)
         self._place_sweep()
 
-    def see_sweep(self, sweep: LaserSweep, ranges_m: ArrayLike, stamp_s: float, told_s: float) -> None:
-        """Take a sweep.
+    def see_sweep(self, sweep: LaserSweep, stamp_s: float, told_s: float) -> None:
+        """Take a sweep, unless it is unusable, which counts as no sweep.
 
         Args:
             sweep: The sweep.
-            ranges_m: `(N,)`, as the laser gave them, which distinguishes too near from no return (REP 117).
             stamp_s: When it was taken, in the time of the poses' stamps.
             told_s: When the sweep was published, in the clock's time.
         """
-        self._sweep = np.asarray(ranges_m, float), told_s
-        self._stamps_s[1] = stamp_s
-        self._waiting[""] = self.laser_pose, sweep, stamp_s
-        self._place_sweep()
+        if self.unusable.passes(sweep):
+            self._sweep = _Seen(MountedSweep(sweep, self.laser_pose), told_s)
+            self._stamps_s[1] = stamp_s
+            self._waiting[""] = self.laser_pose, sweep, stamp_s
+            self._place_sweep()
 
     def see_further_sweep(
-        self,
-        name: str,
-        laser_pose: ArrayLike,
-        sweep: LaserSweep,
-        ranges_m: ArrayLike,
-        stamp_s: float,
-        told_s: float,
+        self, name: str, laser_pose: ArrayLike, sweep: LaserSweep, stamp_s: float, told_s: float
     ) -> None:
-        """Take a sweep of a further laser.
+        """Take a sweep of a further laser, unless it is unusable.
 
         Args:
             name: Which one, of `further_lasers`.
             laser_pose: Its mounting pose on the robot (x m, y m, heading rad).
             sweep: The sweep.
-            ranges_m: `(N,)`, as the laser gave them.
             stamp_s: When it was taken, in the time of the poses' stamps.
             told_s: When the sweep was published, in the clock's time.
         """
-        ranges, mount = np.asarray(ranges_m, float), np.asarray(laser_pose, float)
-        geometry = (*mount.tolist(), sweep.angle_min_rad, sweep.angle_increment_rad, len(ranges))
-        laser = self._further[name]
-        if laser is None or laser.geometry != geometry:
-            bearings = sweep.angle_min_rad + sweep.angle_increment_rad * np.arange(len(ranges))
-            self._further[name] = _FurtherLaser(geometry, CollisionGuard(bearings, mount), ranges, told_s)
-            self._join_guards()
-        else:
-            laser.ranges_m, laser.told_s = ranges, told_s
-        self._waiting[name] = mount, sweep, stamp_s
-        self._place_sweep()
-
-    def _join_guards(self) -> None:
-        """Have the guard check the beams of all lasers that have sent a sweep."""
-        guard = self._guard
-        for laser in self._further.values():
-            if laser is not None:
-                guard = guard.joined(laser.guard)
-        self._local.guard = guard
+        if self.unusable.passes(sweep):
+            mount = np.asarray(laser_pose, float)
+            self._further[name] = _Seen(MountedSweep(sweep, mount), told_s)
+            self._waiting[name] = mount, sweep, stamp_s
+            self._place_sweep()
 
     def _place_sweep(self) -> None:
         """Add the newest sweeps to the obstacles once the robot's pose at their stamps is known."""
@@ -278,21 +255,12 @@ class Navigator:
         assert self._pose is not None
         assert self._sweep is not None
         assert self.goal is not None
-        pose, ranges_m = self._pose[0], self._all_ranges_m(self._sweep[0])
-        loose = self._costmap.shows_free(transform_points(pose, self._local.guard.near_points(ranges_m)))
-        return _Situation(self._costmap, pose, ranges_m, loose, self.goal)
+        seen = [self._sweep, *filter(self._is_fresh, self._further.values())]
+        pose, points = self._pose[0], self._guard.near_points(one.mounted for one in seen if one is not None)
+        loose = self._costmap.shows_free(transform_points(pose, points))
+        return _Situation(self._costmap, pose, points, loose, self.goal)
 
-    def _all_ranges_m(self, ahead_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the ranges of all lasers that have sent a sweep; NaN for those of an old one."""
-        parts = [ahead_m]
-        for laser in self._further.values():
-            if laser is not None:
-                parts.append(
-                    laser.ranges_m if self._is_fresh(laser) else np.full_like(laser.ranges_m, np.nan)
-                )
-        return ahead_m if len(parts) == 1 else np.concatenate(parts)
-
-    def _is_fresh(self, laser: _FurtherLaser | None) -> bool:
+    def _is_fresh(self, laser: _Seen | None) -> bool:
         return laser is not None and self._clock() - laser.told_s <= self.settings.stale_s
 
     def _act(self, situation: _Situation) -> Velocity:
@@ -302,7 +270,7 @@ class Navigator:
             case NavigatorState.BACK_UP:
                 if self.silent:
                     return HALT
-                back = self._local.guard.checked(situation.ranges_m, (-BACK_UP_M_PER_S, 0.0), situation.loose)
+                back = self._guard.checked(situation.points, (-BACK_UP_M_PER_S, 0.0), situation.loose)
                 return self._kept_out(situation, back)
             case NavigatorState.ROTATE:
                 return 0.0, ROTATE_RAD_PER_S
@@ -333,9 +301,10 @@ class Navigator:
             return "no map yet"
         no_laser = stopped is NavigatorState.STOPPED_NO_LASER
         what, last = ("scan", self._sweep) if no_laser else ("pose", self._pose)
-        return f"no {what} yet" if last is None else f"no {what} for {self._clock() - last[1]:.1f} s"
+        age = " yet" if last is None else f" for {self._clock() - last[1]:.1f} s"
+        return f"no {what}{age}{self.unusable if no_laser else ''}"
 
-    def _is_old(self, seen: tuple[NDArray[np.float64], float] | None) -> bool:
+    def _is_old(self, seen: _Seen | tuple[NDArray[np.float64], float] | None) -> bool:
         return seen is None or self._clock() - seen[1] > self.settings.stale_s
 
     def _renew(self) -> None:
@@ -411,7 +380,7 @@ class Navigator:
             self.machine.go(NavigatorState.ALIGN, "at the goal's position")
             return HALT
         allowed = self._kept_out(
-            situation, self._local.velocity(situation.pose, situation.ranges_m, situation.loose)
+            situation, self._local.velocity(situation.pose, situation.points, situation.loose)
         )
         if allowed != HALT:
             self._moved_s = self._clock()

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.laser.laser_sweep import LaserSweep
+
 Array = NDArray[np.float64]
 
 
@@ -118,29 +120,26 @@ def moved(points: Array, curvatures: Array, distances_m: Array) -> Array:
 
 
 class RaceDriver:
-    """Chooses speeds from sweeps.
+    """Chooses speeds from sweeps of a laser in the middle of the robot.
 
     Args:
-        angles_rad: (N,), directions of the laser's beams in the robot's frame. The laser stands in the middle
-            of the robot.
         limits: what the robot can do.
     """
 
-    def __init__(self, angles_rad: Array, limits: RaceLimits | None = None) -> None:
+    def __init__(self, limits: RaceLimits | None = None) -> None:
         self.limits = limits or RaceLimits()
-        self._directions = np.column_stack((np.cos(angles_rad), np.sin(angles_rad)))
         self._curvatures = np.linspace(-MAX_CURVATURE_PER_M, MAX_CURVATURE_PER_M, ARCS)
         self._second = np.linspace(-1.5, 1.5, SECOND_ARCS)
         self._chosen = 0.0
 
-    def drive(self, ranges_m: NDArray[np.floating], speed_m_per_s: float) -> tuple[float, float]:
+    def drive(self, sweep: LaserSweep, speed_m_per_s: float) -> tuple[float, float]:
         """Return the speeds to drive now, m/s and rad/s.
 
         Args:
-            ranges_m: (N,), the newest sweep; what is not finite is left out.
+            sweep: the newest sweep, which must be usable.
             speed_m_per_s: present speed.
         """
-        points = self._points(ranges_m)
+        points = self._points(sweep)
         radius_m = self.limits.body_radius_m + self.limits.margin_m
         free = free_ways(points, self._curvatures, radius_m, HORIZON_M)
         if free.max() < 0.05:
@@ -156,10 +155,10 @@ class RaceDriver:
         # A faster robot than it should be brakes on its arc; the turn rate follows the speed that it has.
         return wanted, self._chosen * max(wanted, min(speed_m_per_s, wanted + 0.1))
 
-    def _points(self, ranges_m: NDArray[np.floating]) -> Array:
-        ranges = np.asarray(ranges_m, np.float64)
-        seen = np.flatnonzero(np.isfinite(ranges) & (ranges > 0.0) & (ranges < HORIZON_M + FIRST_PART_M))
-        return self._directions[seen] * ranges[seen, None]
+    def _points(self, sweep: LaserSweep) -> Array:
+        """Return what the sweep hit: (M, 2), m. What is too near to measure touches the body."""
+        touching = sweep.directions[np.isneginf(sweep.ranges_m)] * self.limits.body_radius_m
+        return np.concatenate([sweep.points(HORIZON_M + FIRST_PART_M), touching])
 
     def _worth(self, points: Array, free: Array, radius_m: float) -> Array:
         """Return how good each arc is, in m of free way, with what follows it and the room beside it."""

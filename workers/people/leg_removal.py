@@ -5,9 +5,12 @@ left out in each scan, also where the classifier does not know it: a leg half hi
 last beam beyond a gap, and legs too far away for the scans by which the classifier was trained.
 """
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.laser.laser_sweep import LaserSweep
 from workers.people.leg_classifier import LegClassifier
 from workers.people.leg_segments import Pieces, cut_scan, find_segments
 
@@ -22,27 +25,18 @@ STANDS_OUT_M, IS_HIDDEN_M = 0.25, 1.0
 
 
 def without_legs(
-    classifier: LegClassifier,
-    ranges_m: ArrayLike,
-    angle_min_rad: float,
-    angle_increment_rad: float,
-    *,
-    probability: float,
-    known_range_m: float,
-) -> Array:
-    """Return a scan in which beams on what may be legs have no return.
+    classifier: LegClassifier, sweep: LaserSweep, *, probability: float, known_range_m: float
+) -> LaserSweep:
+    """Return a sweep in which beams on what may be legs were not measured.
 
     Args:
         classifier: says what may be legs.
-        ranges_m: (B,), as for `find_segments`.
-        angle_min_rad: direction of the first beam.
-        angle_increment_rad: from beam to beam.
+        sweep: the sweep.
         probability: things less likely legs are kept, unless they are narrow and beside a leg.
         known_range_m: farther away, everything narrow that stands by itself may be a leg.
     """
-    ranges = np.array(ranges_m, np.float64)
-    scan = ranges, angle_min_rad, angle_increment_rad, np.inf
-    segments, pieces, things = find_segments(*scan), cut_scan(*scan), cut_scan(*scan, gap_m=STANDS_OUT_M)
+    segments, pieces = find_segments(sweep, np.inf), cut_scan(sweep, np.inf)
+    things = cut_scan(sweep, np.inf, gap_m=STANDS_OUT_M)
     legs = np.concatenate(
         [
             segments.centres_m[classifier.probabilities(segments.features) >= probability],
@@ -50,11 +44,12 @@ def without_legs(
         ]
     )
     if not len(legs):
-        return ranges
+        return sweep
+    ranges = sweep.ranges_m.copy()
     beside = np.hypot(*np.moveaxis(pieces.middles_m[:, None] - legs, -1, 0)).min(axis=1) <= BESIDE_M
     for first, last in pieces.ends[beside & (pieces.widths_m <= NARROW_M)].tolist():
         ranges[pieces.beams[first : last + 1]] = np.nan
-    return ranges
+    return replace(sweep, ranges_m=ranges)
 
 
 def _stands_alone(things: Pieces) -> NDArray[np.bool_]:

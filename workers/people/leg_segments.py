@@ -8,7 +8,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+
+from workers.laser.laser_sweep import LaserSweep
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -51,24 +53,15 @@ class Segments(NamedTuple):
     beams: Places
 
 
-def find_segments(
-    ranges_m: ArrayLike, angle_min_rad: float, angle_increment_rad: float, max_range_m: float
-) -> Segments:
-    """Cut a scan into segments.
-
-    Args:
-        ranges_m: (B,); +inf or NaN: no return; -inf: something too near to measure (REP 117).
-        angle_min_rad: direction of the first beam.
-        angle_increment_rad: from beam to beam.
-        max_range_m: farther returns are not used.
-    """
-    pieces = cut_scan(ranges_m, angle_min_rad, angle_increment_rad, max_range_m)
+def find_segments(sweep: LaserSweep, max_range_m: float) -> Segments:
+    """Cut a sweep into segments. Returns farther than `max_range_m` are not used."""
+    pieces = cut_scan(sweep, max_range_m)
     if len(pieces.beams) < FEWEST_POINTS:
         return Segments(np.empty((0, 2)), np.empty((0, len(FEATURES))), np.empty((0, 2), np.intp))
     first, last = pieces.ends.T
     kept = (last - first + 1 >= FEWEST_POINTS) & (pieces.widths_m <= MAX_WIDTH_M)
     jumps = np.clip(pieces.jumps_m, -MAX_JUMP_M, MAX_JUMP_M)
-    centres, features = _described(pieces.points, first, last, kept, jumps, angle_increment_rad)
+    centres, features = _described(pieces.points, first, last, kept, jumps, sweep.angle_increment_rad)
     return Segments(centres, features, pieces.beams[pieces.ends[kept]])
 
 
@@ -102,25 +95,18 @@ class Pieces(NamedTuple):
         return middles
 
 
-def cut_scan(
-    ranges_m: ArrayLike,
-    angle_min_rad: float,
-    angle_increment_rad: float,
-    max_range_m: float,
-    gap_m: float = GAP_M,
-) -> Pieces:
-    """Cut a scan where neighbouring returns are farther apart than `gap_m`; else as `find_segments`."""
-    ranges = np.asarray(ranges_m, np.float64)
-    angles = angle_min_rad + angle_increment_rad * np.arange(len(ranges))
+def cut_scan(sweep: LaserSweep, max_range_m: float, gap_m: float = GAP_M) -> Pieces:
+    """Cut a sweep where neighbouring returns are farther apart than `gap_m`; else as `find_segments`."""
+    ranges, directions = sweep.ranges_m, sweep.directions
     shift = 0
-    if len(ranges) * angle_increment_rad > 2 * np.pi - 1.5 * angle_increment_rad:
+    if len(ranges) * sweep.angle_increment_rad > 2 * np.pi - 1.5 * sweep.angle_increment_rad:
         shift = _cut(ranges)  # so that no piece is cut at the scan's ends
-        ranges, angles = np.roll(ranges, -shift), np.roll(angles, -shift)
+        ranges, directions = np.roll(ranges, -shift), np.roll(directions, -shift, axis=0)
     beams = np.flatnonzero(np.isfinite(ranges) & (ranges > 0.0) & (ranges < max_range_m))
     if not len(beams):
         none = np.empty(0, np.intp)
         return Pieces(none, np.empty((0, 2)), np.empty((0, 2), np.intp), np.empty((2, 0)))
-    points = ranges[beams, None] * np.column_stack([np.cos(angles[beams]), np.sin(angles[beams])])
+    points = ranges[beams, None] * directions[beams]
     apart = np.hypot(*np.diff(points, axis=0).T)
     first = np.concatenate([[0], np.flatnonzero((apart > gap_m) | (np.diff(beams) > 2)) + 1])
     last = np.concatenate([first[1:], [len(beams)]]) - 1

@@ -33,6 +33,7 @@ from robbie_mp.messages import (
 )
 from tests._support.places import ARENAS
 from workers.home.follow import ARE_YOU_THERE, I_FOLLOW
+from workers.laser.laser_sweep import LaserSweep
 
 APARTMENT = ARENAS / "apartment.yaml"
 
@@ -125,7 +126,7 @@ def test_person_without_a_valid_age_counts_as_not_seen() -> None:
 def test_nearer_return_hides_a_place_and_a_farther_one_does_not() -> None:
     ranges = np.full(360, 5.0, np.float32)
     ranges[180:185] = 1.0
-    scan = LaserScan(angle_min=-math.pi, angle_increment=math.pi / 180, ranges=ranges)
+    scan = LaserSweep.from_ranges(ranges, -math.pi, math.pi / 180, 0.05, 10.0)
     here = np.array([1.0, 1.0, 0.0])
     assert hides(scan, here, np.array([3.0, 1.05]))
     assert not hides(scan, here, np.array([1.5, 1.01]))

@@ -11,7 +11,7 @@ from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
 from tests._support.places import ARENAS
 from tools.random_rooms import drawn_map
-from workers.laser.laser_sweep import LaserSweep
+from tools.swept import swept
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.navigator import Navigator
 from workers.navigation.navigator_states import RESTING, NavigatorSettings
@@ -38,8 +38,7 @@ class NavigationWorld:
         self.drive = SimulatedDrive(arena, lambda: self.now_s, seed=1, others=lambda: self.others)
         self.laser = SimulatedLaser(arena, seed=1)
         self.laser_works = self.pose_works = True
-        guard = CollisionGuard(self.laser.geometry.angles_rad())
-        self.navigator = Navigator(lambda: self.now_s, guard, settings=settings)
+        self.navigator = Navigator(lambda: self.now_s, CollisionGuard(), settings=settings)
         self.cells, self.corner = drawn_map(mapped, RESOLUTION_M)
         self.navigator.see_map(self.cells, RESOLUTION_M, self.corner)
         self.states: list[str] = []
@@ -63,11 +62,7 @@ class NavigationWorld:
             self.navigator.see_pose(truth.pose, truth.stamp_s, self.now_s)
         if self.laser_works:
             self.laser.place(truth.pose, truth.stamp_s)
-            ranges, geometry = self.laser.scan().ranges_m, self.laser.geometry
-            sweep = LaserSweep.from_ranges(
-                ranges, geometry.angle_min_rad, geometry.angle_increment_rad, 0.05, geometry.range_max_m
-            )
-            self.navigator.see_sweep(sweep, ranges, truth.stamp_s, self.now_s)
+            self.navigator.see_sweep(swept(self.laser), truth.stamp_s, self.now_s)
         self.now_s += LATENCY_S
         speeds = self.navigator.drive()
         if speeds is not None:

@@ -11,6 +11,7 @@ from hw.simulation.laser import SimulatedLaser
 from tests._support.places import ARENAS
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, TruePoseMap
+from tools.swept import swept
 from workers.exploration.explorer import Explorer
 from workers.exploration.explorer_states import ExplorerState
 from workers.navigation.collision_guard import CollisionGuard
@@ -31,7 +32,7 @@ class Loop:
         self.laser = SimulatedLaser(self.arena, seed=seed)
         self.angles = self.laser.geometry.angles_rad()
         self.map = TruePoseMap(self.arena.width_m, self.arena.height_m)
-        self.explorer = Explorer(lambda: self.now_s, CollisionGuard(self.angles))
+        self.explorer = Explorer(lambda: self.now_s, CollisionGuard())
         self.explored_s: float | None = None
 
     def run(self, limit_s: float) -> None:
@@ -46,12 +47,12 @@ class Loop:
     def _step(self, shows_map: bool) -> None:
         truth = self.drive.ground_truth()
         self.laser.place(truth.pose, truth.stamp_s)
-        sweep = self.laser.scan()
+        sweep = swept(self.laser)
         self.map.add(truth.pose, sweep.ranges_m, self.angles)
         if shows_map:
             self.explorer.see_map(self.map.cells, RESOLUTION_M, self.map.corner_xy_m)
         self.explorer.see_pose(truth.pose, truth.stamp_s, truth.stamp_s)
-        self.explorer.see_sweep(sweep.ranges_m, sweep.stamp_s, sweep.stamp_s)
+        self.explorer.see_sweep(sweep, truth.stamp_s, truth.stamp_s)
         self.now_s += LATENCY_S
         self.drive.command(*self.explorer.drive(), valid_for_s=0.4)
 

@@ -1,29 +1,38 @@
 """Following a path, and the last check against the newest sweep."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from workers.laser.laser_sweep import LaserSweep, MountedSweep
 from workers.navigation.collision_guard import CollisionGuard, GuardSettings
 from workers.navigation.path_follower import HALT, FollowerSettings, PathFollower, Velocity
 from workers.navigation.progress_watch import ProgressWatch
 
-ANGLES = np.radians(np.arange(-180, 180))
 GUARD = GuardSettings()
 STRAIGHT = np.column_stack([np.linspace(0, 3, 61), np.zeros(61)])
 
 
-def sweep(distance_m: float = np.inf, at_deg: int = 0, width_deg: int = 1) -> np.ndarray:
-    """Ranges of a sweep that sees one thing, or nothing."""
+def taken(ranges: ArrayLike, first_deg: float = -180.0, step_deg: float = 1.0) -> LaserSweep:
+    return LaserSweep.from_ranges(ranges, math.radians(first_deg), math.radians(step_deg), 0.05, 10.0)
+
+
+def sweep(distance_m: float = np.inf, at_deg: int = 0, width_deg: int = 1) -> LaserSweep:
+    """A sweep that sees one thing, or nothing."""
     ranges = np.full(360, np.inf)
     ranges[np.arange(at_deg, at_deg + width_deg) + 180 - width_deg // 2] = distance_m
-    return ranges
+    return taken(ranges)
 
 
-def checked(ranges: NDArray[np.float64], linear: float = 0.5, angular: float = 0.0) -> Velocity:
-    return CollisionGuard(ANGLES).checked(ranges, (linear, angular))
+def near(*sweeps: LaserSweep, mount: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    return CollisionGuard().near_points(MountedSweep(one, mount) for one in sweeps)
+
+
+def checked(seen: LaserSweep, linear: float = 0.5, angular: float = 0.0) -> Velocity:
+    return CollisionGuard().checked(near(seen), (linear, angular))
 
 
 def drive_along(
@@ -127,8 +136,7 @@ def test_guard_allows_turning_where_driving_is_blocked() -> None:
 
 
 def test_guard_checks_along_the_arc_and_not_only_ahead() -> None:
-    left = sweep(0.6, at_deg=45, width_deg=5)
-    guard = CollisionGuard(ANGLES)
+    left, guard = near(sweep(0.6, at_deg=45, width_deg=5)), CollisionGuard()
     assert guard.free_way_m(left, 0.5, 0.0) == GUARD.look_m
     assert guard.free_way_m(left, 0.5, 1.0) < 0.5
 
@@ -149,52 +157,80 @@ def test_guard_stops_for_obstacles_too_near_to_measure() -> None:
 
 
 def test_guard_does_not_stop_for_missing_returns() -> None:
-    ranges = sweep()
-    ranges[::2] = np.nan
-    assert checked(ranges) == (0.5, 0.0)
+    assert checked(taken(np.tile([np.nan, np.inf], 180))) == (0.5, 0.0)
 
 
 def test_robot_keeps_more_distance_from_what_may_move_and_uses_half_of_the_way_to_it() -> None:
-    guard, ranges = CollisionGuard(ANGLES), sweep(0.75)
-    assert len(guard.near_points(ranges)) == 1
+    guard, points = CollisionGuard(), near(sweep(0.75))
+    assert len(points) == 1
     loose = np.array([True])
-    assert guard.free_way_m(ranges, 0.5, 0.0, ~loose) == guard.free_way_m(ranges, 0.5, 0.0)
+    assert guard.free_way_m(points, 0.5, 0.0, ~loose) == guard.free_way_m(points, 0.5, 0.0)
     half_m = (0.75 - GUARD.body_radius_m - GUARD.margin_m - GUARD.loose_margin_m) / 2
-    assert guard.free_way_m(ranges, 0.5, 0.0, loose) == pytest.approx(half_m, abs=0.031)
-    assert guard.checked(ranges, (0.5, 0.0), loose)[0] < guard.checked(ranges, (0.5, 0.0))[0]
-    assert guard.checked(sweep(0.32), (0.2, 0.0), loose) == (0.0, 0.0)
-    beside = sweep(0.34, at_deg=90)
+    assert guard.free_way_m(points, 0.5, 0.0, loose) == pytest.approx(half_m, abs=0.031)
+    assert guard.checked(points, (0.5, 0.0), loose)[0] < guard.checked(points, (0.5, 0.0))[0]
+    assert guard.checked(near(sweep(0.32)), (0.2, 0.0), loose) == (0.0, 0.0)
+    beside = near(sweep(0.34, at_deg=90))
     assert guard.checked(beside, (0.5, 0.0), loose)[0] < guard.checked(beside, (0.5, 0.0))[0]
 
 
 def test_guard_accounts_for_the_lasers_mounting_pose() -> None:
-    ahead = CollisionGuard(ANGLES, mount=(0.15, 0.0, 0.0))
-    assert ahead.free_way_m(sweep(0.4), 0.5, 0.0) == pytest.approx(0.4 + 0.15 - 0.25, abs=0.031)
-    turned = CollisionGuard(ANGLES, mount=(0.0, 0.0, math.pi))
-    assert turned.free_way_m(sweep(0.4, at_deg=-180), 0.5, 0.0) == pytest.approx(0.4 - 0.25, abs=0.031)
+    guard = CollisionGuard()
+    ahead = near(sweep(0.4), mount=(0.15, 0.0, 0.0))
+    assert guard.free_way_m(ahead, 0.5, 0.0) == pytest.approx(0.4 + 0.15 - 0.25, abs=0.031)
+    turned = near(sweep(0.4, at_deg=-180), mount=(0.0, 0.0, math.pi))
+    assert guard.free_way_m(turned, 0.5, 0.0) == pytest.approx(0.4 - 0.25, abs=0.031)
 
 
 def test_guard_checks_what_only_one_of_two_lasers_sees() -> None:
-    half = np.radians(np.arange(-90, 90))
-    ahead, rear = CollisionGuard(half), CollisionGuard(half, mount=(-0.175, 0.0, math.pi))
-    guard = ahead.joined(rear)
-    free, behind = np.full(180, np.inf), np.full(180, np.inf)
+    guard, behind = CollisionGuard(), np.full(180, np.inf)
     behind[90] = 0.125  # 0.1 m from the body
-    both = np.concatenate([free, behind])
-    assert ahead.checked(free, (-0.3, 0.0)) == (-0.3, 0.0)
+    ahead = MountedSweep(taken(np.full(180, np.inf), -90.0))
+    both = guard.near_points([ahead, MountedSweep(taken(behind, -90.0), (-0.175, 0.0, math.pi))])
+    assert guard.checked(guard.near_points([ahead]), (-0.3, 0.0)) == (-0.3, 0.0)
     assert -0.2 < guard.checked(both, (-0.3, 0.0))[0] < 0.0
     slowed = GUARD.crawl_m_per_s + GUARD.speed_per_room_per_s * 0.1
     assert guard.checked(both, (0.5, 0.0))[0] == pytest.approx(slowed)
-    assert guard.checked(np.concatenate([free, np.full(180, np.nan)]), (-0.3, 0.0)) == (-0.3, 0.0)
-    assert len(ahead.near_points(free)) == 0, "joining changes neither guard"
 
 
 @pytest.mark.parametrize(("x_m", "edge_m"), [(-0.175, 0.2), (-0.25, 0.25)])
 def test_what_is_too_near_to_a_laser_to_measure_touches_the_body_there(x_m: float, edge_m: float) -> None:
-    rear = CollisionGuard(np.array([0.0]), mount=(x_m, 0.0, math.pi))
-    assert rear.near_points([-np.inf]) == pytest.approx(np.array([[-edge_m, 0.0]]))
-    assert rear.checked([-np.inf], (-0.3, 0.0)) == (0.0, 0.0)
-    assert rear.checked([-np.inf], (0.3, 0.0))[0] > 0.0, "it can drive away"
+    guard, points = CollisionGuard(), near(taken([-np.inf], 0.0), mount=(x_m, 0.0, math.pi))
+    assert points == pytest.approx(np.array([[-edge_m, 0.0]]))
+    assert guard.checked(points, (-0.3, 0.0)) == (0.0, 0.0)
+    assert guard.checked(points, (0.3, 0.0))[0] > 0.0, "it can drive away"
+
+
+@pytest.mark.parametrize("first_deg", [-180, -90, 0, 90])
+def test_guard_looks_where_each_sweep_looks_though_another_had_as_many_beams(first_deg: int) -> None:
+    guard, ranges = CollisionGuard(), np.full(360, np.inf)
+    ranges[-first_deg % 360] = 0.3  # ahead
+    assert guard.checked(near(sweep(0.3, at_deg=90)), (0.3, 0.0))[0] > 0.0
+    assert guard.checked(near(taken(ranges, first_deg)), (0.3, 0.0)) == checked(sweep(0.3), 0.3)
+
+
+@pytest.mark.parametrize("beams", [359, 360, 361, 367, 90, 2, 1])
+def test_guard_takes_another_number_of_beams_with_each_sweep(beams: int) -> None:
+    for ahead in (0, beams - 1):
+        ranges = np.full(beams, np.inf)
+        ranges[ahead] = 0.26
+        assert checked(taken(ranges, -ahead * 0.98, 0.98)) == (0.0, 0.0)
+        assert checked(taken(ranges, 180.0 - ahead * 0.98, 0.98))[0] > 0.0
+
+
+def test_guard_sees_through_an_upside_down_laser() -> None:
+    ranges = np.full(360, np.inf)
+    ranges[90] = 0.3  # 90 degrees to the right
+    assert near(taken(ranges, 0.0, -1.0)) == pytest.approx(np.array([[0.0, -0.3]]))
+
+
+def test_guard_believes_the_nearest_of_overlapping_beams() -> None:
+    ranges = np.full(400, np.inf)
+    ranges[380] = 0.26
+    assert checked(taken(ranges, -20.0)) == (0.0, 0.0)
+
+
+def test_guard_without_sweeps_has_no_points() -> None:
+    assert near().shape == near(taken([])).shape == (0, 2)
 
 
 def test_progress_is_a_shorter_path_to_the_same_goal() -> None:

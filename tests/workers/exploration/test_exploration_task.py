@@ -4,17 +4,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
 from workers.exploration.explorer import Explorer
 from workers.exploration.explorer_states import ExplorerSettings, ExplorerState
+from workers.laser.laser_sweep import LaserSweep
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.path_follower import HALT
 
-ANGLES = np.radians(np.arange(-180, 180))
-FREE = np.full(360, np.inf)
+BEAMS = (-np.pi, np.pi / 180, 0.05, 10.0)
+FREE = LaserSweep.from_ranges(np.full(360, np.inf), *BEAMS)
 HALF_KNOWN = """
 ################
 #.............
@@ -41,12 +41,12 @@ class World:
         self,
         drawing: str,
         pose: tuple[float, float, float] = (1.0, 0.9, 0.0),
-        ranges: NDArray[np.float64] = FREE,
+        sweep: LaserSweep = FREE,
         **settings: Any,
     ) -> None:
         self.clock = Clock()
-        self.pose, self.ranges = pose, ranges
-        self.explorer = Explorer(self.clock, CollisionGuard(ANGLES), ExplorerSettings(**settings))
+        self.pose, self.sweep = pose, sweep
+        self.explorer = Explorer(self.clock, CollisionGuard(), ExplorerSettings(**settings))
         self.show(drawing)
 
     def show(self, drawing: str) -> None:
@@ -58,7 +58,7 @@ class World:
         for _ in range(max(1, round(seconds * 10))):
             self.clock.now_s += 0.1
             self.explorer.see_pose(self.pose, self.clock.now_s, self.clock.now_s)
-            self.explorer.see_sweep(self.ranges, self.clock.now_s, self.clock.now_s)
+            self.explorer.see_sweep(self.sweep, self.clock.now_s, self.clock.now_s)
             commands.append(self.explorer.drive())
         return commands
 
@@ -77,7 +77,7 @@ HALF_KNOWN, KNOWN = drawn_rectangle(HALF_KNOWN), drawn_rectangle(KNOWN)
 
 def test_explorer_waits_for_map_pose_and_laser() -> None:
     clock = Clock()
-    explorer = Explorer(clock, CollisionGuard(ANGLES))
+    explorer = Explorer(clock, CollisionGuard())
     assert explorer.drive() == HALT
     explorer.see_pose((1, 1, 0), clock(), clock())
     explorer.see_sweep(FREE, clock(), clock())
@@ -160,14 +160,14 @@ def test_goal_without_progress_is_given_up_and_the_task_still_ends() -> None:
 
 
 def test_blocked_robot_backs_up_and_tries_again() -> None:
-    ahead = FREE.copy()
+    ahead = np.full(360, np.inf)
     ahead[170:190] = 0.26
-    world = World(HALF_KNOWN, ranges=ahead)
+    world = World(HALF_KNOWN, sweep=LaserSweep.from_ranges(ahead, *BEAMS))
     commands = world.tick(1.6)
     assert world.state() is ExplorerState.RECOVER
     assert max(linear for linear, _ in commands) == 0.0
     assert world.tick(0.5)[-1][0] < 0.0
-    world.ranges = FREE
+    world.sweep = FREE
     world.tick(2.0)
     assert world.state() is ExplorerState.EXPLORE
 
@@ -196,6 +196,6 @@ def test_finished_task_stays_finished() -> None:
 
 def test_restarted_explorer_knows_its_home() -> None:
     clock = Clock()
-    explorer = Explorer(clock, CollisionGuard(ANGLES), home_xy_m=(1.0, 2.0))
+    explorer = Explorer(clock, CollisionGuard(), home_xy_m=(1.0, 2.0))
     explorer.see_pose((3.0, 3.0, 0.0), clock(), clock())
     assert present(explorer.home_xy_m).tolist() == [1.0, 2.0]

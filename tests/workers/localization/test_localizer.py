@@ -1,8 +1,9 @@
 """Localization of robots that know only the map."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena
@@ -10,6 +11,7 @@ from tests._support.present import present
 from tools import localization_trials
 from tools.localization_trials import Conditions, Drive, run_trial
 from tools.random_rooms import drawn_map, random_rooms
+from workers.laser.laser_sweep import LaserSweep
 from workers.localization.likelihood_field import LikelihoodField, MapWithoutRoom
 from workers.localization.localizer import Localizer
 
@@ -86,7 +88,7 @@ def test_restarted_localizer_continues_while_the_robot_stands() -> None:
 def test_sweeps_without_returns_are_ignored() -> None:
     drive = Drive(1, SMALL)
     drive.localizer.add_odometry(0.0, (0, 0, 0))
-    drive.localizer.add_scan(0.0, np.full(360, np.inf), drive.angles, 10.0)
+    drive.localizer.add_scan(0.0, LaserSweep.from_ranges(np.full(360, np.inf), 0.0, 0.01, 0.05, 10.0))
     assert drive.localizer.pose is None
 
 
@@ -116,9 +118,9 @@ def test_certain_pose_keeps_its_weight_where_things_hide_a_part_of_the_map(
     assert drive.way_until_sure(20.0) is not None
     add_scan, recoveries = drive.localizer.add_scan, drive.localizer.recoveries
 
-    def with_things_at_one_side(stamp_s: float, ranges_m: ArrayLike, angles: ArrayLike, far_m: float) -> None:
-        nearer = np.where(np.arange(np.size(ranges_m)) % 180 < 70, 0.7, 1.0)
-        add_scan(stamp_s, nearer * np.asarray(ranges_m), angles, far_m)
+    def with_things_at_one_side(stamp_s: float, sweep: LaserSweep) -> None:
+        nearer = np.where(np.arange(len(sweep)) % 180 < 70, 0.7, 1.0)
+        add_scan(stamp_s, replace(sweep, ranges_m=nearer * sweep.ranges_m))
 
     monkeypatch.setattr(drive.localizer, "add_scan", with_things_at_one_side)
     for truth in drive.steps(1.0):

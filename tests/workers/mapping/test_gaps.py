@@ -4,9 +4,10 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
+from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper
 from workers.mapping.pose_graph import PoseGraph
 from workers.planar_pose import compose, relative
@@ -16,6 +17,10 @@ SWEEP_STEPS = 10
 GAP, LATE_GAP = (200, 450), (1000, 1250)  # steps of 0.02 s: some 3 m of way, in the first lap and the next
 
 
+def swept(pose: ArrayLike, seed: int) -> LaserSweep:
+    return LaserSweep.from_ranges(measure(pose, np.random.default_rng(seed)), *BEAMS)
+
+
 def run(mapper: GridMapper, drive: Drive, gap: tuple[int, int], with_odometry: bool = True) -> GridMapper:
     """Feed a log from which the sweeps of a gap are cut, and perhaps the odometry too."""
     for number, (stamp, *odometry) in enumerate(drive.odometry.tolist()):
@@ -23,7 +28,10 @@ def run(mapper: GridMapper, drive: Drive, gap: tuple[int, int], with_odometry: b
         if with_odometry or not is_cut:
             mapper.add_odometry(stamp, odometry)
         if number % SWEEP_STEPS == 0 and not is_cut:
-            mapper.add_scan(stamp, measure(drive.true_at(stamp), np.random.default_rng(number)), *BEAMS)
+            mapper.add_scan(
+                stamp,
+                swept(drive.true_at(stamp), number),
+            )
     return mapper
 
 
@@ -73,7 +81,7 @@ def test_sweeps_in_a_pause_of_odometry_in_which_the_robot_turned_are_left_out() 
         stamp = stamp_s + 0.1 * number
         if number > 15:
             mapper.add_odometry(stamp - 0.05, compose(odometry, [0.0, 0.0, turn_rad]))
-        mapper.add_scan(stamp, measure(turned(stamp), np.random.default_rng(number)), *BEAMS)
+        mapper.add_scan(stamp, swept(turned(stamp), number))
     assert mapper.refused["sweeps in a pause of odometry"] > 5
     assert mapper.slips_noticed == 0
     assert relative(turned(stamp), mapper.pose) == pytest.approx([0.0, 0.0, 0.0], abs=0.01)
@@ -86,7 +94,10 @@ def test_slow_odometry_is_no_pause() -> None:
         if number % 30 == 0:
             mapper.add_odometry(stamp, odometry)
         if number % SWEEP_STEPS == 5:
-            mapper.add_scan(stamp, measure(drive.true_at(stamp), np.random.default_rng(number)), *BEAMS)
+            mapper.add_scan(
+                stamp,
+                swept(drive.true_at(stamp), number),
+            )
     assert mapper.refused["sweeps in a pause of odometry"] == 0
     assert mapper.key_sweeps > 3
 

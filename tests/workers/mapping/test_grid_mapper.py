@@ -15,6 +15,7 @@ from tests.workers._support.synthetic_room import (
     Drive,
     measure,
 )
+from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper, Limits
 from workers.planar_pose import compose, relative
 
@@ -36,7 +37,7 @@ def run(
         if number % 5 == 0:
             seen_from = compose(drive.true_at(stamp + 0.007), laser_pose)
             ranges = measure(seen_from, np.random.default_rng(number))
-            mapper.add_scan(stamp + 0.007, ranges, *BEAMS)
+            mapper.add_scan(stamp + 0.007, LaserSweep.from_ranges(ranges, *BEAMS))
     return mapper
 
 
@@ -143,7 +144,7 @@ def test_standing_robot_adds_no_key_sweeps(drive: Drive) -> None:
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     for number in range(50):
         mapper.add_odometry(number * 0.1, drive.true[0, 1:])
-        mapper.add_scan(number * 0.1, ranges, *BEAMS)
+        mapper.add_scan(number * 0.1, LaserSweep.from_ranges(ranges, *BEAMS))
     assert len(mapper.state()["keys"]["beams"]) == 1
 
 
@@ -210,7 +211,7 @@ def test_sweeps_without_odometry_are_refused_and_counted(drive: Drive) -> None:
     mapper = GridMapper()
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     for number in range(15):
-        mapper.add_scan(number * 0.1, ranges, *BEAMS)
+        mapper.add_scan(number * 0.1, LaserSweep.from_ranges(ranges, *BEAMS))
     assert mapper.refused["sweeps without odometry"] == 5
     assert mapper.pose.tolist() == [0, 0, 0]
     assert mapper.trajectory().shape == (0, 4)
@@ -221,15 +222,15 @@ def test_sweeps_without_returns_are_refused_and_counted() -> None:
     mapper = GridMapper()
     mapper.add_odometry(0.0, (0, 0, 0))
     for nothing in (np.inf, np.nan, 0.0, 99.0, -1.0):
-        mapper.add_scan(0.0, np.full(180, nothing), *BEAMS)
-    assert mapper.refused["sweeps with too few returns"] == 5
+        mapper.add_scan(0.0, LaserSweep.from_ranges(np.full(180, nothing), *BEAMS))
+    assert mapper.refused == {"sweeps with too few returns": 4, "unusable sweeps": 1}
 
 
 def test_sweep_whose_stamp_odometry_never_reaches_is_placed_by_arrival(drive: Drive) -> None:
     mapper = GridMapper()
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     mapper.add_odometry(1.0, drive.true[0, 1:])
-    mapper.add_scan(500.0, ranges, *BEAMS)
+    mapper.add_scan(500.0, LaserSweep.from_ranges(ranges, *BEAMS))
     assert mapper.grid()[0].size == 0
     for number in range(5):
         mapper.add_odometry(1.1 + number, drive.true[0, 1:])

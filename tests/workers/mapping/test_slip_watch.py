@@ -4,7 +4,7 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 from tools.slip_trials import SLIP_M, SLIP_RAD, trial
@@ -19,6 +19,10 @@ BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 SWEEP_STEPS = 10
 
 
+def swept(pose: ArrayLike, seed: int) -> LaserSweep:
+    return LaserSweep.from_ranges(measure(pose, np.random.default_rng(seed)), *BEAMS)
+
+
 def run(
     mapper: GridMapper, drive: Drive, begin: int, end: int, slip: tuple[float, float, float]
 ) -> GridMapper:
@@ -29,7 +33,10 @@ def run(
         odometry = compose(slipped, relative(drive.odometry[begin, 1:], drive.odometry[number, 1:]))
         mapper.add_odometry(stamp, odometry)
         if number % SWEEP_STEPS == 0:
-            mapper.add_scan(stamp, measure(drive.true_at(stamp), np.random.default_rng(number)), *BEAMS)
+            mapper.add_scan(
+                stamp,
+                swept(drive.true_at(stamp), number),
+            )
     return mapper
 
 
@@ -66,17 +73,17 @@ def test_lost_robot_says_so_and_continues_with_a_new_part_of_the_map(
     mapper.add_odometry(stamp_s, place)
     for number in range(MOST_LOST):
         assert mapper.is_certain == (number == 0)
-        mapper.add_scan(stamp_s, elsewhere, *BEAMS)
+        mapper.add_scan(stamp_s, LaserSweep.from_ranges(elsewhere, *BEAMS))
         stamp_s += 0.2
         mapper.add_odometry(stamp_s, place)
     keys = mapper.key_sweeps
     restored = GridMapper.from_state(deepcopy(mapper.state()))
     assert not restored.is_certain
     for one in (mapper, restored):
-        one.add_scan(stamp_s, elsewhere, *BEAMS)
+        one.add_scan(stamp_s, LaserSweep.from_ranges(elsewhere, *BEAMS))
         assert (one.is_certain, one.slips_not_undone, one.key_sweeps) == (True, 1, keys + 1)
         one.add_odometry(stamp_s + 0.2, compose(place, [0.06, 0, 0]))
-        one.add_scan(stamp_s + 0.2, elsewhere, *BEAMS)
+        one.add_scan(stamp_s + 0.2, LaserSweep.from_ranges(elsewhere, *BEAMS))
         assert one.is_certain
 
 

@@ -249,17 +249,14 @@ def test_robot_backs_up_only_where_a_fresh_sweep_of_its_rear_laser_shows_free_gr
 ) -> None:
     now_s, half = 10.0, np.full(180, 3.0)
     angles = -np.pi / 2, np.pi / 180
-    guard = CollisionGuard(angles[0] + angles[1] * np.arange(180))
-    navigator = Navigator(lambda: now_s, guard, further_lasers=["rear_scan"])
+    navigator = Navigator(lambda: now_s, CollisionGuard(), further_lasers=["rear_scan"])
     navigator.see_map(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0))
     navigator.see_pose((0, 0, 0), now_s, now_s)
-    navigator.see_sweep(LaserSweep.from_ranges(half, *angles, 0.05, 10.0), half, now_s, now_s)
+    navigator.see_sweep(LaserSweep.from_ranges(half, *angles, 0.05, 10.0), now_s, now_s)
     if rear_m is not None:
         rear = np.full(180, rear_m)
         sweep = LaserSweep.from_ranges(rear, *angles, 0.05, 10.0)
-        navigator.see_further_sweep(
-            "rear_scan", (-0.175, 0.0, np.pi), sweep, rear, now_s - rear_s, now_s - rear_s
-        )
+        navigator.see_further_sweep("rear_scan", (-0.175, 0.0, np.pi), sweep, now_s - rear_s, now_s - rear_s)
     navigator.go_to((1.5, 0.0, 0.0))
     speeds = navigator.drive()
     assert speeds is not None and speeds[0] > 0.0, "it drives on without its rear laser"

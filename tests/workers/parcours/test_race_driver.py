@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hw.simulation.arena_file import read_arena
 from hw.simulation.course import as_yaml, random_course
 from tools.parcours_trials import race
+from workers.laser.laser_sweep import LaserSweep
 from workers.parcours.race_driver import RaceDriver, RaceLimits, free_ways, moved
 
 RADIUS_M = 0.3
@@ -50,10 +51,16 @@ def test_robot_can_stop_before_what_it_sees() -> None:
 
 
 def test_blind_laser_does_not_stop_the_arithmetic() -> None:
-    driver = RaceDriver(np.linspace(-math.pi, math.pi, 360))
+    driver = RaceDriver()
+
+    def speeds(ranges_m: float) -> tuple[float, float]:
+        sweep = LaserSweep.from_ranges(np.full(360, ranges_m), -math.pi, math.pi / 180, 0.05, 10.0)
+        return driver.drive(sweep, 0.0)
+
     for ranges_m in (np.inf, np.nan, -np.inf, 0.1):
-        assert all(map(math.isfinite, driver.drive(np.full(360, ranges_m), 0.0)))
-    assert driver.drive(np.full(360, 0.1), 0.0)[0] == 0.0, "there is no way ahead"
+        assert all(map(math.isfinite, speeds(ranges_m)))
+    assert speeds(0.1)[0] == 0.0, "there is no way ahead"
+    assert speeds(-np.inf)[0] == 0.0, "what is too near to measure leaves no way either"
 
 
 @pytest.mark.slow

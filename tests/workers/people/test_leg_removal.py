@@ -14,6 +14,7 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.laser import SimulatedLaser
 from hw.simulation.people import leg_circles
 from tests._support.places import ARENAS
+from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.occupancy_grid import OccupancyGrid
 from workers.people.leg_classifier import LegClassifier
 from workers.people.leg_removal import without_legs
@@ -31,14 +32,8 @@ def classifier() -> LegClassifier:
 
 
 def cleaned(classifier: LegClassifier, ranges: Ranges) -> Ranges:
-    return without_legs(
-        classifier,
-        ranges,
-        LASER.angle_min_rad,
-        LASER.angle_increment_rad,
-        probability=0.3,
-        known_range_m=4.0,
-    )
+    sweep = LaserSweep.from_ranges(ranges, LASER.angle_min_rad, LASER.angle_increment_rad, 0.0, np.inf)
+    return without_legs(classifier, sweep, probability=0.3, known_range_m=4.0).ranges_m
 
 
 def drive(*points: tuple[float, float]) -> Iterator[tuple[Pose, NDArray[np.float64]]]:

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tools.train_legs import held_back, main, read, train
+from workers.laser.laser_sweep import LaserSweep
 from workers.people.leg_classifier import MODEL, LegClassifier, WrongLegModel
 from workers.people.leg_segments import FEATURES, Segments, find_segments
 
@@ -31,7 +32,7 @@ def scan_of(*circles: tuple[float, float, float], wall_x_m: float = 6.0) -> NDAr
 
 
 def segments_of(ranges: NDArray[np.float64]) -> Segments:
-    return find_segments(ranges, -math.pi, STEP_RAD, 5.0)
+    return find_segments(LaserSweep.from_ranges(ranges, -math.pi, STEP_RAD, 0.0, np.inf), 5.0)
 
 
 def test_segment_of_a_round_thing_tells_its_middle_radius_and_width() -> None:
