@@ -173,7 +173,7 @@ def test_blocked_robot_backs_up_and_tries_again() -> None:
 
 
 def test_enclosed_robot_turns_but_never_drives_and_ends() -> None:
-    world = World(HALF_KNOWN, ranges=np.full(360, 0.24))
+    world = World(HALF_KNOWN, sweep=LaserSweep.from_ranges(np.full(360, 0.24), *BEAMS))
     commands = np.array(world.tick(60.0))
     assert not commands[:, 0].any()
     assert world.state() is ExplorerState.DONE
