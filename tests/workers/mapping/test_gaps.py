@@ -4,7 +4,7 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 from workers.laser.laser_sweep import LaserSweep
@@ -17,7 +17,7 @@ SWEEP_STEPS = 10
 GAP, LATE_GAP = (200, 450), (1000, 1250)  # steps of 0.02 s: some 3 m of way, in the first lap and the next
 
 
-def swept(pose: ArrayLike, seed: int) -> LaserSweep:
+def swept(pose: NDArray[np.float64], seed: int) -> LaserSweep:
     return LaserSweep.from_ranges(measure(pose, np.random.default_rng(seed)), *BEAMS)
 
 

@@ -4,7 +4,7 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 from tools.slip_trials import SLIP_M, SLIP_RAD, trial
@@ -19,7 +19,7 @@ BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 SWEEP_STEPS = 10
 
 
-def swept(pose: ArrayLike, seed: int) -> LaserSweep:
+def swept(pose: NDArray[np.float64], seed: int) -> LaserSweep:
     return LaserSweep.from_ranges(measure(pose, np.random.default_rng(seed)), *BEAMS)
 
 
