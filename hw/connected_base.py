@@ -14,7 +14,7 @@ from hw.connection.clock import RegularClock
 from hw.connection.device import PluggableDevice
 from hw.connection.port import Port
 from hw.connection.stop_guard import StopGuard
-from hw.drive import Drive, DriveState, check_command
+from hw.drive import Drive, DriveState, capped_validity_s
 from hw.odometry import Odometer, OdometryNoise
 
 # Start bit, eight data bits, stop bit.
@@ -105,7 +105,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
 
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
         """Drive at these speeds until the next command, but no longer than `valid_for_s`."""
-        check_command(linear_m_per_s, angular_rad_per_s, valid_for_s)
+        valid_for_s = capped_validity_s(linear_m_per_s, angular_rad_per_s, valid_for_s)
         if not self.is_connected or self._is_emergency_stopped:
             self.ignored_commands += 1
             return

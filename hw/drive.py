@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from hw.pose import Pose
 
+MAX_VALID_FOR_S = 1.0
+"""No command moves a robot for longer, whatever it says."""
+
 
 class DriveCommandError(ValueError):
     """An invalid command: a value is NaN or infinite, or the validity is not positive."""
@@ -39,6 +42,8 @@ class Drive(ABC):
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
         """Drive at these speeds until the next command, but no longer than `valid_for_s`.
 
+        No command lasts longer than `MAX_VALID_FOR_S`.
+
         Speeds are clamped to the drive's limits. During an emergency stop the command has no effect.
 
         Raises:
@@ -67,8 +72,12 @@ class Drive(ABC):
         """Return whether the emergency stop is engaged."""
 
 
-def check_command(linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
-    """Raise DriveCommandError if the command is invalid."""
+def capped_validity_s(linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> float:
+    """Return how long a command is followed: for `valid_for_s`, but not for longer than `MAX_VALID_FOR_S`.
+
+    Raises:
+        DriveCommandError: the command is invalid.
+    """
     values = {
         "linear_m_per_s": linear_m_per_s,
         "angular_rad_per_s": angular_rad_per_s,
@@ -79,3 +88,4 @@ def check_command(linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: 
             raise DriveCommandError(f"{name} of a drive command must be a finite number, not {value}")
     if valid_for_s <= 0:
         raise DriveCommandError(f"valid_for_s of a drive command must be greater than 0, not {valid_for_s:g}")
+    return min(valid_for_s, MAX_VALID_FOR_S)

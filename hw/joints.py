@@ -56,7 +56,8 @@ class Joints(ABC):
     def command(self, positions_rad: Mapping[str, float], valid_for_s: float) -> None:
         """Move joints to positions, by name; the others keep their goals.
 
-        When `valid_for_s` passes without another command, all joints are let go (torque off).
+        When `valid_for_s`, or `MAX_VALID_FOR_S`, passes without another command, all joints are let go
+        (torque off). With +inf they keep their goals.
 
         Raises:
             JointCommandError: see `checked`.
@@ -65,6 +66,14 @@ class Joints(ABC):
     @abstractmethod
     def release(self) -> None:
         """Let all joints go."""
+
+
+MAX_VALID_FOR_S = 1.0
+
+
+def capped_validity_s(valid_for_s: float) -> float:
+    """Return how long a command is followed: at most `MAX_VALID_FOR_S`; +inf: until the next."""
+    return valid_for_s if math.isinf(valid_for_s) else min(valid_for_s, MAX_VALID_FOR_S)
 
 
 def checked(

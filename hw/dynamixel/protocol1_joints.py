@@ -16,7 +16,7 @@ from hw.connection.stop_guard import StopGuard
 from hw.dynamixel import protocol1
 from hw.dynamixel.protocol1 import Packet1, Protocol1Framing, ServoError
 from hw.framing import FrameDecoder
-from hw.joints import Joint, JointReading, Joints, checked
+from hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
 
 BIT_RATE = 1_000_000
 # Addresses of the control table.
@@ -233,7 +233,7 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         if not self.is_connected or not goals:
             return
         wanted = {self._numbers[place]: self._servos[place].steps(goal) for place, goal in goals.items()}
-        self._valid_until_s = self._monotonic() + valid_for_s
+        self._valid_until_s = self._monotonic() + capped_validity_s(valid_for_s)
         if self._has_torque:
             self._write_goals(wanted)
             return

@@ -16,7 +16,7 @@ from hw.connection.port import Port
 from hw.dynamixel import protocol2
 from hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status
 from hw.framing import DamagedFrame, FrameDecoder
-from hw.joints import Joint, JointReading, Joints, checked
+from hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
 
 BIT_RATE = 57_600
 STEPS_PER_TURN = 4096
@@ -156,7 +156,7 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
             # A servo whose torque comes on keeps its position: its goal becomes what it measures.
             self.send(protocol2.sync_write(TORQUE_ENABLE, self._for_all(b"\1")))
             self._has_torque = True
-        self._valid_until_s = self._monotonic() + valid_for_s
+        self._valid_until_s = self._monotonic() + capped_validity_s(valid_for_s)
         steps = {self._servos[place].servo: self._servos[place].steps(goal) for place, goal in goals.items()}
         self._goals |= steps
         written = {servo: struct.pack("<i", goal) for servo, goal in steps.items()}

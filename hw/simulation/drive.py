@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.drive import Drive, DriveState, check_command
+from hw.drive import Drive, DriveState, capped_validity_s
 from hw.pose import ORIGIN, Pose
 from hw.simulation.arena import Arena
 from hw.simulation.changing_arena import ChangingArena
@@ -104,7 +104,7 @@ class SimulatedDrive(Drive):
 
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
         """Follow the command, within the limits, until it expires."""
-        check_command(linear_m_per_s, angular_rad_per_s, valid_for_s)
+        valid_for_s = capped_validity_s(linear_m_per_s, angular_rad_per_s, valid_for_s)
         self._advance()
         if not self._emergency_stopped:
             self._wanted = self._body.limited(linear_m_per_s, angular_rad_per_s)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from hw.joints import Joint, JointReading, Joints, checked
+from hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
 
 
 class SimulatedJoints(Joints):
@@ -43,7 +43,7 @@ class SimulatedJoints(Joints):
         self._advance()
         for place, goal in goals.items():
             self._goals[place] = goal
-        self._until_s = self._time_s + valid_for_s
+        self._until_s = self._time_s + capped_validity_s(valid_for_s)
 
     def block(self, name: str, least: float | None) -> None:
         """Let something stand in the way of a joint: it does not go below `least`. None: the way is free."""

@@ -103,10 +103,12 @@ class CommandedBase(Module):
         wanted = command.linear_m_per_s, command.angular_rad_per_s
         try:
             valid_for_s = left_s(self, command, self.max_age_s)
-            if is_guarded and self.guard.is_blind:
-                raise StaleCommand("a laser that guards driving by hand has sent no scan lately")
-            allowed = self.guard.checked(*wanted) if is_guarded else wanted
-            self.drive.command(*allowed, valid_for_s)
+            if is_guarded:
+                valid_for_s = min(valid_for_s, self.guard.sees_for_s)
+                if valid_for_s <= 0.0:
+                    raise StaleCommand("a laser that guards driving by hand has sent no scan lately")
+                wanted = self.guard.checked(*wanted)
+            self.drive.command(*wanted, valid_for_s)
         except StaleCommand as error:
             self._refuse("too old", str(error))
         except DriveCommandError as error:

@@ -1,5 +1,6 @@
 """The guard of a robot that is driven by hand: the same that checks navigation's commands."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -49,12 +50,12 @@ class HandGuard:
         self._mounts |= planar_mounts(message)
 
     @property
-    def is_blind(self) -> bool:
-        """Whether a laser of the guard has sent no scan lately."""
-        return any(
-            seen is None or age_of(self._module, seen[0].stamp) >= self._max_age_s
-            for seen in self._seen.values()
-        )
+    def sees_for_s(self) -> float:
+        """How long the oldest scan may still be driven by, s; 0 or less: the guard is blind."""
+        ages_s = [
+            math.inf if seen is None else age_of(self._module, seen[0].stamp) for seen in self._seen.values()
+        ]
+        return self._max_age_s - max(ages_s, default=-math.inf)
 
     def checked(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
         """Return the speeds, reduced as the scans require; a robot without lasers drives unguarded."""

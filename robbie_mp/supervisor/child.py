@@ -46,6 +46,7 @@ def own_incarnation() -> int:
 def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> NoReturn:
     """Run one incarnation of the core or a module, then end the process."""
     own_pid = os.getpid()
+    os.umask(0o077)  # results and whatever else it writes: others need no access
     set_process_name(name)
     faulthandler.enable()  # it also handles SIGABRT, which the supervisor sends to a child that hangs
     for stream in (sys.stdout, sys.stderr):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from robbie_mp._hot.choice import why_not
-from robbie_mp.linux.private_files import make_private_folder, write_private
+from robbie_mp.linux.private_files import make_private_folder, ownership_problem, write_private
 from robbie_mp.linux.service_manager import VARIABLES as SERVICE_VARIABLES
 from robbie_mp.linux.service_manager import ServiceManager
 from robbie_mp.messages.descriptions import TypeDescription
@@ -16,7 +16,7 @@ from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile, Scheduling
 from robbie_mp.profile.show import as_profile
 from robbie_mp.run.plan import CORE, PLAN_FILE, RunPlan
-from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory
+from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory, UnsafeRunFolder
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.supervisor.connection_watch import ConnectionWatch
@@ -86,13 +86,13 @@ def run_profile(
 
     Raises:
         SharedMemoryFull: there is no room for the run's tables.
-        UnsafeRunFolder: the folder for runs is not safe.
+        UnsafeRunFolder: the folder for runs, or the one for results, is not safe.
         LogNotWritable: the folder for logs cannot be used.
         UnsuitableMachine: this Python has no words of 64 bits.
     """
     check_machine()
     sweep()
-    make_private_folder(output_directory)
+    _make_results_folder(output_directory)
     with ExitStack() as stack:
         directory = RunDirectory.create(profile.name, output_directory)
         connections = stack.enter_context(
@@ -120,6 +120,20 @@ def run_profile(
         if summary := summarize(result):
             disk.order(["replace", str(output_directory.absolute() / SUMMARY_FILE)], summary.encode())
     return replace(result, unwritten=disk.unfinished)
+
+
+def _make_results_folder(folder: Path) -> None:
+    """Make the folder for results; refuse one in which others could have put links for modules to follow.
+
+    Raises:
+        UnsafeRunFolder: others can write to it.
+    """
+    make_private_folder(folder)
+    problem = ownership_problem(folder.stat(), folder=True, readable=True)
+    if problem:
+        raise UnsafeRunFolder(
+            f"the folder for results, {folder}, {problem}; choose another one with --output"
+        )
 
 
 def _run(

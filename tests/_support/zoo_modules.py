@@ -437,3 +437,13 @@ class Adder(Module):
         if request.a < 0:
             raise CallRefused(f"{request.a} is negative")
         return Sum(total=request.a + request.b)
+
+
+class Writer(Module):
+    """Writes a result as any program does, and ends."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        (self.output_directory / "result.txt").write_text("42")
+        self.stop()

@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import socket
+import stat
 from pathlib import Path
 
 import psutil
@@ -419,3 +420,21 @@ def test_service_manager_is_told_when_all_run_and_that_the_supervisor_lives(
         while not (said := manager.recv(1000)).startswith(b"STOPPING=1"):
             assert said == b"WATCHDOG=1"
         assert Ended.wait_for(process).exit_code == 0
+
+
+def test_results_are_private(robot: Robot) -> None:
+    robot.write_profile("modules: {writer: {class: zoo.modules:Writer, ends_run: true}}")
+    ended = robot.run()
+    assert ended.exit_code == 0, ended.stderr
+    assert stat.S_IMODE((robot.output / "result.txt").stat().st_mode) == 0o600
+
+
+def test_folder_for_results_that_others_can_write_to_is_refused(robot: Robot) -> None:
+    robot.output.mkdir()
+    robot.output.chmod(0o777)
+    (robot.output / "result.txt").symlink_to(robot.folder / "precious.txt")
+    robot.write_profile("modules: {writer: {class: zoo.modules:Writer, ends_run: true}}")
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert "others must not be able to write to it; choose another one with --output" in ended.stderr
+    assert not (robot.folder / "precious.txt").exists()

@@ -50,8 +50,9 @@ def test_round_post_presses_the_bumper() -> None:
 def test_robot_stopped_by_a_wall_presses_the_bumper(heading_rad: float) -> None:
     now = [0.0]
     drive = SimulatedDrive(ROOM, lambda: now[0], resumed=WorldState(Pose(3.5, 2.0, heading_rad)))
-    drive.command(0.8, 0.0, 10.0)
-    now[0] = 8.0
+    while now[0] < 8.0:
+        drive.command(0.8, 0.0, 0.5)
+        now[0] += 0.4
     assert drive.read().linear_m_per_s == 0.0
     bumper = SimulatedBumper(ROOM)
     bumper.place(drive.ground_truth().pose, now[0])
