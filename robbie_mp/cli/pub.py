@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.messages import Message, Time, check_well_formed, replace
+from robbie_mp.messages import Header, Message, Time, check_well_formed, replace
 from robbie_mp.tool.tool import Tool
 from robbie_mp.views.message_text import message_of_yaml
 
@@ -63,7 +63,11 @@ def based_on_now(message: Message) -> Message:
     """Return a command that does not say what it rests on with the time of its input, which is now."""
     if getattr(message, "based_on", None) != Time():
         return message
-    return replace(message, based_on=Time.from_nanoseconds(time.time_ns()))
+    now = Time.from_nanoseconds(time.time_ns())
+    header: Header = message.header  # type: ignore[attr-defined]
+    if header.stamp == Time():  # a link needs both, because it knows no clock but its own
+        header = replace(header, stamp=now)
+    return replace(message, header=header, based_on=now)
 
 
 def pub(arguments: argparse.Namespace) -> int:

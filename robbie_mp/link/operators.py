@@ -9,7 +9,7 @@ from typing import Any
 
 from robbie_mp.capture.selection import Pair
 from robbie_mp.link.access import AccessError, read_rules
-from robbie_mp.messages import EmergencyStop, OperatorRequest, OperatorState, Time
+from robbie_mp.messages import ControlState, EmergencyStop, OperatorRequest, OperatorState, Time
 from robbie_mp.visible_text import one_line
 
 FREE_AFTER_NS = 10_000_000_000
@@ -19,6 +19,8 @@ REPEAT_NS = 1_000_000_000
 MAX_NAME = 32
 STATE_TOPIC = "operator_state"
 REQUEST_TOPIC = "operator_request"
+ORDERS = {OperatorRequest.GO_ON: ControlState.AUTO, OperatorRequest.HOLD: ControlState.HOLD}
+"""Wishes about the robot and not the command: how it is to be controlled."""
 
 
 def read_commanding(patterns: list[str]) -> list[Pair]:
@@ -102,7 +104,7 @@ class Operators:
 
         Args:
             operator: who has sent it.
-            request: the wish.
+            request: the wish, none of `ORDERS`.
             now_ns: the module's time.
             utc_ns: the clock's time.
         """

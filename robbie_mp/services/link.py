@@ -3,6 +3,7 @@
 import hashlib
 import math
 import secrets
+from collections import deque
 from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
@@ -18,10 +19,17 @@ from robbie_mp.link.frames import has_frames, prefixed
 from robbie_mp.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.link.keys import Keys, KeysError
 from robbie_mp.link.node import LinkNode, NodeSettings, Offered
-from robbie_mp.link.operators import REQUEST_TOPIC, STATE_TOPIC, Operators, driver_text, read_commanding
+from robbie_mp.link.operators import (
+    ORDERS,
+    REQUEST_TOPIC,
+    STATE_TOPIC,
+    Operators,
+    driver_text,
+    read_commanding,
+)
 from robbie_mp.link.peer import Peer
 from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.safety import expires, shortened
+from robbie_mp.link.safety import Ages, expires, shortened
 from robbie_mp.link.sending import Limits
 from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, InboxLimits, Received, Wire, only_own_names
@@ -37,6 +45,7 @@ from robbie_mp.messages import (
     MessageError,
     OperatorRequest,
     OperatorState,
+    SetControl,
     Time,
     UnknownType,
 )
@@ -61,6 +70,8 @@ LARGE_BYTES = 65_536
 KEPT_BYTES = 16 << 20
 """Memory of packets that is used again; the kernel takes longer to give it out than the link to fill it."""
 MAX_REMEMBERED = 4096
+MAX_ORDERS = 8
+"""Of operators; of more that come between two ticks, the newest count."""
 NS = 1e-9
 
 
@@ -195,6 +206,7 @@ class Link(Module):
         ]
         self._commanding = read_commanding(self.commanding)
         self.operators = Operators(self.robot, self.restored)
+        self._orders: deque[SetControl] = deque(maxlen=MAX_ORDERS)
         self._drivers: dict[str, str] = {}
         """The operators who hold the command of other robots, as far as those have said."""
         self.late = 0
@@ -364,6 +376,7 @@ class Link(Module):
         now_ns = self.clock.monotonic_ns()
         self.node.look_after(now_ns)
         self._look_after_operators(now_ns)
+        self._give_orders()
         if now_ns - self._state_at_ns >= STATE_NS:
             self._state_at_ns = now_ns
             self._find_latched()
@@ -389,7 +402,7 @@ class Link(Module):
         if (data := self._in_time(message)) is None:
             return Fate.REFUSED
         if incoming.is_request:
-            return self._follow(message.robot, data)
+            return self._follow_encoded(message.robot, data)
         is_wrong = incoming.tells_driver and not self._note_driver(message.robot, data)
         if is_wrong or (incoming.commands and not self._is_obeyed(message.robot)):
             return Fate.REFUSED
@@ -461,9 +474,9 @@ class Link(Module):
             peer.newest_state_ns = now_ns - sum(ages) // 2
         if not may_expire:
             return message.data
-        data = None
-        if ages is not None and ages[1] <= self.command_expires_s * 1e9:
-            data = shortened(message, sum(ages) // 2)
+        data, max_age_ns = None, round(self.command_expires_s * 1e9)
+        if ages is not None and ages[1] <= max_age_ns:
+            data = shortened(message, Ages(*ages), self.clock.now_ns(), max_age_ns)
         self.late += data is None
         return data
 
@@ -477,8 +490,7 @@ class Link(Module):
             if self._is_operators:
                 self._offer(request, REQUEST_TOPIC, TrafficClass.URGENT)
             else:
-                self.operators.request(self.robot, request, *self._now())
-                self._tell_operators()
+                self._follow(self.robot, request)
 
     def _is_obeyed(self, operator: str) -> bool:
         """Whether a command is from the operator who holds the command."""
@@ -488,14 +500,31 @@ class Link(Module):
             self._tell_operators()
         return is_obeyed
 
-    def _follow(self, operator: str, data: bytes) -> Fate:
+    def _follow_encoded(self, operator: str, data: bytes) -> Fate:
         try:
-            request = OperatorRequest.decode(data)
+            return self._follow(operator, OperatorRequest.decode(data))
         except MessageError:
             return Fate.REFUSED
-        self.operators.request(operator, request, *self._now())
-        self._tell_operators()
+
+    def _follow(self, operator: str, request: OperatorRequest) -> Fate:
+        if request.wish not in ORDERS:
+            self.operators.request(operator, request, *self._now())
+            self._tell_operators()
+        elif request.wish == OperatorRequest.GO_ON and not self._is_obeyed(operator):
+            return Fate.REFUSED
+        else:
+            self._orders.append(SetControl(mode=ORDERS[request.wish], reason=f"ordered by {operator}"))
         return Fate.PUBLISHED
+
+    def _give_orders(self) -> None:
+        """Order for operators how the robot is controlled: in the module's thread, which alone may call."""
+        while self._orders:
+            order = self._orders.popleft()
+            self.call(
+                order,
+                lambda _reply: None,
+                lambda error: self.log.warning("an operator's order was not followed: %s", error),
+            )
 
     def _is_about_operators(self, message: Arrived) -> bool:
         """Whether it says who drives, or is a request of somebody who may: these need no `accept`."""

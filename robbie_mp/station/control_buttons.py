@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.messages import ControlState, SetControl
+from robbie_mp.messages import ControlState, OperatorRequest, SetControl
 from robbie_mp.station.access import Role
 from robbie_mp.station.state_item import GOOD, WARNING, StateItem
 
@@ -19,6 +19,7 @@ TOPIC = "control"
 PERIOD_S = 0.25
 BY_HAND = "by hand on the operator's page"
 MODES = {ControlState.AUTO: "AUTO", ControlState.MANUAL: "MANUAL", ControlState.HOLD: "HOLD"}
+WISHES = {ControlState.AUTO: OperatorRequest.GO_ON, ControlState.HOLD: OperatorRequest.HOLD}
 ICONS = {"AUTO": "smart_toy", "MANUAL": "sports_esports", "HOLD": "pause_circle"}
 
 
@@ -26,6 +27,7 @@ class ControlButtons:
     """Shows who controls the robot, if its base says so, and orders it to go on or to hold."""
 
     def __init__(self, station: StationContext):
+        self._station = station
         self._state = station.newest(ControlState, TOPIC)
 
     @property
@@ -40,6 +42,14 @@ class ControlButtons:
         detail = f"{mode}: {state.reason}{f', by {state.who}' if state.who else ''}"
         return StateItem("control", ICONS.get(mode, "help"), text[:32], look, detail)
 
+    def order(self, page: Page, mode: uint8) -> None:
+        """Order the robot to go on, or to hold."""
+        what, command = f"the order {MODES[mode]}", self._station.robot_command
+        if not command.is_elsewhere:
+            page.ask(SetControl(mode=mode, reason=BY_HAND), what, success=MODES[mode])
+        elif page.may(what):
+            command.ask(WISHES[mode])
+
     def build(self, page: Page) -> None:
         """Build the buttons of an operator's page. One that would change nothing is hidden."""
         if page.role is not Role.OPERATOR:
@@ -49,7 +59,7 @@ class ControlButtons:
             ControlState.HOLD: _button("Hold", "pause", "hold"),
         }
         for mode, button in buttons.items():
-            button.on_click(partial(order, page, mode))
+            button.on_click(partial(self.order, page, mode))
 
         def update() -> None:
             state = self._state.message
@@ -62,13 +72,10 @@ class ControlButtons:
     def add_keys(self, page: Page) -> None:
         """Add the keys of an operator's page, after its panels, which may have a better use for G."""
         if page.role is Role.OPERATOR:
-            page.add_key("g", "Go on: modules drive the robot again", partial(order, page, ControlState.AUTO))
-            page.add_key("o", "Hold: stand until told to go on", partial(order, page, ControlState.HOLD))
-
-
-def order(page: Page, mode: uint8) -> None:
-    """Order the robot to go on, or to hold."""
-    page.ask(SetControl(mode=mode, reason=BY_HAND), f"the order {MODES[mode]}", success=MODES[mode])
+            page.add_key(
+                "g", "Go on: modules drive the robot again", partial(self.order, page, ControlState.AUTO)
+            )
+            page.add_key("o", "Hold: stand until told to go on", partial(self.order, page, ControlState.HOLD))
 
 
 def _button(text: str, icon: str, name: str) -> ui.button:

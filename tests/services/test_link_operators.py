@@ -14,6 +14,7 @@ from robbie_mp.link.receiving import Arrived, Fate
 from robbie_mp.link.traffic import TrafficClass
 from robbie_mp.link.wire import Endpoints, open_session
 from robbie_mp.messages import (
+    ControlState,
     DriveCommand,
     Duration,
     EmergencyStop,
@@ -21,6 +22,7 @@ from robbie_mp.messages import (
     OperatorRequest,
     OperatorState,
     PanTiltCommand,
+    SetControl,
 )
 from robbie_mp.services.link import Link
 from tests._support.robot import Robot, wait_until
@@ -84,12 +86,28 @@ def test_commands_of_a_second_operator_are_refused_counted_and_told(red: RedRobo
     assert red.told().operator == ""
     assert red.drives("anna")
     assert not red.drives("ben")
-    assert not red.arrives("ben", PanTiltCommand(), "pan_tilt")
+    assert not red.arrives("ben", PanTiltCommand(valid_for=Duration(sec=1)), "pan_tilt")
     assert red.drives("anna")
     red.harness.advance(1.0)
     state = red.told()
     assert (state.operator, state.refused, state.refused_operator) == ("anna", 2, "ben")
     assert len([one for one in red.harness.published_encoded if "DriveCommand" in one.type_name]) == 2
+
+
+def test_operator_with_the_command_lets_the_robot_go_on_and_everybody_lets_it_hold(red: RedRobot) -> None:
+    go_on, hold = OperatorRequest(wish=OperatorRequest.GO_ON), OperatorRequest(wish=OperatorRequest.HOLD)
+    assert red.drives("anna")
+    assert red.arrives("anna", go_on, "operator_request")
+    assert not red.arrives("ben", go_on, "operator_request")
+    assert not red.arrives("guest", hold, "operator_request")
+    assert red.arrives("ben", hold, "operator_request")
+    red.harness.advance(0.1)
+    orders = red.harness.take(SetControl)
+    assert [(one.mode, one.reason) for one in orders] == [
+        (ControlState.AUTO, "ordered by anna"),
+        (ControlState.HOLD, "ordered by ben"),
+    ]
+    assert red.told().operator == "anna"
 
 
 def test_take_over_is_explicit_and_told(red: RedRobot) -> None:

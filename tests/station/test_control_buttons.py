@@ -6,7 +6,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from robbie_mp.messages import ControlState, SetControl
+from robbie_mp.messages import ControlState, OperatorRequest, SetControl
 from robbie_mp.station import control_buttons
 from robbie_mp.station.access import Role
 from robbie_mp.station.control_buttons import ControlButtons
@@ -21,7 +21,7 @@ def state() -> Latest[ControlState]:
 
 @pytest.fixture
 def control(state: Latest[ControlState]) -> ControlButtons:
-    station: Any = SimpleNamespace(newest=lambda *_: state)
+    station: Any = SimpleNamespace(newest=lambda *_: state, robot_command=Mock(is_elsewhere=False))
     return ControlButtons(station)
 
 
@@ -64,3 +64,13 @@ def test_only_operators_order_and_only_what_changes_something(
     made["Hold"].on_click.call_args.args[0]()
     asked = [call.args[0] for call in page.ask.call_args_list]
     assert [(type(one), one.mode) for one in asked] == [(SetControl, 0), (SetControl, 2)]
+
+
+def test_orders_to_a_robot_elsewhere_are_wishes_that_pass_the_link(state: Latest[ControlState]) -> None:
+    command, page = Mock(is_elsewhere=True), Mock()
+    station: Any = SimpleNamespace(newest=lambda *_: state, robot_command=command)
+    ControlButtons(station).order(page, ControlState.AUTO)
+    page.may.return_value = False
+    ControlButtons(station).order(page, ControlState.HOLD)
+    command.ask.assert_called_once_with(OperatorRequest.GO_ON)
+    page.ask.assert_not_called()

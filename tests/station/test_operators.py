@@ -26,7 +26,10 @@ modules:
     settings:
       robot: red
       listen: [{address}]
-      send: {{urgent: ["EmergencyStop emergency_stop_state"], state: ["Odometry odom"]}}
+      send:
+        urgent: ["EmergencyStop emergency_stop_state"]
+        state: ["Odometry odom"]
+        reliable: ["ControlState control"]
       accept: {{"*": ["DriveCommand manual", "EmergencyStop emergency_stop"]}}
 """
 
@@ -105,6 +108,11 @@ def test_pages_of_two_laptops_show_who_drives_and_both_stop_the_robot(robot: Rob
         anna.wait_for_selector("#drivers-seat:has-text('this page drives')")
         anna.keyboard.up("KeyW")
         wait_until(lambda: journal.speed() == 0)
+        anna.wait_for_selector("#state-control:has-text('HOLD')")
+        anna.click("#go-on")
+        anna.wait_for_selector("#state-control:has-text('AUTO')")
+        anna.click("#hold")
+        anna.wait_for_selector("#state-control:has-text('HOLD')")
         with page_of(started, page_address(laptops["ben"])) as ben:
             ben.wait_for_selector("#drivers-seat:has-text('anna drives')")
             commands = len(journal.rows("command"))

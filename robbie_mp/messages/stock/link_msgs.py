@@ -59,11 +59,17 @@ class LinkState(Message, name="robbie_msgs/msg/LinkState", version=1):
 
 
 class OperatorRequest(Message, name="robbie_msgs/msg/OperatorRequest", version=1):
-    """An operator wants to hold the command of a robot, or gives it up; the link knows which operator."""
+    """An operator wants to hold the command of a robot, or gives it up; the link knows which operator.
+
+    The last two are orders to the robot: the link calls `SetControl` for the operator, because calls do not
+    pass a link. Only the operator with the command may let the robot go on.
+    """
 
     TAKE: ClassVar[uint8] = 0  # if nobody holds it
     TAKE_OVER: ClassVar[uint8] = 1  # whoever holds it
     GIVE_UP: ClassVar[uint8] = 2
+    GO_ON: ClassVar[uint8] = 3  # modules drive the robot again
+    HOLD: ClassVar[uint8] = 4  # the robot stands until it is told to go on
 
     wish: uint8 = TAKE
 

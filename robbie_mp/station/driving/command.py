@@ -37,6 +37,11 @@ class RobotCommand:
         return self._state.message is not None and self._state.message.robot == self._own
 
     @property
+    def is_elsewhere(self) -> bool:
+        """Whether the robot is at another side of a link, which no call passes."""
+        return self._state.message is not None and self._own not in ("", self._state.message.robot)
+
+    @property
     def other(self) -> str:
         """The operator elsewhere who holds the command; '': nobody, or this station."""
         state = self._state.message
@@ -61,13 +66,14 @@ class RobotCommand:
         """
         state = self._state.message
         if state is not None and (not state.operator or (over and self.other)):
-            self._ask(OperatorRequest.TAKE_OVER if over else OperatorRequest.TAKE)
+            self.ask(OperatorRequest.TAKE_OVER if over else OperatorRequest.TAKE)
 
     def give_up(self) -> None:
         """Give the command up, so that the next operator who drives gets it. Any thread may."""
         state = self._state.message
         if state is not None and state.operator and not self.other:
-            self._ask(OperatorRequest.GIVE_UP)
+            self.ask(OperatorRequest.GIVE_UP)
 
-    def _ask(self, wish: uint8) -> None:
+    def ask(self, wish: uint8) -> None:
+        """Send a wish, a constant of `OperatorRequest`, to the robot. Any thread may."""
         self._publish(OperatorRequest(wish=wish), REQUEST_TOPIC)
