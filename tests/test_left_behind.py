@@ -127,13 +127,13 @@ def test_dead_run_of_another_session_is_ignored(
         maker.end()
 
 
-def test_semaphore_thread_descriptor_and_child_are_found(left_behind_check: Check, run_id: str) -> None:
-    semaphore = SHARED_MEMORY / f"sem.robbie-{run_id}.0123456789abcdef"
+def test_name_thread_descriptor_and_child_are_found(left_behind_check: Check, run_id: str) -> None:
+    folder = SHARED_MEMORY / f"robbie-{run_id}"
     over = threading.Event()
     thread = threading.Thread(target=over.wait, name="forgotten thread")
     with contextlib.ExitStack() as stack, pytest.raises(AssertionError) as failure, left_behind_check():
-        semaphore.touch()
-        stack.callback(semaphore.unlink)
+        folder.mkdir()
+        stack.callback(folder.rmdir)
         thread.start()
         stack.callback(thread.join)
         stack.callback(over.set)
@@ -141,7 +141,7 @@ def test_semaphore_thread_descriptor_and_child_are_found(left_behind_check: Chec
         child = stack.enter_context(subprocess.Popen(["sleep", "60"]))
     assert child.returncode == -signal.SIGKILL, "a forgotten process is not left to the next test"
     found = str(failure.value)
-    for what in ("'process'", "forgotten thread", semaphore.name, f"of {PROJECT}"):
+    for what in ("'process'", "forgotten thread", folder.name, f"of {PROJECT}"):
         assert what in found
 
 
@@ -162,15 +162,13 @@ def test_names_of_a_killed_test_are_removed_and_those_of_a_live_one_stay() -> No
         process.kill()
     own_letters = "".join(chr(ord("a") + int(digit)) for digit in str(os.getpid()))
     dead, live = f"{own_letters}{process.pid}x3", f"{own_letters}{os.getpid()}"
-    semaphores = [SHARED_MEMORY / f"sem.robbie-{run}.0123456789abcdef" for run in (dead, live)]
     folders = [SHARED_MEMORY / f"robbie-{run}" for run in (dead, live)]
-    for semaphore, folder in zip(semaphores, folders, strict=True):
-        semaphore.touch()
+    for folder in folders:
         folder.mkdir(mode=0o700)
         (folder / "core").touch()
     removed = remove_names_of_dead_tests()
-    assert [path.exists() for path in (*semaphores, *folders)] == [False, True, False, True]
-    assert {f"robbie-{dead}", semaphores[0].name} <= set(removed)
+    assert [folder.exists() for folder in folders] == [False, True]
+    assert f"robbie-{dead}" in removed
     remove_names(live)
 
 

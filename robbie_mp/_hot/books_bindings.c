@@ -1196,16 +1196,11 @@ static uint64_t monotonic_ns(void)
 }
 
 /* Wait for a post without the GIL; 0, or the error's number. */
-static int sleep_until_post(struct books *books, struct wakeup *wakeup, uint64_t timeout_ns)
+static int sleep_as_core(struct books *books, struct wakeup *wakeup, uint64_t timeout_ns)
 {
-    int error;
     shared_word *wakeups = books->words + CORE_WAKEUPS;
     store(wakeups, load(wakeups) + 1);
-    wakeup_begin_wait(wakeup);
-    Py_BEGIN_ALLOW_THREADS
-    error = wakeup_wait(wakeup, (int64_t)timeout_ns);
-    Py_END_ALLOW_THREADS
-    wakeup_end_wait(wakeup);
+    const int error = sleep_until_post(wakeup, (int64_t)timeout_ns);
     store(books->words + CORE_HEARTBEAT_NS, monotonic_ns());
     return error;
 }
@@ -1215,8 +1210,8 @@ static PyObject *books_work(PyObject *self, PyObject *const *arguments, Py_ssize
     struct books_object *object = books_of(self);
     uint64_t records_per_turn, heartbeat_ns;
     struct wakeup *wakeup = count == 4 ? wakeup_of(arguments[0]) : NULL;
-    if (wakeup == NULL || wakeup->semaphore == NULL || object->links == NULL) {
-        PyErr_SetString(PyExc_TypeError, "expected the post of a semaphore in C, and the links to be set");
+    if (wakeup == NULL || wakeup->posts == NULL || object->links == NULL) {
+        PyErr_SetString(PyExc_TypeError, "expected the post of a wake-up in C, and the links to be set");
         return NULL;
     }
     int is_special = PyObject_IsTrue(arguments[3]);
@@ -1227,7 +1222,7 @@ static PyObject *books_work(PyObject *self, PyObject *const *arguments, Py_ssize
     MAY_DIE(return NULL);
     uint64_t end_ns = monotonic_ns() + heartbeat_ns;
     do {
-        int error = sleep_until_post(&object->books, wakeup, heartbeat_ns);
+        int error = sleep_as_core(&object->books, wakeup, heartbeat_ns);
         if (error == ETIMEDOUT || error == EINTR)
             break;
         if (error != 0) {

@@ -30,8 +30,7 @@ class Native(Protocol):
 
     LAYOUT_VERSION: int
     SOURCES: str
-    WAITS_BY_MONOTONIC_CLOCK: bool
-    Semaphore: "type[written_in_c.Semaphore]"
+    Wakeup: "type[written_in_c.Wakeup]"
     MessageCodec: "type[written_in_c.MessageCodec]"
     RingWriter: "type[written_in_c.RingWriter]"
     RingReader: "type[written_in_c.RingReader]"

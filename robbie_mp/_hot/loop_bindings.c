@@ -286,7 +286,7 @@ static int take_turn(struct loop_object *self)
     enum period period = read_period(self, &period_ns);
     if (period == PERIOD_ERROR)
         return -1;
-    if (period == PERIOD_ODD || self->wakeup->semaphore == NULL)
+    if (period == PERIOD_ODD || self->wakeup->posts == NULL)
         return 0;
     switch (subscriber_handle_next(self->subscriber, self->inbox)) {
     case HANDLED_NOT_MINE:
@@ -320,7 +320,7 @@ static PyObject *loop_new(PyTypeObject *type, PyObject *args, PyObject *keywords
                                      &max_wait_ns))
         return NULL;
     if (wakeup_of(wake) == NULL) {
-        PyErr_SetString(PyExc_TypeError, "expected the post of a semaphore in C");
+        PyErr_SetString(PyExc_TypeError, "expected the post of a wake-up in C");
         return NULL;
     }
     PyObject *calls_due = PyObject_GetAttr(calls, name_due);

@@ -1,90 +1,91 @@
-/* Waiting for posts, and posting. */
-#define _GNU_SOURCE /* sem_clockwait */
+/* Waiting for posts, and posting.
+ *
+ * A module may write anything into the words. So nothing is concluded from a value, except whether it has
+ * changed and whether somebody may sleep; the kernel keeps the list of those who do. */
+#define _GNU_SOURCE /* syscall */
 #include "wakeup.h"
 #include <errno.h>
-#include <fcntl.h>
+#include <limits.h>
+#include <linux/futex.h>
+#include <sys/syscall.h>
 #include <time.h>
+#include <unistd.h>
 
 enum { NS_PER_S = 1000000000 };
 
-int wakeup_open(struct wakeup *wakeup, const char *name)
+/* The kernel compares 32 bits: the lower half of the word, which comes first (see words.h). */
+static uint32_t posts_of(const shared_word *word)
 {
-    sem_t *semaphore = sem_open(name, 0);
-    wakeup->semaphore = semaphore == SEM_FAILED ? NULL : semaphore;
-    return semaphore == SEM_FAILED ? errno : 0;
+    return (uint32_t)load(word);
 }
 
-void wakeup_close(struct wakeup *wakeup)
+static void wake_sleepers(shared_word *word)
 {
-    sem_t *semaphore = wakeup->semaphore;
-    wakeup->semaphore = NULL;
-    if (semaphore == NULL)
-        return;
-    if (wakeup->waiters == 0)
-        sem_close(semaphore);
-    else
-        (void)sem_post(semaphore); /* the threads that wait end their waits, and the last one closes it */
+    (void)syscall(SYS_futex, word, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);
 }
 
 void wakeup_post(struct wakeup *wakeup)
 {
-    /* It fails only if the count is at its limit, and then the process that waits wakes anyway. */
-    if (wakeup->semaphore != NULL)
-        (void)sem_post(wakeup->semaphore);
+    if (wakeup->posts == NULL)
+        return;
+    atomic_fetch_add_explicit(&wakeup->posts->atomic, 1, memory_order_acq_rel);
+    fence(); /* the process that waits sets its word, and then looks at the posts once more */
+    if (wakeup->asleep == NULL || load(wakeup->asleep) != 0)
+        wake_sleepers(wakeup->posts);
 }
 
-static bool take_posts(sem_t *semaphore)
+static bool take_posts(struct wakeup *wakeup, const shared_word *posts)
 {
-    int posts = 0;
-    if (sem_getvalue(semaphore, &posts) != 0)
+    const uint32_t found = posts_of(posts);
+    if (found == wakeup->seen)
         return false;
-    if (posts > MAX_POSTS_TAKEN)
-        posts = MAX_POSTS_TAKEN;
-    for (int taken = 0; taken < posts; taken++) /* never blocks: no other process waits on this semaphore */
-        if (sem_trywait(semaphore) != 0)
-            return taken > 0;
-    return posts > 0;
+    wakeup->seen = found;
+    fence_loads();
+    return true;
 }
 
 bool wakeup_take(struct wakeup *wakeup)
 {
-    return take_posts(wakeup->semaphore);
+    return take_posts(wakeup, wakeup->posts);
 }
 
 void wakeup_begin_wait(struct wakeup *wakeup)
 {
-    wakeup->waited_on = wakeup->semaphore;
+    if (wakeup->asleep != NULL)
+        store(wakeup->asleep, 1);
+    fence();
+    wakeup->waited_on = wakeup->posts;
     wakeup->waiters++;
 }
 
 void wakeup_end_wait(struct wakeup *wakeup)
 {
-    if (--wakeup->waiters == 0 && wakeup->semaphore == NULL && wakeup->waited_on != NULL)
-        sem_close(wakeup->waited_on);
+    if (--wakeup->waiters == 0 && wakeup->asleep != NULL)
+        store(wakeup->asleep, 0);
+}
+
+/* Sleep until the posts differ from those seen; 0, or the error's number. */
+static int sleep_while_seen(const struct wakeup *wakeup, const struct timespec *until)
+{
+    if (syscall(SYS_futex, wakeup->waited_on, FUTEX_WAIT_BITSET, wakeup->seen, until, NULL,
+                FUTEX_BITSET_MATCH_ANY) == 0)
+        return 0;
+    if (errno == EFAULT) /* the file was truncated just now */
+        return ETIMEDOUT;
+    return errno == EAGAIN ? 0 : errno; /* EAGAIN: they differ */
 }
 
 int wakeup_wait(struct wakeup *wakeup, int64_t timeout_ns)
 {
-    int failed;
-    if (wakeup->waited_on == NULL)
-        return EINVAL;
-    if (timeout_ns < 0) {
-        failed = sem_wait(wakeup->waited_on);
-    } else {
-        const clockid_t clock = WAITS_BY_MONOTONIC_CLOCK ? CLOCK_MONOTONIC : CLOCK_REALTIME;
-        struct timespec until;
-        clock_gettime(clock, &until);
-        int64_t ns = until.tv_nsec + timeout_ns % NS_PER_S;
-        until.tv_sec += timeout_ns / NS_PER_S + ns / NS_PER_S;
-        until.tv_nsec = ns % NS_PER_S;
-#if WAITS_BY_MONOTONIC_CLOCK
-        failed = sem_clockwait(wakeup->waited_on, clock, &until);
-#else
-        failed = sem_timedwait(wakeup->waited_on, &until);
-#endif
+    struct timespec until; /* by CLOCK_MONOTONIC, as futex(2) has it */
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    const int64_t ns = until.tv_nsec + timeout_ns % NS_PER_S;
+    until.tv_sec += timeout_ns / NS_PER_S + ns / NS_PER_S;
+    until.tv_nsec = ns % NS_PER_S;
+    while (!take_posts(wakeup, wakeup->waited_on)) {
+        const int error = sleep_while_seen(wakeup, timeout_ns < 0 ? NULL : &until);
+        if (error != 0)
+            return error;
     }
-    if (failed)
-        return errno;
-    (void)take_posts(wakeup->waited_on);
     return 0;
 }

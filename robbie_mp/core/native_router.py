@@ -302,7 +302,7 @@ class NativeRouter(Router):
         """Wait for posts and have C handle what is common, until Python must do something.
 
         Args:
-            post: that of the core's own semaphore in C.
+            post: that of the core's own wake-up in C.
             timeout_s: how long to wait for a post; this is also the longest time without a look at signals.
 
         Returns:

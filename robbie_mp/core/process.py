@@ -16,7 +16,7 @@ from robbie_mp.core.router import SlotLimits
 from robbie_mp.core.supervisor_watch import SupervisorWatch
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import HotPath, SegmentKind
-from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, attach_wakeup
+from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, attach_core_wakeup
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.tables import CoreTables
 
@@ -53,7 +53,7 @@ class CoreProcess:
         self._native = native
         self._segment = Segment.attach(names.core(run_id), SegmentKind.CORE, write=True)
         self._words = self._segment.words
-        self._wakeup = attach_wakeup(run_id, self._segment, native)
+        self._wakeup = attach_core_wakeup(run_id, self._segment, native)
         self._wakeup.spin_s = spin_s
         in_c = native is not None and not lockstep
         self._words[layout.CORE_HOT_PATH] = HotPath.C if in_c else HotPath.PYTHON

@@ -292,7 +292,7 @@ class Router:
                 self._receive(link, min(waiting, RECORDS_PER_TURN))
         except MODULE_ERRORS as error:
             self._report(f"{name_of(link.slot, link.incarnation)} died leaving a broken ring: {error}")
-        self._queues.post()  # before the dead module's semaphore is closed, as it may be among those to post
+        self._queues.post()  # before what wakes the dead module is closed, as it may be among those to post
         self._members.disconnect(link)
         begun = link.out_words[layout.OUT_INBOUND_TAIL]
         pushed = list(link.pushed.items())

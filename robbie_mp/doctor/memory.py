@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from math import ceil
 from pathlib import Path
 
-import posix_ipc
 import psutil
 
 from robbie_mp.doctor.finding import Finding, fail, ok, read_number, size, warn
@@ -18,7 +17,6 @@ from robbie_mp.transport import names
 from robbie_mp.transport.layout import HEADER_WORDS, SegmentKind
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
-from robbie_mp.transport.wakeup import Wakeup
 
 ENOUGH_SHARED_BYTES = 256 << 20
 """The default limit of one module; containers often have only 64 MB in total."""
@@ -44,7 +42,7 @@ def look_at_memory(needs: Needs | None) -> Iterator[Finding]:
 
 
 def probe_shared_memory() -> str:
-    """Create and remove a segment and a semaphore; return what went wrong, '' if nothing did.
+    """Create and remove a segment; return what went wrong, '' if nothing did.
 
     They are named and locked like those of a run, so that the leftovers of a killed probe are swept like a
     dead run's.
@@ -56,8 +54,7 @@ def probe_shared_memory() -> str:
         return str(error)
     try:
         Segment.create(names.board(run_id), HEADER_WORDS, SegmentKind.BOARD).close()
-        Wakeup.create(run_id).close()
-    except (OSError, RobbieError, posix_ipc.Error) as error:
+    except (OSError, RobbieError) as error:
         return str(error) or type(error).__name__
     finally:
         if lock_fd is not None:
@@ -67,14 +64,14 @@ def probe_shared_memory() -> str:
 
 
 def check_usable(problem: str) -> Finding:
-    """Judge whether segments and semaphores can be created."""
+    """Judge whether segments can be created."""
     if problem:
         return fail(
             "shared memory",
-            f"segments or semaphores cannot be created: {problem}",
+            f"segments cannot be created: {problem}",
             "mount it writable for all users: sudo mount -t tmpfs -o mode=1777 tmpfs /dev/shm",
         )
-    return ok("shared memory", "segments and semaphores can be created")
+    return ok("shared memory", "segments can be created")
 
 
 def check_shared_memory(total: int, free: int, needs: Needs | None) -> Finding:

@@ -37,7 +37,7 @@ class ModuleRunner:
     Args:
         module: what to run.
         endpoint, inbox, outbox: its connection to the core.
-        wakeup: its semaphore.
+        wakeup: what wakes it.
         words: its out segment.
         may_go: whether every module of the run is ready.
         changes: changes its settings while it runs.

@@ -1,8 +1,7 @@
 """The folder of a run. It shows that the run exists, which process supervises it, and whether that is alive.
 
 The folder is `$XDG_RUNTIME_DIR/robbie/RUNID`, or `/tmp/robbie-UID/RUNID` where there is no such directory.
-A run's segments are in the folder `robbie-RUNID` of /dev/shm, which is made together with this one. The names
-of its semaphores begin with `sem.robbie-RUNID.`.
+A run's segments are in the folder `robbie-RUNID` of /dev/shm, which is made together with this one.
 
 The supervisor holds a lock (flock(2)) on each of the two folders while it lives; the kernel releases it with
 the process. So each folder itself says whether its run is alive, also to a container that sees other

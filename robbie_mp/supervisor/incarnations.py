@@ -64,9 +64,6 @@ class Incarnations(Protocol):
     def wake(self, name: str, incarnation: int) -> None:
         """Wake a child that waits for messages, so that it handles a signal."""
 
-    def wake_all(self) -> None:
-        """Wake all that wait for messages, attached tools too: the clock of their waits was set."""
-
     def state_changed(self, change: StateChange) -> None:
         """Publish a change. STARTING comes before `open`; the state after an end comes after `died`."""
 

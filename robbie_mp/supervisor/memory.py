@@ -98,10 +98,10 @@ class RunMemory:
         self._clock_words = made.enter_context(contextlib.closing(clock)).words
         limits = plan.core
         sizes = TableSizes(rows, limits.channels, limits.subscriptions, limits.handles, limits.references)
-        self._core_wakeup = made.enter_context(contextlib.closing(Wakeup.create(run_id)))
-        tag = self._core_wakeup.tag
-        core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE, wakeup_tag=tag)
+        core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
         self._core_words = made.enter_context(contextlib.closing(core)).words
+        wakeup = Wakeup.create(names.core_wakeup(run_id), None, core.words, layout.CORE_ASLEEP)
+        self._core_wakeup = made.enter_context(contextlib.closing(wakeup))
         tables = CoreTables.create(core.words, sizes)
         inbound_records = layout.inbound_records(plan.sizes.credit)
         self._last_words = LastWordsReader(tables, self.board, inbound_records)
@@ -234,23 +234,13 @@ class RunMemory:
         return True
 
     def wake(self, name: str, incarnation: int) -> None:
-        """Post a child's semaphore, so that it handles a signal even while it waits."""
+        """Wake a child, so that it handles a signal even while it waits."""
         if name == CORE:
             self._core_wakeup.post()
             return
         current, memory = self._incarnations.get(self._slots[name], (0, None))
         if memory is not None and current == incarnation:
             memory.wakeup.post()
-
-    def wake_all(self) -> None:
-        """Post the semaphores of the core, of all modules and of all attached tools."""
-        self._core_wakeup.post()
-        self._wake_participants()
-
-    def _wake_participants(self) -> None:
-        for slot, (_, memory) in self._incarnations.items():
-            if slot != SUPERVISOR_SLOT:
-                memory.wakeup.post()
 
     def state_changed(self, change: StateChange) -> None:
         """Show a child's new state on the board and publish it to the modules."""
@@ -309,7 +299,9 @@ class RunMemory:
     def all_started(self) -> None:
         """Let messages flow."""
         self.board.go()
-        self._wake_participants()
+        for slot, (_, memory) in self._incarnations.items():
+            if slot != SUPERVISOR_SLOT:
+                memory.wakeup.post()
 
     def files(self) -> list[Path]:
         """Return the files that the supervisor has made and not removed."""

@@ -47,7 +47,7 @@ from robbie_mp.transport.layout import LINE_WORDS, HotPath, SegmentKind
 from robbie_mp.transport.records import Delivery
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
-    attach_wakeup,
+    attach_core_wakeup,
     make_block_store,
     make_endpoint,
     make_views,
@@ -65,7 +65,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     words = memory.out.words
     words[layout.OUT_HOT_PATH] = HotPath.PYTHON if native is None else HotPath.C
     core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
-    core_wakeup = attach_wakeup(plan.run_id, core_segment, native)
+    core_wakeup = attach_core_wakeup(plan.run_id, core_segment, native)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)
     sizes = planned.memory.segment_bytes, planned.memory.limit_bytes
     blocks = make_block_store(plan.run_id, slot, incarnation, *sizes, native)

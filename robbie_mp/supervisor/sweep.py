@@ -19,7 +19,7 @@ from robbie_mp.supervisor.leftovers import kill_run_leftovers
 from robbie_mp.transport.names import folder as folder_name
 from robbie_mp.transport.shared_folder import SHARED_MEMORY, is_own, remove_names
 
-SHARED_NAME = re.compile(rf"(?:sem\.)?robbie-({RUN_ID.pattern})(?:\.[0-9a-f]{{16}})?")
+SHARED_NAME = re.compile(rf"robbie-({RUN_ID.pattern})")
 UNFINISHED_AGE_S = 60.0
 
 
@@ -40,7 +40,7 @@ def sweep(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) 
 
     Args:
         bases: the folders that hold runs; None: this user's.
-        shared_memory: where named segments and semaphores appear.
+        shared_memory: where named segments appear.
     """
     bases = safe_folders() if bases is None else bases
     found = [_sweep_run(run_id, bases, shared_memory) for run_id in _run_ids(bases, shared_memory)]

@@ -157,7 +157,7 @@ class Tree:
             incarnations: manages the shared memory.
             output: receives what the children print.
             each_turn: called in every iteration of the loop: at least every 0.1 s, more often on events.
-            wall_clock: the clock of semaphore waits (CLOCK_REALTIME), in s.
+            wall_clock: the clock of time stamps (CLOCK_REALTIME), in s.
             clock: monotonic time in s, for everything else.
             spares: starts spare interpreters for restarts; None: every process starts cold.
 
@@ -405,11 +405,10 @@ class Tree:
         self.say(Kind.INFO, f"after {waited_s:.0f} s, the start still waits for {', '.join(awaited)}")
 
     def _check_clock_step(self) -> None:
-        """Wake all processes when the wall clock was set: their timed waits would otherwise last too long."""
+        """Say when the wall clock was set: the stamps of messages and of the trace jump with it."""
         offset_s = self._wall_clock() - self._clock()
         if abs(step_s := offset_s - self._clock_offset_s) > CLOCK_STEP_S:
             self._say(f"the wall clock was set by {step_s:+.3f} s")
-            self._incarnations.wake_all()
         self._clock_offset_s = offset_s
 
     def _on_signal(self, signum: int) -> None:

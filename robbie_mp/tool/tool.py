@@ -29,7 +29,7 @@ from robbie_mp.transport.layout import LINE_WORDS, Activity, SegmentKind
 from robbie_mp.transport.records import ANY_VERSION, Delivery, Inbound, MessageHandling, Outbound
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
-    attach_wakeup,
+    attach_core_wakeup,
     make_block_store,
     make_endpoint,
     make_views,
@@ -116,7 +116,7 @@ class Tool:
         self._memory = IncarnationMemory.attach_as_module(run_id, slot, incarnation, native)
         self._words = self._memory.out.words
         self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
-        self._core_wakeup = attach_wakeup(run_id, self._core_segment, native)
+        self._core_wakeup = attach_core_wakeup(run_id, self._core_segment, native)
         self._endpoint: Endpoint = make_endpoint(
             self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post, native
         )

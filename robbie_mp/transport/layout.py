@@ -31,6 +31,7 @@ class SegmentKind(IntEnum):
     DATA = 5
     CHECKPOINT = 6
     CLOCK = 7
+    WAKEUP = 8
 
 
 # The header of every segment.
@@ -42,7 +43,6 @@ HEADER_SLOT = 4
 HEADER_INCARNATION = 5
 HEADER_CREATOR_PID = 8
 HEADER_CREATOR_START = 9
-HEADER_WAKEUP = 10  # tag of the semaphore of a module ("in" segment) or of the core (core segment)
 HEADER_WORDS = 16
 
 NAME_WORDS = 13  # a text of up to 96 bytes: module, type and topic names
@@ -89,6 +89,7 @@ CORE_REFERENCES_USED = HEADER_WORDS + 10
 CORE_SETTLED = HEADER_WORDS + 11  # in lockstep: the last sequence when no message was left to handle
 CORE_HOT_PATH = HEADER_WORDS + 12  # a HotPath; 0: the core has not chosen yet
 CORE_NOT_GIVEN = HEADER_WORDS + 13  # latched messages that new subscribers missed: no reference was free
+CORE_ASLEEP = HEADER_WORDS + 14  # whether it sleeps until a post; see wakeup.py
 CORE_TABLES = HEADER_WORDS + 16
 
 # A publisher's row, one for each slot.
@@ -189,10 +190,11 @@ OUT_HOT_PATH = HEADER_WORDS + 20  # a HotPath; 0: the process has not chosen yet
 OUT_CHARGED_SINCE_NS = HEADER_WORDS + 21
 OUT_CHARGED_NS = HEADER_WORDS + 22
 OUT_ILL_FORMED = HEADER_WORDS + 23  # ill-formed messages that no handler got, or that were not let in
-OUT_STATUS = HEADER_WORDS + 24
+OUT_ASLEEP = HEADER_WORDS + 24  # whether it sleeps until a post; see wakeup.py
+OUT_STATUS = HEADER_WORDS + 25
 OUT_STATES = OUT_STATUS + LINE_WORDS  # states of its state machines, a text like the status line
 OUT_HEALTH = OUT_STATES + LINE_WORDS  # why the module is DEGRADED, such a text, too; '': it is OK
-OUT_DECLARATIONS = OUT_HEALTH + LINE_WORDS + 5
+OUT_DECLARATIONS = OUT_HEALTH + LINE_WORDS + 4
 DECLARATION_COUNT = 256
 MAX_PATTERNS = 32  # subscriptions by patterns of a module: the core looks at each for every new channel
 DECLARATION_KIND = 0
@@ -246,6 +248,10 @@ CLOCK_SMOOTH_SINCE_NS = 5  # run's time since when it has run at this rate witho
 CLOCK_ROW_WORDS = 8
 CLOCK_ROW_COUNT = 1024  # the last rows, to convert the stamps of earlier messages
 CLOCK_WORDS = CLOCK_ROWS + CLOCK_ROW_COUNT * CLOCK_ROW_WORDS
+
+# What wakes a process; all that wake it write it. See wakeup.py.
+WAKEUP_POSTS = HEADER_WORDS + 0  # a change of its lower half is a post
+WAKEUP_WORDS = HEADER_WORDS + 1
 
 RECORD_WORDS = 8
 FREED_RECORDS = 8192

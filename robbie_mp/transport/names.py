@@ -1,8 +1,7 @@
 """Names in /dev/shm, by which the processes of a run find each other's memory.
 
 The segments of a run lie in the folder `robbie-RUN/`, which is closed to other users. They cannot see, take
-or forge names in it, so those names are predictable. Semaphores cannot lie in a folder. They are called
-`sem.robbie-RUN.TAG`, and the tag is random, so that other users cannot take the name first.
+or forge names in it, so those names are predictable.
 """
 
 
@@ -51,6 +50,11 @@ def data_prefix(run_id: str, slot: int, incarnation: int) -> str:
     return f"{folder(run_id)}/data-{slot}-{incarnation}-"
 
 
-def wakeup(run_id: str, tag: int) -> str:
-    """A semaphore that wakes a module or the core; its file in /dev/shm has the prefix `sem.`."""
-    return f"{folder(run_id)}.{tag:016x}"
+def wakeup(run_id: str, slot: int, incarnation: int) -> str:
+    """The word that wakes it."""
+    return f"{folder(run_id)}/wakeup-{slot}-{incarnation}"
+
+
+def core_wakeup(run_id: str) -> str:
+    """The word that wakes the core."""
+    return f"{folder(run_id)}/wakeup-core"

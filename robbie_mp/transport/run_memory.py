@@ -12,7 +12,7 @@ from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.views import SegmentViews
-from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+from robbie_mp.transport.wakeup import Wakeup
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,10 @@ class IncarnationMemory:
     The argument `native` of its methods is what is written in C; None: Python does it.
     """
 
-    def __init__(self, run_id: str, out: Segment, into: Segment, wakeup: Wakeup):
+    def __init__(self, out: Segment, into: Segment, wakeup: Wakeup):
         self.out = out
         self.into = into
         self.wakeup = wakeup
-        self._run_id = run_id
 
     @classmethod
     def create(
@@ -45,12 +44,9 @@ class IncarnationMemory:
             SharedMemoryFull: there is no room.
         """
         with ExitStack() as on_failure:
-            wakeup = Wakeup.create(run_id, native)
-            on_failure.callback(unlink_wakeup, run_id, wakeup.tag)
-            on_failure.callback(wakeup.close)
 
             def segment(name: str, words: int, kind: SegmentKind) -> Segment:
-                made = Segment.create(name, words, kind, slot, incarnation, wakeup.tag)
+                made = Segment.create(name, words, kind, slot, incarnation)
                 on_failure.callback(made.unlink)
                 on_failure.callback(made.close)
                 return made
@@ -59,8 +55,10 @@ class IncarnationMemory:
             in_name = names.inbound(run_id, slot, incarnation)
             out = segment(out_name, layout.out_words(sizes.records), SegmentKind.OUT)
             into = segment(in_name, layout.in_words(sizes.credit), SegmentKind.IN)
+            name = names.wakeup(run_id, slot, incarnation)
+            wakeup = Wakeup.create(name, native, out.words, layout.OUT_ASLEEP)
             on_failure.pop_all()
-        return cls(run_id, out, into, wakeup)
+        return cls(out, into, wakeup)
 
     @classmethod
     def attach_as_module(cls, run_id: str, slot: int, incarnation: int, native: Native | None = None) -> Self:
@@ -83,31 +81,38 @@ class IncarnationMemory:
 
             out = segment(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
             into = segment(names.inbound(run_id, slot, incarnation), SegmentKind.IN)
-            memory = cls(run_id, out, into, attach_wakeup(run_id, into, native))
+            name = names.wakeup(run_id, slot, incarnation)
+            wakeup = Wakeup.attach(name, native, out.words, layout.OUT_ASLEEP)
+            memory = cls(out, into, wakeup)
             on_failure.pop_all()
         return memory
 
     def close(self) -> None:
         """Unmap it in this process."""
+        self.wakeup.close()
         self.out.close()
         self.into.close()
-        self.wakeup.close()
 
     def unlink(self) -> None:
-        """Remove the names of the segments and the semaphore, but not of the data segments."""
+        """Remove the names of the segments, but not of the data segments."""
         self.out.unlink()
         self.into.unlink()
-        unlink_wakeup(self._run_id, self.wakeup.tag)
+        self.wakeup.unlink()
 
 
-def attach_wakeup(run_id: str, segment: Segment, native: Native | None = None) -> Wakeup:
-    """Open the semaphore whose tag is in a segment: a module's "in" segment, or the core's segment.
+def attach_core_wakeup(run_id: str, core: Segment, native: Native | None = None) -> Wakeup:
+    """Open what wakes the core.
+
+    Args:
+        run_id: the run.
+        core: the core's segment.
+        native: what is written in C; None: Python does it.
 
     Raises:
         SegmentMissing: the run is over.
         ForeignMemory: other users have access to it.
     """
-    return Wakeup.attach(run_id, segment.words[layout.HEADER_WAKEUP], native)
+    return Wakeup.attach(names.core_wakeup(run_id), native, core.words, layout.CORE_ASLEEP)
 
 
 def make_endpoint(

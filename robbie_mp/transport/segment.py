@@ -44,7 +44,7 @@ class SharedMemoryFull(RobbieError, MemoryError):
 
     @classmethod
     def of(cls, piece: str, error: OSError) -> Self:
-        """Return the error for one segment or semaphore, with the reason that the system gave."""
+        """Return the error for one segment or wake-up, with the reason that the system gave."""
         return cls(
             f"no room in /dev/shm for {piece} ({error.strerror or error}); "
             "lower the profile's memory limits, enlarge /dev/shm, or allow more descriptors (ulimit -n)"
@@ -93,7 +93,6 @@ class Segment:
         kind: layout.SegmentKind,
         slot: int = 0,
         incarnation: int = 0,
-        wakeup_tag: int = 0,
     ) -> Self:
         """Create a segment and allocate all its pages, so that a full /dev/shm is an error here.
 
@@ -131,7 +130,6 @@ class Segment:
         header[layout.HEADER_BYTES] = size
         header[layout.HEADER_SLOT] = slot
         header[layout.HEADER_INCARNATION] = incarnation
-        header[layout.HEADER_WAKEUP] = wakeup_tag
         header[layout.HEADER_CREATOR_PID] = creator.pid
         header[layout.HEADER_CREATOR_START] = creator.start_ticks
         new_fence()()  # the magic tells others that the rest of the header is there
@@ -145,6 +143,31 @@ class Segment:
         Raises:
             SegmentMissing: no segment has that name, or it is still being made.
             SegmentMismatch: it is of another kind or layout version.
+            ForeignMemory: other users have access to it.
+            UnsuitableMachine: this Python cannot use segments.
+        """
+        segment = cls.map(name, write=write)
+        magic = segment.words[layout.HEADER_MAGIC]
+        new_fence()()
+        header = [magic, *(segment.words[index] for index in range(1, 4))]
+        wanted = [layout.MAGIC, layout.LAYOUT_VERSION, kind, segment.size]
+        if header != wanted:
+            segment.close()
+            if magic == 0:  # it is written last
+                raise SegmentMissing(f"shared memory {name} is just being made")
+            raise SegmentMismatch(
+                f"shared memory {name} has magic, layout version, kind and size {header}, expected {wanted}; "
+                "every process of a run must use the same version of Robbie-MP"
+            )
+        return segment
+
+    @classmethod
+    def map(cls, name: str, *, write: bool) -> Self:
+        """Map an existing segment without a look at its header, which other modules may have written.
+
+        Raises:
+            SegmentMissing: no segment has that name, or it is still being made.
+            SegmentMismatch: it is smaller than any segment.
             ForeignMemory: other users have access to it.
             UnsuitableMachine: this Python cannot use segments.
         """
@@ -163,20 +186,11 @@ class Segment:
             mapping = mmap.mmap(fd, size, prot=access)
         finally:
             os.close(fd)
-        segment = cls(name, mapping)
-        magic = segment.words[layout.HEADER_MAGIC]
-        new_fence()()
-        header = [magic, *(segment.words[index] for index in range(1, 4))]
-        wanted = [layout.MAGIC, layout.LAYOUT_VERSION, kind, size]
-        if header != wanted:
-            segment.close()
-            if magic == 0:  # it is written last
-                raise SegmentMissing(f"shared memory {name} is just being made")
-            raise SegmentMismatch(
-                f"shared memory {name} has magic, layout version, kind and size {header}, expected {wanted}; "
-                "every process of a run must use the same version of Robbie-MP"
-            )
-        return segment
+        return cls(name, mapping)
+
+    def part(self, start: int, count: int) -> memoryview:
+        """Return some words as an object of their own; release it before the segment is closed."""
+        return self._cast[start : start + count]
 
     def copy(self, start: int, count: int) -> list[int]:
         """Copy some words out."""

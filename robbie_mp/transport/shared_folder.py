@@ -92,11 +92,6 @@ def remove_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
         with contextlib.suppress(OSError):
             os.rmdir(shared_memory / names.folder(run_id))
             removed.append(names.folder(run_id))
-    for path in sorted(shared_memory.glob(f"sem.{names.folder(run_id)}.*")):
-        with contextlib.suppress(OSError):
-            if is_own(path.lstat()):
-                path.unlink()
-                removed.append(path.name)
     return removed
 
 

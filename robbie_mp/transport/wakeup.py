@@ -1,133 +1,125 @@
-"""A named semaphore by which one process wakes another."""
+"""A word of shared memory by which one process wakes another.
 
-from __future__ import annotations
+Every process of the run may write anything into that word, also a module that runs wild. So nothing is
+concluded from its value, except whether it has changed; the kernel knows who sleeps (futex(2)). POSIX
+semaphores do not suit: glibc trusts what it finds in them, and ends each process that posts to a damaged one.
+"""
 
-import contextlib
-import os
-import secrets
+import ctypes
+import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self
-
-import posix_ipc
+from random import Random
+from typing import Any, Self
 
 from robbie_mp._hot.choice import Native
+from robbie_mp.linux import futex
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
-from robbie_mp.linux.private_files import ownership_problem
-from robbie_mp.transport import names
-from robbie_mp.transport.segment import ForeignMemory, SegmentMissing, SharedMemoryFull
-from robbie_mp.transport.shared_folder import SHARED_MEMORY, NamesTaken
+from robbie_mp.transport import layout
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment, SegmentMismatch
+from robbie_mp.transport.words import WORD_BYTES, Words, new_fence
 
-if TYPE_CHECKING:
-    from robbie_mp._hot.native import Semaphore
+MAX_TIMEOUT_S = 1e9
+"""30 years."""
+_LOWER_HALF = 0xFFFFFFFF
+"""The kernel compares 32 bits."""
 
-MAX_TRIES = 100
-"""Names to try. They have 64 random bits, so two taken names are no coincidence."""
-MAX_POSTS_TAKEN = 1000
-"""Most posts that one wait takes. Any process of the run can write any count into the semaphore."""
+
+class _Fence(threading.local):
+    """A fence of each thread's own."""
+
+    def __init__(self) -> None:
+        self.issue = new_fence()
 
 
 class Wakeup:
-    """A semaphore on which one process waits, and to which any number of processes post.
+    """A word on whose change one thread of one process waits, and which any number of processes change.
 
-    Time-outs follow the monotonic clock where C waits and the C library can do so (glibc from 2.30 on).
-    Elsewhere they follow the wall clock: if that is set back, a wait may last longer than asked. So the
-    supervisor watches for such steps and posts to every process.
+    A post that another one overwrites is not lost, as the word has changed all the same. Only a module that
+    runs wild can hide a post: it must write back the old value just when the other process falls asleep. That
+    process then sleeps until the next post or its time-out. Time-outs follow the monotonic clock.
 
     Args:
-        semaphore: the semaphore.
-        tag: names it to other processes of the run.
-        native: the same semaphore, opened by C; None: Python waits and posts.
+        segment: its memory.
+        native: what is written in C; None: Python waits and posts.
+        asleep: words of which the process that waits, and no other, writes one: whether it sleeps. None:
+            nothing says so, and every post is a system call.
+        at: index of that one.
     """
 
-    def __init__(self, semaphore: posix_ipc.Semaphore, tag: int, native: Semaphore | None = None):
-        self._semaphore = semaphore
-        self._native: Any = native
-        self.tag = tag
-        """Names the semaphore to other processes of the run; see `names.wakeup`."""
+    def __init__(
+        self, segment: Segment, native: Native | None = None, asleep: Words | None = None, at: int = 0
+    ):
+        posts: Any = segment.part(layout.WAKEUP_POSTS, 1)
+        self._segment = segment
+        self._posts = posts
+        self._asleep: Any = [1] if asleep is None else asleep
+        self._at = at
+        self._word: Any = ctypes.c_uint32.from_buffer(segment.buffer, layout.WAKEUP_POSTS * WORD_BYTES)
+        self._seen = 0
+        """The lower half of the word when posts were taken last."""
+        self._fence = _Fence()
+        self._random = Random()
+        self._native: Any = None
         self.spin_s = 0.0
         """A wait polls for this time before it sleeps. Meanwhile other threads rarely get the GIL."""
         self.patience_s = 0.0
         """A wait sleeps at least for this time before it looks for posts, so one wake-up serves several."""
-        self.post: Callable[[], None] = semaphore.release if native is None else native.post
+        self.post: Callable[[], None] = self._post
+        if native is not None:
+            self._native = native.Wakeup(posts, asleep, at)
+            self.post = self._native.post
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Prevent a forked process from posting, and from waiting, which would take its parent's posts."""
+        """Prevent a forked process from posting, and from waiting."""
         if self._native not in (None, REFUSED):
             self._native.disown()
-        self._semaphore = self._native = self.post = REFUSED
+        self._posts = self._native = self._fence = self.post = REFUSED
 
     @classmethod
-    def create(cls, run_id: str, native: Native | None = None) -> Self:
-        """Create the semaphore under a random name.
-
-        Args:
-            run_id: the run.
-            native: what is written in C; None: Python does it.
-
-        Raises:
-            SharedMemoryFull: there is no room for it.
-            NamesTaken: every name tried was taken.
-        """
-        for _ in range(MAX_TRIES):
-            tag = secrets.randbits(64)
-            name = names.wakeup(run_id, tag)
-            try:
-                semaphore = posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600)
-            except posix_ipc.ExistentialError:
-                continue
-            except OSError as error:
-                raise SharedMemoryFull.of(f"semaphore {name}", error) from error
-            return cls(semaphore, tag, None if native is None else native.Semaphore(f"/{name}"))
-        raise NamesTaken(f"all {MAX_TRIES} names for a semaphore that were tried are taken, such as {name}")
+    def create(
+        cls, name: str, native: Native | None = None, asleep: Words | None = None, at: int = 0
+    ) -> Self:
+        """Create it, as `Segment.create` does; the arguments are those of the class."""
+        segment = Segment.create(name, layout.WAKEUP_WORDS, SegmentKind.WAKEUP)
+        return cls(segment, native, asleep, at)
 
     @classmethod
-    def attach(cls, run_id: str, tag: int, native: Native | None = None) -> Self:
-        """Open an existing semaphore.
-
-        Args:
-            run_id: the run.
-            tag: of the semaphore.
-            native: what is written in C; None: Python does it.
+    def attach(
+        cls, name: str, native: Native | None = None, asleep: Words | None = None, at: int = 0
+    ) -> Self:
+        """Map an existing one.
 
         Raises:
             SegmentMissing: there is none of that name.
+            SegmentMismatch: it was truncated.
             ForeignMemory: other users have access to it.
         """
-        name = names.wakeup(run_id, tag)
-        _check_owner(name)  # before mapping memory that may be another user's
-        try:
-            semaphore = posix_ipc.Semaphore(f"/{name}")
-        except posix_ipc.ExistentialError as error:
-            raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
-        except posix_ipc.PermissionsError as error:
-            raise ForeignMemory(f"semaphore {name} is not ours") from error
-        opened = None
-        try:
-            opened = None if native is None else native.Semaphore(f"/{name}")
-            _check_owner(name)  # again, as another user may have taken the name of ours in between
-        except BaseException as error:
-            semaphore.close()
-            if opened is not None:
-                opened.close()
-            if isinstance(error, FileNotFoundError):
-                raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
-            raise
-        return cls(semaphore, tag, opened)
+        segment = Segment.map(name, write=True)
+        if segment.size < layout.WAKEUP_WORDS * WORD_BYTES:
+            segment.close()
+            raise SegmentMismatch(f"shared memory {name} was truncated")
+        return cls(segment, native, asleep, at)
 
     @property
     def sleeps_in_c(self) -> bool:
         """Whether a wait in C that sleeps at once is the same as `wait`."""
         return self._native is not None and not self.spin_s and not self.patience_s
 
+    @property
+    def has_posts(self) -> bool:
+        """Whether there are posts that nobody has taken yet."""
+        if self._native is not None:
+            return bool(self._native.has_posts)
+        return bool(self._posts[0] & _LOWER_HALF != self._seen)
+
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait for a post and take all posts; return False after the time-out or a signal.
 
-        The wait releases the GIL. It takes all posts at once, up to MAX_POSTS_TAKEN, because the caller then
-        looks at every ring.
+        The wait releases the GIL. It takes all posts at once, because the caller then looks at every ring.
         """
-        semaphore = self._semaphore if self._native is None else self._native
         if self.patience_s:
             nap_s = self.patience_s if timeout_s is None else min(self.patience_s, timeout_s)
             time.sleep(nap_s)
@@ -135,39 +127,57 @@ class Wakeup:
         if self.spin_s:
             spin_s = self.spin_s if timeout_s is None else min(self.spin_s, timeout_s)
             end_ns = time.monotonic_ns() + spin_s * 1e9
-            while not semaphore.value and time.monotonic_ns() < end_ns:
+            while not self.has_posts and time.monotonic_ns() < end_ns:
                 pass
         if self._native is not None:
             return bool(self._native.wait(timeout_s))
-        try:
-            semaphore.acquire(timeout_s)
-        except (posix_ipc.BusyError, posix_ipc.SignalError):
+        return self._take() or (timeout_s != 0 and self._sleep(timeout_s))
+
+    def _post(self) -> None:
+        """Change the word, and wake the process that waits if it sleeps.
+
+        Python cannot add 1 in one step, as C does: two processes might write the same number one after the
+        other, and nobody would notice the second. Random numbers are the same once in four thousand million.
+        """
+        fence = self._fence.issue
+        fence()
+        self._posts[0] = self._random.getrandbits(32)
+        fence()  # the process that waits sets its word, and then looks at this one once more
+        if self._asleep[self._at]:
+            futex.wake_sleepers(self._word)
+
+    def _take(self) -> bool:
+        """Take all posts without waiting; return False if there is none."""
+        found = self._posts[0] & _LOWER_HALF
+        if found == self._seen:
             return False
-        for _ in range(min(semaphore.value, MAX_POSTS_TAKEN)):
-            semaphore.acquire(0)  # never blocks: no other process waits on this semaphore
+        self._seen = found
+        self._fence.issue()
+        return True
+
+    def _sleep(self, timeout_s: float | None) -> bool:
+        until_ns = None
+        if timeout_s is not None:
+            until_ns = time.monotonic_ns() + round(min(max(timeout_s, 0.0), MAX_TIMEOUT_S) * 1e9)
+        self._asleep[self._at] = 1
+        self._fence.issue()
+        try:
+            while not self._take():
+                if not futex.sleep_while(self._word, self._seen, until_ns):
+                    return False
+        finally:
+            self._asleep[self._at] = 0
         return True
 
     def close(self) -> None:
-        """Close this process's handle; a second call does nothing."""
-        with contextlib.suppress(posix_ipc.ExistentialError):
-            self._semaphore.close()
+        """Let go of the memory; a second call does nothing."""
         if self._native is not None:
             self._native.close()
+        self._word = None
+        if self._posts is not REFUSED:
+            self._posts.release()
+        self._segment.close()
 
-
-def unlink_wakeup(run_id: str, tag: int) -> None:
-    """Remove a semaphore's name if it exists and is this user's."""
-    name = names.wakeup(run_id, tag)
-    with contextlib.suppress(SegmentMissing, ForeignMemory, posix_ipc.ExistentialError):
-        _check_owner(name)
-        posix_ipc.unlink_semaphore(f"/{name}")
-
-
-def _check_owner(name: str) -> None:
-    """Check that a semaphore is this user's; then the sticky bit keeps others from replacing it."""
-    try:
-        problem = ownership_problem(os.lstat(SHARED_MEMORY / f"sem.{name}"))
-    except FileNotFoundError as error:
-        raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
-    if problem:
-        raise ForeignMemory(f"semaphore {name} {problem}")
+    def unlink(self) -> None:
+        """Remove the name."""
+        self._segment.unlink()

@@ -58,7 +58,7 @@ class Holdings:
 
 
 def _shared_names() -> Iterator[str]:
-    """Names in /dev/shm: semaphores, folders, and the segments in the folders."""
+    """Names in /dev/shm: folders, and the segments in the folders."""
     for name in os.listdir(SHARED_MEMORY):
         if "robbie" in name:
             yield name

@@ -142,8 +142,8 @@ def run_ids() -> set[str]:
 
 
 def run_id_of(name: str) -> str:
-    """Return the run of `robbie-RUN`, `robbie-RUN/SEGMENT`, `sem.robbie-RUN.TAG` or `robbie-RUN-GUESS`."""
-    return re.split(r"[.-]", name.partition("/")[0].removeprefix("sem.").removeprefix("robbie-"))[0]
+    """Return the run of `robbie-RUN`, `robbie-RUN/SEGMENT` or `robbie-RUN-GUESS`."""
+    return re.split(r"[.-]", name.partition("/")[0].removeprefix("robbie-"))[0]
 
 
 def watch(session: Session, seen: Path) -> None:

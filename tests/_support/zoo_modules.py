@@ -2,6 +2,7 @@
 
 import json
 import logging
+import mmap
 import os
 import threading
 import time
@@ -285,6 +286,62 @@ class Pulse(Journal):
 
     def teardown(self) -> None:
         self.note(self.number)
+
+
+def writable_segments(only: str = "") -> list[mmap.mmap]:
+    """Map all of the run's memory again that this process may write, where a wild pointer may write, too.
+
+    Args:
+        only: how the names of the files begin.
+    """
+    lines = [line.split(maxsplit=5) for line in Path("/proc/self/maps").read_text().splitlines()]
+    paths = {line[5] for line in lines if line[1] == "rw-s" and line[5].startswith("/dev/shm/robbie-")}
+    paths = {path for path in paths if Path(path).name.startswith(only)}
+    found = []
+    for path in sorted(paths):
+        with open(path, "r+b") as file:
+            found.append(mmap.mmap(file.fileno(), 0))
+    return found
+
+
+class Scribbler(Module):
+    """Fills all memory that it may write with random bytes, again and again, until somebody stops it."""
+
+    period_s = 0.02
+    only: str = setting("", "beginning of the names of what it overwrites; '' for everything")
+
+    def setup(self) -> None:
+        self.subscribe(DriveCommand, self.on_command)
+        self.checkpoint({"number": 1})
+
+    def on_command(self, _command: DriveCommand) -> None:
+        self.publish(Image(data=np.zeros(100, np.uint8)))
+
+    def tick(self) -> None:
+        for segment in writable_segments(self.only):
+            for at in range(0, len(segment), 4096):
+                segment[at : at + 4096] = os.urandom(4096)
+
+
+class Viewing(Module):
+    """Looks at each image."""
+
+    def setup(self) -> None:
+        self.subscribe(Image, self.on_image)
+
+    def on_image(self, image: Image) -> None:
+        self.status = f"{len(image.data)} bytes"
+
+
+class Truncator(Module):
+    """Cuts off segments of the run, by their names."""
+
+    period_s = 0.2
+    names: str = setting("*-1-*", "pattern of the files")
+
+    def tick(self) -> None:
+        for path in Path(f"/dev/shm/robbie-{self.run_id}").glob(self.names):
+            os.truncate(path, 0)
 
 
 class Tunable(Journal):

@@ -11,9 +11,9 @@ import pytest
 from robbie_mp._hot import choice
 from robbie_mp.core.native_router import NativeRouter
 from robbie_mp.messages import DriveCommand
-from robbie_mp.transport import layout
+from robbie_mp.transport import layout, names
 from robbie_mp.transport.records import Outbound
-from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+from robbie_mp.transport.wakeup import Wakeup
 from tests.transport.test_cost_of_a_message import PUBLISHER, RUN_ID, SUBSCRIBER, Chain
 
 LONG_S = 20.0
@@ -47,10 +47,10 @@ def robot() -> Iterator[Robot]:
         pytest.skip(f"NOT TESTED, {choice.why_not()}")
     chain = Chain(native)
     chain.send(DriveCommand())
-    wakeup = Wakeup.create(RUN_ID, native)
+    wakeup = Wakeup.create(names.core_wakeup(RUN_ID), native, chain.core._words, layout.CORE_ASLEEP)
     yield Robot(chain, wakeup)
     wakeup.close()
-    unlink_wakeup(RUN_ID, wakeup.tag)
+    wakeup.unlink()
     chain.close()
 
 

@@ -162,7 +162,7 @@ def test_probe_of_shared_memory_leaves_nothing() -> None:
 def test_remains_of_a_killed_probe_are_swept(tmp_path: Path) -> None:
     run_id = "0d0c0d0c"
     (tmp_path / f"robbie-{run_id}").mkdir(mode=0o700)
-    names = {f"robbie-{run_id}/board", f"sem.robbie-{run_id}.{0:016x}"}
+    names = {f"robbie-{run_id}/board"}
     for name in names:
         (tmp_path / name).touch(mode=0o600)
     lock_fd = lock_folder(tmp_path / f"robbie-{run_id}")

@@ -1,15 +1,14 @@
 """The core's loop in C, which works until Python must do something, stores what Python stores."""
 
-import os
 from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
-import posix_ipc
 import pytest
 
 from robbie_mp.core.native_router import NativeRouter
 from robbie_mp.transport import layout
+from robbie_mp.transport.words import WORD_BYTES
 from tests.core._support.memory import Died
 from tests.core._support.simulated_run import SimulatedRun
 from tests.hot._support.many_histories import compare_histories
@@ -21,19 +20,15 @@ CORE = 0
 
 
 @pytest.fixture
-def semaphore(built: ModuleType) -> Iterator[Any]:
-    """The core's own semaphore, as C waits on it."""
-    name = f"/robbie-testloop{os.getpid()}"
-    made = posix_ipc.Semaphore(name, posix_ipc.O_CREX)
-    opened = built.Semaphore(name)
-    made.unlink()
+def wakeup(built: ModuleType) -> Iterator[Any]:
+    """The core's own, as C waits on it."""
+    opened = built.Wakeup(memoryview(bytearray(WORD_BYTES)))
     yield opened
     opened.close()
-    made.close()
 
 
 @pytest.fixture(autouse=True)
-def runs_begin_with_a_sleep(built: ModuleType, semaphore: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def runs_begin_with_a_sleep(built: ModuleType, wakeup: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Let the core be woken whenever it is to work, and have C do the first round if it may."""
     rounds_in_c: list[int] = []
     built.hide_values(CORE, layout.CORE_HEARTBEAT_NS)
@@ -41,11 +36,11 @@ def runs_begin_with_a_sleep(built: ModuleType, semaphore: Any, monkeypatch: pyte
     def sleep_and_work(run: SimulatedRun) -> None:
         router = run.router
         if isinstance(router, NativeRouter):
-            semaphore.post()
-            if router.work_alone(semaphore.post, 0.0):
+            wakeup.post()
+            if router.work_alone(wakeup.post, 0.0):
                 rounds_in_c.append(1)
                 return
-            assert semaphore.wait(0)
+            assert wakeup.wait(0)
         words = router._words
         words[layout.CORE_WAKEUPS] = words[layout.CORE_WAKEUPS] + 1
         words[layout.CORE_HEARTBEAT_NS] = 0

@@ -8,14 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import posix_ipc
 import pytest
 
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.image import lay_out
 from robbie_mp.run.run_directory import RunDirectory
 from robbie_mp.supervisor.sweep import sweep
-from robbie_mp.transport import layout, names
+from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import ForeignMemory, Segment, SegmentMissing, unlink_segment
 from robbie_mp.transport.shared_folder import (
@@ -25,7 +24,7 @@ from robbie_mp.transport.shared_folder import (
     opened_folder,
     remove_names,
 )
-from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+from robbie_mp.transport.wakeup import Wakeup
 from tests._support.implementations import BOTH, Native
 from tests._support.robot import Ended, Robot
 from tests.security._support.second_user import NOBODY, as_nobody, is_refused, needs_root
@@ -187,62 +186,18 @@ def test_forged_checkpoint_is_not_restored(folder: Path) -> None:
     found.close()
 
 
-# -- semaphores ------------------------------------------------------------------------------------
-
-
-@needs_root
-def test_semaphore_whose_name_is_taken_gets_another_name(
-    monkeypatch: pytest.MonkeyPatch, foreign: list[Path]
-) -> None:
-    squatted = SHARED_MEMORY / f"sem.{names.wakeup(RUN, 7)}"
-    foreign.append(squatted)
-    as_nobody(squatted.touch)
-    tags = iter([7, 7, 8])
-    monkeypatch.setattr(secrets, "randbits", lambda _bits: next(tags))
-    wakeup = Wakeup.create(RUN)
-    wakeup.close()
-    unlink_wakeup(RUN, 8)
-    assert wakeup.tag == 8
-    assert squatted.exists()
-
-
-@needs_root
-@pytest.mark.parametrize("native", BOTH)
-def test_semaphore_of_another_user_is_neither_attached_nor_unlinked(
-    foreign: list[Path], native: Native | None
-) -> None:
-    path = SHARED_MEMORY / f"sem.{names.wakeup(RUN, 7)}"
-    foreign.append(path)
-
-    def attack() -> None:
-        os.umask(0)
-        posix_ipc.Semaphore(f"/{names.wakeup(RUN, 7)}", posix_ipc.O_CREX, mode=0o666).close()
-
-    as_nobody(attack)
-    with pytest.raises(ForeignMemory, match=f"belongs to user {NOBODY}"):
-        Wakeup.attach(RUN, 7, native)
-    unlink_wakeup(RUN, 7)
-    assert remove_names(RUN) == []
-    assert path.exists()
+# -- wake-ups --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("native", BOTH)
-def test_semaphore_replaced_while_it_is_opened_is_refused(
-    monkeypatch: pytest.MonkeyPatch, foreign: list[Path], native: Native | None
-) -> None:
-    wakeup = Wakeup.create(RUN)
-    path = SHARED_MEMORY / f"sem.{names.wakeup(RUN, wakeup.tag)}"
-    foreign.append(path)
-    opened = posix_ipc.Semaphore
-
-    def replace_and_open(name: str) -> posix_ipc.Semaphore:
-        path.chmod(0o666)  # as one of another user would have it
-        return opened(name)
-
-    monkeypatch.setattr(posix_ipc, "Semaphore", replace_and_open)
+@pytest.mark.usefixtures("folder")
+def test_wakeup_to_which_others_have_access_is_refused(native: Native | None) -> None:
+    wakeup = Wakeup.create(names.wakeup(RUN, 1, 1))
+    (SHARED_MEMORY / names.wakeup(RUN, 1, 1)).chmod(0o666)
     with pytest.raises(ForeignMemory):
-        Wakeup.attach(RUN, wakeup.tag, native)
+        Wakeup.attach(names.wakeup(RUN, 1, 1), native)
     wakeup.close()
+    wakeup.unlink()
 
 
 # -- sweep -----------------------------------------------------------------------------------------
@@ -252,12 +207,10 @@ def test_semaphore_replaced_while_it_is_opened_is_refused(
 def test_sweep_leaves_names_of_another_user_alone_even_for_root(tmp_path: Path, foreign: list[Path]) -> None:
     dead = "0bad0bad"
     (tmp_path / dead).mkdir(mode=0o700)  # a dead run of ours, with whose id the other user plays
-    path = SHARED_MEMORY / f"sem.{names.wakeup(dead, 7)}"
     folder = SHARED_MEMORY / names.folder(dead)
-    foreign += [path, folder / "board", folder]
+    foreign += [folder / "board", folder]
 
     def attack() -> None:
-        path.touch()
         folder.mkdir()
         (folder / "board").touch()
 
@@ -265,7 +218,7 @@ def test_sweep_leaves_names_of_another_user_alone_even_for_root(tmp_path: Path, 
     swept = sweep([tmp_path])
     assert dead in swept.runs
     assert not [name for name in swept.names if dead in name]
-    assert path.exists() and (folder / "board").exists()
+    assert (folder / "board").exists()
 
 
 # -- a whole robot ---------------------------------------------------------------------------------
@@ -299,15 +252,13 @@ def test_module_restarts_although_another_user_takes_every_guessable_name(robot:
         os.umask(0)
         for incarnation in range(1, 40):
             for kind in ("out", "in", "wakeup", "data", "checkpoint"):
-                for prefix in ("robbie", "sem.robbie"):
-                    name = f"{prefix}-{run_id}-{kind}-1-{incarnation}"
-                    (SHARED_MEMORY / name).touch(mode=0o666)
+                (SHARED_MEMORY / f"robbie-{run_id}-{kind}-1-{incarnation}").touch(mode=0o666)
             assert is_refused((SHARED_MEMORY / names.inbound(run_id, 1, incarnation)).touch)
 
     try:
         as_nobody(attack)
         sprayed += SHARED_MEMORY.glob(f"*robbie-{run_id}-*")
-        assert len(sprayed) == 39 * 10
+        assert len(sprayed) == 39 * 5
         for restarts in (2, 3):
             os.kill(figures["keeper"]["pid"], signal.SIGKILL)
             figures = robot.until(partial(is_restarted, restarts=restarts))
@@ -326,17 +277,7 @@ def test_segment_of_an_ended_run_is_missing_and_not_foreign() -> None:
         Segment.attach(NAME, SegmentKind.DATA)
 
 
-def test_segments_are_private_and_the_semaphore_of_an_incarnation_cannot_be_guessed(folder: Path) -> None:
+def test_segments_are_private(folder: Path) -> None:
     segment_of_ours()
     assert (SHARED_MEMORY / NAME).stat().st_mode & 0o777 == 0o600
     assert folder.stat().st_mode & 0o777 == 0o700
-    tags = set()
-    for _ in range(20):
-        wakeup = Wakeup.create(RUN)
-        path = SHARED_MEMORY / f"sem.{names.wakeup(RUN, wakeup.tag)}"
-        assert path.stat().st_mode & 0o777 == 0o600
-        tags.add(wakeup.tag)
-        wakeup.close()
-    assert len(tags) == 20
-    assert max(tags).bit_length() > 40
-    assert layout.HEADER_WAKEUP < layout.HEADER_WORDS

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -240,18 +239,24 @@ def test_wake_latency_that_cannot_be_limited_is_a_warning(device: str) -> None:
 
 
 def test_spinning_process_polls_for_a_post_before_it_sleeps() -> None:
-    looks = iter([0, 0, 0, 1, 1])
-    slept: list[float] = []
+    looks = iter([False, False, False, True, True])
+    slept: list[float | None] = []
 
-    class Semaphore(SimpleNamespace):
-        @property
-        def value(self) -> int:
-            return next(looks) if not slept else 0
+    class Polled(Wakeup):
+        has_posts = property(lambda _self: next(looks))  # type: ignore[assignment]
 
-    wakeup = Wakeup(Semaphore(release=None, acquire=slept.append), tag=1)
-    wakeup.spin_s = 60.0
-    assert wakeup.wait(90.0)
-    assert next(looks) == 1, "it looked until the post had come"
+        def __init__(self) -> None:
+            self._native, self.patience_s, self.spin_s = None, 0.0, 60.0
+
+        def _take(self) -> bool:
+            return False
+
+        def _sleep(self, timeout_s: float | None) -> bool:
+            slept.append(timeout_s)
+            return True
+
+    assert Polled().wait(90.0)
+    assert next(looks), "it looked until the post had come"
     assert slept == [90.0]
 
 

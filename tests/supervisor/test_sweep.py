@@ -36,10 +36,9 @@ class Place:
         return sorted(path.name for path in self.shared_memory.rglob("*") if not path.is_dir())
 
     def add_names(self, run_id: str) -> None:
-        """Add a segment and a semaphore."""
+        """Add a segment."""
         (self.shared_memory / f"robbie-{run_id}").mkdir(mode=0o700, exist_ok=True)
-        for name in (f"robbie-{run_id}/core", f"sem.robbie-{run_id}.{0:016x}"):
-            (self.shared_memory / name).touch(mode=0o600)
+        (self.shared_memory / f"robbie-{run_id}/core").touch(mode=0o600)
 
     def create(self) -> RunDirectory:
         """Create a live run with names."""
@@ -59,7 +58,7 @@ def test_dead_run_is_removed_with_its_names(place: Place) -> None:
     place.add_names(RUN)
     (place.shared_memory / "robbie-0123abcdef-not-ours").touch()
     (place.shared_memory / "somebody-else").touch()
-    names = f"robbie-{RUN}/core", f"robbie-{RUN}", f"sem.robbie-{RUN}.{0:016x}"
+    names = f"robbie-{RUN}/core", f"robbie-{RUN}"
     assert place.sweep() == Swept((RUN,), names)
     assert place.names() == ["robbie-0123abcdef-not-ours", "somebody-else"]
     assert list(place.base.iterdir()) == []

@@ -79,7 +79,7 @@ def run(code: str) -> str:
 
 def test_incarnation_for_which_any_piece_finds_no_room_leaves_no_name() -> None:
     assert set(run(CREATE).splitlines()) == {
-        "semaphore robbie-7e57f011",
+        "segment robbie-7e57f011/wakeup-1-1",
         "segment robbie-7e57f011/out-1-1",
         "segment robbie-7e57f011/in-1-1",
         "made",

@@ -1,23 +1,23 @@
 import os
-import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from random import Random
 
 import pytest
 
 from robbie_mp.linux.forks import ForkedProcess
-from robbie_mp.transport import names
-from robbie_mp.transport.segment import SegmentMissing
-from robbie_mp.transport.shared_folder import SHARED_MEMORY
-from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
-from tests._support.implementations import BOTH, NATIVE, Native
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
+from robbie_mp.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
+from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.transport.words import WORD_BYTES
+from tests._support.implementations import BOTH, Native
 
 RUN = f"testwake{os.getpid()}"
+NAME = names.wakeup(RUN, 1, 1)
 ALARM_IS_TAKEN = pytest.mark.timeout(60, method="thread")
 """The test needs SIGALRM, with which other tests are ended when they take too long."""
 
@@ -28,12 +28,24 @@ def native(request: pytest.FixtureRequest) -> Native | None:
     return chosen
 
 
+@pytest.fixture(autouse=True)
+def folder() -> Iterator[None]:
+    make_folder(RUN)
+    yield
+    remove_names(RUN)
+
+
 @pytest.fixture
-def wakeup(native: Native | None) -> Iterator[Wakeup]:
-    made = Wakeup.create(RUN, native)
+def asleep() -> memoryview:
+    """A word of the process that waits, which says whether it sleeps."""
+    return memoryview(bytearray(WORD_BYTES)).cast("Q")
+
+
+@pytest.fixture
+def wakeup(native: Native | None, asleep: memoryview) -> Iterator[Wakeup]:
+    made = Wakeup.create(NAME, native, asleep)
     yield made
     made.close()
-    unlink_wakeup(RUN, made.tag)
 
 
 def test_post_before_the_wait_is_not_lost(wakeup: Wakeup) -> None:
@@ -48,24 +60,121 @@ def test_one_wait_takes_all_posts(wakeup: Wakeup) -> None:
     assert not wakeup.wait(0)
 
 
-def test_wild_count_of_posts_does_not_keep_a_process_busy(wakeup: Wakeup) -> None:
-    """Every module maps the core's semaphore, so a wild pointer can write any count into it."""
-    with (SHARED_MEMORY / f"sem.{names.wakeup(RUN, wakeup.tag)}").open("r+b") as file:
-        file.write((2**31 - 1).to_bytes(4, "little"))
-    started_s = time.monotonic()
-    assert wakeup.wait(10)
-    assert time.monotonic() - started_s < 5
+@pytest.mark.parametrize("poster", BOTH)
+def test_nothing_that_a_module_writes_into_the_memory_ends_posts_or_waits(
+    wakeup: Wakeup, asleep: memoryview, poster: Native | None
+) -> None:
+    """glibc aborted in each post to a semaphore whose pages had been overwritten."""
+    other = Wakeup.attach(NAME, poster, asleep.toreadonly())
+    bits = Random(34)
+    with (SHARED_MEMORY / NAME).open("r+b", buffering=0) as file:
+        for fill in [b"\xff", b"\x00", b"\x7f", *(bits.randbytes(1) for _ in range(20)), None]:
+            file.seek(0)
+            file.write(bits.randbytes(4096) if fill is None else fill * 4096)
+            wakeup.wait(0)
+            assert not wakeup.wait(0.001), "whatever is there is taken once"
+            other.post()
+            assert wakeup.wait(10)
+    other.close()
 
 
-@pytest.mark.parametrize("native", BOTH[1:], indirect=True)
-def test_semaphore_that_is_closed_while_a_thread_waits_ends_the_wait(wakeup: Wakeup) -> None:
+@pytest.mark.parametrize("poster", BOTH)
+def test_posts_wake_promptly_while_a_module_writes_into_the_memory(
+    wakeup: Wakeup, asleep: memoryview, poster: Native | None
+) -> None:
+    other = Wakeup.attach(NAME, poster, asleep.toreadonly())
+    segment = Segment.map(NAME, write=True)
+    over = threading.Event()
+
+    def scribble() -> None:
+        bits = Random(34)
+        while not over.wait(0.0005):
+            segment.buffer[:] = bits.randbytes(len(segment.buffer))
+
+    def post() -> None:
+        while not over.wait(0.002):
+            other.post()
+
+    threads = [threading.Thread(target=target) for target in (scribble, post)]
+    for thread in threads:
+        thread.start()
+    woken = sum(wakeup.wait(1.0) for _ in range(200))
+    over.set()
+    for thread in threads:
+        thread.join()
+    assert woken == 200
+    segment.close()
+    other.close()
+
+
+@pytest.mark.parametrize("poster", BOTH)
+def test_no_post_is_lost_between_two_that_post_and_one_that_falls_asleep(
+    wakeup: Wakeup, asleep: memoryview, poster: Native | None
+) -> None:
+    """Each poster waits for an answer to each post; one that is lost is noticed only after the time-out."""
+    others = [Wakeup.attach(NAME, poster, asleep.toreadonly()) for _ in range(2)]
+    asked, answered = [0, 0], [threading.Semaphore(0), threading.Semaphore(0)]
+
+    def ask(number: int) -> None:
+        for _ in range(300):
+            asked[number] += 1
+            others[number].post()
+            answered[number].acquire()
+
+    threads = [threading.Thread(target=ask, args=(number,)) for number in (0, 1)]
+    for thread in threads:
+        thread.start()
+    given = [0, 0]
+    while sum(given) < 600:
+        assert wakeup.wait(10)
+        for number in (0, 1):
+            if given[number] < asked[number]:
+                given[number] += 1
+                answered[number].release()
+    for thread in threads:
+        thread.join()
+    for other in others:
+        other.close()
+
+
+def test_process_says_that_it_sleeps_only_while_it_does(wakeup: Wakeup, asleep: memoryview) -> None:
     waiting = threading.Thread(target=wakeup.wait, args=(30,))
     waiting.start()
     while not is_asleep(waiting):
         time.sleep(0.001)
-    semaphore = wakeup._native
-    assert semaphore is not None
-    semaphore.close()
+    assert asleep[0] == 1
+    wakeup.post()
+    waiting.join()
+    assert asleep[0] == 0
+
+
+@pytest.mark.parametrize("native", BOTH[1:], indirect=True)
+def test_process_that_may_not_say_that_it_sleeps_may_not_wait(native: Native, asleep: memoryview) -> None:
+    made = Wakeup.create(NAME, native, asleep.toreadonly())
+    with pytest.raises(PermissionError):
+        made.wait(1.0)
+    made.close()
+
+
+@pytest.mark.parametrize("posts", [2**31 - 1, 2**31, 2**32 - 1, 2**64 - 1])
+def test_count_of_posts_may_overflow(native: Native | None, posts: int) -> None:
+    made = Wakeup.create(NAME, native)
+    segment = Segment.map(NAME, write=True)
+    segment.words[layout.WAKEUP_POSTS] = posts
+    assert made.wait(0) and not made.wait(0)
+    made.post()
+    assert made.wait(0) and not made.wait(0)
+    segment.close()
+    made.close()
+
+
+@pytest.mark.parametrize("native", BOTH[1:], indirect=True)
+def test_wakeup_that_is_closed_while_a_thread_waits_ends_the_wait(wakeup: Wakeup) -> None:
+    waiting = threading.Thread(target=wakeup.wait, args=(30,))
+    waiting.start()
+    while not is_asleep(waiting):
+        time.sleep(0.001)
+    wakeup._native.close()
     waiting.join(10)
     assert not waiting.is_alive()
     with pytest.raises(ValueError, match="closed"):
@@ -77,7 +186,6 @@ def is_asleep(thread: threading.Thread) -> bool:
 
 
 def test_closing_twice_is_no_error(wakeup: Wakeup) -> None:
-    """An error here once kept the name from being removed."""
     wakeup.close()
     wakeup.close()
 
@@ -113,10 +221,7 @@ def test_signal_ends_a_wait(wakeup: Wakeup) -> None:
 
 
 @ALARM_IS_TAKEN
-@pytest.mark.parametrize("native", BOTH[1:], indirect=True)
-def test_exception_of_a_signals_handler_ends_a_wait_of_c(wakeup: Wakeup) -> None:
-    """posix_ipc loses it."""
-
+def test_exception_of_a_signals_handler_ends_a_wait(wakeup: Wakeup) -> None:
     def fail(_signal: int, _frame: object) -> None:
         raise ZeroDivisionError("by the handler")
 
@@ -129,7 +234,7 @@ def test_exception_of_a_signals_handler_ends_a_wait_of_c(wakeup: Wakeup) -> None
 
 @pytest.mark.parametrize("poster", BOTH)
 def test_post_wakes_whether_c_or_python_posts_and_waits(wakeup: Wakeup, poster: Native | None) -> None:
-    other = Wakeup.attach(RUN, wakeup.tag, poster)
+    other = Wakeup.attach(NAME, poster)
     thread = threading.Timer(0.02, other.post)
     thread.start()
     assert wakeup.wait(10)
@@ -154,7 +259,7 @@ def test_spinning_wait_takes_the_post(wakeup: Wakeup) -> None:
 
 
 def test_forked_process_is_refused(wakeup: Wakeup) -> None:
-    uses: list[Callable[[], object]] = [] if wakeup._native is None else [wakeup.post]
+    uses: list[Callable[[], object]] = [wakeup.post]
     pid = os.fork()
     if pid == 0:
         wakeup.disown()  # as in a fork of the fork
@@ -171,40 +276,13 @@ def test_forked_process_is_refused(wakeup: Wakeup) -> None:
     assert not wakeup.wait(0)
 
 
-INTERPOSED = """
-#include <semaphore.h>
-#include <stdio.h>
-#include <time.h>
-int sem_clockwait(sem_t *s, clockid_t clock, const struct timespec *until)
-{ return printf("waits by clock %d\\n", clock), fflush(stdout), 0; }
-int sem_timedwait(sem_t *s, const struct timespec *until)
-{ return printf("waits by the wall clock\\n"), fflush(stdout), 0; }
-"""
-WAIT = f"""
-from robbie_mp._hot import choice
-from robbie_mp.transport.wakeup import Wakeup
-wakeup = Wakeup.attach("{RUN}", int(input()), choice.native())
-wakeup.wait(0.05)
-"""
+def test_missing_wakeup_is_named(native: Native | None) -> None:
+    with pytest.raises(SegmentMissing, match=f"robbie-{RUN}/wakeup-1-5"):
+        Wakeup.attach(names.wakeup(RUN, 1, 5), native)
 
 
-@pytest.mark.skipif(NATIVE is None or not NATIVE.WAITS_BY_MONOTONIC_CLOCK, reason="C does not wait here")
-@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a compiler")
-def test_setting_the_wall_clock_does_not_prolong_a_wait_of_c(tmp_path: Path) -> None:
-    """Nobody can set the clock in a test, so look at which clock the C library is told to wait by."""
-    made = Wakeup.create(RUN, None)
-    (tmp_path / "waits.c").write_text(INTERPOSED)
-    library = tmp_path / "waits.so"
-    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, tmp_path / "waits.c"], check=True, timeout=60)
-    ended = subprocess.run(
-        [sys.executable, "-c", WAIT], env={**os.environ, "LD_PRELOAD": str(library)}, input=f"{made.tag}\n",
-        check=True, capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    made.close()
-    unlink_wakeup(RUN, made.tag)
-    assert ended.stdout == f"waits by clock {time.CLOCK_MONOTONIC}\n"
-
-
-def test_missing_semaphore_is_named(native: Native | None) -> None:
-    with pytest.raises(SegmentMissing, match=f"robbie-{RUN}.0000000000000005"):
-        Wakeup.attach(RUN, 5, native)
+def test_truncated_wakeup_is_refused(wakeup: Wakeup, native: Native | None) -> None:
+    os.truncate(SHARED_MEMORY / NAME, 128)
+    with pytest.raises(SegmentMismatch, match="truncated"):
+        Wakeup.attach(NAME, native)
+    os.truncate(SHARED_MEMORY / NAME, 4096)

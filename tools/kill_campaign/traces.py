@@ -3,14 +3,14 @@
 import contextlib
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment, SegmentMissing
+from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.transport.tables import CoreTables
 
@@ -29,18 +29,14 @@ class Traces:
     names: frozenset[str]
     descriptors: Mapping[str, tuple[str, ...]]
     mappings: Mapping[str, frozenset[str]]
-    semaphores: Mapping[str, str]
-    """Semaphores by the segment that names each. After the end of a run, no process can be asked for them."""
 
     @classmethod
     def of(cls, run_id: str, pids: Mapping[str, int]) -> "Traces":
         """Read the resources of a run's processes."""
         of_run = names.folder(run_id)
-        segments = [f"{of_run}/{path.name}" for path in (SHARED_MEMORY / of_run).iterdir()]
-        semaphores = (path.name for path in SHARED_MEMORY.glob(f"sem.{of_run}.*"))
         opened = {name: _opened(pid) for name, pid in pids.items()}
         return cls(
-            frozenset([*segments, *semaphores]),
+            frozenset(f"{of_run}/{path.name}" for path in (SHARED_MEMORY / of_run).iterdir()),
             {
                 name: tuple(sorted(path for path in paths if of_run not in path))
                 for name, paths in opened.items()
@@ -49,7 +45,6 @@ class Traces:
                 name: frozenset(path for path in [*_mapped(pid), *opened[name]] if of_run in path)
                 for name, pid in pids.items()
             },
-            dict(_semaphores(run_id, segments)),
         )
 
 
@@ -70,30 +65,14 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
     """Return the names that no living process of a run at rest needs."""
     slots = {slot: module.incarnation for slot, module in enumerate(modules.values(), start=1)}
     slots[0] = 1  # the supervisor
-    kept = {names.board(run_id), names.clock(run_id), names.core(run_id)}
-    kept.add(traces.semaphores.get(names.core(run_id), ""))
+    kept = {names.board(run_id), names.clock(run_id), names.core(run_id), names.core_wakeup(run_id)}
     data = []
     for slot, incarnation in slots.items():
         kept |= {names.outbound(run_id, slot, incarnation), names.inbound(run_id, slot, incarnation)}
-        kept.add(traces.semaphores.get(names.inbound(run_id, slot, incarnation), ""))
+        kept.add(names.wakeup(run_id, slot, incarnation))
         kept |= {names.checkpoint(run_id, slot, number) for number in (0, 1)}
         data.append(names.data_prefix(run_id, slot, incarnation))
     return sorted(name for name in traces.names if name not in kept and not name.startswith(tuple(data)))
-
-
-def _semaphores(run_id: str, segments: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Return the segments that name a semaphore, each with the semaphore's name."""
-    for name in segments:
-        what = name.rpartition("/")[2]
-        kind = SegmentKind.CORE if what == "core" else SegmentKind.IN if what.startswith("in-") else None
-        if kind is None:
-            continue
-        try:
-            segment = Segment.attach(name, kind)
-        except SegmentMissing:
-            continue
-        yield name, f"sem.{names.wakeup(run_id, segment.words[layout.HEADER_WAKEUP])}"
-        segment.close()
 
 
 def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
@@ -133,9 +112,4 @@ def _kind(path: str) -> str:
 
 def kinds(traces: Traces) -> dict[str, int]:
     """Count names by kind: board, core, out, in, wakeup, data, checkpoint."""
-    return dict(
-        Counter(
-            "wakeup" if name.startswith("sem.") else name.partition("/")[2].split("-")[0]
-            for name in sorted(traces.names)
-        )
-    )
+    return dict(Counter(name.partition("/")[2].split("-")[0] for name in sorted(traces.names)))

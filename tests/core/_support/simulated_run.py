@@ -189,7 +189,7 @@ class SimulatedRun:
                 words.close()
 
         def wake() -> None:
-            assert len(mapped[0]), "its semaphore is closed with its maps"
+            assert len(mapped[0]), "what wakes it is closed with its maps"
             module.wake()
 
         return LinkMemory(incarnation, *mapped, wake, close)

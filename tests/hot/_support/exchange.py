@@ -20,7 +20,7 @@ from robbie_mp.module.ticks import TimedTicks
 from robbie_mp.observe.channels import ChannelNames
 from robbie_mp.transport.run_memory import make_block_store, make_views
 from robbie_mp.transport.shared_folder import make_folder, remove_names
-from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+from robbie_mp.transport.wakeup import Wakeup
 from tests.core._support.simulated_run import SimulatedRun
 
 PUBLISHER, SUBSCRIBER = 1, 2
@@ -89,7 +89,7 @@ class Exchange:
             stop_requested=False, period_s=None, _calls=self.calls, tick=self._tick, _is_tick_awaited=False
         )
         self.module = changes = module
-        self.wakeup = Wakeup.create(self.run_id, native)
+        self.wakeup = Wakeup.create(names.wakeup(self.run_id, 0, 0), native)
         ticks = TimedTicks(module, clock, receiver.out, 0.0, native)
         self.runner = ModuleRunner(
             module, receiver.endpoint, self.inbox, self.outbox, self.wakeup, receiver.out, bool, changes,
@@ -206,5 +206,4 @@ class Exchange:
         self.inbox.close()
         self.views.close()
         self.wakeup.close()
-        unlink_wakeup(self.run_id, self.wakeup.tag)
         remove_names(self.run_id)

@@ -12,7 +12,6 @@ reference too few.
 import contextlib
 import gc
 import logging
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -20,7 +19,6 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import posix_ipc
 import pytest
 
 from robbie_mp import MessageHandling, RobbieError
@@ -108,21 +106,19 @@ class Plays:
             crowd(number)
 
     def waking(self) -> None:
-        """A semaphore, waited for with and without success, also by the core."""
+        """A wake-up, waited for with and without success, also by the core."""
         for _ in range(5):
             self._wake()
 
     def _wake(self) -> None:
         from tests.core._support import simulated_run  # noqa: PLC0415
 
-        name = f"/robbie-testcount{os.getpid()}"
-        made = posix_ipc.Semaphore(name, posix_ipc.O_CREX)
-        opened = self.built.Semaphore(name)
-        made.unlink()
-        with contextlib.suppress(OSError):
-            self.built.Semaphore(name)
+        posts, asleep = (memoryview(bytearray(WORD_BYTES)) for _ in range(2))
+        opened = self.built.Wakeup(posts, asleep, 0)
+        with contextlib.suppress(ValueError):
+            self.built.Wakeup(posts, asleep, 1)
         opened.post()
-        assert opened.value == 1 and opened.wait(1.0) and not opened.wait(0) and not opened.wait(0.001)
+        assert opened.has_posts and opened.wait(1.0) and not opened.wait(0) and not opened.wait(0.001)
         router: Any = (run := simulated_run.SimulatedRun()).router
         publisher, channel, subscribers = simulated_run.connected(run, MessageHandling.ALWAYS_DELIVER)
         for value in range(3):
@@ -134,7 +130,6 @@ class Plays:
         opened.close()
         with contextlib.suppress(Exception):
             opened.post()
-        made.close()
 
     def exchanging(self) -> None:
         """Messages of all sizes, kept as arrays, parts of arrays and not; loans; damaged ones; ticks."""

@@ -44,7 +44,6 @@ class FolderIncarnations:
         self.reclaims_at_once = False
         self.closed = 0
         self.times_all_started = 0
-        self.times_all_woken = 0
         self._reclaim_asked: set[tuple[str, int]] = set()
 
     def open(self, name: str, incarnation: int) -> None:
@@ -93,9 +92,6 @@ class FolderIncarnations:
 
     def wake(self, name: str, incarnation: int) -> None:
         self.calls.append(("wake", name, incarnation))
-
-    def wake_all(self) -> None:
-        self.times_all_woken += 1
 
     def state_changed(self, change: StateChange) -> None:
         self.changes.append(change)
