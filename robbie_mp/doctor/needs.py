@@ -6,7 +6,7 @@ from typing import Self
 
 from robbie_mp.profile.model import MemoryLimits, Profile
 from robbie_mp.supervisor.memory import SUPERVISOR_SEGMENT_BYTES
-from robbie_mp.transport.layout import CLOCK_WORDS, board_words, core_words, in_words, out_words
+from robbie_mp.transport.layout import CLOCK_WORDS, WAKEUP_WORDS, board_words, core_words, in_words, out_words
 from robbie_mp.transport.words import WORD_BYTES
 
 OWN_DESCRIPTORS = 32
@@ -51,9 +51,9 @@ class Needs:
         rows = slots + profile.tools.count
         tables = core_words(rows + 1, core.channels, core.subscriptions, core.handles, core.references)
         rings = slots * (out_words(core.ring_records) + in_words(core.credits))
-        words = board_words(rows + 1) + CLOCK_WORDS + tables + rings
+        words = board_words(rows + 1) + CLOCK_WORDS + tables + rings + (slots + 1) * WAKEUP_WORDS
         fixed_bytes = words * WORD_BYTES + SUPERVISOR_SEGMENT_BYTES
-        tool_rings = out_words(core.ring_records) + in_words(profile.tools.credits)
+        tool_rings = out_words(core.ring_records) + in_words(profile.tools.credits) + WAKEUP_WORDS
         whole_bytes = profile.tools.count * tool_rings * WORD_BYTES
         whole_bytes += sum(memory.limit_bytes + 2 * memory.checkpoint_bytes for memory in memories)
         maps = sum(segments(memory) for memory in memories) * DESCRIPTORS_OF_A_MAP

@@ -5,10 +5,13 @@ import logging
 from robbie_mp._hot.choice import native
 from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
+from robbie_mp.linux.bus_error import surviving_truncation
 from robbie_mp.profile.model import QueueLimits
 from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.supervisor.scheduling import apply_scheduling
+from robbie_mp.transport import names
+from robbie_mp.transport.shared_folder import SHARED_MEMORY
 
 SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20, memory_bytes=SUPERVISOR_MEMORY_BYTES)
 
@@ -25,7 +28,7 @@ def run_core(plan: RunPlan) -> None:
     message_bytes = max(message_bytes, TOOL_MEMORY_BYTES)
     spin_s, lockstep = scheduling.spin_us / 1e6, plan.clock.lockstep
     charged_ns = RunClock.attach(plan.run_id).now_ns if plan.clock.charge else None
-    CoreProcess(
+    core = CoreProcess(
         plan.run_id,
         plan.sizes,
         slots,
@@ -34,7 +37,9 @@ def run_core(plan: RunPlan) -> None:
         lockstep=lockstep,
         native=native(),
         charged_ns=charged_ns,
-    ).run()
+    )
+    with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/"):
+        core.run()
 
 
 def _slot(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from robbie_mp._hot.choice import why_not
+from robbie_mp.linux.bus_error import surviving_truncation
 from robbie_mp.linux.private_files import make_private_folder, ownership_problem, write_private
 from robbie_mp.linux.service_manager import VARIABLES as SERVICE_VARIABLES
 from robbie_mp.linux.service_manager import ServiceManager
@@ -32,7 +33,9 @@ from robbie_mp.supervisor.tree import Tree
 from robbie_mp.trace.disk_writer import DiskWriter
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import LOG_FOLDER
+from robbie_mp.transport import names
 from robbie_mp.transport.board import TOOL_PREFIX
+from robbie_mp.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.transport.words import check_machine
 from robbie_mp.utc import file_stamp
 
@@ -182,7 +185,8 @@ def _run(
         memory.close()
         raise
     try:
-        exit_code = tree.run()
+        with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/"):
+            exit_code = tree.run()
     finally:
         observer.close()
     outputs = {child.spec.name: child.output for child in tree.children}

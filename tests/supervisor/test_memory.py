@@ -22,5 +22,3 @@ def memory() -> Iterator[RunMemory]:
     made = RunMemory(PLAN)
     yield made
     made.close()
-
-

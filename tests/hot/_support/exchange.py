@@ -18,6 +18,7 @@ from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
 from robbie_mp.module.ticks import TimedTicks
 from robbie_mp.observe.channels import ChannelNames
+from robbie_mp.transport import names
 from robbie_mp.transport.run_memory import make_block_store, make_views
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.wakeup import Wakeup

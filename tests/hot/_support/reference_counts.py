@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 
 from robbie_mp import MessageHandling, RobbieError
+from robbie_mp.transport.words import WORD_BYTES
 from tests.hot._support.build import HOT, fused_module
 
 WARM_UP = 20
@@ -175,7 +176,8 @@ class Plays:
             self._misuse()
 
     def _misuse(self) -> None:
-        from robbie_mp.transport.ring import RingPlace  # noqa: PLC0415
+        from robbie_mp.transport.words import WORD_BYTES
+from robbie_mp.transport.ring import RingPlace  # noqa: PLC0415
 
         built = self.built
         for name, made in vars(built).items():
