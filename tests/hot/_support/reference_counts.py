@@ -176,8 +176,7 @@ class Plays:
             self._misuse()
 
     def _misuse(self) -> None:
-        from robbie_mp.transport.words import WORD_BYTES
-from robbie_mp.transport.ring import RingPlace  # noqa: PLC0415
+        from robbie_mp.transport.ring import RingPlace  # noqa: PLC0415
 
         built = self.built
         for name, made in vars(built).items():
