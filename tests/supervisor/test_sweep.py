@@ -123,8 +123,6 @@ def test_names_without_folder_are_removed(place: Place) -> None:
     assert place.names() == []
 
 
-
-
 @pytest.mark.parametrize("free", [1, 2, 3])
 def test_sweep_with_few_free_descriptors_keeps_a_live_run(place: Place, free: int) -> None:
     run = place.create()
