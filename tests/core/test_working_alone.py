@@ -10,11 +10,10 @@ import pytest
 
 from robbie_mp._hot import choice
 from robbie_mp.core.native_router import NativeRouter
-from robbie_mp.messages import DriveCommand
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.records import Outbound
 from robbie_mp.transport.wakeup import Wakeup
-from tests.transport.test_cost_of_a_message import PUBLISHER, RUN_ID, SUBSCRIBER, Chain
+from tests.transport.test_cost_of_a_message import PUBLISHER, RUN_ID, SUBSCRIBER, Chain, Speed
 
 LONG_S = 20.0
 SHORT_S = 0.05
@@ -46,7 +45,7 @@ def robot() -> Iterator[Robot]:
     if native is None:
         pytest.skip(f"NOT TESTED, {choice.why_not()}")
     chain = Chain(native)
-    chain.send(DriveCommand())
+    chain.send(Speed())
     wakeup = Wakeup.create(names.core_wakeup(RUN_ID), native, chain.core._words, layout.CORE_ASLEEP)
     yield Robot(chain, wakeup)
     wakeup.close()
@@ -63,7 +62,7 @@ def later(action: Callable[[], object]) -> threading.Thread:
 def test_messages_are_routed_after_each_post_until_there_is_none(robot: Robot) -> None:
     before, wakeups = robot.routed(), robot.words[layout.CORE_WAKEUPS]
     for _ in range(3):
-        assert robot.chain.outbox.publish(DriveCommand(), "")
+        assert robot.chain.outbox.publish(Speed(), "")
         robot.wakeup.post()
     assert robot.work(SHORT_S) >= SHORT_S
     assert robot.routed() == before + 3
@@ -130,7 +129,7 @@ def test_flood_does_not_keep_python_from_looking_at_signals(robot: Robot) -> Non
 
 def test_module_that_waits_for_blocks_is_woken_without_python(robot: Robot) -> None:
     chain = robot.chain
-    assert chain.outbox.publish(DriveCommand(), "")
+    assert chain.outbox.publish(Speed(), "")
     chain.outbox._endpoint.wake_after_freed(1)
     robot.wakeup.post()
     robot.work(SHORT_S)

