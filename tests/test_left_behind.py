@@ -15,7 +15,8 @@ from typing import Self
 import pytest
 
 from robbie_mp.transport.shared_folder import remove_names
-from tests._support.others_runs import SHARED_MEMORY, VARIABLE, OthersRuns, remove_names_of_dead_tests
+from tests._support.others_runs import SHARED_MEMORY, OthersRuns, remove_names_of_dead_tests
+from tests._support.own_runs import VARIABLE
 from tests._support.places import PROJECT
 
 Check = Callable[[], AbstractContextManager[None]]

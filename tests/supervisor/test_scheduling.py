@@ -243,7 +243,7 @@ def test_spinning_process_polls_for_a_post_before_it_sleeps() -> None:
     slept: list[float | None] = []
 
     class Polled(Wakeup):
-        has_posts = property(lambda _self: next(looks))  # type: ignore[assignment]
+        has_posts = property(lambda _self: next(looks))
 
         def __init__(self) -> None:
             self._native, self.patience_s, self.spin_s = None, 0.0, 60.0

@@ -12,6 +12,7 @@ from tools import kidnap_trials
 from tools.kidnap_trials import MOST_M, Building, main, run_trial
 from tools.localization_trials import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
 from tools.random_rooms import drawn_map, random_rooms
+from tools.swept import swept
 from workers.maps.navigation_grid import NavigationGrid
 
 STEPS, STEPS_PER_SCAN = 1000, 8
@@ -24,7 +25,7 @@ def write_log(file: Path, seed: int, steps: int = STEPS) -> None:
     laser = SimulatedLaser(arena, Conditions(view_deg=180.0).laser(), seed=seed)
     cells, corner = drawn_map(arena, RESOLUTION_M)
     grid = NavigationGrid(cells, RESOLUTION_M, corner, CLEARANCE_M)
-    operator = Operator(grid, laser.geometry.angles_rad(), seed)
+    operator = Operator(grid, seed)
     drive = SimulatedDrive(arena, lambda: now_s, seed)
     lines = ["PARAM robot_frontlaser_offset 0.0 nohost 0"]
     for number in range(steps):
@@ -36,7 +37,7 @@ def write_log(file: Path, seed: int, steps: int = STEPS) -> None:
         if number % STEPS_PER_SCAN == 0:
             beams = " ".join(f"{81.83 if math.isinf(value) else value:.3f}" for value in ranges.tolist())
             lines.append(f"FLASER {len(ranges)} {beams} {pose} {pose} {end}")
-        drive.command(*operator.speeds(truth.pose, ranges), valid_for_s=0.4)
+        drive.command(*operator.speeds(truth.pose, swept(laser)), valid_for_s=0.4)
         now_s += STEP_S
     file.write_text("\n".join(lines) + "\n")
 
