@@ -11,6 +11,7 @@ import pytest
 import robbie_mp
 from robbie_mp import RobbieError, SettingError
 from robbie_mp.linux.forks import ForkedProcess
+from robbie_mp.messages import IllFormed
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 from robbie_mp.module.wiring import TopicsMeet
 from robbie_mp.profile.problem import Problem, ProfileError
@@ -21,6 +22,7 @@ PROBLEMS = [Problem("one"), Problem("two")]
 WITH_CONSTRUCTORS = [
     SubscribedTwice("std_msgs/msg/String", "talk"),
     EmptyPattern(),
+    IllFormed("the position is NaN", "geometry_msgs/msg/Point", "x"),
     TopicsMeet("std_msgs/msg/String", "left", "right", "camera"),
     ForkedProcess(),
     ProfileError(PROBLEMS),

@@ -22,6 +22,7 @@ from robbie_mp.messages import (
     DriveCommand,
     Header,
     LaserScan,
+    MapMetaData,
     OccupancyGrid,
     PoseStamped,
     String,
@@ -230,7 +231,8 @@ def test_node_sees_the_robot_and_gets_its_messages() -> None:
 def test_robot_gets_a_nodes_messages_and_drives_for_a_while() -> None:
     with network() as (bridge, node):
         pose = PoseStamped(header=Header(frame_id="map"))
-        costs = OccupancyGrid(data=np.array([7], np.int8))
+        info = MapMetaData(width=1, height=1, resolution=0.1)
+        costs = OccupancyGrid(info=info, data=np.array([7], np.int8))
         node.publish_latched(f"7/costs/{GRID}", costs.encode())
         twist = Twist(linear=Vector3(x=0.4), angular=Vector3(z=0.1)).encode()
 
@@ -289,7 +291,7 @@ def test_wrong_bytes_and_other_types_are_counted_and_reach_nobody(caplog: pytest
             node.publish(f"7/goal_pose/{POSE}", b"\x00\x01\x00\x00garbage")
             node.publish(f"7/goal_pose/std_msgs::msg::dds_::String_/{TWIST[-71:]}", String().encode())
             node.publish(f"7/cmd_vel/{TWIST}", Twist(linear=Vector3(x=float("nan"))).encode())
-            return bool(module.malformed and module.inbox.strangers >= 2 and module.late)
+            return bool(module.malformed and module.inbox.strangers >= 2 and module.ill_formed.total)
 
         module = bridge.module
         until(bridge, is_there)
