@@ -99,6 +99,7 @@ def test_types_of_cyclonedds_read_and_write_every_stock_type_of_ros() -> None:
     }
     command = [sys.executable, "-m", "tests.ros2.dds_echo", str(DOMAIN), *names]
     with ModuleHarness(Ros2Bridge, settings) as bridge, subprocess.Popen(command, cwd=ROOT) as echo:
+        bridge.module.ill_formed.admits = lambda *_: True  # type: ignore[method-assign]  # bytes, not sense
         found: dict[str, bytes] = {}
 
         def have_all_returned() -> bool:

@@ -153,7 +153,9 @@ class Pilot(Module):
         if (self.output_directory / LET_GO_FILE).exists():
             return
         self.number += 1
-        header = Header(stamp=Time.from_nanoseconds(time.monotonic_ns()), frame_id=str(self.number))
+        # The link moves stamps into the robot's clock, so the frame says when it was sent.
+        now = Time.from_nanoseconds(self.clock.now_ns())
+        header = Header(stamp=now, frame_id=f"{self.number} {time.monotonic_ns()}")
         valid_for = Duration.from_nanoseconds(round(VALID_FOR_S * 1e9))
         self.journal.note(SENT, "manual", self.number)
         self.publish(
@@ -176,7 +178,7 @@ class Base(Module):
     def on_command(self, command: DriveCommand) -> None:
         """Write it down."""
         header, valid_ns = command.header, command.valid_for.nanoseconds
-        self.journal.note(RECEIVED, "manual", header.frame_id, header.stamp.nanoseconds, valid_ns)
+        self.journal.note(RECEIVED, "manual", *header.frame_id.split(), valid_ns)
 
 
 class Bookkeeper(Module):
