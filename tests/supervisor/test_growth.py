@@ -23,7 +23,7 @@ from tests._support.robot import Robot
 pytestmark = pytest.mark.slow
 
 MODULES = 3
-WARM, MORE = 150, 400
+WARM, MORE = 150, 1000  # so that one object a restart stands out from the 250 that come and go
 WINDOW = 30
 AT_ONCE = RestartPolicy(
     RestartWhen.ALWAYS, max_restarts=1 << 20, within_s=0.1, backoff_s=0.0, backoff_cap_s=0.0
