@@ -65,7 +65,7 @@ def add_set_argument(parser: argparse.ArgumentParser) -> None:
         metavar="NAME.SETTING=VALUE",
         action="append",
         default=[],
-        help="set a module's setting or a key of config; may be repeated",
+        help="set a module's setting; may be repeated",
     )
     variables = parser.add_argument(
         "--var",

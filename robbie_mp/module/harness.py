@@ -32,7 +32,6 @@ from robbie_mp.module.calls.client import GOAL_ENDS
 from robbie_mp.module.calls.errors import CallError, CallRefused
 from robbie_mp.module.calls.peers import Server, service_topic
 from robbie_mp.module.clock import ManualClock
-from robbie_mp.module.config import Config
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period
 from robbie_mp.module.setting_changes import SettingChanges
@@ -80,7 +79,6 @@ class ModuleHarness(Generic[ModuleClass]):
     Args:
         module_class: the class under test.
         settings: values of settings; the other settings have their defaults.
-        config: the robot's configuration, with dotted keys.
         output_directory: where the module writes results; by default a folder that is removed with the
             harness.
         name: the module's name in the profile.
@@ -101,7 +99,6 @@ class ModuleHarness(Generic[ModuleClass]):
         module_class: type[ModuleClass],
         settings: Mapping[str, object] | None = None,
         *,
-        config: Mapping[str, object] | None = None,
         output_directory: Path | None = None,
         name: str = "module",
         restored: object = None,
@@ -122,7 +119,6 @@ class ModuleHarness(Generic[ModuleClass]):
                 settings=checked,
                 bus=self.bus,
                 clock=self.clock,
-                config=Config(config or {}),
                 checkpoints=self._checkpoints,
                 output_directory=output_directory,
                 show_status=lambda _line: None,

@@ -29,7 +29,6 @@ from robbie_mp.module.calls.client import SentGoal
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.calls.server import ActiveGoal
 from robbie_mp.module.clock import Clock
-from robbie_mp.module.config import Config
 from robbie_mp.module.deadlines import check_deadline
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
 from robbie_mp.module.health import Health
@@ -62,7 +61,6 @@ class ModuleContext:
     settings: dict[str, object]
     bus: Bus
     clock: Clock
-    config: Config
     checkpoints: Checkpoints
     output_directory: Path
     show_status: Callable[[str], None]
@@ -127,7 +125,6 @@ class Module:
     def __init__(self, context: ModuleContext):
         self.name = context.name
         self.clock = context.clock
-        self.config = context.config
         self.output_directory = context.output_directory
         self.restored: Any = context.checkpoints.restored
         """The state last given to `checkpoint`, with copies of its arrays; None on a fresh start."""

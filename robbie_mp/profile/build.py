@@ -34,7 +34,6 @@ PROFILE_KEYS = (
     "variables",
     "namespace",
     "modules",
-    "config",
     "core",
     "spares",
     "trace",
@@ -44,7 +43,6 @@ PROFILE_KEYS = (
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
 NAMESPACE = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
-CONFIG_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 CLASS_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
@@ -86,7 +84,6 @@ class _Builder:
         return Profile(
             name=name,
             modules=tuple(self.module(key, node, modules) for key, node in modules.items()),
-            config=self.config(self.map_of(content.get("config"), "config")),
             core=self.core(self.map_of(content.get("core"), "core")),
             spares=self.section(SpareInterpreters, self.map_of(content.get("spares"), "spares"), "spares"),
             trace=self.section(TraceSettings, self.map_of(content.get("trace"), "trace"), "trace"),
@@ -204,23 +201,6 @@ class _Builder:
                 f"got {memory.limit_bytes}",
             )
         return memory
-
-    def config(self, content: dict[str, Node]) -> dict[str, object]:
-        return {key: self.config_value(key, node) for key, node in content.items()}
-
-    def config_value(self, key: str, node: Node) -> object:
-        where = f"config.{key}"
-        if not CONFIG_KEY.fullmatch(key):
-            self.report(node.place, f"{where}: expected a key of letters, digits, _ and -, joined by dots")
-        if isinstance(node.value, dict):
-            inner = next(iter(node.value), "inner_key")
-            self.report(node.place, f"{where}: config is flat; write `{key}.{inner}: …`")
-        elif not isinstance(node.value, bool | int | float | str):
-            expected = "expected bool, int, float or str"
-            self.report(node.place, f"{where}: {expected}; got {node.plain()!r:.60}")
-        elif isinstance(node.value, float):
-            return self.value(float, node, where, 0.0)
-        return node.value
 
     def nested(
         self, cls: type[T], content: dict[str, Node], where: str, key: str, default: T | None = None

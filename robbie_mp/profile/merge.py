@@ -68,10 +68,10 @@ def _names(parents: Node | None) -> list[Node]:
 
 
 def override(profile: Node, overrides: Sequence[str]) -> Node:
-    """Return the profile overridden by each `NAME.SETTING=value` or `config.key=value`.
+    """Return the profile overridden by each `MODULE.SETTING=value`.
 
     Raises:
-        ProfileError: an override has another form, or names neither a module nor a key of `config`.
+        ProfileError: an override has another form, or names no module of the profile.
     """
     return reduce(merge, [_read_override(text, profile) for text in overrides], profile)
 
@@ -81,21 +81,17 @@ def _read_override(text: str, profile: Node) -> Node:
     option = f"--set {key}"  # without the value, which may be a secret
     place = Place(option)
     name, _, setting = key.partition(".")
-    if not (equals and key):
-        raise refuse("expected MODULE.SETTING=VALUE or CONFIG.KEY=VALUE", place)
+    if not (equals and name and setting):
+        raise refuse("expected MODULE.SETTING=VALUE", place)
+    modules = _modules(profile)
+    if name not in modules:
+        near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
+        raise refuse(f"there is no module {name!r}{near}", place)
     value = Node(read_text(value_text, option).value, place)
-    modules, config = (_keys(profile, section) for section in ("modules", "config"))
-    if name in modules and setting:
-        path: tuple[str, ...] = ("modules", name, "settings", setting)
-    elif key in config:
-        path = ("config", key)
-    else:
-        near = did_you_mean(name, modules) or did_you_mean(key, config)
-        near = near or f"; modules: {', '.join(modules) or 'none'}"
-        raise refuse(f"there is no module {name!r}, and config has no key {key!r}{near}", place)
+    path = ("modules", name, "settings", setting)
     return reduce(lambda inner, step: Node({step: inner}, place), reversed(path), value)
 
 
-def _keys(profile: Node, section: str) -> list[str]:
-    node = profile.value.get(section) if isinstance(profile.value, dict) else None
+def _modules(profile: Node) -> list[str]:
+    node = profile.value.get("modules") if isinstance(profile.value, dict) else None
     return list(node.value) if node and isinstance(node.value, dict) else []

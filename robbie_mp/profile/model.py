@@ -238,7 +238,6 @@ class Profile:
     name: str
     modules: tuple[ModuleSpec, ...]
     """In start order."""
-    config: Mapping[str, object] = field(default_factory=dict)
     """Values by dotted key."""
     core: CoreLimits = CoreLimits()
     spares: SpareInterpreters = SpareInterpreters()

@@ -48,7 +48,6 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
         "description": profile.description,
         "variables": dict(profile.variables),
         "modules": modules,
-        "config": dict(profile.config),
         "core": _plain(profile.core),
         "spares": _plain(profile.spares),
         "trace": _plain(profile.trace),

@@ -59,7 +59,7 @@ class Workspace:
         if content.value is None:
             return Node({}, content.place)
         if not isinstance(content.value, dict):
-            raise refuse("expected a map with the keys of a profile (modules, config, …)", content.place)
+            raise refuse("expected a map with the keys of a profile (modules, variables, …)", content.place)
         return content
 
 

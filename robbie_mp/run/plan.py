@@ -61,7 +61,6 @@ class RunPlan:
     output_directory: str
     supervisor_pid: int
     core: CoreLimits
-    config: dict[str, Any]
     modules: tuple[PlannedModule, ...]
     spare_imports: list[str]
     """Packages that a spare interpreter imports in advance."""
@@ -90,7 +89,6 @@ class RunPlan:
             output_directory=str(output_directory),
             supervisor_pid=supervisor_pid,
             core=profile.core,
-            config=dict(profile.config),
             modules=tuple(_planned(module) for module in profile.modules),
             spare_imports=profile.spares.imports,
             tools=profile.tools,

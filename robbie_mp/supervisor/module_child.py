@@ -15,7 +15,6 @@ from robbie_mp.checkpoint.file import checkpoint_file
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.module.config import Config
 from robbie_mp.module.envelope import Envelope
 from robbie_mp.module.handler_times import HandlerTimes, recorded_times
 from robbie_mp.module.inbox import Inbox
@@ -89,7 +88,6 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         settings=read_settings(plan, planned, module_class, settings_file.start().values),
         bus=bus,
         clock=clock,
-        config=Config(plan.config),
         checkpoints=checkpoints,
         output_directory=Path(plan.output_directory),
         show_status=line_writer(endpoint, words, layout.OUT_STATUS),

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.module.config import Config
 from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period, tick_is_awaited
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.ticks import MAX_WAIT_S
@@ -67,7 +66,6 @@ def run_as_tool(
                 settings=checked,
                 bus=bus,
                 clock=SystemClock(),
-                config=Config(plan.config),
                 checkpoints=_NoCheckpoints(),
                 output_directory=Path(plan.output_directory),
                 show_status=bus.show_status,

@@ -1,14 +1,13 @@
-"""Settings and config: each declared type takes what it should and refuses the rest by name."""
+"""Settings: each declared type takes what it should and refuses the rest by name."""
 
 import math
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Optional
+from typing import Optional
 
 import pytest
 
 from robbie_mp import REQUIRED, RobbieError, SettingError, setting
-from robbie_mp.module.config import Config, ConfigMissing, ConfigType
 from robbie_mp.module.settings import apply_settings, check_settings, settings_of
 
 
@@ -211,40 +210,3 @@ def test_invalid_declaration_is_refused() -> None:
     assert "a setting cannot have the type" in refusal(Wrong)
     assert "the only unions are X | None" in refusal(Ambiguous)
     assert refusal(BadDefault) == "BadDefault.x: expected int, at least 1; got 0 (int)"
-
-
-CONFIG = Config({"robot.radius_m": 0.25, "robot.name": "robbie", "rescue": True, "arms": 2})
-
-
-def test_config_returns_each_type() -> None:
-    assert CONFIG.get_float("robot.radius_m") == 0.25
-    assert CONFIG.get_float("arms") == 2.0
-    assert CONFIG.get_int("arms") == 2
-    assert CONFIG.get_bool("rescue") is True
-    assert CONFIG.get_string("robot.name") == "robbie"
-
-
-def test_config_returns_the_default_only_for_a_missing_key() -> None:
-    assert CONFIG.get_int("legs", 4) == 4
-    assert CONFIG.get_int("arms", 4) == 2
-    with pytest.raises(ConfigType):
-        CONFIG.get_int("robot.name", 4)
-
-
-@pytest.mark.parametrize("get", [CONFIG.get_bool, CONFIG.get_int, CONFIG.get_float, CONFIG.get_string])
-def test_missing_config_key_suggests_similar_names(get: Any) -> None:
-    with pytest.raises(
-        ConfigMissing, match=r"^config has no key 'robot.radius'; did you mean 'robot.radius_m'"
-    ):
-        get("robot.radius")
-    with pytest.raises(LookupError, match=r"set it in the profile under config:$"):
-        get("zzz")
-
-
-def test_config_value_of_another_type_is_refused() -> None:
-    with pytest.raises(ConfigType, match=r"^config key 'robot.radius_m': expected int; got 0.25 \(float\)$"):
-        CONFIG.get_int("robot.radius_m")
-    with pytest.raises(TypeError, match="expected bool; got 2"):
-        CONFIG.get_bool("arms")
-    with pytest.raises(TypeError, match="expected float; got True"):
-        CONFIG.get_float("rescue")

@@ -24,14 +24,14 @@ PROFILES = (
 TICK_S = 0.2
 
 
-def modules() -> dict[str, tuple[str, dict[str, object], dict[str, object]]]:
-    """Return class, settings and configuration of each module of the stock robots, each class once."""
-    found: dict[str, tuple[str, dict[str, object], dict[str, object]]] = {}
+def modules() -> dict[str, tuple[str, dict[str, object]]]:
+    """Return class and settings of each module of the stock robots, each class once."""
+    found: dict[str, tuple[str, dict[str, object]]] = {}
     for profile in PROFILES:
         robot = load_profile(profile, PROJECT)
         for one in robot.modules:
             if one.class_path.startswith("modules."):
-                found.setdefault(one.class_path, (profile, dict(one.settings), dict(robot.config)))
+                found.setdefault(one.class_path, (profile, dict(one.settings)))
     return found
 
 
@@ -57,14 +57,14 @@ def inputs(harness: ModuleHarness[Module]) -> list[tuple[ChannelName, type[Messa
 def test_module_survives_every_damaged_field(
     class_path: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, settings, config = modules()[class_path]
+    _, settings = modules()[class_path]
     folder, _, name = class_path.partition(":")
     cls: type[Module] = getattr(importlib.import_module(folder), name)
     made = Counter[str]()
     deaths: dict[str, str] = {}
 
     def open_one() -> ModuleHarness[Module]:
-        return ModuleHarness(cls, settings, config=config, output_directory=tmp_path)
+        return ModuleHarness(cls, settings, output_directory=tmp_path)
 
     try:
         with open_one() as harness:

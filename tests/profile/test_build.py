@@ -34,7 +34,7 @@ def test_every_key_of_a_profile_is_understood(robot: Robot) -> None:
             stop_grace_s: 7
             memory: {segment_bytes: 8192, limit_bytes: 16384}
             queue: {messages: 8, bytes: 9}
-        config: {robot.radius_m: 0.25, robot.name: r, fast: true, arms: 2}
+        variables: {radius_m: 0.25, name: r, fast: true, arms: 2}
         core:
             handles: 10
             references: 11
@@ -57,7 +57,7 @@ def test_every_key_of_a_profile_is_understood(robot: Robot) -> None:
     assert (a.memory.segment_bytes, a.memory.limit_bytes) == (8192, 16384)
     assert (a.queue.messages, a.queue.bytes) == (8, 9)
     assert profile.core == CoreLimits(10, 11, 12, 13, 15, 17, 16, 14)
-    assert profile.config == {"robot.radius_m": 0.25, "robot.name": "r", "fast": True, "arms": 2}
+    assert profile.variables == {"radius_m": 0.25, "name": "r", "fast": True, "arms": 2}
     assert profile.description == "All of it"
 
 
@@ -67,13 +67,13 @@ def in_module(line: str) -> str:
 
 CASES = [
     # what is written, line of the problem, text of the problem
-    ("config: {}\nmodlues: {}", 2, "modlues: unknown key; did you mean 'modules'?"),
+    ("variables: {}\nmodlues: {}", 2, "modlues: unknown key; did you mean 'modules'?"),
     (
         "xyz: 1",
         1,
         "xyz: unknown key; expected one of parents, description, variables, namespace, modules, ",
     ),
-    ("- a", 1, "expected a map with the keys of a profile (modules, config, …)"),
+    ("- a", 1, "expected a map with the keys of a profile (modules, variables, …)"),
     ("modules: [a]", 1, "modules: expected a map; got ['a']"),
     ("description: 5", 1, "description: expected str; got 5 (int)"),
     ("modules:\n  a: m:A", 2, "modules.a: expected a map; got 'm:A'"),
@@ -132,11 +132,6 @@ CASES = [
     ("core:\n  handels: 5", 2, "core.handels: unknown key; did you mean 'handles' or 'channels'?"),
     ("core:\n  credits: 0", 2, "core.credits: expected int, at least 1 and at most 16777216; got 0 (int)"),
     ("core:\n  ring_records: 1000", 2, "core.ring_records: expected int, one of 16, 32, 64, 128, 256, 512, "),
-    ("config: [a]", 1, "config: expected a map; got ['a']"),
-    ("config:\n  robot: {radius_m: 1}", 2, "config.robot: config is flat; write `robot.radius_m: …`"),
-    ("config:\n  a: [1]", 2, "config.a: expected bool, int, float or str; got [1]"),
-    ("config:\n  a: .nan", 2, "config.a: expected float, finite; got nan (float)"),
-    ("config:\n  a..b: 1", 2, "config.a..b: expected a key of letters, digits, _ and -, joined by dots"),
 ]
 
 

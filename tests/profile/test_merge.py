@@ -12,12 +12,12 @@ def module(profile: Profile, name: str) -> ModuleSpec:
 
 
 def test_later_parents_win_over_earlier_ones_and_the_profile_over_all(robot: Robot) -> None:
-    robot.write("one", "config: {a: 1, b: 1, c: 1}")
-    robot.write("sim/two", "config: {b: 2, c: 2}")
-    robot.write("demo", "parents: [one, sim/two]\nconfig: {c: 3}")
+    robot.write("one", "variables: {a: 1, b: 1, c: 1}")
+    robot.write("sim/two", "variables: {b: 2, c: 2}")
+    robot.write("demo", "parents: [one, sim/two]\nvariables: {c: 3}")
     profile = robot.load()
-    assert profile.config == {"a": 1, "b": 2, "c": 3}
-    places = [str(profile.place_of("config", key)) for key in "abc"]
+    assert profile.variables == {"a": 1, "b": 2, "c": 3}
+    places = [str(profile.place_of("variables", key)) for key in "abc"]
     assert places == ["profiles/one.yaml:1", "profiles/sim/two.yaml:1", "profiles/demo.yaml:2"]
 
 
@@ -52,7 +52,7 @@ def test_null_removes_a_module_a_setting_or_a_key(robot: Robot) -> None:
         modules:
           a: {class: "m:A", settings: {x: 1, y: 2}, essential: true}
           b: {class: "m:B"}
-        config: {k: 1}
+        variables: {k: 1}
         """,
     )
     robot.write(
@@ -60,14 +60,14 @@ def test_null_removes_a_module_a_setting_or_a_key(robot: Robot) -> None:
         """
         parents: [base]
         modules: {a: {settings: {x: null}, essential: ~}, b: null, never_there: null}
-        config: null
+        variables: null
         """,
     )
     profile = robot.load()
     assert [module.name for module in profile.modules] == ["a"]
     assert profile.modules[0].settings == {"y": 2}
     assert not profile.modules[0].essential
-    assert profile.config == {}
+    assert profile.variables == {}
 
 
 def test_parent_can_remove_a_key_of_an_earlier_parent(robot: Robot) -> None:
@@ -89,23 +89,23 @@ def test_modules_keep_the_order_of_their_first_appearance(robot: Robot) -> None:
 
 
 def test_common_ancestor_does_not_undo_what_one_parent_changed(robot: Robot) -> None:
-    robot.write("base", "config: {speed: 1}")
-    robot.write("fast", "parents: [base]\nconfig: {speed: 2}")
-    robot.write("loud", "parents: [base]\nconfig: {volume: 11}")
+    robot.write("base", "variables: {speed: 1}")
+    robot.write("fast", "parents: [base]\nvariables: {speed: 2}")
+    robot.write("loud", "parents: [base]\nvariables: {volume: 11}")
     robot.write("demo", "parents: [fast, loud]")
-    assert robot.load().config == {"speed": 2, "volume": 11}
+    assert robot.load().variables == {"speed": 2, "volume": 11}
 
 
 def test_profiles_and_parents_may_be_empty(robot: Robot) -> None:
     robot.write("base", "")
     robot.write("demo", "parents: [base]\nmodules:\n")
     profile = robot.load()
-    assert (profile.modules, dict(profile.config), profile.description) == ((), {}, "")
+    assert (profile.modules, dict(profile.variables), profile.description) == ((), {}, "")
 
 
 def test_cycle_shows_its_chain(robot: Robot) -> None:
     robot.write("demo", "parents: [a]")
-    robot.write("a", "config: {}\nparents:\n- b\n- c")
+    robot.write("a", "variables: {}\nparents:\n- b\n- c")
     robot.write("b", "")
     robot.write("c", "parents: [a]")
     assert robot.problems() == ["profiles/c.yaml:1: parents: a profile cannot be its own ancestor: a → c → a"]
@@ -138,7 +138,7 @@ def test_missing_parent_is_reported_with_its_line_and_all_profiles(robot: Robot)
     ],
 )
 def test_parents_of_a_wrong_type_are_refused(robot: Robot, parents: str, problem: str) -> None:
-    robot.write("demo", f"config: {{}}\nparents: {parents}")
+    robot.write("demo", f"variables: {{}}\nparents: {parents}")
     assert robot.problems() == [problem]
 
 
@@ -158,30 +158,20 @@ def test_broken_yaml_of_a_parent_is_reported_there(robot: Robot) -> None:
 OVERRIDDEN = """
 modules:
   a: {class: "m:A", settings: {x: 1, m: {p: 1}}}
-config: {robot.name: r, quick: false, a.key: 1}
 """
 
 
-def test_overrides_set_settings_and_config(robot: Robot) -> None:
+def test_overrides_set_settings(robot: Robot) -> None:
     robot.write("demo", OVERRIDDEN)
-    profile = robot.load("demo", "a.x=2e-1", "a.y=[1, 2]", "a.m={q: no}", "robot.name=x=y", "quick=true")
-    assert profile.modules[0].settings == {"x": 0.2, "m": {"p": 1, "q": "no"}, "y": [1, 2]}
-    assert profile.config == {"robot.name": "x=y", "quick": True, "a.key": 1}
+    profile = robot.load("demo", "a.x=2e-1", "a.y=[1, 2]", "a.m={q: no}", "a.z=x=y")
+    assert profile.modules[0].settings == {"x": 0.2, "m": {"p": 1, "q": "no"}, "y": [1, 2], "z": "x=y"}
     assert str(profile.place_of("modules", "a", "settings", "x")) == "--set a.x"
-    assert str(profile.place_of("config", "quick")) == "--set quick"
 
 
 def test_of_two_overrides_the_later_wins_and_null_removes(robot: Robot) -> None:
     robot.write("demo", OVERRIDDEN)
-    profile = robot.load("demo", "a.x=2", "a.x=3", "a.m=null", "robot.name=")
+    profile = robot.load("demo", "a.x=2", "a.x=3", "a.m=null")
     assert profile.modules[0].settings == {"x": 3}
-    assert "robot.name" not in profile.config
-
-
-def test_override_prefers_a_module_to_a_config_key_with_the_same_prefix(robot: Robot) -> None:
-    robot.write("demo", OVERRIDDEN)
-    profile = robot.load("demo", "a.key=2")
-    assert profile.config["a.key"] == 1 and profile.modules[0].settings["key"] == 2
 
 
 def test_relative_paths_of_overrides_start_from_the_current_folder(robot: Robot) -> None:
@@ -193,21 +183,12 @@ def test_relative_paths_of_overrides_start_from_the_current_folder(robot: Robot)
 @pytest.mark.parametrize(
     ("override", "problem"),
     [
-        ("a.x", "expected MODULE.SETTING=VALUE or CONFIG.KEY=VALUE"),
-        ("=1", "expected MODULE.SETTING=VALUE or CONFIG.KEY=VALUE"),
+        ("a.x", "expected MODULE.SETTING=VALUE"),
+        ("a=1", "expected MODULE.SETTING=VALUE"),
+        ("=1", "expected MODULE.SETTING=VALUE"),
         ("a.x=[1", "YAML: while parsing a flow sequence expected ',' or ']', but got '<stream end>'"),
-        (
-            "b.x=1",
-            "there is no module 'b', and config has no key 'b.x'; modules: a",
-        ),
-        (
-            "robot.nam=1",
-            "there is no module 'robot', and config has no key 'robot.nam'; did you mean 'robot.name'?",
-        ),
-        ("aa.x=1", "there is no module 'aa', and config has no key 'aa.x'; did you mean 'a'?"),
-        ("zzz=1", "there is no module 'zzz', and config has no key 'zzz'; modules: a"),
-        ("robot.name={a: 1}", "config.robot.name: config is flat; write `robot.name.a: …`"),
-        ("robot.name=.nan", "config.robot.name: expected float, finite; got nan (float)"),
+        ("b.x=1", "there is no module 'b'; modules: a"),
+        ("aa.x=1", "there is no module 'aa'; did you mean 'a'?"),
     ],
 )
 def test_invalid_override_is_reported_without_its_value(robot: Robot, override: str, problem: str) -> None:

@@ -339,7 +339,7 @@ def test_optional_source_of_the_clock_cannot_be_missing(robot: Robot) -> None:
         runnable(robot.load(), robot.preflight())
 
 
-@pytest.mark.parametrize("text", ["", "modules: {}", "config: {a: 1}"])
+@pytest.mark.parametrize("text", ["", "modules: {}", "variables: {a: 1}"])
 def test_profile_without_modules_cannot_run(robot: Robot, text: str) -> None:
     robot.write("demo", text)
     with pytest.raises(ProfileError, match="profile demo has no modules to run; list them under `modules:`"):

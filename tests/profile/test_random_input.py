@@ -17,8 +17,8 @@ from robbie_mp.profile.show import inline
 from robbie_mp.profile.variables import resolve
 
 WORDS = (
-    "parents description modules config core class settings restart policy memory segment_bytes limit_bytes "
-    "essential queue bytes ring_records a a.b demo"
+    "parents description modules variables core class settings restart policy memory segment_bytes "
+    "limit_bytes essential queue bytes ring_records a a.b demo"
 )
 KEYS = st.sampled_from(WORDS.split()) | st.text(max_size=5)
 SCALARS = (
@@ -42,7 +42,7 @@ FORM = st.fixed_dictionaries(
         "parents": st.lists(st.sampled_from(["demo", "other", "lost"]), max_size=2) | VALUES,
         "modules": st.dictionaries(KEYS, st.dictionaries(KEYS, VALUES, max_size=4) | VALUES, max_size=3)
         | VALUES,
-        "config": st.dictionaries(KEYS, SCALARS, max_size=3) | VALUES,
+        "variables": st.dictionaries(KEYS, SCALARS, max_size=3) | VALUES,
         "core": st.dictionaries(KEYS, SCALARS, max_size=3) | VALUES,
     },
 )
@@ -76,7 +76,7 @@ def test_any_values_are_a_profile_or_a_profile_error(demo: object, other: object
 
 @given(YAML_TEXT, st.sampled_from(["", "a.x=", "k=", "k", "a.", "b.x="]))
 def test_any_override_is_accepted_or_a_profile_error(text: str, beginning: str) -> None:
-    check("modules: {a: {class: 'm:A'}}\nconfig: {k: 1}", overrides=(beginning + text,))
+    check("modules: {a: {class: 'm:A'}}\nvariables: {k: 1}", overrides=(beginning + text,))
 
 
 @given(st.binary(max_size=40))
@@ -129,10 +129,10 @@ def test_merging_agrees_with_its_definition(base: dict[str, object], over: dict[
 @example(["$${", "$${a}", {"a${b}": "$$${b} ${${c}} ${"}])
 def test_shown_value_is_read_back_as_it_was(value: object) -> None:
     try:
-        shown = read_text(f"config: {{x: {inline(value)}}}", Path("p.yaml"))
+        shown = read_text(f"modules: {{x: {inline(value)}}}", Path("p.yaml"))
         profile = resolve(shown).tree.plain()
         assert isinstance(profile, dict)
-        got = profile["config"]["x"]
+        got = profile["modules"]["x"]
     except ProfileError as error:
         assert "64 bits" in str(error) or "<<" in str(error)
     else:

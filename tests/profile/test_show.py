@@ -39,7 +39,7 @@ def profiles(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
           mapping:
             class: mapping:Mapping
             settings: {resolution_m: 1e-3, weights: {y: 2}}
-        config: {robot.radius_m: 0.25, robot.port: "1e5"}
+        variables: {radius_m: 0.25, port: "1e5"}
         """,
     )
     robot.write("demo", "parents: [base]\nmodules:\n  mapping:\n    restart:\n      max_restarts: 1")
@@ -52,15 +52,14 @@ def comment_of(output: str) -> dict[str, str]:
 
 
 def test_each_value_is_shown_with_its_origin(capsys: Out) -> None:
-    assert main(["profile", "show", "demo", "--set", "robot.radius_m=0.3"]) == 0
+    assert main(["profile", "show", "demo", "--set", "mapping.resolution_m=0.3"]) == 0
     comments = comment_of(capsys.readouterr().out)
     assert comments["class: mapping:Mapping"] == "profiles/base.yaml:5"
-    assert comments["resolution_m: 0.001"] == "profiles/base.yaml:6"
     assert comments["y: 2.0"] == "profiles/base.yaml:6"
     assert comments["names: ['no']"] == "default"
     assert comments["max_restarts: 1"] == "profiles/demo.yaml:5"
     assert comments["policy: on-failure"] == "default"
-    assert comments["robot.radius_m: 0.3"] == "--set robot.radius_m"
+    assert comments["resolution_m: 0.3"] == "--set mapping.resolution_m"
     assert comments["handles: 16384"] == "default"
 
 
@@ -74,7 +73,11 @@ def test_shown_profile_is_an_equal_profile(robot: Robot, capsys: Out) -> None:
         "names": ["no"],
         "weights": {"y": 2.0},
     }
-    assert (after.config, after.core, after.description) == (before.config, before.core, before.description)
+    assert (after.variables, after.core, after.description) == (
+        before.variables,
+        before.core,
+        before.description,
+    )
     assert after.modules[0].restart == before.modules[0].restart
     assert main(["profile", "show", "again"]) == 0
     assert comment_of(capsys.readouterr().out).keys() - {"# profile again"} == comment_of(shown).keys() - {
@@ -88,17 +91,17 @@ def test_json_output_is_complete(robot: Robot, capsys: Out) -> None:
     assert (shown["name"], shown["workspace"]) == ("demo", str(robot.root))
     assert shown["modules"]["mapping"]["settings"]["names"] == ["no"]
     assert shown["origins"]["modules/mapping/settings/names"] == "default"
-    assert shown["origins"]["config/robot.radius_m"] == "profiles/base.yaml:7"
+    assert shown["origins"]["variables/radius_m"] == "profiles/base.yaml:7"
 
 
 def test_wrong_profile_is_exit_code_2_and_text_on_stderr(robot: Robot, capsys: Out) -> None:
-    robot.write("demo", "modlues: {}\nconfig: 5")
+    robot.write("demo", "modlues: {}\ncore: 5")
     assert main(["profile", "show", "demo"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err == (
         "profiles/demo.yaml:1: modlues: unknown key; did you mean 'modules'?\n"
-        "profiles/demo.yaml:2: config: expected a map; got 5\n"
+        "profiles/demo.yaml:2: core: expected a map; got 5\n"
     )
 
 
@@ -118,7 +121,7 @@ def test_code_that_cannot_be_imported_is_a_warning(robot: Robot, capsys: Out) ->
 def test_tree_of_an_unchecked_profile_is_that_of_its_files(robot: Robot) -> None:
     tree = as_tree(robot.load(), {})
     assert tree["modules"]["mapping"]["settings"] == {"resolution_m": 0.001, "weights": {"y": 2}}
-    assert list(tree) == ["description", "variables", "modules", "config", "core", "spares", "trace", "tools"]
+    assert list(tree) == ["description", "variables", "modules", "core", "spares", "trace", "tools"]
 
 
 @pytest.mark.parametrize(
@@ -147,7 +150,7 @@ def test_help_and_version_are_printed(capsys: Out) -> None:
 
 
 def test_colour_only_on_a_terminal(robot: Robot) -> None:
-    robot.write("plain", "config: {a: 1}")
+    robot.write("plain", "variables: {a: 1}")
     run = "import sys; from robbie_mp.cli import main; sys.exit(main(['profile', 'show', 'plain']))"
     environment = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "COLUMNS")}
     environment |= {"PYTHONPATH": ":".join(sys.path), "TERM": "xterm-256color"}
@@ -164,7 +167,7 @@ def test_colour_only_on_a_terminal(robot: Robot) -> None:
 
 
 def test_closed_output_causes_no_traceback(robot: Robot) -> None:
-    robot.write("long", "config:\n" + "".join(f"  key{n}: 1\n" for n in range(5000)))
+    robot.write("long", "variables:\n" + "".join(f"  key{n}: 1\n" for n in range(5000)))
     run = "import sys; from robbie_mp.cli import main; sys.exit(main(['profile', 'show', 'long']))"
     process = subprocess.Popen(
         [sys.executable, "-c", run],

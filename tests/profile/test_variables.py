@@ -30,9 +30,6 @@ modules:
   both:
     class: m:Both
     depends_on: [camera, laser]
-config:
-  robot.name: ${robot}
-  robot.simulated: ${simulated}
 """
 
 
@@ -52,7 +49,6 @@ def test_value_that_is_a_variable_keeps_its_type_and_one_in_a_text_is_inserted(r
     assert profile.modules[0].settings == {
         "rate_hz": 10.0, "file": "maps/lisa-3.png", "literal": "${robot}", "list": [1, 3],
     }  # fmt: skip
-    assert profile.config == {"robot.name": "lisa", "robot.simulated": True}
     assert profile.variables == {"simulated": True, "rate_hz": 10.0, "robot": "lisa", "count": 3}
 
 
@@ -61,7 +57,6 @@ def test_command_line_gives_variables_other_values_of_the_same_type(robot: Robot
     profile = load("rate_hz=5", "robot=7", "count=0x10")
     assert profile.modules[0].settings["rate_hz"] == 5.0
     assert profile.modules[0].settings["file"] == "maps/7-16.png"
-    assert profile.config["robot.name"] == "7"
 
 
 def test_condition_decides_whether_a_module_runs(robot: Robot) -> None:
@@ -121,25 +116,26 @@ def test_wrong_conditions_say_where_and_what(robot: Robot, condition: str, probl
 CASES = [
     (
         "count: ${conut}", (),
-        "profiles/demo.yaml:2: ${conut}: there is no variable 'conut'; did you mean 'count'?",
+        "profiles/demo.yaml:5: ${conut}: there is no variable 'conut'; did you mean 'count'?",
     ),
-    ("a: x${}y", (), "profiles/demo.yaml:2: ${}: there is no variable ''; variables: count, on"),
+    ("a: x${}y", (), "profiles/demo.yaml:5: ${}: there is no variable ''; variables: count, on"),
     ("a: 1", ("conut=1",), "--var conut: there is no variable 'conut'; did you mean 'count'?"),
     ("a: 1", ("count",), "--var count: expected NAME=VALUE"),
     (
         "a: 1", ("count=many",),
-        "--var count: expected int, as its default at profiles/demo.yaml:3; got 'many'",
+        "--var count: expected int, as its default at profiles/demo.yaml:6; got 'many'",
     ),
-    ("a: 1", ("on=1",), "--var on: expected bool, as its default at profiles/demo.yaml:3; got '1'"),
-    ("a: 1", ("on=",), "--var on: expected bool, as its default at profiles/demo.yaml:3; got ''"),
+    ("a: 1", ("on=1",), "--var on: expected bool, as its default at profiles/demo.yaml:6; got '1'"),
+    ("a: 1", ("on=",), "--var on: expected bool, as its default at profiles/demo.yaml:6; got ''"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("config", "given", "problem"), CASES)
+@pytest.mark.parametrize(("setting", "given", "problem"), CASES)
 def test_wrong_variables_are_errors_with_their_place(
-    robot: Robot, config: str, given: tuple[str, ...], problem: str
+    robot: Robot, setting: str, given: tuple[str, ...], problem: str
 ) -> None:
-    robot.write("demo", f"config:\n  {config}\nvariables: {{count: 3, on: true}}\n")
+    module = f"modules:\n  a:\n    class: m:A\n    settings:\n      {setting}\n"
+    robot.write("demo", module + "variables: {count: 3, on: true}\n")
     assert problems(*given) == [problem]
 
 
@@ -166,11 +162,24 @@ def test_error_in_an_inserted_value_names_the_place_and_the_option(robot: Robot)
     ]
 
 
+BASE = """
+variables: {name: base, kept: 1}
+modules: {a: {class: "m:A", settings: {a: "${name}", b: "${only_here}"}}}
+"""
+CHILD = """
+parents: [base]
+variables: {name: child, only_here: 2}
+modules: {a: {settings: {c: "${kept}"}}}
+"""
+
+
 def test_child_changes_the_defaults_of_its_parents_and_the_text_may_be_in_either(robot: Robot) -> None:
-    robot.write("base", "variables: {name: base, kept: 1}\nconfig: {a: '${name}', b: '${only_here}'}\n")
-    robot.write("demo", "parents: [base]\nvariables: {name: child, only_here: 2}\nconfig: {c: '${kept}'}\n")
-    assert load().config == {"a": "child", "b": 2, "c": 1}
-    assert load("name=typed").config["a"] == "typed"
+    robot.write("base", BASE)
+    robot.write("demo", CHILD)
+    [module] = load().modules
+    assert module.settings == {"a": "child", "b": 2, "c": 1}
+    [module] = load("name=typed").modules
+    assert module.settings["a"] == "typed"
 
 
 def test_override_may_name_a_variable_and_comes_before_it_is_replaced(robot: Robot) -> None:
@@ -216,11 +225,10 @@ def test_shown_profile_has_the_values_and_where_they_come_from(robot: Robot) -> 
     origin = origins(profile, tree)
     assert origin["variables", "rate_hz"] == "--var rate_hz"
     assert origin["modules", "camera", "settings", "rate_hz"] == "profiles/demo.yaml:12 (--var rate_hz)"
-    assert origin["config", "robot.name"] == "profiles/demo.yaml:23 (profiles/demo.yaml:5)"
+    assert origin["modules", "camera", "settings", "file"] == "profiles/demo.yaml:13"
     robot.write("shown", as_profile(load(), {}))
     again = robot.load("shown")
     assert again.modules == load().modules
-    assert again.config == load().config
 
 
 def test_topics_and_namespace_are_read_and_merged(robot: Robot) -> None:

@@ -22,7 +22,7 @@ def test_name_is_looked_up_in_the_workspace_around_the_current_folder(
 
 
 def test_path_of_a_profile_determines_the_workspace(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    robot.write("base", "config: {a: 1}")
+    robot.write("base", "variables: {a: 1}")
     robot.write("sim/arena", "parents: [base]")
     for start, path in [
         ("/", str(robot.root / "profiles/sim/arena.yaml")),
@@ -32,7 +32,7 @@ def test_path_of_a_profile_determines_the_workspace(robot: Robot, monkeypatch: p
     ]:
         monkeypatch.chdir(start)
         profile = robot.load(path)
-        assert (profile.name, profile.workspace, profile.config) == ("sim/arena", robot.root, {"a": 1})
+        assert (profile.name, profile.workspace, profile.variables) == ("sim/arena", robot.root, {"a": 1})
 
 
 def test_workspace_can_be_given(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,9 +76,9 @@ def test_stock_profiles_are_parents_in_every_workspace(robot: Robot) -> None:
 
 
 def test_own_profile_of_the_same_name_is_another_one(robot: Robot) -> None:
-    robot.write("recorded", "config: {own: true}")
+    robot.write("recorded", "variables: {own: true}")
     robot.write("demo", "parents: [recorded]")
-    assert robot.load().config == {"own": True}
+    assert robot.load().variables == {"own": True}
     assert robot.load().modules == ()
 
 

@@ -31,7 +31,7 @@ modules:
   hostile: {class: "zoo.hostile:Hostile"}
   listener: {class: "zoo.hostile:Listener"}
   crasher: {class: "zoo.hostile:Crasher", restart: {max_restarts: 1, within_s: 60}}
-config: {"greeting": "\\x1b[2J\\u202e"}
+variables: {greeting: "\\x1b[2J\\u202e"}
 """
 NAMES_IT = {
     "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "param",
