@@ -20,7 +20,7 @@ demo: .venv/robot
 
 # Two rescue robots in one random arena, over a link; prints their figures at the end, after two minutes.
 team: .venv/team
-	.venv/bin/python -m tools.rescue_team
+	.venv/bin/python -m tools.trials rescue_team
 
 test: .venv/dev
 	$(PYTEST) -q -m 'not slow' --durations 5 $(PARALLEL)

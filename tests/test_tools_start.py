@@ -5,12 +5,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tools.trials.__main__ import subjects
+
 ROOT = Path(__file__).parents[1]
 START_ALL = """\
 import contextlib, io, runpy, sys, traceback
 
 for name in sys.argv[1:]:
-    sys.argv = [name, "--help"]
+    name, *words = name.split()
+    sys.argv = [name, *words, "--help"]
     for imported in (name, f"{name}.__main__"):  # perhaps by another program
         sys.modules.pop(imported, None)
     shown = io.StringIO()
@@ -19,7 +22,7 @@ for name in sys.argv[1:]:
             runpy.run_module(name, run_name="__main__", alter_sys=True)
     except SystemExit as end:
         if end.code or "usage: " not in shown.getvalue():
-            print(f"{name} ended with {end.code!r} and showed {shown.getvalue()!r}")
+            print(f"{name} {words} ended with {end.code!r} and showed {shown.getvalue()!r}")
     except Exception:
         print(f"{name}: {traceback.format_exc()}")
     else:
@@ -34,12 +37,13 @@ def programs() -> list[str]:
     names |= {
         ROOT / "tools" / "bench" / f"{one}.py": f"tools.bench.{one}" for one in ("restart", "ros2_overhead")
     }
-    return sorted(name for path, name in names.items() if '__name__ == "__main__"' in path.read_text())
+    found = [name for path, name in names.items() if '__name__ == "__main__"' in path.read_text()]
+    return sorted(found + [f"tools.trials {name}" for name in subjects()])
 
 
 def test_every_tool_starts_and_explains_itself(tmp_path: Path) -> None:
     names = programs()
-    assert {"tools.rescue_trials", "tools.top_pictures", "tools.bench"} <= set(names)
+    assert {"tools.trials rescue", "tools.top_pictures", "tools.bench"} <= set(names)
     found = subprocess.run(
         [sys.executable, "-W", "error", "-c", START_ALL, *names],
         cwd=tmp_path,  # one that ignores --help does not overwrite a picture of the docs

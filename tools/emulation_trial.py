@@ -32,8 +32,8 @@ from hw.simulation.generate_arena import generate_arena
 from robbie_mp.profile.load import load_profile
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from tools.paired_test import SignFlips, TooFewPairs
-from tools.rescue_trials import NOISY, judge, mapped_share
-from tools.rescue_trials import Outcome as RescueOutcome
+from tools.trials.missions.rescue import NOISY, judge, mapped_share
+from tools.trials.missions.rescue import Outcome as RescueOutcome
 from workers.maps.map_file import read_map
 from workers.planar_pose import transform_points, wrap_angle
 

@@ -58,7 +58,7 @@ PERSONS = TaughtFaces.kind
 FACE_M = 1.55
 """Height of a face above the floor; the camera has to see those of taller and smaller persons, too."""
 FACE_WIDTH_M = 0.15
-"""Width of the box around a face: 0.12 to 0.19 m for the real faces of `tools.who_is_who_trials`."""
+"""Width of the box around a face: 0.12 to 0.19 m for the real faces of `tools.trials.missions.who_is_who`."""
 TURN_RAD = 0.04
 MAX_PICTURES = 8
 """Pictures that wait for what is found in them."""

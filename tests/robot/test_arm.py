@@ -6,8 +6,8 @@ import pytest
 
 from hw.simulation.table_room import generate_room
 from tests.robot._support.stock_robot import StockRobot
-from tools.grasp_trials import NOISY, Outcome, judge, twins_settings
-from tools.mission_trials import settings_for
+from tools.trials.missions.grasp import NOISY, Outcome, judge, twins_settings
+from tools.trials.missions.mission import settings_for
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 pytest.importorskip("cv2", reason="recognition of objects needs the extra 'vision'")

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.robot._support.stock_robot import StockRobot
-from tools.follow_trials import Outcome, judge
+from tools.trials.missions.follow import Outcome, judge
 
 # The time of the task is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.robot._support.stock_robot import StockRobot
-from tools.household_trials import NOISY, Outcome, apartment, judge, plan_of
-from tools.mission_trials import settings_for
+from tools.trials.missions.household import NOISY, Outcome, apartment, judge, plan_of
+from tools.trials.missions.mission import settings_for
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 # The time of the order is simulated, but that of the machine is not; on a busy one it takes its time.

@@ -4,7 +4,7 @@ import pytest
 
 from tests.robot._support.stock_robot import StockRobot
 from tests.workers.numbers.test_board_reader import needs_reader
-from tools.numbers_trials import Outcome, judge
+from tools.trials.missions.numbers import Outcome, judge
 
 # The time of the task is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900), needs_reader]

@@ -9,7 +9,7 @@ import pytest
 from hw.simulation.arena_file import read_arena
 from tests._support.places import ARENAS
 from tests.robot._support.stock_robot import StockRobot
-from tools.rescue_trials import Outcome, judge
+from tools.trials.missions.rescue import Outcome, judge
 
 # The time of the mission is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = pytest.mark.timeout(400)

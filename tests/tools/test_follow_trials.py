@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hw.simulation.arena_file import read_arena
-from tools.follow_trials import Outcome, apartment, judge, summary
+from tools.trials.missions.follow import Outcome, apartment, judge, summary
 
 
 def judged(folder: Path, *, wrong: int = 0, touches: int = 0, state: str = "FOLLOW") -> Outcome:
@@ -35,7 +35,7 @@ def test_run_is_right_if_the_right_person_is_followed_and_nobody_touched(tmp_pat
     assert not judged(tmp_path, touches=1).is_right
     assert not judged(tmp_path, state="IDLE").is_right
     total = summary([right, wrong])
-    assert (total["runs"], total["right"], total["wrong_times"], total["wrong_s"]) == (2, 1, 2, 3.0)
+    assert (total["runs"], total["is_right"], total["wrong_times"], total["wrong_s"]) == (2, 1, 2, 3.0)
     assert (total["minutes"], total["crossings_per_minute"], total["losses"]) == (4.0, 2.5, 2)
 
 

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from tools.grasp_trials import Outcome, judge, summary
+from tools.trials.missions.grasp import Outcome, judge, summary
 
 
 def judged(folder: Path, *, on: str = "counter", lies: bool = False, contacts: int = 0) -> Outcome:
@@ -34,5 +34,5 @@ def test_object_elsewhere_or_fallen_or_a_contact_spoils_a_room(tmp_path: Path) -
     outcomes = [judged(tmp_path, on="floor"), judged(tmp_path, lies=True), judged(tmp_path, contacts=1)]
     assert [(outcome.is_right, outcome.right) for outcome in outcomes] == [(False, 1), (False, 1), (False, 2)]
     total = summary([*outcomes, judged(tmp_path)])
-    assert (total["rooms"], total["rooms_right"], total["orders_right"]) == (4, 1, 6)
+    assert (total["rooms"], total["is_right"], total["right"]) == (4, 1, 6)
     assert (total["fallen"], total["contacts"]) == (1, 1)

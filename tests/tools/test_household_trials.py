@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hw.simulation.arena_file import read_arena
-from tools.household_trials import TASKS, Outcome, apartment, judge, plan_of, summary
+from tools.trials.missions.household import TASKS, Outcome, apartment, judge, plan_of, summary
 from workers.maps.map_annotations import AnnotatedMap, Annotations
 
 

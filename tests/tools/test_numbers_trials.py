@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hw.simulation.arena_file import read_arena
 from tests._support.places import ARENAS
-from tools.numbers_trials import Outcome, false_signs, judge, summary
+from tools.trials.missions.numbers import Outcome, false_signs, judge, summary
 
 
 def judged(folder: Path, *, collisions: int = 0, is_right: bool = True) -> Outcome:
@@ -38,7 +38,7 @@ def test_touch_or_wrong_visit_spoils_a_ground(tmp_path: Path) -> None:
     assert (wrong.is_right, wrong.right, wrong.wrong, wrong.farthest_m) == (False, 1, 1, 0.8)
     assert wrong.wrong_visits == ["7: 1.10 m away, 29° beside, in order"]
     total = summary([touching, wrong, judged(tmp_path)])
-    assert (total["grounds"], total["right"], total["touches"], total["wrong_visits"]) == (3, 1, 1, 1)
+    assert (total["grounds"], total["is_right"], total["touches"], total["wrong"]) == (3, 1, 1, 1)
 
 
 def test_believed_digit_is_false_where_the_ground_has_another_board_or_none() -> None:

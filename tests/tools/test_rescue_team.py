@@ -10,7 +10,8 @@ from hw.simulation.arena_file import read_arena
 from robbie_mp.profile.load import load_profile
 from tests._support.places import ARENAS
 from tools.kill_campaign.robot import REPOSITORY
-from tools.rescue_team import (
+from tools.trials.missions.rescue import Outcome
+from tools.trials.missions.rescue_team import (
     PROFILE,
     SIMULATED,
     TeamOutcome,
@@ -19,7 +20,6 @@ from tools.rescue_team import (
     second_start,
     sum_up,
 )
-from tools.rescue_trials import Outcome
 from workers.planar_pose import compose
 
 

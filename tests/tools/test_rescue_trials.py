@@ -12,7 +12,7 @@ from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
 from hw.simulation.box_segments import box_segments
-from tools.rescue_trials import Outcome, judge, mapped_share, summary
+from tools.trials.missions.rescue import Outcome, judge, mapped_share, summary
 from workers.maps.map_file import write_map
 
 # The robot starts at (1, 2) and looks along y: the map's x axis is the arena's y axis.
@@ -86,4 +86,4 @@ def test_summary_counts_all_missions() -> None:
     ]
     total = summary(outcomes)
     assert (total["mapped_mean"], total["found_share"], total["collisions"]) == (0.95, 0.75, 1)
-    assert (total["home"], total["trouble"], total["placed_worst_m"]) == (1, 1, 0.3)
+    assert (total["is_home"], total["trouble"], total["placed_worst_m"]) == (1, 1, 0.3)

@@ -9,7 +9,7 @@ import pytest
 
 from hw.simulation.arena_file import read_arena
 from hw.simulation.people import read_heads
-from tools.who_is_who_trials import Outcome, judge, party, summary
+from tools.trials.missions.who_is_who import Outcome, judge, party, summary
 
 
 def person(name: str, x_m: float, y_m: float = 0.0) -> dict[str, Any]:
@@ -51,5 +51,5 @@ def test_false_names_missed_guests_and_ghosts_are_counted(tmp_path: Path) -> Non
     assert (outcome.named, outcome.false_names, outcome.unknown_right) == (0, 1, 0)
     assert (outcome.missed, outcome.ghosts) == (1, 1)
     figures = summary([outcome, judged(tmp_path, [person("Anna", 1), person("Ben", 4), person("", 7)])])
-    assert (figures["right"], figures["false_rejects"]) == (1, 0.5)
+    assert (figures["is_right"], figures["false_rejects"]) == (1, 0.5)
     assert figures["false_accepts"] == pytest.approx(1 / 6, abs=0.001)

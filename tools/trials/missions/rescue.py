@@ -1,6 +1,6 @@
 """Rescue missions in random arenas, judged by the ground truth.
 
-    python -m tools.rescue_trials --seeds 20 --json FILE [--kill] [--first 0] [--profile rescue-fast]
+    python -m tools.trials rescue --seeds 20 --json FILE [--kill] [--profile rescue-fast]
 
 Each seed makes an arena (`hw.simulation.generate_arena`). The profile runs in it until its mission has ended.
 With `--kill` the tool kills every module once, at a random moment of the mission. In lockstep, as in the
@@ -8,11 +8,10 @@ profile `rescue-fast`, the robot waits for a restarting module. To see what a de
 drives on meanwhile, use `--profile rescue`, which runs at real-time speed.
 """
 
+import argparse
 import csv
 import json
 import math
-import signal
-import sys
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -25,7 +24,8 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes
 from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
-from tools.mission_trials import Trial, command_line, play, play_all, settings_for
+from tools.trials.harness import Case, Subject
+from tools.trials.missions.mission import Mission, Setup, Trial, all_in_order, mean, totals
 from workers.maps.map_file import read_map
 from workers.planar_pose import relative, transform_points
 
@@ -65,17 +65,13 @@ class Outcome(Trial):
     simulated_s: float = 0.0
 
 
-def run_mission(seed: int, folder: Path, profile: str, wishes: ArenaWishes, kill: bool) -> Outcome:
-    """Run one mission and judge it."""
-    file = folder / "arena.yaml"
-    file.write_text(generate_arena(seed, wishes))
+def set_up(outcome: Outcome, case: Case) -> Setup:
+    """Make the arena of a seed."""
+    file = case.folder / "arena.yaml"
+    file.write_text(generate_arena(case.seed, replace(WISHES, appearing=case.options.appearing)))
     arena = read_arena(file)
-    outcome = Outcome(seed, victims=len(arena.victims))
-    settings = settings_for(profile, file, seed, NOISY)
-    kills_s = (BEGIN_S, KILL_END_S) if kill else None
-    judge_it = partial(judge, outcome, arena)
-    play(outcome, folder, profile, settings, judge_it, limit_s=RUN_LIMIT_S, kills_s=kills_s)
-    return outcome
+    outcome.victims = len(arena.victims)
+    return Setup(file, partial(judge, outcome, arena))
 
 
 def judge(outcome: Outcome, arena: Arena, output: Path) -> None:
@@ -125,41 +121,40 @@ def mapped_share(arena: Arena, map_file: Path) -> float:
 
 def summary(outcomes: list[Outcome]) -> dict[str, Any]:
     """Return the figures of all missions together."""
-    victims = sum(outcome.victims for outcome in outcomes)
     placed = [away_m for outcome in outcomes for away_m in outcome.placed_m.values()]
+    sums = totals(outcomes, "victims", "found", "invented", "collisions", "is_home")
     return {
         "missions": len(outcomes),
-        "mapped_mean": round(float(np.mean([outcome.mapped for outcome in outcomes])), 4),
+        "mapped_mean": mean(outcomes, "mapped", 4),
         "mapped_least": min(outcome.mapped for outcome in outcomes),
-        "victims": victims,
-        "found": sum(outcome.found for outcome in outcomes),
-        "found_share": round(sum(outcome.found for outcome in outcomes) / max(victims, 1), 4),
+        "found_share": round(sums["found"] / max(sums["victims"], 1), 4),
         "placed_median_m": round(float(np.median(placed)), 3) if placed else None,
         "placed_worst_m": max(placed, default=None),
-        "invented": sum(outcome.invented for outcome in outcomes),
-        "collisions": sum(outcome.collisions for outcome in outcomes),
-        "home": sum(outcome.is_home for outcome in outcomes),
-        "simulated_s_mean": round(float(np.mean([outcome.simulated_s for outcome in outcomes])), 1),
-        "trouble": sum(bool(outcome.trouble) for outcome in outcomes),
+        "simulated_s_mean": mean(outcomes, "simulated_s"),
+        **sums,
     }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line. The exit code is 0 if every run ended in order, else 1."""
-    parser = command_line("python -m tools.rescue_trials", __doc__, "rescue-fast", "number of arenas")
-    parser.add_argument(
-        "--appearing", type=int, default=0, help="number of obstacles that appear and disappear in each arena"
-    )
-    options = parser.parse_args(arguments)
-    wishes = replace(WISHES, appearing=options.appearing)
-
-    def play_one(seed: int, folder: Path) -> Outcome:
-        return run_mission(seed, folder, options.profile, wishes, options.kill)
-
-    outcomes = play_all(options, play_one, summary, "missions")
-    return int(any(outcome.trouble for outcome in outcomes))
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of rescue missions."""
+    text = "number of obstacles that appear and disappear in each arena"
+    parser.add_argument("--appearing", type=int, default=0, help=text)
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
-    sys.exit(main())
+MISSION = Mission(
+    outcome=Outcome,
+    set_up=set_up,
+    profile="rescue-fast",
+    noisy=NOISY,
+    limit_s=RUN_LIMIT_S,
+    kills_s=(BEGIN_S, KILL_END_S),
+    more_options=options,
+)
+SUBJECT = Subject(
+    play=MISSION.play,
+    options=MISSION.options,
+    summary=summary,
+    is_good=all_in_order,
+    results="missions",
+    seed_makes="an arena",
+)

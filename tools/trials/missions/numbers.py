@@ -1,7 +1,6 @@
 """Drives to numbered signs on random grounds, judged by the ground truth.
 
-    python -m tools.numbers_trials --seeds 20 [--first 0] [--kill] [--sheet] [--profile NAME] [--json FILE]
-        [--keep DIR]
+    python -m tools.trials numbers --seeds 20 [--kill] [--sheet] [--ground FILE] [--profile NAME]
 
 Each seed makes a ground (`hw.simulation.number_ground`). With `--sheet`, a sheet at the start shows a random
 order; otherwise it is ascending. A seed is right if the robot visited all ten signs in this order, stood at
@@ -10,11 +9,11 @@ moment; in lockstep, as in the profile `numbers-fast`, the robot waits for a res
 `--ground`, every seed plays on one ground, with other noise and other kills.
 """
 
+import argparse
 import json
 import math
-import signal
-import sys
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +21,11 @@ from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.arena_file import read_arena
 from hw.simulation.number_ground import generate_ground
-from tools.mission_trials import Trial, command_line, play, play_all, settings_for
+from tools.trials.harness import Case, Subject
+from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
 
 NOISY = ("base", "laser", "camera")
-RUN_LIMIT_S = 2400.0
 SAME_M = 0.6
-BEGIN_S = 2.0
-"""The tool kills no module before this time of the run."""
 
 
 @dataclass
@@ -63,25 +60,20 @@ class Outcome(Trial):
     simulated_s: float = 0.0
 
 
-def run_ground(outcome: Outcome, folder: Path, profile: str, file: Path, kill_until_s: float) -> None:
-    """Run the task on one ground and judge it.
+def set_up(outcome: Outcome, case: Case) -> Setup:
+    """Make the ground of a seed, unless the command line names one."""
+    file = case.options.ground or case.folder / "ground.yaml"
+    if case.options.ground is None:
+        file.write_text(generate_ground(case.seed, sheet=case.options.sheet))
+    outcome.sheet = read_arena(file).sheet is not None
+    return Setup(file, partial(judge_with_signs, outcome, file))
 
-    Args:
-        outcome: seed of the noise and the kills; takes the results.
-        folder: new folder for the run.
-        profile: the profile to run.
-        file: the ground.
-        kill_until_s: every module is killed once until this time of the run; 0: none is killed.
-    """
 
-    def judge_all(output: Path) -> None:
-        judge(outcome, output)
-        believed = json.loads((output / "numbers.json").read_text())["signs"]
-        outcome.signs, outcome.false_signs = len(believed), false_signs(believed, read_arena(file))
-
-    settings = settings_for(profile, file, outcome.seed, NOISY)
-    kills_s = (BEGIN_S, kill_until_s) if kill_until_s else None
-    play(outcome, folder, profile, settings, judge_all, limit_s=RUN_LIMIT_S, kills_s=kills_s)
+def judge_with_signs(outcome: Outcome, file: Path, output: Path) -> None:
+    """Judge visits, touches, and what the robot believes of the signs of a ground."""
+    judge(outcome, output)
+    believed = json.loads((output / "numbers.json").read_text())["signs"]
+    outcome.signs, outcome.false_signs = len(believed), false_signs(believed, read_arena(file))
 
 
 def judge(outcome: Outcome, output: Path) -> None:
@@ -129,44 +121,33 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
     """Return the figures of all grounds together."""
     return {
         "grounds": len(outcomes),
-        "right": sum(outcome.is_right for outcome in outcomes),
-        "wrong_visits": sum(outcome.wrong for outcome in outcomes),
-        "touches": sum(outcome.touches for outcome in outcomes),
         "farthest_m": max(outcome.farthest_m for outcome in outcomes),
-        "simulated_s_mean": round(sum(outcome.simulated_s for outcome in outcomes) / len(outcomes), 1),
-        "signs": sum(outcome.signs for outcome in outcomes),
+        "simulated_s_mean": mean(outcomes, "simulated_s"),
+        **totals(outcomes, "is_right", "wrong", "touches", "signs"),
         "false_signs": [text for outcome in outcomes for text in outcome.false_signs],
-        "trouble": sum(bool(outcome.trouble) for outcome in outcomes),
     }
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command line. The exit code is 0 if every ground was right, else 1."""
-    parser = command_line("python -m tools.numbers_trials", __doc__, "numbers-fast", "number of grounds")
-    parser.add_argument(
-        "--kill-until",
-        type=float,
-        default=150.0,
-        metavar="S",
-        help="time of the run by which all were killed",
-    )
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of grounds."""
     parser.add_argument("--ground", type=Path, metavar="FILE", help="play on this ground only")
     parser.add_argument("--sheet", action="store_true", help="a sheet at the start shows the order")
-    options = parser.parse_args(words)
-
-    def play_one(seed: int, folder: Path) -> Outcome:
-        file = options.ground or folder / "ground.yaml"
-        if options.ground is None:
-            file.write_text(generate_ground(seed, sheet=options.sheet))
-        outcome = Outcome(seed, sheet=read_arena(file).sheet is not None)
-        kill_until_s = options.kill_until if options.kill else 0.0
-        run_ground(outcome, folder, options.profile, file.resolve(), kill_until_s)
-        return outcome
-
-    outcomes = play_all(options, play_one, summary, "grounds")
-    return int(not all(outcome.is_right for outcome in outcomes))
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
-    sys.exit(main())
+MISSION = Mission(
+    outcome=Outcome,
+    set_up=set_up,
+    profile="numbers-fast",
+    noisy=NOISY,
+    limit_s=2400.0,
+    kills_s=(2.0, 150.0),
+    more_options=options,
+)
+SUBJECT = Subject(
+    play=MISSION.play,
+    options=MISSION.options,
+    summary=summary,
+    is_good=all_right,
+    results="grounds",
+    seed_makes="a ground",
+)

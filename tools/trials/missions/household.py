@@ -1,6 +1,6 @@
 """Orders to the household robot in its apartment, judged by the ground truth.
 
-    python -m tools.household_trials --seeds 20 [--tasks bring,put,learn,several,door] [--kill] [--json FILE]
+    python -m tools.trials household --seeds 20 [--tasks bring,put,learn,several,door] [--kill]
 
 Each seed puts the three objects on random tables of `apartment.yaml`, and makes other noise. Anna stands
 where she gives the order, and David walks through the rooms. For each seed the robot starts anew for each
@@ -19,12 +19,11 @@ tool kills every module once, at a random moment; in lockstep, as in the profile
 waits for a restarting module.
 """
 
+import argparse
 import json
 import math
 import random
 import re
-import signal
-import sys
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -33,14 +32,12 @@ from typing import Any
 import numpy as np
 
 from tools.kill_campaign.robot import REPOSITORY
-from tools.mission_trials import Trial, command_line, play, play_all, settings_for
+from tools.trials.harness import CannotTry, Case, Subject
+from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
 from workers.maps.map_annotations import read_annotations
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "rear_laser", "depth_camera", "manipulation")
-RUN_LIMIT_S = 3000.0
-BEGIN_S, KILL_UNTIL_S = 2.0, 45.0
-"""Every module is killed between these times of the run."""
 KINDS = {"soup": "can: [0.066, 0.10]", "tea": "box: [0.06, 0.04, 0.12]", "cola": "can: [0.052, 0.14]"}
 TABLES = {
     "sideboard": (2.6, 3.15, 0.0, 1.0),
@@ -145,27 +142,16 @@ def plan_of(task: str, seed: int, on: dict[str, str]) -> Plan:
     return Plan(order, {}, learns=True)
 
 
-def run(outcome: Outcome, folder: Path, profile: str, kills: bool) -> None:
-    """Carry out one order and judge it.
-
-    Args:
-        outcome: the task, and the seed of apartment, noise and kills; takes the results.
-        folder: new folder for the run.
-        profile: the profile to run.
-        kills: whether every module is killed once.
-    """
-    text, on = apartment(outcome.seed)
-    file = folder / "apartment.yaml"
-    plan = plan_of(outcome.task, outcome.seed, on)
+def set_up(outcome: Outcome, case: Case) -> Setup:
+    """Write the apartment of a seed, and give the order of the case's task."""
+    text, on = apartment(case.seed)
+    file, plan = case.folder / "apartment.yaml", plan_of(case.kind, case.seed, on)
     if plan.closes_doors:
         text = CROSSES.sub(STAYS, text.replace("open: true", "open: false"))
     file.write_text(text)
-    outcome.order = plan.order
-    settings = settings_for(profile, file, outcome.seed, NOISY)
-    settings += [f"household.start_orders={json.dumps([plan.order])}", "base.true_path=true"]
-    kills_s = (BEGIN_S, KILL_UNTIL_S) if kills else None
-    judged = partial(judge, outcome, plan)
-    play(outcome, folder, profile, settings, judged, limit_s=RUN_LIMIT_S, kills_s=kills_s)
+    outcome.task, outcome.order = case.kind, plan.order
+    settings = [f"household.start_orders={json.dumps([plan.order])}", "base.true_path=true"]
+    return Setup(file, partial(judge, outcome, plan), settings)
 
 
 def judge(outcome: Outcome, plan: Plan, output: Path) -> None:
@@ -213,41 +199,48 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
             task: {
                 "orders": len(those),
                 "right": sum(one.is_right for one in those),
-                "simulated_s_mean": round(sum(one.simulated_s for one in those) / len(those), 1),
+                "simulated_s_mean": mean(those, "simulated_s"),
             }
             for task in TASKS
             if (those := [one for one in outcomes if one.task == task])
         },
         "said_done_but_wrong": sum(one.is_done and not one.is_right for one in outcomes),
-        "fallen": sum(len(one.fallen) for one in outcomes),
-        "contacts": sum(one.contacts for one in outcomes),
-        "collisions": sum(one.collisions for one in outcomes),
-        "trouble": sum(bool(one.trouble) for one in outcomes),
+        **totals(outcomes, "fallen", "contacts", "collisions"),
     }
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command line. The exit code is 0 if every order was right, else 1."""
-    parser = command_line(
-        "python -m tools.household_trials", __doc__, "household-fast", "number of apartments"
-    )
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of orders."""
     parser.add_argument("--tasks", default=",".join(TASKS), help="the tasks, joined by commas")
-    options = parser.parse_args(words)
-    tasks = options.tasks.split(",")
-    if unknown := [task for task in tasks if task not in TASKS]:
-        parser.error(f"there is no task {unknown[0]!r}; there are {', '.join(TASKS)}")
-
-    def play_one(number: int, folder: Path) -> Outcome:
-        outcome = Outcome(options.first + (number - options.first) // len(tasks))
-        outcome.task = tasks[(number - options.first) % len(tasks)]
-        run(outcome, folder, options.profile, options.kill)
-        return outcome
-
-    options.seeds *= len(tasks)
-    outcomes = play_all(options, play_one, summary, "orders")
-    return int(not all(outcome.is_right for outcome in outcomes))
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
-    sys.exit(main())
+def tasks(chosen: argparse.Namespace) -> list[str]:
+    """Return the tasks of the command line.
+
+    Raises:
+        CannotTry: there is no such task.
+    """
+    names: list[str] = chosen.tasks.split(",")
+    if unknown := [name for name in names if name not in TASKS]:
+        raise CannotTry(f"there is no task {unknown[0]!r}; there are {', '.join(TASKS)}")
+    return names
+
+
+MISSION = Mission(
+    outcome=Outcome,
+    set_up=set_up,
+    profile="household-fast",
+    noisy=NOISY,
+    limit_s=3000.0,
+    kills_s=(2.0, 45.0),
+    more_options=options,
+)
+SUBJECT = Subject(
+    play=MISSION.play,
+    options=MISSION.options,
+    kinds=tasks,
+    summary=summary,
+    is_good=all_right,
+    results="orders",
+    seed_makes="an apartment, with an order of each task",
+)

@@ -1,7 +1,6 @@
 """Has the household robot follow a person through the apartment, judged by the ground truth.
 
-    python -m tools.follow_trials --seeds 20 [--first 0] [--minutes 2] [--kill] [--hurries] [--keep DIR]
-                                  [--profile NAME] [--json FILE]
+    python -m tools.trials follow --seeds 20 [--minutes 2] [--kill] [--hurries] [--profile NAME]
 
 Each seed dresses the four people of `apartment.yaml` anew, lets the first one walk through the lower rooms
 (even seeds) or the upper ones (odd seeds) at another speed, and makes other noise. Two people cross her way
@@ -13,21 +12,20 @@ With `--hurries`, the person is faster than the robot may drive, walks out of it
 waits there: so the robot loses the person, and has to search.
 """
 
+import argparse
 import json
 import random
-import signal
-import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tools.kill_campaign.robot import REPOSITORY
-from tools.mission_trials import Trial, command_line, play, play_all, settings_for
+from tools.trials.harness import Case, Subject
+from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "rear_laser", "camera")
-RUN_LIMIT_S = 3600.0
 BEGIN_S, KILL_SHARE = 12.0, 0.8
 """Modules are killed between this time of the run and this share of it."""
 SHIRTS = ((190, 40, 40), (40, 120, 60), (230, 200, 60), (60, 90, 190), (240, 240, 240), (120, 50, 130))
@@ -107,23 +105,12 @@ def apartment(seed: int, hurries: bool = False) -> str:
     return rooms + "people:\n" + "\n".join(people) + "\n"
 
 
-def run(outcome: Outcome, folder: Path, profile: str, minutes: float, kills: bool, hurries: bool) -> None:
-    """Run the task once and judge it.
-
-    Args:
-        outcome: seed of people, noise and kills; takes the results.
-        folder: new folder for the run.
-        profile: the profile to run.
-        minutes: duration in the robot's time.
-        kills: whether every module is killed once.
-        hurries: whether the person is faster than the robot.
-    """
-    file = folder / "apartment.yaml"
-    file.write_text(apartment(outcome.seed, hurries))
-    settings = settings_for(profile, file, outcome.seed, NOISY)
-    settings += [f"referee.ends_after_s={60 * minutes}"]
-    kills_s = (BEGIN_S, KILL_SHARE * 60 * minutes) if kills else None
-    play(outcome, folder, profile, settings, partial(judge, outcome), limit_s=RUN_LIMIT_S, kills_s=kills_s)
+def set_up(outcome: Outcome, case: Case) -> Setup:
+    """Write the apartment of a seed."""
+    file, duration_s = case.folder / "apartment.yaml", 60 * case.options.minutes
+    file.write_text(apartment(case.seed, case.options.hurries))
+    settings = [f"referee.ends_after_s={duration_s}"]
+    return Setup(file, partial(judge, outcome), settings, KILL_SHARE * duration_s)
 
 
 def judge(outcome: Outcome, output: Path) -> None:
@@ -143,42 +130,48 @@ def judge(outcome: Outcome, output: Path) -> None:
 def summary(outcomes: list[Outcome]) -> dict[str, Any]:
     """Return the figures of all runs together."""
     minutes = sum(one.task_s for one in outcomes) / 60
+    sums = totals(
+        outcomes,
+        "is_right",
+        "crossings",
+        "wrong_times",
+        "wrong_s",
+        "touches",
+        "collisions",
+        "losses",
+        "questions",
+    )
     return {
         "runs": len(outcomes),
-        "right": sum(one.is_right for one in outcomes),
-        "near_share_mean": round(sum(one.near_share for one in outcomes) / len(outcomes), 3),
+        "near_share_mean": mean(outcomes, "near_share", 3),
         "near_share_least": min(one.near_share for one in outcomes),
         "minutes": round(minutes, 1),
-        "crossings_per_minute": round(sum(one.crossings for one in outcomes) / minutes, 2)
-        if minutes
-        else 0.0,
-        "wrong_times": sum(one.wrong_times for one in outcomes),
-        "wrong_s": round(sum(one.wrong_s for one in outcomes), 1),
-        "touches": sum(one.touches for one in outcomes),
-        "collisions": sum(one.collisions for one in outcomes),
-        "losses": sum(one.losses for one in outcomes),
-        "questions": sum(one.questions for one in outcomes),
+        "crossings_per_minute": round(sums["crossings"] / minutes, 2) if minutes else 0.0,
         "ended_alone": sum(one.state in ("IDLE", "ASK", "LOOK", "HALT") for one in outcomes),
-        "trouble": sum(bool(one.trouble) for one in outcomes),
+        **sums,
     }
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command line. The exit code is 0 if every run was right, else 1."""
-    parser = command_line("python -m tools.follow_trials", __doc__, "home-fast", "number of runs")
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of runs."""
     parser.add_argument("--minutes", type=float, default=2.0, help="duration of a run in the robot's time")
     parser.add_argument("--hurries", action="store_true", help="the person is faster than the robot")
-    options = parser.parse_args(words)
-
-    def play_one(seed: int, folder: Path) -> Outcome:
-        outcome = Outcome(seed)
-        run(outcome, folder, options.profile, options.minutes, options.kill, options.hurries)
-        return outcome
-
-    outcomes = play_all(options, play_one, summary, "runs")
-    return int(not all(outcome.is_right for outcome in outcomes))
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
-    sys.exit(main())
+MISSION = Mission(
+    outcome=Outcome,
+    set_up=set_up,
+    profile="home-fast",
+    noisy=NOISY,
+    limit_s=3600.0,
+    kills_s=(BEGIN_S, 120.0 * KILL_SHARE),
+    more_options=options,
+)
+SUBJECT = Subject(
+    play=MISSION.play,
+    options=MISSION.options,
+    summary=summary,
+    is_good=all_right,
+    results="runs",
+    seed_makes="clothes, ways, speeds and noise",
+)

@@ -1,6 +1,6 @@
 """Orders to the robot with the arm in random rooms, judged by the ground truth.
 
-    python -m tools.grasp_trials --seeds 20 [--first 0] [--kill] [--twins] [--profile NAME] [--json FILE]
+    python -m tools.trials grasp --seeds 20 [--kill] [--twins] [--profile NAME]
 
 Each seed makes a room with three objects on a table (`hw.simulation.table_room`), and the robot brings all
 of them to another table. An order is right if the object then stands there upright. A seed is right if all
@@ -9,12 +9,11 @@ the tool kills every module once, at a random moment; in lockstep, as in the pro
 waits for a restarting module.
 
 With `--twins`, two of the objects differ only by what is printed on them. Both were taught from four pictures
-each, as in `tools.print_trials`, and the robot brings one of them.
+each, as in the trial `prints`, and the robot brings one of them.
 """
 
+import argparse
 import json
-import signal
-import sys
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,16 +23,14 @@ import numpy as np
 
 from hw.simulation.arena_file import read_arena
 from hw.simulation.table_room import TWINS, generate_room
-from tools.mission_trials import Trial, command_line, play, play_all, settings_for
 from tools.print_trials import PICTURE_WIDTH, Camera, teach
+from tools.trials.harness import Case, Subject
+from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
 from workers.objects.object_recognition import ObjectRecognizer
 from workers.taught import as_json
 
 NOISY = ("base", "laser", "depth_camera", "manipulation")
-RUN_LIMIT_S = 1500.0
 TAUGHT_PICTURES = 4
-BEGIN_S = 2.0
-"""The tool kills no module before this time of the run."""
 
 
 @dataclass
@@ -62,25 +59,12 @@ class Outcome(Trial):
     simulated_s: float = 0.0
 
 
-def run_room(
-    outcome: Outcome, folder: Path, profile: str, kill_until_s: float, has_twins: bool = False
-) -> None:
-    """Run the orders in one room and judge them.
-
-    Args:
-        outcome: seed of the room, the noise and the kills; takes the results.
-        folder: new folder for the run.
-        profile: the profile to run.
-        kill_until_s: every module is killed once until this time of the run; 0: none is killed.
-        has_twins: two objects differ only by their print; the robot brings one of them.
-    """
-    file = folder / "room.yaml"
-    file.write_text(generate_room(outcome.seed, has_twins))
-    settings = settings_for(profile, file, outcome.seed, NOISY)
-    if has_twins:
-        settings += twins_settings(outcome.seed, file, folder)
-    kills_s = (BEGIN_S, kill_until_s) if kill_until_s else None
-    play(outcome, folder, profile, settings, partial(judge, outcome), limit_s=RUN_LIMIT_S, kills_s=kills_s)
+def set_up(outcome: Outcome, case: Case) -> Setup:
+    """Make the room of a seed."""
+    file, has_twins = case.folder / "room.yaml", case.options.twins
+    file.write_text(generate_room(case.seed, has_twins))
+    settings = twins_settings(case.seed, file, case.folder) if has_twins else []
+    return Setup(file, partial(judge, outcome), settings)
 
 
 def twins_settings(seed: int, room: Path, folder: Path) -> list[str]:
@@ -130,43 +114,31 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
     """Return the figures of all rooms together."""
     return {
         "rooms": len(outcomes),
-        "rooms_right": sum(outcome.is_right for outcome in outcomes),
-        "orders": sum(outcome.orders for outcome in outcomes),
-        "orders_right": sum(outcome.right for outcome in outcomes),
-        "fallen": sum(len(outcome.fallen) for outcome in outcomes),
-        "slips": sum(outcome.slips for outcome in outcomes),
-        "contacts": sum(outcome.contacts for outcome in outcomes),
-        "touches": sum(outcome.touches for outcome in outcomes),
-        "simulated_s_mean": round(sum(outcome.simulated_s for outcome in outcomes) / len(outcomes), 1),
-        "trouble": sum(bool(outcome.trouble) for outcome in outcomes),
+        "simulated_s_mean": mean(outcomes, "simulated_s"),
+        **totals(outcomes, "is_right", "orders", "right", "fallen", "slips", "contacts", "touches"),
     }
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command line. The exit code is 0 if every room was right, else 1."""
-    parser = command_line("python -m tools.grasp_trials", __doc__, "arm-fast", "number of rooms")
-    parser.add_argument(
-        "--kill-until",
-        type=float,
-        default=110.0,
-        metavar="S",
-        help="time of the run by which all were killed",
-    )
-    parser.add_argument(
-        "--twins", action="store_true", help="two objects differ only by their print; bring one"
-    )
-    options = parser.parse_args(words)
-
-    def play_one(seed: int, folder: Path) -> Outcome:
-        outcome = Outcome(seed)
-        kill_until_s = options.kill_until if options.kill else 0.0
-        run_room(outcome, folder, options.profile, kill_until_s, options.twins)
-        return outcome
-
-    outcomes = play_all(options, play_one, summary, "rooms")
-    return int(not all(outcome.is_right for outcome in outcomes))
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of rooms."""
+    text = "two objects differ only by their print; bring one"
+    parser.add_argument("--twins", action="store_true", help=text)
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
-    sys.exit(main())
+MISSION = Mission(
+    outcome=Outcome,
+    set_up=set_up,
+    profile="arm-fast",
+    noisy=NOISY,
+    limit_s=1500.0,
+    kills_s=(2.0, 110.0),
+    more_options=options,
+)
+SUBJECT = Subject(
+    play=MISSION.play,
+    options=MISSION.options,
+    summary=summary,
+    is_good=all_right,
+    results="rooms",
+    seed_makes="a room",
+)

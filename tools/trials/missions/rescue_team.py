@@ -1,6 +1,6 @@
 """Two linked rescue robots explore a random arena together, judged by the ground truth.
 
-    python -m tools.rescue_team --seeds 1 [--first 0] [--rate 10] [--alone] [--kill] [--json FILE]
+    python -m tools.trials rescue_team [--seeds 1] [--rate 10] [--alone] [--kill]
 
 Each robot is a run of the profile `rescue-team`: red starts at the arena's start, blue beside it. They share
 the simulated arena by a folder, and talk over a link on this machine alone. Each knows where the other has
@@ -11,20 +11,17 @@ Both run at real-time speed, which takes two processor cores of their own or mor
 one simulated time, at most that much faster than real time: neither runs ahead of the other. With `--kill`,
 every module of both robots is killed once, their links too, by the robot's own clock. With `--alone`, red
 also explores each arena alone, by the same profile, and the figures say how long two robots took compared
-with one. `--keep DIR` keeps the output of the robots.
+with one.
 """
 
 import argparse
 import contextlib
 import json
-import shutil
-import signal
 import socket
-import sys
-import tempfile
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,8 +32,9 @@ from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
 from robbie_mp.profile.load import load_profile
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.mission_trials import Kills
-from tools.rescue_trials import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
+from tools.trials.harness import Case, Subject
+from tools.trials.missions.mission import Kills, all_in_order, mean, totals
+from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
 from workers.planar_pose import relative
 
 PROFILE, SIMULATED = "rescue-team", "rescue-team-fast"
@@ -201,33 +199,34 @@ def sum_up(outcome: TeamOutcome) -> None:
     outcome.found = len(placed)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line. The exit code is 0 if every run ended in order, else 1."""
-    parser = argparse.ArgumentParser(prog="python -m tools.rescue_team", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=1, help="number of arenas")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
+def play(case: Case) -> TeamOutcome:
+    """Run both robots in the arena of a seed, and perhaps one alone."""
+    rate = case.options.rate
+    outcome = run_team(case.seed, case.folder / "team", rate, kill=case.options.kill)
+    if case.options.alone:
+        compare(outcome, run_team(case.seed, case.folder / "alone", rate, is_alone=True))
+    return outcome
+
+
+def summary(outcomes: list[TeamOutcome]) -> dict[str, Any]:
+    """Return the figures of all arenas together."""
+    sums = totals(outcomes, "victims", "found", "collisions")
+    return {"arenas": len(outcomes), "simulated_s_mean": mean(outcomes, "simulated_s"), **sums}
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of teams."""
     parser.add_argument("--rate", type=float, help="simulated time, at most this much faster than real time")
     parser.add_argument("--alone", action="store_true", help="also run one robot alone, and compare")
     parser.add_argument("--kill", action="store_true", help="kill every module of both robots once")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the robots")
-    options = parser.parse_args(arguments)
-    folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-team-"))
-    outcomes = []
-    try:
-        for seed in range(options.first, options.first + options.seeds):
-            outcomes.append(run_team(seed, folder / str(seed), options.rate, kill=options.kill))
-            if options.alone:
-                compare(outcomes[-1], run_team(seed, folder / f"{seed}-alone", options.rate, is_alone=True))
-            print(json.dumps(asdict(outcomes[-1])), flush=True)
-            if options.json:
-                options.json.write_text(json.dumps([asdict(each) for each in outcomes], indent=2) + "\n")
-    finally:
-        if options.keep is None:
-            shutil.rmtree(folder, ignore_errors=True)
-    return int(any(outcome.trouble for outcome in outcomes))
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robots must not outlive this program
-    sys.exit(main())
+SUBJECT = Subject(
+    play=play,
+    options=options,
+    summary=summary,
+    is_good=all_in_order,
+    results="arenas",
+    seeds=1,
+    seed_makes="an arena",
+)

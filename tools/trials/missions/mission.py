@@ -1,23 +1,21 @@
-"""What trials of whole missions share: the command line, the run of one mission, kills, and the report."""
+"""What trials of whole missions share: the options, the run of one mission, and kills."""
 
 import argparse
 import contextlib
-import json
+import math
 import random
-import shutil
 import signal
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.profile.load import load_profile
 from robbie_mp.run.run_clock import RunClock
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.trials.harness import Case, no_options
 
 START_LIMIT_S = 300.0
 
@@ -42,23 +40,93 @@ class Trial:
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
 
 
-def command_line(prog: str, description: str | None, profile: str, seeds: str) -> argparse.ArgumentParser:
-    """Return a parser with the options that all trials have.
+@dataclass
+class Setup:
+    """One mission, ready to run.
+
+    Attributes:
+        arena: file of the arena.
+        judge: is called with the folder of the run's output if the run ended in order.
+        settings: `MODULE.SETTING=VALUE`, each, besides those of `settings_for`.
+        kills_until_s: time of the run by which every module was killed; None: that of the mission.
+    """
+
+    arena: Path
+    judge: Callable[[Path], None]
+    settings: list[str] = field(default_factory=list)
+    kills_until_s: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission(Generic[AnyTrial]):
+    """A mission of a stock robot, which each seed varies.
+
+    Attributes:
+        outcome: makes the result of a seed, still empty.
+        set_up: writes the arena of a case into its folder; the judge fills the result in.
+        profile: the profile that runs if the command line names no other one.
+        noisy: names of the modules that make noise.
+        limit_s: maximum duration of a run in real time.
+        kills_s: with `--kill`, every module is killed once, at a random moment between these times.
+        more_options: adds the options of the subject.
+    """
+
+    outcome: Callable[[int], AnyTrial]
+    set_up: Callable[[AnyTrial, Case], Setup]
+    profile: str
+    noisy: Sequence[str]
+    limit_s: float
+    kills_s: tuple[float, float]
+    more_options: Callable[[argparse.ArgumentParser], None] = no_options
+
+    def options(self, parser: argparse.ArgumentParser) -> None:
+        """Add the options of all missions, and those of this one."""
+        until = "time of the run by which all were killed"
+        parser.add_argument("--profile", default=self.profile, help=f"({self.profile})")
+        parser.add_argument("--kill", action="store_true", help="kill every module once")
+        parser.add_argument("--kill-until", type=float, metavar="S", help=until)
+        self.more_options(parser)
+
+    def play(self, case: Case) -> AnyTrial:
+        """Run the mission once, and have it judged."""
+        outcome, options = self.outcome(case.seed), case.options
+        setup = self.set_up(outcome, case)
+        settings = settings_for(options.profile, setup.arena.resolve(), case.seed, self.noisy)
+        until_s = options.kill_until or setup.kills_until_s or self.kills_s[1]
+        kills_s = (self.kills_s[0], until_s) if options.kill else None
+        words = [word for setting in settings + setup.settings for word in ("--set", setting)]
+        run_once(outcome, case.folder / "run", [options.profile, *words], setup.judge, self.limit_s, kills_s)
+        return outcome
+
+
+def all_in_order(outcomes: Sequence[Any]) -> bool:
+    """Return whether every run itself ended in order."""
+    return not any(outcome.trouble for outcome in outcomes)
+
+
+def all_right(outcomes: Sequence[Any]) -> bool:
+    """Return whether every outcome is right."""
+    return all(outcome.is_right for outcome in outcomes)
+
+
+def totals(outcomes: Sequence[Any], *names: str) -> dict[str, Any]:
+    """Return the sums of some figures of the outcomes, and how many runs themselves failed.
 
     Args:
-        prog: the tool.
-        description: what it does.
-        profile: the profile that it runs if no other one is named.
-        seeds: what a seed makes, such as "number of arenas".
+        outcomes: of all missions.
+        names: of the figures: numbers, flags, or lists, of which the lengths count.
     """
-    parser = argparse.ArgumentParser(prog=prog, description=description)
-    parser.add_argument("--seeds", type=int, default=20, help=seeds)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--profile", default=profile)
-    parser.add_argument("--kill", action="store_true", help="kill every module once")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the runs")
-    return parser
+    sums = {name: sum(map(_count, (getattr(one, name) for one in outcomes))) for name in names}
+    return {**sums, "trouble": sum(bool(one.trouble) for one in outcomes)}
+
+
+def _count(value: Any) -> Any:
+    return len(value) if isinstance(value, list) else value
+
+
+def mean(outcomes: Sequence[Any], name: str, digits: int = 1) -> float:
+    """Return the mean of a figure of the outcomes."""
+    return round(math.fsum(getattr(one, name) for one in outcomes) / len(outcomes), digits)
 
 
 def settings_for(profile: str, arena: Path, seed: int, noisy: Sequence[str]) -> list[str]:
@@ -79,13 +147,11 @@ def settings_for(profile: str, arena: Path, seed: int, noisy: Sequence[str]) -> 
     return settings
 
 
-def play(
+def run_once(
     trial: Trial,
     folder: Path,
-    profile: str,
-    settings: list[str],
+    words: list[str],
     judge: Callable[[Path], None],
-    *,
     limit_s: float,
     kills_s: tuple[float, float] | None = None,
 ) -> None:
@@ -94,15 +160,13 @@ def play(
     Args:
         trial: takes the results.
         folder: new folder for the run.
-        profile: the profile to run.
-        settings: `MODULE.SETTING=VALUE`, each.
+        words: the profile, and the options of `robbie run`.
         judge: is called with the folder of the run's output if the run ended in order.
         limit_s: maximum duration in real time.
         kills_s: every module is killed once, at a random moment between these times; None: none is killed.
     """
-    words = [profile, *(word for setting in settings for word in ("--set", setting))]
     began_s = time.monotonic()
-    robot = Robot(folder / "run", REPOSITORY, *words)
+    robot = Robot(folder, REPOSITORY, *words)
     try:
         robot.wait_until_running(limit_s=START_LIMIT_S)
         watch(robot, Kills(robot, trial.seed, *kills_s) if kills_s else None, limit_s)
@@ -114,45 +178,6 @@ def play(
     finally:
         robot.close()
     trial.wall_s = round(time.monotonic() - began_s, 1)
-
-
-def play_all(
-    options: argparse.Namespace,
-    play_one: Callable[[int, Path], AnyTrial],
-    summary: Callable[[list[AnyTrial]], dict[str, Any]],
-    name: str,
-) -> list[AnyTrial]:
-    """Play all seeds, print each result and the summary, and write them to the file of `--json`.
-
-    Args:
-        options: of `command_line`.
-        play_one: plays a seed in an empty folder.
-        summary: figures of all results together.
-        name: what the results are called in the file, such as "missions".
-    """
-    trials: list[AnyTrial] = []
-    with _folder(options.keep) as folder:
-        for seed in range(options.first, options.first + options.seeds):
-            (folder / str(seed)).mkdir(parents=True)
-            trials.append(play_one(seed, folder / str(seed)))
-            print(json.dumps(asdict(trials[-1])), flush=True)
-            report = {"summary": summary(trials), name: [asdict(each) for each in trials]}
-            if options.json:
-                options.json.write_text(json.dumps(report, indent=2) + "\n")
-    print(json.dumps(summary(trials), indent=2))
-    return trials
-
-
-@contextmanager
-def _folder(keep: Path | None) -> Iterator[Path]:
-    if keep is not None:
-        yield keep
-        return
-    folder = Path(tempfile.mkdtemp(prefix="robbie-trials-"))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 class Kills:

@@ -1,9 +1,8 @@
 """Has the household robot learn the faces of guests, and say who is where, judged by the ground truth.
 
-    python -m tools.who_is_who_trials --faces FOLDER --seeds 20 [--first 0] [--kill] [--keep DIR]
-                                      [--profile NAME] [--json FILE]
+    python -m tools.trials who_is_who --faces FOLDER --seeds 20 [--kill] [--profile NAME]
 
-The folder has pictures PERSON_NUMBER.jpg of at least three persons, as for `tools.face_trials`; the tool cuts
+The folder has pictures PERSON_NUMBER.jpg of at least three persons, as for the trial `faces`; the tool cuts
 out the heads. In each seed, two guests tell the robot their names, one after the other, and walk to a place
 of their own in the apartment of `apartment.yaml`. A third one, whom the robot does not know, stands somewhere
 else. Then somebody asks who is who. While a guest is looked at, the pictures of the person change: all that
@@ -13,11 +12,10 @@ within 1 m, under the right name or as unknown, and nobody else, and has touched
 tool kills every module once; in lockstep, the robot waits for a restarting module.
 """
 
+import argparse
 import json
 import math
 import random
-import signal
-import sys
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
@@ -27,15 +25,14 @@ from typing import Any
 import numpy as np
 
 from tools.face_trials import changed
-from tools.follow_trials import APARTMENT, SHIRTS, TROUSERS
-from tools.mission_trials import Trial, command_line, play, play_all, settings_for
+from tools.trials.harness import CannotTry, Case, Subject
+from tools.trials.missions.follow import APARTMENT, SHIRTS, TROUSERS
+from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
 from workers.faces.face_recognition import FaceRecognizer
 from workers.taught import Pixels
 
 NOISY = ("base", "laser", "rear_laser", "camera")
-RUN_LIMIT_S = 1200.0
 NEAR_M = 1.0
-KILLS_S = (6.0, 80.0)
 FRONT = (2.3, 4.1)
 """Where guests tell their names."""
 ROOMS = ((2.5, 6.2), (6.0, 6.2), (8.7, 6.2), (8.0, 1.8), (4.9, 1.9), (1.7, 1.8))
@@ -91,7 +88,7 @@ def heads_in(folder: Path) -> dict[str, list[Pixels]]:
     """Return the heads in a folder's pictures, by person, each also as other cameras would show it.
 
     Raises:
-        SystemExit: there are fewer than three persons.
+        CannotTry: there are fewer than three persons.
     """
     cv2: Any = import_module("cv2")
     recognizer = FaceRecognizer(doublings=1)
@@ -109,7 +106,7 @@ def heads_in(folder: Path) -> dict[str, list[Pixels]]:
         name = file.stem.split("_")[0].capitalize()
         heads.setdefault(name, []).extend(np.ascontiguousarray(seen) for _, seen in changed(head))
     if len(heads) < 3:
-        raise SystemExit(f"{folder}: pictures PERSON_NUMBER.jpg of at least three persons are needed")
+        raise CannotTry(f"{folder}: pictures PERSON_NUMBER.jpg of at least three persons are needed")
     return heads
 
 
@@ -154,25 +151,13 @@ def party(seed: int, heads: dict[str, list[Pixels]], folder: Path) -> tuple[str,
     return rooms + "people:\n" + "\n".join(people) + "\n", guests[:2]
 
 
-def run(outcome: Outcome, folder: Path, profile: str, heads: dict[str, list[Pixels]], kills: bool) -> None:
-    """Run the task once and judge it.
-
-    Args:
-        outcome: seed of guests, noise and kills; takes the results.
-        folder: new folder for the run.
-        profile: the profile to run.
-        heads: pictures of all persons.
-        kills: whether every module is killed once.
-    """
-    arena, introduced = party(outcome.seed, heads, folder / "faces")
-    file = folder / "apartment.yaml"
+def set_up(outcome: Outcome, case: Case) -> Setup:
+    """Write the guests of a seed."""
+    arena, introduced = party(case.seed, case.prepared, case.folder / "faces")
+    file = case.folder / "apartment.yaml"
     file.write_text(arena)
-    settings = settings_for(profile, file, outcome.seed, NOISY)
-    settings += [f"camera.faces={folder / 'faces'}", f"guests.introduce=[{', '.join(introduced)}]"]
-    settings += ["guests.asks_s=46"]
-    kills_s = KILLS_S if kills else None
-    judged = partial(judge, outcome, introduced)
-    play(outcome, folder, profile, settings, judged, limit_s=RUN_LIMIT_S, kills_s=kills_s)
+    settings = [f"camera.faces={case.folder / 'faces'}", f"guests.introduce=[{', '.join(introduced)}]"]
+    return Setup(file, partial(judge, outcome, introduced), [*settings, "guests.asks_s=46"])
 
 
 def judge(outcome: Outcome, introduced: list[str], output: Path) -> None:
@@ -206,43 +191,49 @@ def _apart_m(one: dict[str, Any], other: dict[str, Any]) -> float:
 
 def summary(outcomes: list[Outcome]) -> dict[str, Any]:
     """Return the figures of all runs together."""
-    known = sum(one.known for one in outcomes)
-    persons = known + sum(one.strangers for one in outcomes)
-    false_names, named = sum(one.false_names for one in outcomes), sum(one.named for one in outcomes)
+    sums = totals(
+        outcomes,
+        "is_right",
+        "learnt",
+        "known",
+        "named",
+        "false_names",
+        "unknown_right",
+        "strangers",
+        "missed",
+        "ghosts",
+        "touches",
+    )
+    known, persons = sums["known"], sums["known"] + sums["strangers"]
     return {
         "runs": len(outcomes),
-        "right": sum(one.is_right for one in outcomes),
-        "learnt": sum(one.learnt for one in outcomes),
-        "known": known,
-        "named": named,
-        "false_rejects": round(1 - named / known, 3) if known else 0.0,
-        "false_accepts": round(false_names / persons, 3) if persons else 0.0,
-        "unknown_right": sum(one.unknown_right for one in outcomes),
-        "strangers": persons - known,
-        "missed": sum(one.missed for one in outcomes),
-        "ghosts": sum(one.ghosts for one in outcomes),
-        "touches": sum(one.touches for one in outcomes),
-        "duration_s_mean": round(sum(one.duration_s for one in outcomes) / len(outcomes), 1),
-        "trouble": sum(bool(one.trouble) for one in outcomes),
+        "false_rejects": round(1 - sums["named"] / known, 3) if known else 0.0,
+        "false_accepts": round(sums["false_names"] / persons, 3) if persons else 0.0,
+        "duration_s_mean": mean(outcomes, "duration_s"),
+        **sums,
     }
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command line. The exit code is 0 if every run was right, else 1."""
-    parser = command_line("python -m tools.who_is_who_trials", __doc__, "home-faces", "number of runs")
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of runs."""
     parser.add_argument("--faces", type=Path, required=True, help="with pictures PERSON_NUMBER.jpg")
-    options = parser.parse_args(words)
-    heads = heads_in(options.faces)
-
-    def play_one(seed: int, folder: Path) -> Outcome:
-        outcome = Outcome(seed)
-        run(outcome, folder, options.profile, heads, options.kill)
-        return outcome
-
-    outcomes = play_all(options, play_one, summary, "runs")
-    return int(not all(outcome.is_right for outcome in outcomes))
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
-    sys.exit(main())
+MISSION = Mission(
+    outcome=Outcome,
+    set_up=set_up,
+    profile="home-faces",
+    noisy=NOISY,
+    limit_s=1200.0,
+    kills_s=(6.0, 80.0),
+    more_options=options,
+)
+SUBJECT = Subject(
+    play=MISSION.play,
+    options=MISSION.options,
+    prepare=lambda chosen: heads_in(chosen.faces),
+    summary=summary,
+    is_good=all_right,
+    results="runs",
+    seed_makes="guests",
+)

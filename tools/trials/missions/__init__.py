@@ -1,0 +1,1 @@
+"""Whole missions of the stock robots in simulation, judged by the ground truth."""
