@@ -11,7 +11,7 @@ PARALLEL := --numprocesses 3 --dist loadfile --max-worker-restart 0
 PYTEST := .venv/bin/python -m pytest
 
 # What the installation compiles: a change of it, or of what is installed, installs again.
-INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
+INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/bus/_hot/*.[ch])
 
 .PHONY: demo team test test-all test-slow test-alone test-pure test-arm64 lint types docs bench clean
 
@@ -83,4 +83,4 @@ bench: .venv/bench
 
 clean:
 	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis output build site *.egg-info
-	rm -f robbie_mp/_hot/*.so
+	rm -f robbie_mp/bus/_hot/*.so

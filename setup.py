@@ -15,7 +15,7 @@ from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 from setuptools.errors import BaseError, CCompilerError
 
-FOLDER = Path("robbie_mp/_hot")
+FOLDER = Path("robbie_mp/bus/_hot")
 STRICT = os.environ.get("ROBBIE_STRICT_BUILD", "") not in ("", "0")
 """Whether warnings of the compiler, and its absence, are errors."""
 FLAGS = ("-std=c11", "-O2", "-fvisibility=hidden", "-Wall", "-Wextra")
@@ -74,7 +74,7 @@ setup(
     cmdclass={"build_ext": BuildHotPath, "build_py": PackStockRobots},
     ext_modules=[
         Extension(
-            "robbie_mp._hot.native",
+            "robbie_mp.bus._hot.native",
             sources=sorted(str(path) for path in FOLDER.glob("*.c")),
             define_macros=[("ROBBIE_SOURCES", f'"{sources["digest"](FOLDER)}"')],
             extra_compile_args=[*FLAGS, *(["-Werror"] if STRICT else [])],

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from modules.planar_messages import planar, pose_stamped
 from robbie_mp import CallRefused, Header, Module, SettingError, Time, setting
-from robbie_mp.checkpoint.file import write_file
+from robbie_mp.bus.checkpoint.file import write_file
 from robbie_mp.messages import (
     AnnotateMap,
     MapAnnotated,

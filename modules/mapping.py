@@ -11,7 +11,7 @@ import numpy as np
 from modules.planar_messages import laser_mount, planar, pose_stamped, sweep_of
 from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
-from robbie_mp.checkpoint.errors import CheckpointTooLarge
+from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
     LaserScan,
     MapMetaData,

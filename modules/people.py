@@ -20,7 +20,7 @@ from robbie_mp.messages import (
     PointsOfInterest,
     Pose,
 )
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from workers.home.follow import PersonReport
 from workers.laser.laser_sweep import LaserSweep
 from workers.people.clothes import View, clothes_in

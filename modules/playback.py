@@ -4,8 +4,8 @@ import time
 from pathlib import Path
 
 from robbie_mp import REQUIRED, Module, SettingError, setting
-from robbie_mp.recording.carmen import BrokenLine, CarmenLog, OdometryRecord, Record
-from robbie_mp.recording.carmen_import import laser_place, odometry_message, scan_message
+from robbie_mp.logs.recording.carmen import BrokenLine, CarmenLog, OdometryRecord, Record
+from robbie_mp.logs.recording.carmen_import import laser_place, odometry_message, scan_message
 
 MAX_BURST_S = 0.02  # a longer tick would make the module slow to stop
 

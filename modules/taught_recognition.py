@@ -8,7 +8,8 @@ import numpy as np
 
 from modules.sensor_deadlines import CAMERA_S
 from robbie_mp import CallRefused, Header, MessageHandling, Module, SettingError, setting
-from robbie_mp.checkpoint.file import write_file
+from robbie_mp.attached.views.image_pixels import NoPicture, pixels_of
+from robbie_mp.bus.checkpoint.file import write_file
 from robbie_mp.messages import (
     BoundingBox2D,
     Detection2D,
@@ -24,7 +25,6 @@ from robbie_mp.messages import (
     TaughtNames,
     TeachRecognition,
 )
-from robbie_mp.views.image_pixels import NoPicture, pixels_of
 from workers.faces.face_recognition import MAX_DISTANCE, FaceRecognizer
 from workers.objects.object_recognition import ObjectRecognizer
 from workers.taught import (

@@ -8,7 +8,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robbie_mp.errors import RobbieError as RobbieError
+    from robbie_mp.attached.tool.script import AttachedRun as AttachedRun
+    from robbie_mp.attached.tool.script import attach as attach
+    from robbie_mp.base.errors import RobbieError as RobbieError
+    from robbie_mp.base.state_machine import IllegalTransition as IllegalTransition
+    from robbie_mp.base.state_machine import StateMachine as StateMachine
+    from robbie_mp.base.state_machine import TimeOut as TimeOut
+    from robbie_mp.bus.transport.records import MessageHandling as MessageHandling
     from robbie_mp.messages import DEFAULT as DEFAULT
     from robbie_mp.messages import Array as Array
     from robbie_mp.messages import Duration as Duration
@@ -61,15 +67,9 @@ if TYPE_CHECKING:
     from robbie_mp.module.synchronizer import CannotSynchronize as CannotSynchronize
     from robbie_mp.module.synchronizer import Input as Input
     from robbie_mp.module.synchronizer import Synchronizer as Synchronizer
-    from robbie_mp.state_machine import IllegalTransition as IllegalTransition
-    from robbie_mp.state_machine import StateMachine as StateMachine
-    from robbie_mp.state_machine import TimeOut as TimeOut
-    from robbie_mp.tool.script import AttachedRun as AttachedRun
-    from robbie_mp.tool.script import attach as attach
-    from robbie_mp.transport.records import MessageHandling as MessageHandling
 
 _HOMES = {
-    "robbie_mp.errors": ("RobbieError",),
+    "robbie_mp.base.errors": ("RobbieError",),
     "robbie_mp.messages": (
         "DEFAULT", "Array", "Duration", "Feedback", "FixedLength", "Goal", "Header", "MaxLength", "Message",
         "Reply", "Request", "Result",
@@ -87,11 +87,11 @@ _HOMES = {
     "robbie_mp.module.module": ("Module",),
     "robbie_mp.module.secret": ("Secret",),
     "robbie_mp.module.settings": ("REQUIRED", "SettingError", "setting"),
-    "robbie_mp.state_machine": ("IllegalTransition", "StateMachine", "TimeOut"),
+    "robbie_mp.base.state_machine": ("IllegalTransition", "StateMachine", "TimeOut"),
     "robbie_mp.module.stamp_matcher": ("MatchCounts",),
     "robbie_mp.module.synchronizer": ("CannotSynchronize", "Input", "Synchronizer"),
-    "robbie_mp.tool.script": ("AttachedRun", "attach"),
-    "robbie_mp.transport.records": ("MessageHandling",),
+    "robbie_mp.attached.tool.script": ("AttachedRun", "attach"),
+    "robbie_mp.bus.transport.records": ("MessageHandling",),
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -10,12 +10,12 @@ import pytest
 
 import robbie_mp
 from robbie_mp import RobbieError, SettingError
-from robbie_mp.linux.forks import ForkedProcess
+from robbie_mp.base.linux.forks import ForkedProcess
+from robbie_mp.base.problem import Problem, ProfileError
 from robbie_mp.messages import IllFormed
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 from robbie_mp.module.wiring import TopicsMeet
-from robbie_mp.profile.problem import Problem, ProfileError
-from robbie_mp.scene_graph.errors import SceneFileError, TooNew, TooOld, UnknownNode
+from robbie_mp.scene.errors import SceneFileError, TooNew, TooOld, UnknownNode
 from robbie_mp.station.composer import FormError
 
 PROBLEMS = [Problem("one"), Problem("two")]

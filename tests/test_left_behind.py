@@ -14,7 +14,7 @@ from typing import Self
 
 import pytest
 
-from robbie_mp.transport.shared_folder import remove_names
+from robbie_mp.bus.transport.shared_folder import remove_names
 from tests._support.others_runs import SHARED_MEMORY, OthersRuns, remove_names_of_dead_tests
 from tests._support.own_runs import VARIABLE
 from tests._support.places import PROJECT
@@ -25,9 +25,9 @@ NUMBERS = itertools.count()
 MAKE = """
 import mmap, sys
 from array import array
-from robbie_mp.linux.proc import ProcessIdentity
-from robbie_mp.transport import names, shared_folder
-from robbie_mp.transport.layout import HEADER_CREATOR_PID, HEADER_CREATOR_START, HEADER_WORDS
+from robbie_mp.base.linux.proc import ProcessIdentity
+from robbie_mp.bus.transport import names, shared_folder
+from robbie_mp.bus.transport.layout import HEADER_CREATOR_PID, HEADER_CREATOR_START, HEADER_WORDS
 run_id, has_board = sys.argv[1], sys.argv[2] == "board"
 sys.stdin.readline()
 shared_folder.make_folder(run_id)

@@ -13,7 +13,7 @@ SWEPT = """\
 from tests._support.own_runs import see_own_runs_only
 see_own_runs_only()
 from robbie_mp.run import run_directory
-from robbie_mp.supervisor import sweep
+from robbie_mp.run.supervisor import sweep
 own = run_directory.secrets.token_hex(4)
 another = f"{int(own[:4], 16) ^ 1:04x}{own[4:]}"
 print(*[bool(sweep.SHARED_NAME.fullmatch(f"robbie-{run_id}")) for run_id in (own, another)])

@@ -5,7 +5,7 @@ from enum import Enum, StrEnum, auto
 
 import pytest
 
-from robbie_mp.state_machine import IllegalTransition, StateMachine, TimeOut, mermaid
+from robbie_mp.base.state_machine import IllegalTransition, StateMachine, TimeOut, mermaid
 
 
 class Lamp(Enum):

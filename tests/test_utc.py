@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.base.utc import file_stamp, time_of_day, time_text
 from robbie_mp.cli import main
 from robbie_mp.cli.log import EntryPrinter
+from robbie_mp.run.supervisor.run import default_output_directory
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.station.panels.trace import line_of
-from robbie_mp.supervisor.run import default_output_directory
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.utc import file_stamp, time_of_day, time_text
 from tests.recording._support.logs import START_NS, write_log
 
 ROOT = Path(__file__).parents[1]

@@ -29,7 +29,7 @@ from hw.simulation.arena import Arena
 from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes
 from hw.simulation.generate_arena import generate_arena
-from robbie_mp.profile.load import load_profile
+from robbie_mp.run.profile.load import load_profile
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from tools.paired_test import SignFlips, TooFewPairs
 from tools.trials.missions.rescue import NOISY, judge, mapped_share

@@ -23,11 +23,11 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from robbie_mp.logs.recording.carmen_import import import_carmen
+from robbie_mp.logs.recording.conversion import NewChannel, converted_log
+from robbie_mp.logs.recording.format import ChannelKey, TopicNames
+from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from robbie_mp.messages import LaserScan, Odometry
-from robbie_mp.recording.carmen_import import import_carmen
-from robbie_mp.recording.conversion import NewChannel, converted_log
-from robbie_mp.recording.format import ChannelKey, TopicNames
-from robbie_mp.recording.reader import LoggedMessage, open_log
 from tools.kill_campaign.__main__ import as_text
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 

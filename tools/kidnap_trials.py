@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.recording.carmen import CarmenLog, LaserRecord, OdometryRecord
+from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord, OdometryRecord
 from workers.laser.laser_sweep import LaserSweep
 from workers.localization.likelihood_field import LikelihoodField
 from workers.localization.localizer import Localizer

@@ -6,11 +6,11 @@ from enum import IntEnum
 from pathlib import Path
 from types import ModuleType
 
-from robbie_mp.core import directory, ledger, router
+from robbie_mp.bus.core import directory, ledger, router
+from robbie_mp.bus.transport import allocator, blocks, histogram, layout, records, tables, words
 from robbie_mp.module import outbox, pins
-from robbie_mp.transport import allocator, blocks, histogram, layout, records, tables, words
 
-HEADER = Path(__file__).parents[1] / "robbie_mp" / "_hot" / "layout.h"
+HEADER = Path(__file__).parents[1] / "robbie_mp" / "bus" / "_hot" / "layout.h"
 WHOLE = (layout, records, words)
 SINGLE = {
     tables: ("ROW_OPEN", "ROW_CLOSED"),

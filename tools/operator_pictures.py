@@ -21,10 +21,10 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
-from robbie_mp.observe import RunObserver
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.run.operator_link import read_link
 from robbie_mp.run.run_directory import KnownRun, list_runs
-from robbie_mp.transport.segment import SegmentMissing
 from tools.operator_trials.chromium import chromium
 
 FOLDER = Path("docs/images")

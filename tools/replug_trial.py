@@ -27,11 +27,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_mp.attached.tool.tool import RunEnded, Tool
+from robbie_mp.bus.observe import ModuleFigures
+from robbie_mp.bus.transport.histogram import quantile_s
 from robbie_mp.messages import DeviceState, Imu, LaserScan, Message, Odometry, SettingChange
-from robbie_mp.observe import ModuleFigures
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.tool.tool import RunEnded, Tool
-from robbie_mp.transport.histogram import quantile_s
 from tools.device_trial import load
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from robbie_mp.profile.load import load_profile
+from robbie_mp.run.profile.load import load_profile
 
 REPOSITORY = Path(__file__).parents[1]
 PAGE = REPOSITORY / "docs" / "robots.md"

@@ -22,8 +22,8 @@ import yaml
 
 from robbie_mp import Header, Module, ModuleHarness, Time
 from robbie_mp.messages import JointState
-from robbie_mp.scene_graph import Joint, JointType, Node, RigidTransform, SceneGraph, SceneGraphListener
-from robbie_mp.services.scene_graph import SceneGraphService
+from robbie_mp.scene import Joint, JointType, Node, RigidTransform, SceneGraph, SceneGraphListener
+from robbie_mp.scene.module import SceneGraphService
 
 UPDATES_PER_S = 500
 LOOK_UPS_PER_UPDATE = 4

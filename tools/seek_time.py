@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from robbie_mp import Header, Time
+from robbie_mp.logs.playback.tape import Tape
+from robbie_mp.logs.recording.conversion import NewChannel, converted_log
+from robbie_mp.logs.recording.format import ChannelKey, TopicNames
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import LaserScan, schema_text
-from robbie_mp.playback.tape import Tape
-from robbie_mp.recording.conversion import NewChannel, converted_log
-from robbie_mp.recording.format import ChannelKey, TopicNames
-from robbie_mp.recording.reader import open_log
 from tools.kill_campaign.__main__ import as_text
 
 START_NS = 1_700_000_000_000_000_000

@@ -28,9 +28,9 @@ import numpy as np
 
 import robbie_mp
 from robbie_mp import Duration, Header, RobbieError, Time
+from robbie_mp.attached.tool.script import AttachedRun
 from robbie_mp.messages import DriveCommand, Odometry
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.tool.script import AttachedRun
 
 T = TypeVar("T")
 LIMIT_S, BUSY_LIMIT_S = 0.4, 0.5

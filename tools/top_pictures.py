@@ -17,11 +17,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import TypeVar
 
+from robbie_mp.bus.observe import RunReading
 from robbie_mp.cli.top_program.feed import RunFeed
 from robbie_mp.cli.top_program.program import TopProgram
-from robbie_mp.observe import RunReading
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.supervisor.states import ChildState, state_name
+from robbie_mp.run.supervisor.states import ChildState, state_name
 
 FOLDER = Path("docs/images")
 SIZE = (110, 30)

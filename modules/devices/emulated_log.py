@@ -17,8 +17,8 @@ from hw.emulation.recorded import RecordedBody, RecordedDrive, recorded_drive
 from modules.devices.offered_port import offered_port
 from modules.playback import CarmenPlayback
 from robbie_mp import REQUIRED, Module, setting
-from robbie_mp.recording.carmen import CarmenLog, LaserRecord, OdometryRecord, Record
-from robbie_mp.recording.carmen_import import NO_RETURN_M
+from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord, OdometryRecord, Record
+from robbie_mp.logs.recording.carmen_import import NO_RETURN_M
 
 BIT_RATE = 38_400
 TURNS_PER_SCAN = 8

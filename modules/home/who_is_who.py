@@ -45,7 +45,7 @@ from robbie_mp.messages import (
     TaughtNames,
     TeachRecognition,
 )
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from workers.home.follow import PersonReport
 from workers.home.follow_states import FollowState
 from workers.home.person_places import Eye, SeenFace

@@ -10,7 +10,7 @@ from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.solid import Placed, Solid, pose_at
 from hw.simulation.urdf_solids import LinkSolid, read_urdf_solids
-from robbie_mp.scene_graph import JointType, SceneGraph, read_scene
+from robbie_mp.scene import JointType, SceneGraph, read_scene
 
 BASE = "base_link"
 

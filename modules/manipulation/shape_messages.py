@@ -3,8 +3,8 @@
 from modules.manipulation.messages import SeenShape, TableObjects
 from robbie_mp import Header
 from robbie_mp.messages import Vector3
-from robbie_mp.scene_graph import RigidTransform
-from robbie_mp.scene_graph.conversion import from_pose, to_pose
+from robbie_mp.scene import RigidTransform
+from robbie_mp.scene.conversion import from_pose, to_pose
 from workers.manipulation.collisions import Shape
 from workers.manipulation.rotations import quaternion_of
 from workers.manipulation.table_view import TableView

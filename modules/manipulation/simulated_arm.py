@@ -18,8 +18,8 @@ from modules.manipulation.messages import TabletopTruth
 from modules.manipulation.robot_shapes import RobotShapes, table_solids
 from robbie_mp import REQUIRED, Header, SettingError, Time, setting
 from robbie_mp.messages import JointState
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError
-from robbie_mp.scene_graph.conversion import to_pose
+from robbie_mp.scene import RigidTransform, SceneGraphError
+from robbie_mp.scene.conversion import to_pose
 from workers.manipulation.rotations import quaternion_of
 
 GRIPPER = "gripper"

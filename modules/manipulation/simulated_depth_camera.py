@@ -19,7 +19,7 @@ from modules.manipulation.messages import TabletopTruth
 from modules.manipulation.robot_shapes import RobotShapes, table_solids
 from robbie_mp import REQUIRED, Header, MessageHandling, setting
 from robbie_mp.messages import CameraInfo, Image, JointState
-from robbie_mp.scene_graph.conversion import from_pose
+from robbie_mp.scene.conversion import from_pose
 
 FRAME = "depth_optical"
 PICTURES = "table_camera"

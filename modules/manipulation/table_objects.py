@@ -17,8 +17,8 @@ from robbie_mp.messages import (
     PointsOfInterest,
     TaughtNames,
 )
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener
-from robbie_mp.scene_graph.conversion import to_pose
+from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener
+from robbie_mp.scene.conversion import to_pose
 from workers.manipulation.object_names import Prints
 from workers.manipulation.rotations import quaternion_of
 from workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of

@@ -26,7 +26,7 @@ from robbie_mp.messages import (
     PointsOfInterest,
     Pose2D,
 )
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from workers.numbers.board_pose import board_facing
 from workers.numbers.board_reader import BoardReader, BoardSighting
 from workers.numbers.digit_reader import ReaderMissing

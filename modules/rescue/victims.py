@@ -25,7 +25,7 @@ from robbie_mp.messages import (
     Pose2D,
     Quaternion,
 )
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from workers.rescue.searched_walls import CameraView, WallFronts, WallMemory
 from workers.rescue.victim_detection import Projection, TagSighting, VictimDetector, VisionMissing
 from workers.rescue.victim_map import Victim, VictimMap, VictimState

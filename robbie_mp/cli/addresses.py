@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
-from robbie_mp.link.keys import Keys, KeysError
-from robbie_mp.link.wire import Endpoints
-from robbie_mp.profile.problem import refuse
+from robbie_mp.base.problem import refuse
+from robbie_mp.connect.link.keys import Keys, KeysError
+from robbie_mp.connect.link.wire import Endpoints
 
 DEFAULT_ADDRESS = "tcp/127.0.0.1:7447"
 

@@ -6,6 +6,10 @@ import sys
 from contextlib import closing
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.tool.tool_bus import ToolBus
+from robbie_mp.attached.views.known_types import types_of_run
+from robbie_mp.attached.views.message_text import FieldPath, message_of_yaml, to_json, to_yaml
+from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
@@ -20,10 +24,6 @@ from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.tool.tool_bus import ToolBus
-from robbie_mp.views.known_types import types_of_run
-from robbie_mp.views.message_text import FieldPath, message_of_yaml, to_json, to_yaml
-from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

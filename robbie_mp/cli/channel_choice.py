@@ -4,16 +4,16 @@ import argparse
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from robbie_mp.attached.views.known_channels import channels_of_run
+from robbie_mp.attached.views.known_types import types_of_run
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli import completers
-from robbie_mp.errors import RobbieError
 from robbie_mp.messages import UnknownType
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.registry import full_name
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.suggest import did_you_mean
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.views.known_channels import channels_of_run
-from robbie_mp.views.known_types import types_of_run
 
 
 class NoSuchMessages(RobbieError, LookupError):

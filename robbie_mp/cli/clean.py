@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli.parser import add_command
-from robbie_mp.supervisor.sweep import sweep
+from robbie_mp.run.supervisor.sweep import sweep
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.visible_text import is_visible
 from robbie_mp.cli.runs import choose_run
-from robbie_mp.errors import RobbieError
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.visible_text import is_visible
 
 if TYPE_CHECKING:
-    from robbie_mp.profile.reader import Node
+    from robbie_mp.base.yaml_reader import Node
 
 Completer = Callable[..., list[str]]
 
@@ -40,7 +40,7 @@ def _modules(run: KnownRun) -> Iterable[str]:
 
 
 def _types(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.views.known_types import types_of_run  # noqa: PLC0415
+    from robbie_mp.attached.views.known_types import types_of_run  # noqa: PLC0415
 
     names = types_of_run(run).names()
     short = Counter(name.rpartition("/")[2] for name in names)
@@ -51,7 +51,7 @@ def _types(run: KnownRun) -> Iterable[str]:
 
 
 def _topics(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.views.known_channels import channels_of_run  # noqa: PLC0415
+    from robbie_mp.attached.views.known_channels import channels_of_run  # noqa: PLC0415
 
     return {channel.topic for channel in channels_of_run(run)} - {""}
 
@@ -61,8 +61,8 @@ def _types_and_topics(run: KnownRun) -> Iterable[str]:
 
 
 def _services(run: KnownRun) -> Iterable[str]:
+    from robbie_mp.bus.observe.declarations import read_declarations  # noqa: PLC0415
     from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX  # noqa: PLC0415
-    from robbie_mp.observe.declarations import read_declarations  # noqa: PLC0415
 
     names = {entry.type_name for entry in read_declarations(run.run_id) if not entry.is_publisher}
     bases = {name: name.removesuffix(REQUEST_SUFFIX).removesuffix(GOAL_SUFFIX) for name in names}
@@ -85,7 +85,7 @@ settings = of_run(_settings)
 
 def profiles(**_: object) -> list[str]:
     """Return the names of the profiles of the current workspace."""
-    from robbie_mp.profile.workspace import find_workspace  # noqa: PLC0415
+    from robbie_mp.run.profile.workspace import find_workspace  # noqa: PLC0415
 
     try:
         return find_workspace(Path.cwd()).names()
@@ -97,8 +97,8 @@ def _of_profile(names: Callable[["Node"], Iterable[str]]) -> Completer:
     """Return a completer for names in the merged profile on the command line."""
 
     def complete(parsed_args: argparse.Namespace, **_: object) -> list[str]:
-        from robbie_mp.profile.merge import merge_profile  # noqa: PLC0415
-        from robbie_mp.profile.workspace import locate  # noqa: PLC0415
+        from robbie_mp.run.profile.merge import merge_profile  # noqa: PLC0415
+        from robbie_mp.run.profile.workspace import locate  # noqa: PLC0415
 
         try:
             found = names(merge_profile(*locate(parsed_args.profile, Path.cwd())))
@@ -127,7 +127,7 @@ def logs(prefix: str, **_: object) -> list[str]:
 
 def log_topics(parsed_args: argparse.Namespace, **_: object) -> list[str]:
     """Return the topics of the log on the command line."""
-    from robbie_mp.recording.reader import channel_name, open_log  # noqa: PLC0415
+    from robbie_mp.logs.recording.reader import channel_name, open_log  # noqa: PLC0415
 
     try:
         with open_log(getattr(parsed_args, "log", None) or parsed_args.a) as log:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli.parser import add_command
-from robbie_mp.install.usb import serial_devices
+from robbie_mp.run.install.usb import serial_devices
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

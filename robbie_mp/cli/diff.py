@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from robbie_mp.attached.views.plain_table import PlainTable
+from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.log_files import (
     add_limit_argument,
@@ -19,11 +21,9 @@ from robbie_mp.cli.log_files import (
 )
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
+from robbie_mp.logs.recording.comparison import ChannelComparison, ComparisonOptions, compare
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import ModuleState
-from robbie_mp.recording.comparison import ChannelComparison, ComparisonOptions, compare
-from robbie_mp.recording.reader import open_log
-from robbie_mp.views.plain_table import PlainTable
-from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

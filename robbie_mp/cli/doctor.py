@@ -10,9 +10,9 @@ from rich.text import Text
 
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
-from robbie_mp.doctor.examination import examine, worst
-from robbie_mp.doctor.finding import Finding, Level
-from robbie_mp.profile.load import load_profile
+from robbie_mp.run.doctor.examination import examine, worst
+from robbie_mp.run.doctor.finding import Finding, Level
+from robbie_mp.run.profile.load import load_profile
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -7,16 +7,16 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from robbie_mp.capture.recorded_run import RecordedRun
+from robbie_mp.attached.tool.message_stream import MessageStream
+from robbie_mp.attached.tool.tool import Received, RunEnded
+from robbie_mp.attached.views.message_text import FieldPath, flat, to_csv, to_json, to_yaml
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.bus.observe.declarations import read_declarations
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.logs.capture.recorded_run import RecordedRun
 from robbie_mp.messages import DecodeError, Message
-from robbie_mp.observe.declarations import read_declarations
-from robbie_mp.tool.message_stream import MessageStream
-from robbie_mp.tool.tool import Received, RunEnded
-from robbie_mp.views.message_text import FieldPath, flat, to_csv, to_json, to_yaml
-from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -11,7 +11,8 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from robbie_mp.bridge.bag_export import bridge_of_log, export_bag
+from robbie_mp.attached.views.message_text import FieldPath, flat, to_csv
+from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli.log_files import (
     add_limit_argument,
     add_log_argument,
@@ -22,16 +23,15 @@ from robbie_mp.cli.log_files import (
 )
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
+from robbie_mp.connect.bridge.bag_export import bridge_of_log, export_bag
+from robbie_mp.logs.recording.columns import Columns, columns
+from robbie_mp.logs.recording.decoding import logged_type
+from robbie_mp.logs.recording.errors import LogNotWritten, NotDecodable
+from robbie_mp.logs.recording.png import IMAGE_TYPES, NoPicture, PngMaker
+from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name, open_log, select
+from robbie_mp.logs.recording.repair import Progress
 from robbie_mp.messages import Message, Time
 from robbie_mp.messages.errors import DecodeError, SchemaError
-from robbie_mp.recording.columns import Columns, columns
-from robbie_mp.recording.decoding import logged_type
-from robbie_mp.recording.errors import LogNotWritten, NotDecodable
-from robbie_mp.recording.png import IMAGE_TYPES, NoPicture, PngMaker
-from robbie_mp.recording.reader import Log, LogChannel, channel_name, open_log, select
-from robbie_mp.recording.repair import Progress
-from robbie_mp.views.message_text import FieldPath, flat, to_csv
-from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

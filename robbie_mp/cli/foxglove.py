@@ -5,9 +5,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.base.problem import refuse
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.profile.problem import refuse
 from robbie_mp.run.operator_link import FOXGLOVE_LINK_FILE, read_link
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def foxglove(arguments: argparse.Namespace) -> int:
 
 
 def _write_layout(path: Path) -> int:
-    text = files("robbie_mp.foxglove").joinpath(LAYOUT).read_text()
+    text = files("robbie_mp.connect.foxglove").joinpath(LAYOUT).read_text()
     try:
         with path.open("x") as file:
             file.write(text)

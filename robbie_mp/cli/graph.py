@@ -7,10 +7,10 @@ from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.views.run_graph import dot, graph_of, mermaid
+from robbie_mp.bus.observe import RunObserver, rates_between
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.observe import RunObserver, rates_between
-from robbie_mp.views.run_graph import dot, graph_of, mermaid
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

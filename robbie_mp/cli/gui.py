@@ -6,16 +6,16 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.tool.tool import RunEnded
+from robbie_mp.base.problem import refuse
+from robbie_mp.base.yaml_reader import read_text
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.module.settings import SettingError
-from robbie_mp.profile.problem import refuse
-from robbie_mp.profile.reader import read_text
 from robbie_mp.run.operator_link import read_link
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool.tool import RunEnded
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -69,8 +69,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def gui(arguments: argparse.Namespace) -> int:
     """Serve the page until the run ends or the user presses Ctrl-C."""
+    from robbie_mp.attached.tool.tool_module import run_as_tool  # noqa: PLC0415 - help is waited for, and needs neither
     from robbie_mp.station import OperatorStation, load_website  # noqa: PLC0415
-    from robbie_mp.tool.tool_module import run_as_tool  # noqa: PLC0415 - help is waited for, and needs neither
 
     settings = _settings(arguments)
     run = choose_run(arguments.run)

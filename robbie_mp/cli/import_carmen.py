@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.cli.log_files import print_conversion, progress_bar
 from robbie_mp.cli.parser import add_command
-from robbie_mp.recording.carmen_import import import_carmen as convert
+from robbie_mp.logs.recording.carmen_import import import_carmen as convert
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.cli.log_files import print_conversion, progress_bar
 from robbie_mp.cli.parser import add_command
-from robbie_mp.recording.rosbag_import import import_rosbag as convert
+from robbie_mp.logs.recording.rosbag_import import import_rosbag as convert
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
+from robbie_mp.attached.views import quantities
+from robbie_mp.attached.views.plain_table import PlainTable
+from robbie_mp.base.utc import time_text
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
-from robbie_mp.recording.info import LogInfo, describe, part_data
-from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
-from robbie_mp.recording.part import LogPart
-from robbie_mp.recording.reader import open_log
-from robbie_mp.utc import time_text
-from robbie_mp.views import quantities
-from robbie_mp.views.plain_table import PlainTable
+from robbie_mp.logs.recording.info import LogInfo, describe, part_data
+from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
+from robbie_mp.logs.recording.part import LogPart
+from robbie_mp.logs.recording.reader import open_log
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

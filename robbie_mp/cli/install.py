@@ -8,16 +8,16 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.run import check
-from robbie_mp.doctor.needs import Needs
-from robbie_mp.errors import RobbieError
-from robbie_mp.install.device_names import DeviceNotNamed, rules
-from robbie_mp.install.unit import Installed, unit
-from robbie_mp.install.usb import serial_devices, usb_device
-from robbie_mp.profile.model import Profile
-from robbie_mp.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.run.doctor.needs import Needs
+from robbie_mp.run.install.device_names import DeviceNotNamed, rules
+from robbie_mp.run.install.unit import Installed, unit
+from robbie_mp.run.install.usb import serial_devices, usb_device
+from robbie_mp.run.profile.model import Profile
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

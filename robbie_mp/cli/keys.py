@@ -6,12 +6,12 @@ import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.views.plain_table import PlainTable
+from robbie_mp.base.utc import time_text
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
-from robbie_mp.link.handshake import TIMEOUT_S, shake_hands
-from robbie_mp.link.keys import VALID_DAYS, Certificate, Keys, KeysError, default_folder
-from robbie_mp.utc import time_text
-from robbie_mp.views.plain_table import PlainTable
+from robbie_mp.connect.link.handshake import TIMEOUT_S, shake_hands
+from robbie_mp.connect.link.keys import VALID_DAYS, Certificate, Keys, KeysError, default_folder
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
+from robbie_mp.attached.views import quantities
+from robbie_mp.attached.views.plain_table import PlainTable
+from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_name
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.observe.declarations import Declaration, read_declarations
+from robbie_mp.bus.observe.latched import latched_bytes
+from robbie_mp.bus.transport.segment import SegmentMissing
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.addresses import add_address_argument, endpoints_of
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
-from robbie_mp.link.wire import Endpoints, find_robots
+from robbie_mp.connect.link.wire import Endpoints, find_robots
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
 from robbie_mp.module.calls.peers import topic_of_service
-from robbie_mp.observe import RunObserver
-from robbie_mp.observe.declarations import Declaration, read_declarations
-from robbie_mp.observe.latched import latched_bytes
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.segment import SegmentMissing
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.views import quantities
-from robbie_mp.views.plain_table import PlainTable
-from robbie_mp.views.run_figures import STYLES, renamed_topics, state_name
-from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING
 
 from rich.style import Style
 
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.base.utc import time_of_day
+from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.log_edit import add_parsers
 from robbie_mp.cli.output import console, print_styled
 from robbie_mp.cli.parser import Parser, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
-from robbie_mp.errors import RobbieError
 from robbie_mp.run.control import control
-from robbie_mp.suggest import did_you_mean
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.reader import LOG_FOLDER, TraceFollower, crash_reports, entries, module_names
-from robbie_mp.utc import time_of_day
-from robbie_mp.visible_text import one_line
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
+from robbie_mp.run.trace.reader import LOG_FOLDER, TraceFollower, crash_reports, entries, module_names
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -9,13 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.capture.selection import Selection
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
-from robbie_mp.recording.editing import Cut, edit
-from robbie_mp.recording.format import RUN_METADATA
-from robbie_mp.recording.reader import Log, LogChannel, channel_name, open_log
+from robbie_mp.logs.capture.selection import Selection
+from robbie_mp.logs.recording.editing import Cut, edit
+from robbie_mp.logs.recording.format import RUN_METADATA
+from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name, open_log
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import PlainConsole, warn
-from robbie_mp.recording.conversion import Conversion
-from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
-from robbie_mp.recording.reader import LogChannel, channel_name, select
-from robbie_mp.recording.repair import Progress
+from robbie_mp.logs.recording.conversion import Conversion
+from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
+from robbie_mp.logs.recording.reader import LogChannel, channel_name, select
+from robbie_mp.logs.recording.repair import Progress
 
 
 def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: str | None = None) -> None:

@@ -8,9 +8,9 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.stock_robots import STOCK_ROBOTS, needed_files, stock_folder
-from robbie_mp.errors import RobbieError
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -15,7 +15,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.style import Style
 
-from robbie_mp.visible_text import one_line, visible
+from robbie_mp.base.visible_text import one_line, visible
 
 FILE_WIDTH = 160
 """Columns when the output is not a terminal and has no width."""

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
+from robbie_mp.attached.tool.parameters import ANSWER_TIMEOUT_S, Answer, Parameters
+from robbie_mp.attached.views.plain_table import PlainTable
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.yaml_reader import read_text
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.errors import RobbieError
 from robbie_mp.module.setting_changes import NotChangeable
-from robbie_mp.profile.reader import read_text
-from robbie_mp.profile.show import inline
+from robbie_mp.run.profile.show import inline
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool.parameters import ANSWER_TIMEOUT_S, Answer, Parameters
-from robbie_mp.views.plain_table import PlainTable
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

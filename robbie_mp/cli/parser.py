@@ -6,7 +6,7 @@ import sys
 from collections.abc import Container, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from robbie_mp.suggest import did_you_mean
+from robbie_mp.base.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -8,23 +8,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robbie_mp.base.problem import Place, Problem, ProfileError, refuse
 from robbie_mp.cli import completers
 from robbie_mp.cli.log_files import add_limit_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument, load
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.model import MEASURED, ClockSettings, ModuleSpec, Profile
-from robbie_mp.profile.preflight import Preflight
-from robbie_mp.profile.problem import Place, Problem, ProfileError, refuse
-from robbie_mp.profile.workspace import find_workspace
-from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS
+from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.model import MEASURED, ClockSettings, ModuleSpec, Profile
+from robbie_mp.run.profile.preflight import Preflight
+from robbie_mp.run.profile.workspace import find_workspace
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 PLAYBACK = "playback"
-CLASS = "robbie_mp.services.playback:Playback"
+CLASS = "robbie_mp.logs.playback.module:Playback"
 SETTINGS = {"start": "start_s", "end": "end_s", "loop": "loop", "topics": "topics", "paused": "paused"}
 """Options of this command, and the settings of the playback that they set as they are."""
 PLACES = {

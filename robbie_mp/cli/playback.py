@@ -13,17 +13,17 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.tool.tool import RunEnded, Tool
+from robbie_mp.attached.views.message_text import describe_playback
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.observe.declarations import read_declarations
 from robbie_mp.cli.output import print_in_place
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.errors import RobbieError
+from robbie_mp.logs.playback.player import ControlRefused
 from robbie_mp.messages import PlaybackControl, PlaybackState
-from robbie_mp.observe.declarations import read_declarations
-from robbie_mp.playback.player import ControlRefused
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool.tool import RunEnded, Tool
-from robbie_mp.views.message_text import describe_playback
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.model import Profile
-from robbie_mp.profile.preflight import last_line, preflight
-from robbie_mp.profile.show import Line, as_tree, origins, to_lines
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.model import Profile
+from robbie_mp.run.profile.preflight import last_line, preflight
+from robbie_mp.run.profile.show import Line, as_tree, origins, to_lines
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

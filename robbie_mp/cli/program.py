@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.version import installed_version
 from robbie_mp.cli.interrupts import interrupts_end_at_once
 from robbie_mp.cli.output import plain_output
 from robbie_mp.cli.parser import BAD_USAGE, Parser
-from robbie_mp.errors import RobbieError
-from robbie_mp.version import installed_version
 
 COMMANDS = (
     "run",
@@ -100,8 +100,8 @@ def _complete() -> None:
 
 
 def _exit_code(error: RobbieError) -> int:
-    from robbie_mp.profile.problem import ProfileError  # noqa: PLC0415
-    from robbie_mp.recording.errors import LogError  # noqa: PLC0415
+    from robbie_mp.base.problem import ProfileError  # noqa: PLC0415
+    from robbie_mp.logs.recording.errors import LogError  # noqa: PLC0415
 
     return BAD_USAGE if isinstance(error, ProfileError | LogError) else FAILED
 

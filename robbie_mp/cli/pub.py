@@ -5,12 +5,12 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.tool.tool import Tool
+from robbie_mp.attached.views.message_text import message_of_yaml
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.messages import Header, Message, Time, check_well_formed, replace
-from robbie_mp.tool.tool import Tool
-from robbie_mp.views.message_text import message_of_yaml
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

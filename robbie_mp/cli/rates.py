@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.bus.observe.channels import ChannelCount, ChannelCounters
+from robbie_mp.bus.observe.rates import intervals_deviation_s
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.observe.channels import ChannelCount, ChannelCounters
-from robbie_mp.observe.rates import intervals_deviation_s
-from robbie_mp.transport import names
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.visible_text import one_line
 
 
 @dataclass(frozen=True)

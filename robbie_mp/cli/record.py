@@ -9,28 +9,28 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.capture.recorded_run import RecordedRun
-from robbie_mp.capture.recording_session import RecordingSession
-from robbie_mp.capture.selection import Selection
+from robbie_mp.attached.tool.message_stream import MessageStream
+from robbie_mp.attached.tool.tool import RunEnded
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.priority import lower_priority
+from robbie_mp.base.utc import file_stamp
+from robbie_mp.bus.transport.records import ANY_VERSION
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli import completers
 from robbie_mp.cli.info import print_log
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.errors import RobbieError
-from robbie_mp.linux.priority import lower_priority
-from robbie_mp.recording.chunk import Compression
-from robbie_mp.recording.chunk_queue import BufferLimits
-from robbie_mp.recording.disk_budget import DiskBudget
-from robbie_mp.recording.format import ChannelKey
-from robbie_mp.recording.log_writer import LogWriter, Split
-from robbie_mp.recording.recorder import LOGGER_NICE
+from robbie_mp.logs.capture.recorded_run import RecordedRun
+from robbie_mp.logs.capture.recording_session import RecordingSession
+from robbie_mp.logs.capture.selection import Selection
+from robbie_mp.logs.recording.chunk import Compression
+from robbie_mp.logs.recording.chunk_queue import BufferLimits
+from robbie_mp.logs.recording.disk_budget import DiskBudget
+from robbie_mp.logs.recording.format import ChannelKey
+from robbie_mp.logs.recording.log_writer import LogWriter, Split
+from robbie_mp.logs.recording.recorder import LOGGER_NICE
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool.message_stream import MessageStream
-from robbie_mp.tool.tool import RunEnded
-from robbie_mp.transport.records import ANY_VERSION
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.utc import file_stamp
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -7,15 +7,15 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.checkpoint.file import checkpoint_file, set_aside
+from robbie_mp.attached.views.run_figures import as_data, table
+from robbie_mp.bus.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.screen import RunScreen
-from robbie_mp.profile.model import Profile
-from robbie_mp.profile.preflight import Preflight, last_line, preflight, runnable
-from robbie_mp.supervisor.run import RunResult, default_output_directory, run_profile
-from robbie_mp.views.run_figures import as_data, table
+from robbie_mp.run.profile.model import Profile
+from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
+from robbie_mp.run.supervisor.run import RunResult, default_output_directory, run_profile
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -15,18 +15,18 @@ from typing import IO, cast
 
 from rich.live import Live
 
+from robbie_mp.attached.views.run_figures import LIVE_FIGURES, table
+from robbie_mp.base.visible_text import visible
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.cli.output import PlainConsole
-from robbie_mp.observe import RunObserver
 from robbie_mp.run.operator_link import read_link
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.supervisor.output import SUPERVISOR
-from robbie_mp.supervisor.run import RunListener
-from robbie_mp.supervisor.states import ChildState, StateChange
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.transport.segment import SegmentMissing
-from robbie_mp.views.run_figures import LIVE_FIGURES, table
-from robbie_mp.visible_text import visible
+from robbie_mp.run.supervisor.output import SUPERVISOR
+from robbie_mp.run.supervisor.run import RunListener
+from robbie_mp.run.supervisor.states import ChildState, StateChange
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
 
 LINK = "link"
 """Used in place of a style: show the link of the operator's page if it has changed."""

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import yaml
 
-from robbie_mp.errors import RobbieError
-from robbie_mp.profile.workspace import STOCK, Workspace
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.run.profile.workspace import STOCK, Workspace
 
 CODE = ("modules", "workers", "hw")
 PACKED = Path(__file__).with_name("packed_robots")

@@ -8,14 +8,14 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.views.process_table import modules_table, totals_line
+from robbie_mp.attached.views.run_figures import run_as_data
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.top_csv import record
-from robbie_mp.errors import RobbieError
-from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
-from robbie_mp.views.process_table import modules_table, totals_line
-from robbie_mp.views.run_figures import run_as_data
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -6,12 +6,12 @@ import time
 from contextlib import ExitStack, closing
 from typing import IO
 
+from robbie_mp.attached.views.run_figures import state_name
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.utc import time_text
+from robbie_mp.bus.observe import ModuleFigures, ModuleRates, RunObserver, RunReading, rates_between
 from robbie_mp.cli.output import PlainStream
-from robbie_mp.errors import RobbieError
-from robbie_mp.observe import ModuleFigures, ModuleRates, RunObserver, RunReading, rates_between
 from robbie_mp.run.run_directory import KnownRun, is_live
-from robbie_mp.utc import time_text
-from robbie_mp.views.run_figures import state_name
 
 TOTALS = ("replaced", "overflowed", "left", "lost")
 FIGURES = (

@@ -4,11 +4,11 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.views.known_types import types_of_run_or_workspace
+from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument
-from robbie_mp.views.known_types import types_of_run_or_workspace
-from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

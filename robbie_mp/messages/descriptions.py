@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages import schema_parser
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
 from robbie_mp.messages.errors import UnknownType
@@ -13,7 +14,6 @@ from robbie_mp.messages.registry import full_name
 from robbie_mp.messages.schema import schema_text
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.suggest import did_you_mean
 
 
 class TypeDescription(NamedTuple):

@@ -1,6 +1,6 @@
 """Errors of the messages package."""
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 
 class MessageError(RobbieError):

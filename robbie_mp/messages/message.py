@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, cast, 
 
 import numpy as np
 
-from robbie_mp._hot.choice import native
+from robbie_mp.bus._hot.choice import native
 from robbie_mp.messages.codec.generate import LoanEncoder, generate, generate_loan_encoder
 from robbie_mp.messages.codec.table import tabulate
 from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration, read_fields
@@ -21,7 +21,7 @@ from robbie_mp.messages.text import represent
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-    from robbie_mp._hot.native import MessageCodec
+    from robbie_mp.bus._hot.native import MessageCodec
     from robbie_mp.messages.flaws import Flaw
 
 _NATIVE = native()

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.errors import FieldError, FieldTypeError
 from robbie_mp.messages.field_types import FieldType, Items, Nested
 from robbie_mp.messages.message import Message, fields_of
-from robbie_mp.suggest import did_you_mean
 
 _Message = TypeVar("_Message", bound=Message)
 

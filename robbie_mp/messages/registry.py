@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.errors import DuplicateType, UnknownType
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.schema import nested_types, schema_text
-from robbie_mp.suggest import did_you_mean
 
 
 class TypeRegistry:

@@ -10,12 +10,12 @@ import re
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, NamedTuple, cast
 
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.declaration import python_name
 from robbie_mp.messages.errors import MessageError, SchemaError
 from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Text, short_name
 from robbie_mp.messages.message import Message, MessageType, nested
 from robbie_mp.messages.primitives import PRIMITIVES
-from robbie_mp.suggest import did_you_mean
 
 SEPARATOR_LINE = re.compile(r"^={3,}\s*$", re.MULTILINE)
 NAME_LINE = re.compile(r"\s*MSG:\s*(\S+)\s*\n")

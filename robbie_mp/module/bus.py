@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Protocol
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import Message
 from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscriptions
-from robbie_mp.transport.tables import ChannelName
 
 
 class PublishAfterStop(RobbieError, RuntimeError):

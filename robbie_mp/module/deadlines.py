@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.health import Health
-from robbie_mp.transport.tables import ChannelName
 
 LOOK_NS = 100_000_000
 """Longest time between two looks at input that is late, or by a clock whose rate may change at any time."""

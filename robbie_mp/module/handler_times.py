@@ -4,7 +4,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 
 class HandlerTimesMissing(RobbieError, FileNotFoundError):

@@ -12,7 +12,9 @@ from weakref import finalize
 
 import numpy as np
 
-from robbie_mp.checkpoint.image import decode, encode
+from robbie_mp.bus.checkpoint.image import decode, encode
+from robbie_mp.bus.transport.records import ANY_VERSION
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import (
     CallRefusal,
     CallsAnswer,
@@ -38,8 +40,6 @@ from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.subscriptions import Subscriptions
 from robbie_mp.module.wiring import UNCHANGED, Wiring
-from robbie_mp.transport.records import ANY_VERSION
-from robbie_mp.transport.tables import ChannelName
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
 GoalType = TypeVar("GoalType", bound=Goal[Any, Any])

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp._hot.choice import Native
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus._hot.choice import Native
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.blocks import LEAD_BYTES
+from robbie_mp.bus.transport.endpoint import Endpoint
+from robbie_mp.bus.transport.records import Delivery, Inbound
+from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.bus.transport.views import SegmentViews
+from robbie_mp.bus.transport.words import WORD_MAX, Words
 from robbie_mp.module.pins import Pins
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.module.wiring import UNCHANGED, Wiring
-from robbie_mp.transport import layout
-from robbie_mp.transport.blocks import LEAD_BYTES
-from robbie_mp.transport.endpoint import Endpoint
-from robbie_mp.transport.records import Delivery, Inbound
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.transport.views import SegmentViews
-from robbie_mp.transport.words import WORD_MAX, Words
 
 
 class DamagedMessage(RobbieError, ValueError):

@@ -8,8 +8,9 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from robbie_mp.checkpoint.keeper import Checkpoints
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.checkpoint.keeper import Checkpoints
+from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.messages import Message
 from robbie_mp.messages.calls import (
     Action,
@@ -33,7 +34,6 @@ from robbie_mp.module.deadlines import check_deadline
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
 from robbie_mp.module.health import Health
 from robbie_mp.module.settings import apply_settings, setting
-from robbie_mp.transport.records import MessageHandling
 
 if TYPE_CHECKING:
     from robbie_mp.messages.descriptions import TypeDescription

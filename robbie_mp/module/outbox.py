@@ -9,8 +9,13 @@ from typing import Any, Generic
 
 import numpy as np
 
-from robbie_mp._hot.choice import Native
-from robbie_mp.linux.forks import REFUSED, keep_from_forks
+from robbie_mp.base.linux.forks import REFUSED, keep_from_forks
+from robbie_mp.bus._hot.choice import Native
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.blocks import Block, BlockStore, block_bytes
+from robbie_mp.bus.transport.endpoint import Endpoint
+from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.bus.transport.words import WORD_MAX, Words
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.messages.loans import Layout
@@ -20,11 +25,6 @@ from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.envelope import MessageType
 from robbie_mp.module.wiring import UNCHANGED, Wiring
-from robbie_mp.transport import layout
-from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
-from robbie_mp.transport.endpoint import Endpoint
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.transport.words import WORD_MAX, Words
 
 MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
 _TARGET_IN_FLIGHT = layout.MAX_OUTSTANDING * 3 // 4

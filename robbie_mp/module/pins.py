@@ -1,8 +1,8 @@
 """Pinned messages: they have been handled, but something still refers to their memory."""
 
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Delivery
-from robbie_mp.transport.words import Words
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Delivery
+from robbie_mp.bus.transport.words import Words
 
 MAX_PINNED = 256
 """Most messages of one publisher that a module pins; its handlers get copies of further ones."""

@@ -4,22 +4,22 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
-from robbie_mp._hot.choice import Native
+from robbie_mp.bus._hot.choice import Native
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.endpoint import Endpoint
+from robbie_mp.bus.transport.histogram import WorkFigures
+from robbie_mp.bus.transport.layout import Activity
+from robbie_mp.bus.transport.records import Delivery, Outbound
+from robbie_mp.bus.transport.wakeup import Wakeup
+from robbie_mp.bus.transport.words import WORD_BYTES, Words, row_writer
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module, calls_of, check_period, tick_is_awaited
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.ticks import MAX_WAIT_S, Ticks, TimedTicks
-from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Endpoint
-from robbie_mp.transport.histogram import WorkFigures
-from robbie_mp.transport.layout import Activity
-from robbie_mp.transport.records import Delivery, Outbound
-from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 
 if TYPE_CHECKING:
-    from robbie_mp._hot.native import TickTimes
+    from robbie_mp.bus._hot.native import TickTimes
 
 # Looked up once, not for every message.
 _HANDLER, _IDLE = int(Activity.HANDLER), int(Activity.IDLE)

@@ -9,7 +9,7 @@ import os
 import stat
 from pathlib import Path
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 FILE = "file"
 ENVIRONMENT = "environment"

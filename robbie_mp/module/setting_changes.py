@@ -19,13 +19,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.errors import RobbieError
-from robbie_mp.linux.private_files import make_private_folder, write_private
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.private_files import make_private_folder, write_private
+from robbie_mp.base.problem import ProfileError
 from robbie_mp.messages import SettingChange, SettingChanged
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.module import MessageHandling, Module, calls_of, health_of
 from robbie_mp.module.settings import Setting, SettingError, settings_of
-from robbie_mp.profile.problem import ProfileError
 
 FOLDER = "settings"
 TRIAL_S = 5.0
@@ -313,7 +313,7 @@ class SettingChanges:
 
 def _read(text: str, setting: str) -> Any:
     """Read a value in YAML; ProfileError: it is none."""
-    from robbie_mp.profile.reader import read_text  # noqa: PLC0415 - most modules never get a request
+    from robbie_mp.base.yaml_reader import read_text  # noqa: PLC0415 - most modules never get a request
 
     return read_text(text, setting).plain()
 

@@ -14,7 +14,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_type_hints, overload
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.module.value_check import (
     Limits,
     ValueMismatch,
@@ -24,7 +25,6 @@ from robbie_mp.module.value_check import (
     holds_secret,
     outline,
 )
-from robbie_mp.suggest import did_you_mean
 
 T = TypeVar("T")
 

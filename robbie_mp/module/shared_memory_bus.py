@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Protocol
 
+from robbie_mp.bus.transport.records import Delivery
 from robbie_mp.messages import Message
 from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.transport.records import Delivery
 
 NOTHING_HANDLED = "there is an envelope only while a message is being handled"
 

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, overload
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.messages import Message
 from robbie_mp.messages.field_types import Nested
 from robbie_mp.messages.message import fields_of
@@ -14,7 +15,6 @@ from robbie_mp.messages.stock.std_msgs import Header
 from robbie_mp.module.envelope import MessageType
 from robbie_mp.module.module import Module
 from robbie_mp.module.stamp_matcher import MatchCounts, StampMatcher
-from robbie_mp.transport.records import MessageHandling
 
 A = TypeVar("A", bound=Message)
 B = TypeVar("B", bound=Message)

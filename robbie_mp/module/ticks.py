@@ -4,15 +4,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from robbie_mp._hot.choice import Native
+from robbie_mp.bus._hot.choice import Native
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.histogram import WorkFigures
+from robbie_mp.bus.transport.records import MessageHandling
+from robbie_mp.bus.transport.words import Words
 from robbie_mp.messages import Tick
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module, calls_of
-from robbie_mp.transport import layout
-from robbie_mp.transport.histogram import WorkFigures
-from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.words import Words
 
 MAX_WAIT_S = 0.5
 """Even an idle module wakes up this often, to release arrays that other threads held, and for signals."""

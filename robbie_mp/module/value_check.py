@@ -9,7 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.module.secret import Secret, SecretError, read_secret
 
 

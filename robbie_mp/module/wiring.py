@@ -5,7 +5,7 @@ A name is looked up once, when the module subscribes or first publishes. It cost
 
 from collections.abc import Mapping
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 ABSOLUTE = "/"
 REQUESTS = ("_Request", "_Goal")

@@ -6,7 +6,7 @@ supervisor replies with one line as soon as the command is done: `{"done": TEXT}
 
 After `{"command": "stop"}`, which stops the whole run, the supervisor closes the connection when the run is
 over. After `{"command": "attach", "purpose": TEXT}` the connection stays open for as long as the tool is
-attached; see `robbie_mp.supervisor.attached_tools`.
+attached; see `robbie_mp.run.supervisor.attached_tools`.
 """
 
 import json
@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 SOCKET_NAME = "control"
 MAX_LINE_BYTES = 4096

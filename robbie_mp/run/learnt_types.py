@@ -10,7 +10,7 @@ import json
 import os
 from pathlib import Path
 
-from robbie_mp.linux.private_files import make_private_folder, write_private
+from robbie_mp.base.linux.private_files import make_private_folder, write_private
 
 TYPES_FOLDER = "types"
 MAX_TYPES = 256

@@ -1,6 +1,6 @@
 """The runs on this machine, and choosing one of them."""
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.run.run_directory import KnownRun, list_runs
 
 

@@ -1,6 +1,6 @@
 """Lockstep: the whole robot handles one message at a time, and time stands still meanwhile.
 
-The core holds back all messages but the next one (see `robbie_mp.core.queues`). The module that controls the
+The core holds back all messages but the next one (see `robbie_mp.bus.core.queues`). The module that controls the
 clock sets the time, sends the messages of that time, and continues when the core has no message left to
 deliver: then everything that its messages caused is finished. Ticks are such messages, too. So the messages
 of each module and their order depend only on the messages, and not on the machine's speed or load. Messages
@@ -10,13 +10,13 @@ from outside, such as those of users or the supervisor, take their place in the 
 import contextlib
 from collections.abc import Callable, Mapping
 
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.board import Board
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment, SegmentMissing
+from robbie_mp.bus.transport.tables import CoreTables
+from robbie_mp.bus.transport.words import Words, new_fence
 from robbie_mp.module.module import Module
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.board import Board
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment, SegmentMissing
-from robbie_mp.transport.tables import CoreTables
-from robbie_mp.transport.words import Words, new_fence
 
 
 class Lockstep:

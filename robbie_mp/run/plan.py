@@ -6,8 +6,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from robbie_mp.linux.private_files import write_private
-from robbie_mp.profile.model import (
+from robbie_mp.base.linux.private_files import write_private
+from robbie_mp.bus.transport.board import TOOL_PREFIX
+from robbie_mp.bus.transport.layout import MAX_OUTSTANDING
+from robbie_mp.bus.transport.run_memory import RingSizes
+from robbie_mp.run.learnt_types import learnt_types
+from robbie_mp.run.profile.model import (
     CheckpointPolicy,
     ClockSettings,
     CoreLimits,
@@ -19,10 +23,6 @@ from robbie_mp.profile.model import (
     Scheduling,
     ToolLimits,
 )
-from robbie_mp.run.learnt_types import learnt_types
-from robbie_mp.transport.board import TOOL_PREFIX
-from robbie_mp.transport.layout import MAX_OUTSTANDING
-from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
 SUPERVISOR_MEMORY_BYTES = 1 << 20

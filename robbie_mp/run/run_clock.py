@@ -10,11 +10,11 @@ import time
 from bisect import bisect_right
 from typing import NamedTuple
 
-from robbie_mp.errors import RobbieError
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, Words, new_fence, row_reader, row_writer
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.words import WORD_BYTES, WORD_MAX, Words, new_fence, row_reader, row_writer
 
 RATE_ONE = 1 << 32
 MAX_RATE = 1e6

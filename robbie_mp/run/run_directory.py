@@ -25,11 +25,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-from robbie_mp.errors import RobbieError
-from robbie_mp.linux.private_files import ownership_problem, write_private
-from robbie_mp.linux.proc import ProcessIdentity
-from robbie_mp.trace.disk_writer import DiskWriter
-from robbie_mp.transport.shared_folder import SHARED_MEMORY, NamesTaken, make_folder, remove_names
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.private_files import ownership_problem, write_private
+from robbie_mp.base.linux.proc import ProcessIdentity
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, NamesTaken, make_folder, remove_names
+from robbie_mp.run.trace.disk_writer import DiskWriter
 
 RUN_ID = re.compile(r"[0-9a-f]{8}")
 UNFINISHED_PREFIX = "new-"

@@ -4,8 +4,8 @@ import fcntl
 import os
 from pathlib import Path
 
-from robbie_mp.errors import RobbieError
-from robbie_mp.linux.private_files import private_opener
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.private_files import private_opener
 
 FILE = "operator-station"
 

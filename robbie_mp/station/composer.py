@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.attached.views.message_text import FieldPath, to_yaml
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.base.yaml_reader import read_text
 from robbie_mp.messages import FieldError, Message, from_dict
 from robbie_mp.messages.field_types import FieldType, Nested, Text
 from robbie_mp.messages.message import fields_of
-from robbie_mp.profile.problem import ProfileError
-from robbie_mp.profile.reader import read_text
-from robbie_mp.views.message_text import FieldPath, to_yaml
 
 
 class FormError(RobbieError, ValueError):

@@ -19,7 +19,7 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.wsproto_impl import WSProtocol
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.station.access import Role
 from robbie_mp.station.listening import BACKLOG
 

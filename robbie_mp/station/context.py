@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from robbie_mp.messages import Message
     from robbie_mp.module.clock import Clock
     from robbie_mp.run.run_directory import KnownRun
-    from robbie_mp.scene_graph import SceneGraphListener
+    from robbie_mp.scene import SceneGraphListener
     from robbie_mp.station.access import Access, DriversSeat
     from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.driving.command import RobotCommand

@@ -7,7 +7,7 @@ ahead, however slow and unequal the two directions are, and so the greatest age 
 import math
 from collections import deque
 
-from robbie_mp.link.clock_offset import ClockOffset, Exchange
+from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange
 
 LIMIT_S = 0.2
 """Greatest age of a command that counts. With a round trip above it, the page does not drive."""

@@ -2,7 +2,7 @@
 
 import socket
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 BACKLOG = 32
 """Length of the queue of connections that wait to be accepted."""

@@ -10,9 +10,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from robbie_mp.messages import Mark, Message, ModuleState
-from robbie_mp.recording.reader import LoggedMessage, open_log
 
 CRASHED = ("BACKOFF", "FAILED")
 MAX_EVENTS = 300

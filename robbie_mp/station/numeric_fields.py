@@ -6,11 +6,11 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages import Message
 from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive
 from robbie_mp.messages.message import fields_of, nested
-from robbie_mp.suggest import did_you_mean
 
 Step = str | int
 """A field's name, or an element's number."""

@@ -4,7 +4,7 @@ import threading
 from functools import partial
 from pathlib import Path
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.run.control import control
 
 

@@ -6,7 +6,7 @@ Only `load_panels` imports them, because the module must run without the extra `
 from collections.abc import Iterable, Mapping
 
 from robbie_mp.module.settings import SettingError
-from robbie_mp.profile.check import NotAModule, load_class
+from robbie_mp.run.profile.check import NotAModule, load_class
 from robbie_mp.station.panel import Panel
 
 FRAMEWORK_PANELS = {

@@ -12,10 +12,10 @@ from typing import Generic
 from nicegui import app
 from starlette.responses import Response
 
+from robbie_mp.attached.views.image_pixels import NoPicture, jpeg
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.module.envelope import MessageType
 from robbie_mp.station.latest import Latest
-from robbie_mp.views.image_pixels import NoPicture, jpeg
 
 JPEG_QUALITY = 80
 MAX_PIXELS = 1280

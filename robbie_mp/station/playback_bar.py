@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from robbie_mp.attached.views.message_text import describe_playback
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.station.access import Role
 from robbie_mp.station.log_events import EventKind, LogEvent, LogEvents
-from robbie_mp.views.message_text import describe_playback
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext

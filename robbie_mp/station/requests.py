@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages import Goal, Message, Request
 from robbie_mp.module.calls.errors import CallError, CallNotSent
 

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 
-from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
+from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
 
 REFRESH_S = 1.0
 DESCRIBED_READINGS = 10

@@ -9,7 +9,7 @@ from typing import cast
 
 import uvicorn
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.station.connections import (
     BoundedHttp,
     BoundedWebSocket,

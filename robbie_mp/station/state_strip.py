@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from robbie_mp.attached.views.run_figures import state_name
 from robbie_mp.messages import BatteryState, LinkState
 from robbie_mp.station.control_buttons import ControlButtons
 from robbie_mp.station.state_item import ALERT, GOOD, UNKNOWN, WARNING, StateItem, clock_text
-from robbie_mp.views.run_figures import state_name
 
 if TYPE_CHECKING:
-    from robbie_mp.observe import ModuleFigures
+    from robbie_mp.bus.observe import ModuleFigures
     from robbie_mp.station.context import Page, StationContext
     from robbie_mp.station.panel import Panel
 

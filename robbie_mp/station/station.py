@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from robbie_mp.errors import RobbieError
-from robbie_mp.linux.priority import MAX_SLICE_MS
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.priority import MAX_SLICE_MS
 from robbie_mp.messages import Goal, Message, TimeJump
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.envelope import MessageType
@@ -19,7 +19,8 @@ from robbie_mp.module.secret import Secret, reveal
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.operator_link import remove_link, token_of_run, write_link
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.scene_graph import SceneGraphListener
+from robbie_mp.run.trace.log_limit import limited
+from robbie_mp.scene import SceneGraphListener
 from robbie_mp.station.access import MIN_TOKEN_CHARACTERS, Access, DriversSeat, is_loopback
 from robbie_mp.station.claim import StationClaim
 from robbie_mp.station.latest import Latest
@@ -31,7 +32,6 @@ from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
 from robbie_mp.station.requests import Asked, Asking, Requests
 from robbie_mp.station.run_watch import RunWatch
 from robbie_mp.station.settings_watch import SettingsWatch
-from robbie_mp.trace.log_limit import limited
 
 if TYPE_CHECKING:
     from robbie_mp.station.camera_images import Cameras

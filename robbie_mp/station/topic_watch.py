@@ -4,14 +4,14 @@ import threading
 from contextlib import closing
 from typing import Any
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.attached.tool.message_stream import MessageStream
+from robbie_mp.attached.tool.tool import Received
+from robbie_mp.attached.views.message_text import Abbreviated, FieldPath
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import Message
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool.message_stream import MessageStream
-from robbie_mp.tool.tool import Received
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.views.message_text import Abbreviated, FieldPath
 
 MAX_TEXT_CHARACTERS = 200
 Node = dict[str, Any]

@@ -11,6 +11,7 @@ from nicegui import app, core, ui
 from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, Response
 
+from robbie_mp.run.trace.log_limit import limited
 from robbie_mp.station.camera_images import Cameras
 from robbie_mp.station.cockpit import TILE_PATH
 from robbie_mp.station.connections import bounded_connections
@@ -30,7 +31,6 @@ from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panel
 from robbie_mp.station.playback_bar import PlaybackBar
 from robbie_mp.station.server import PageServer
 from robbie_mp.station.state_strip import StateStrip
-from robbie_mp.trace.log_limit import limited
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

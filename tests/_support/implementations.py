@@ -2,8 +2,8 @@
 
 import pytest
 
-from robbie_mp._hot import choice
-from robbie_mp._hot.choice import Native
+from robbie_mp.bus._hot import choice
+from robbie_mp.bus._hot.choice import Native
 
 NATIVE = choice.native()
 """What is written in C; None if it was not built, or Python was chosen."""

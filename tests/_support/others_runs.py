@@ -21,11 +21,11 @@ from pathlib import Path
 
 import psutil
 
-from robbie_mp.linux.proc import ProcessIdentity, environment_value, read_stat
+from robbie_mp.base.linux.proc import ProcessIdentity, environment_value, read_stat
+from robbie_mp.bus.transport.layout import HEADER_CREATOR_PID, HEADER_CREATOR_START, HEADER_WORDS
+from robbie_mp.bus.transport.shared_folder import remove_names
 from robbie_mp.run.run_directory import RUN_ID
-from robbie_mp.supervisor.leftovers import MARKER
-from robbie_mp.transport.layout import HEADER_CREATOR_PID, HEADER_CREATOR_START, HEADER_WORDS
-from robbie_mp.transport.shared_folder import remove_names
+from robbie_mp.run.supervisor.leftovers import MARKER
 from tests._support.own_runs import VARIABLE
 from tests._support.places import PROJECT
 

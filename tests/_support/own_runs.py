@@ -26,7 +26,7 @@ def see_own_runs_only() -> None:
     """
     run_directory.base_folders = own_base_folders
     if mark := os.environ.get(VARIABLE):
-        from robbie_mp.supervisor import sweep  # noqa: PLC0415 (only here, not in the tests' own process)
+        from robbie_mp.run.supervisor import sweep  # noqa: PLC0415 (only here, not in the tests' own process)
 
         begin = f"{int(mark.partition('-')[0]) & 0xFFFF:04x}"
         ids = SimpleNamespace(token_hex=lambda size: begin + secrets.token_hex(size)[len(begin) :])

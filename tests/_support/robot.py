@@ -14,12 +14,12 @@ from typing import Any
 import psutil
 import pytest
 
+from robbie_mp.attached.views.run_figures import as_data
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.cli.runs import live_runs
-from robbie_mp.observe import RunObserver
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.trace.reader import entries
-from robbie_mp.transport.segment import SegmentMissing
-from robbie_mp.views.run_figures import as_data
+from robbie_mp.run.trace.reader import entries
 
 PROJECT = Path(__file__).parents[2]
 ZOO = Path(__file__).parent / "zoo_modules.py"

@@ -8,6 +8,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 
 from robbie_mp.cli import main
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import (
     Header,
     Image,
@@ -19,14 +20,13 @@ from robbie_mp.messages import (
     TransformStamped,
     stock_registry,
 )
-from robbie_mp.recording.reader import open_log
 from tests.recording._support.logs import START_NS, LogFile, scan, write_log
 
 PROFILE = """
 modules:
   laser: {class: "hw:Laser"}
   ros:
-    class: robbie_mp.services.ros2:Ros2Bridge
+    class: robbie_mp.connect.ros2.module:Ros2Bridge
     settings:
       namespace: red
       send:

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from robbie_mp.bridge.diagnostics import DIAGNOSTICS, MAX_LINES, Diagnosis, TraceLines, log_line
+from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, MAX_LINES, Diagnosis, TraceLines, log_line
+from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import Log, ModuleProfile, SystemProfile, Time
-from robbie_mp.ros2.type_hash import type_hash
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.reader import trace_folder
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
+from robbie_mp.run.trace.reader import trace_folder
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "ros2" / "published_type_hashes.json").read_text())
 ROS = get_typestore(Stores.ROS2_JAZZY)

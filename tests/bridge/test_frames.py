@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.bridge.frames import MAX_FRAMES, ForeignFrame, FrameMap
-from robbie_mp.bridge.mapping import MappingError
+from robbie_mp.connect.bridge.frames import MAX_FRAMES, ForeignFrame, FrameMap
+from robbie_mp.connect.bridge.mapping import MappingError
 from robbie_mp.messages import (
     DecodeError,
     Header,

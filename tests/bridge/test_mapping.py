@@ -2,8 +2,8 @@
 
 import pytest
 
-from robbie_mp.bridge.driving import drive_command
-from robbie_mp.bridge.mapping import MAX_NAMES, BridgeMap, Incoming, MappingError, Quality, SentAs
+from robbie_mp.connect.bridge.driving import drive_command
+from robbie_mp.connect.bridge.mapping import MAX_NAMES, BridgeMap, Incoming, MappingError, Quality, SentAs
 from robbie_mp.messages import DriveCommand, NavigateTo, PoseStamped, Time, Twist, TwistStamped, Vector3
 
 SCAN = "sensor_msgs/msg/LaserScan"

@@ -2,10 +2,10 @@
 
 import pytest
 
-from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing, share_out
-from robbie_mp.capture.selection import Selection
-from robbie_mp.recording.format import ChannelKey
-from robbie_mp.transport.tables import ChannelName
+from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.logs.capture.queue_drops import QueueDrops, key_of_missing, share_out
+from robbie_mp.logs.capture.selection import Selection
+from robbie_mp.logs.recording.format import ChannelKey
 
 SCAN, IMAGE, ODOMETRY = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 

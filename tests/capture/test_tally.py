@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.capture import tally as module
-from robbie_mp.capture.tally import Tally, UnendedParts
-from robbie_mp.recording.format import ChannelCount, ChannelKey
+from robbie_mp.logs.capture import tally as module
+from robbie_mp.logs.capture.tally import Tally, UnendedParts
+from robbie_mp.logs.recording.format import ChannelCount, ChannelKey
 from tests.recording._support.logs import write_log
 
 ONE, TWO = ChannelKey("a/msg/A", 1, "one", "s"), ChannelKey("a/msg/A", 1, "two", "s")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.transport import names
-from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 
 RUN = f"test{os.getpid()}"  # no id that a run can have: a `robbie run` elsewhere would sweep it as dead
 SLOT = 1

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robbie_mp.checkpoint.buffers import IMAGE_BEGIN, CheckpointBuffers
-from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge
-from robbie_mp.checkpoint.image import decode, encode, lay_out
-from robbie_mp.transport import layout
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment, SharedMemoryFull
+from robbie_mp.bus.checkpoint.buffers import IMAGE_BEGIN, CheckpointBuffers
+from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge
+from robbie_mp.bus.checkpoint.image import decode, encode, lay_out
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment, SharedMemoryFull
 from tests.checkpoint.conftest import RUN, SLOT, SlotOfARun
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew
-from robbie_mp.checkpoint.file import (
+from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooNew
+from robbie_mp.bus.checkpoint.file import (
     CheckpointFileError,
     checkpoint_file,
     read_file,
@@ -14,7 +14,7 @@ from robbie_mp.checkpoint.file import (
     set_aside,
     write_file,
 )
-from robbie_mp.checkpoint.image import encode
+from robbie_mp.bus.checkpoint.image import encode
 
 DEAD_PID = 2**22 + 1  # beyond the kernel's largest
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew, UnsupportedState
-from robbie_mp.checkpoint.image import (
+from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooNew, UnsupportedState
+from robbie_mp.bus.checkpoint.image import (
     CRC_BEGIN,
     HEADER,
     Header,

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp.checkpoint import file
-from robbie_mp.checkpoint.buffers import IMAGE_BEGIN
-from robbie_mp.checkpoint.errors import CheckpointTooLarge, UnsupportedState
-from robbie_mp.checkpoint.file import read_file, write_file
-from robbie_mp.checkpoint.image import encode
-from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
+from robbie_mp.bus.checkpoint import file
+from robbie_mp.bus.checkpoint.buffers import IMAGE_BEGIN
+from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge, UnsupportedState
+from robbie_mp.bus.checkpoint.file import read_file, write_file
+from robbie_mp.bus.checkpoint.image import encode
+from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from tests.checkpoint.conftest import SlotOfARun
 
 NEVER_S = 1e6

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.transport.shared_folder import remove_names
+from robbie_mp.bus.transport.shared_folder import remove_names
 from tests.checkpoint._support.killing import run_of
 
 SCENARIOS = {"first": 60, "second": 60, "third": 30, "larger": 60, "smaller": 30, "at random": 40}

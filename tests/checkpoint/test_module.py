@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from robbie_mp import ModuleHarness
-from robbie_mp.checkpoint.errors import UnsupportedState
-from robbie_mp.checkpoint.file import read_file, write_file
-from robbie_mp.checkpoint.image import encode
+from robbie_mp.bus.checkpoint.errors import UnsupportedState
+from robbie_mp.bus.checkpoint.file import read_file, write_file
+from robbie_mp.bus.checkpoint.image import encode
 from tests._support.robot import Robot
 from tests.checkpoint._support import remembering
 from tests.checkpoint._support.remembering import Remembering

@@ -2,9 +2,9 @@
 
 import pytest
 
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.channel_choice import NoSuchMessages, choose_channel, nobody_publishes
 from robbie_mp.messages.descriptions import KnownTypes
-from robbie_mp.transport.tables import ChannelName
 
 SCAN, IMAGE, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Image", "sensor_msgs/msg/Imu"
 CHANNELS = [

@@ -10,8 +10,8 @@ import pytest
 
 from robbie_mp import Header, Time
 from robbie_mp.cli import main
+from robbie_mp.logs.recording import png
 from robbie_mp.messages import CompressedImage, Image
-from robbie_mp.recording import png
 from tests.recording._support.logs import START_NS, LogFile, scan
 
 cv2 = pytest.importorskip("cv2")

@@ -10,8 +10,8 @@ import pytest
 from mcap.reader import make_reader
 
 from robbie_mp.cli import main
-from robbie_mp.recording import repair as repair_module
-from robbie_mp.recording.errors import RepairFailed
+from robbie_mp.logs.recording import repair as repair_module
+from robbie_mp.logs.recording.errors import RepairFailed
 from tests.recording._support.logs import write_log
 
 

@@ -12,7 +12,7 @@ import pytest
 from robbie_mp.cli import completers, main
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.module.setting_changes import SettingsFile
-from robbie_mp.profile.load import load_profile
+from robbie_mp.run.profile.load import load_profile
 from tests._support.robot import Robot, kill, wait_until
 
 PROFILE = """

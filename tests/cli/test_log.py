@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli import log, main
-from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor.output import OutputStore
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
+from robbie_mp.run.profile.model import TraceSettings
+from robbie_mp.run.supervisor.output import OutputStore
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ import pytest
 from mcap.reader import make_reader
 
 from robbie_mp.cli import main
+from robbie_mp.logs.recording.chunk import Compression
+from robbie_mp.logs.recording.format import ChannelKey
+from robbie_mp.logs.recording.log_writer import Split
 from robbie_mp.messages import LaserScan, schema_text
-from robbie_mp.recording.chunk import Compression
-from robbie_mp.recording.format import ChannelKey
-from robbie_mp.recording.log_writer import Split
 from tests.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
 from tests.recording._support.recording import CHANNELS, chunk_of, writer
 

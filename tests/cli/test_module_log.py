@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli.top_program.details import read_module_log
-from robbie_mp.trace.crash import CrashFolder, CrashReport, LastWords, report_name, report_place
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
+from robbie_mp.run.trace.crash import CrashFolder, CrashReport, LastWords, report_name, report_place
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
 
 TRACEBACK = "Traceback (most recent call last):\n  File …\nZeroDivisionError: division by zero"
 

@@ -9,7 +9,7 @@ import pytest
 from robbie_mp.cli import main
 from robbie_mp.cli.new import copy_example, make_workspace
 from robbie_mp.cli.stock_robots import STOCK_ROBOTS, needed_files
-from robbie_mp.profile.load import load_profile
+from robbie_mp.run.profile.load import load_profile
 from tests.docs._support.pages import ROOT
 
 
@@ -82,7 +82,7 @@ def test_needed_files_are_found_by_imports_and_names(tmp_path: Path) -> None:
         "modules/page.js": "",
         "workers/__init__.py": "",
         "workers/w/__init__.py": "from workers.w.inner import x",
-        "workers/w/inner.py": "import numpy, os.path, robbie_mp.errors",
+        "workers/w/inner.py": "import numpy, os.path, robbie_mp.base.errors",
         "hw/maps/hall.yaml": "picture: hall.png",
         "hw/maps/hall.png": "",
     }

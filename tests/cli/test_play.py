@@ -8,9 +8,9 @@ import pytest
 from robbie_mp.cli import main
 from robbie_mp.cli.play import _alone, _settings, rate
 from robbie_mp.cli.program import _parser
+from robbie_mp.logs.playback.module import Playback
 from robbie_mp.module.settings import check_settings
-from robbie_mp.profile.load import load_profile
-from robbie_mp.services.playback import Playback
+from robbie_mp.run.profile.load import load_profile
 from tests.services._support.battery_log import write_battery_log
 
 PROJECT = Path(__file__).parents[2]

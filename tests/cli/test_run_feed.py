@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import pytest
 
+from robbie_mp.bus.observe import RunReading
+from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.cli.top_program import feed as feed_module
 from robbie_mp.cli.top_program.feed import KEPT_VALUES, RunFeed, Watching
-from robbie_mp.observe import RunReading
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.segment import SegmentMissing
 from tests.cli._support.readings import laser, mapping, reading, run
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from robbie_mp.cli.screen import QUEUED_LINES, RunScreen
 from robbie_mp.run.operator_link import write_link
-from robbie_mp.supervisor.states import ChildState, StateChange
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
+from robbie_mp.run.supervisor.states import ChildState, StateChange
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
 
 LINES = QUEUED_LINES + 3000
 LONG = "x" * 200

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.attached.views.process_table import totals_line
 from robbie_mp.cli import main
-from robbie_mp.views.process_table import totals_line
 from tests._support.robot import COMMAND
 from tests.cli._support.readings import reading
 

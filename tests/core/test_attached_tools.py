@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from robbie_mp.core.router import SlotLimits
-from robbie_mp.transport import layout
+from robbie_mp.bus.core.router import SlotLimits
+from robbie_mp.bus.transport import layout
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 
 PUBLISHER, LISTENER, TOOL = 1, 2, 3

@@ -1,9 +1,9 @@
 """Modules die, come back, stay away or break the protocol: messages are counted, others get notices."""
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.members import MAX_NOTICES
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Delivery, Inbound, Notice, Outbound
+from robbie_mp.bus.core.members import MAX_NOTICES
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Delivery, Inbound, Notice, Outbound
 from tests.core._support.simulated_run import CREDIT, SimulatedRun, connected
 
 

@@ -3,9 +3,9 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Inbound, Outbound
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Inbound, Outbound
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.siege import HOSTILE_SLOT, Siege
 from tests.core._support.simulated_run import RING_RECORDS
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robbie_mp.core.native_router import NativeRouter
+from robbie_mp.bus.core.native_router import NativeRouter
 from tests.core._support.simulated_run import SimulatedRun
 
 

@@ -3,10 +3,10 @@
 import pytest
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.router import SlotLimits
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import ANY_VERSION, Outbound
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.core.router import SlotLimits
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import ANY_VERSION, Outbound
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 
 NEWEST = MessageHandling.KEEP_ONLY_NEWEST

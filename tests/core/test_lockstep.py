@@ -1,8 +1,8 @@
 """In lockstep the whole robot handles one message at a time, in one order, even if a process dies."""
 
 from robbie_mp import MessageHandling
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Inbound
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Inbound
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun, connected
 
 

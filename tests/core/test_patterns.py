@@ -8,11 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.directory import Directory, Subscription
-from robbie_mp.core.router import SlotLimits
-from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import TooManyDeclarations
-from robbie_mp.transport.records import ANY_VERSION, Outbound
+from robbie_mp.bus.core.directory import Directory, Subscription
+from robbie_mp.bus.core.router import SlotLimits
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.endpoint import TooManyDeclarations
+from robbie_mp.bus.transport.records import ANY_VERSION, Outbound
 from tests.core._support.history import History
 from tests.core._support.simulated_run import CREDIT, SimulatedModule, SimulatedRun
 from tests.core.test_crash_points import both_dead, fan_out, full_table, subscriber_dead

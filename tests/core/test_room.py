@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.router import IN_FLIGHT_SHARE
-from robbie_mp.transport.blocks import block_bytes
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.core.router import IN_FLIGHT_SHARE
+from robbie_mp.bus.transport.blocks import block_bytes
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.simulated_run import CREDIT, SimulatedModule, SimulatedRun, connected
 
 ALWAYS, NEWEST = MessageHandling.ALWAYS_DELIVER, MessageHandling.KEEP_ONLY_NEWEST

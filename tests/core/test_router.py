@@ -3,9 +3,9 @@
 import pytest
 
 from robbie_mp import MessageHandling
-from robbie_mp.core import router
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Outbound
+from robbie_mp.bus.core import router
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Outbound
 from tests.core._support.simulated_run import CREDIT, SimulatedRun, connected
 
 NEWEST = MessageHandling.KEEP_ONLY_NEWEST

@@ -5,7 +5,7 @@ from unittest.mock import patch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.core import router
+from robbie_mp.bus.core import router
 from tests.core._support.history import SLOTS, History
 
 ACTIONS = ["publish"] * 4 + ["handle"] * 3 + ["core"] * 2

@@ -6,8 +6,8 @@ from array import array
 
 import pytest
 
-from robbie_mp.core.supervisor_watch import CONTINUE_AFTER, END_AFTER, LOOK_NS, SupervisorWatch
-from robbie_mp.transport import layout
+from robbie_mp.bus.core.supervisor_watch import CONTINUE_AFTER, END_AFTER, LOOK_NS, SupervisorWatch
+from robbie_mp.bus.transport import layout
 
 
 class Supervisor:

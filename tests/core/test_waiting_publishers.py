@@ -1,8 +1,8 @@
 """Publishers that wait for blocks or credit: a release wakes the core, and the core wakes the publisher."""
 
 from robbie_mp import MessageHandling
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Outbound
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Outbound
 from tests.core._support.simulated_run import CREDIT, SimulatedModule, SimulatedRun, connected
 
 

@@ -8,11 +8,11 @@ from types import FrameType
 
 import pytest
 
-from robbie_mp._hot import choice
-from robbie_mp.core.native_router import NativeRouter
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.records import Outbound
-from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.bus._hot import choice
+from robbie_mp.bus.core.native_router import NativeRouter
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.records import Outbound
+from robbie_mp.bus.transport.wakeup import Wakeup
 from tests.transport.test_cost_of_a_message import PUBLISHER, RUN_ID, SUBSCRIBER, Chain, Speed
 
 LONG_S = 20.0

@@ -14,9 +14,9 @@ from rosbags.highlevel import AnyReader
 
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.cli import main
+from robbie_mp.logs.recording.decoding import LogDecoder
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import DriveCommand, LaserScan, String, Twist, TwistStamped, Vector3
-from robbie_mp.recording.decoding import LogDecoder
-from robbie_mp.recording.reader import open_log
 from tests.docs._support.pages import ROOT, block
 from tests.recording.test_imports import write_bag
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from robbie_mp import Header, ModuleHarness, SettingError, Time
+from robbie_mp.base.state_machine import IllegalTransition, mermaid
+from robbie_mp.logs.message_logger import MessageLogger
 from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, OccupancyGrid, TwistStamped
-from robbie_mp.profile.load import load_profile
-from robbie_mp.services.message_logger import MessageLogger
-from robbie_mp.state_machine import IllegalTransition, mermaid
+from robbie_mp.run.profile.load import load_profile
 from tests.docs._support.pages import block
 
 PROJECT = Path(__file__).parents[2]

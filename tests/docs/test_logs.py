@@ -11,8 +11,8 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from robbie_mp.cli import main
+from robbie_mp.logs.message_logger import MessageLogger
 from robbie_mp.module.settings import check_settings, settings_of
-from robbie_mp.services.message_logger import MessageLogger
 from tests.docs._support.pages import ROOT, block
 from tests.recording._support.logs import write_log
 from tests.recording.test_imports import CARMEN, write_bag

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from robbie_mp import ModuleHarness
+from robbie_mp.base.problem import ProfileError
 from robbie_mp.messages import DriveCommand, LaserScan
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.problem import ProfileError
+from robbie_mp.run.profile.load import load_profile
 from tests.docs._support.pages import ROOT, block
 
 

@@ -2,8 +2,8 @@
 
 import re
 
-from robbie_mp.profile.model import CoreLimits, MemoryLimits, QueueLimits, TraceSettings
-from robbie_mp.transport import layout
+from robbie_mp.bus.transport import layout
+from robbie_mp.run.profile.model import CoreLimits, MemoryLimits, QueueLimits, TraceSettings
 from tests.docs._support.pages import ROOT
 
 TEXT = (ROOT / "docs" / "reference.md").read_text()

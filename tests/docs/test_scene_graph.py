@@ -9,7 +9,7 @@ import yaml
 from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import LaserScan, TFMessage, Transform, TransformStamped, Vector3
 from robbie_mp.module.settings import check_settings
-from robbie_mp.services.scene_graph import SceneGraphService
+from robbie_mp.scene.module import SceneGraphService
 from tests.docs._support.pages import ROOT, block
 
 PAGE = "docs/scene-graph.md"

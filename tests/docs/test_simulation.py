@@ -7,8 +7,8 @@ import pytest
 
 from hw.simulation import generate_arena
 from hw.simulation.arena_file import read_arena
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.preflight import preflight
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.preflight import preflight
 from tests.docs._support.pages import ROOT, block
 
 PAGE = (ROOT / "docs" / "simulation.md").read_text()

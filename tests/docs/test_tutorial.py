@@ -17,9 +17,9 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.bus.observe import ModuleFigures, RunObserver
+from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.cli.runs import live_runs
-from robbie_mp.observe import ModuleFigures, RunObserver
-from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from tests._support.robot import wait_until
 from tests.docs._support.pages import ROOT, Block, blocks
 

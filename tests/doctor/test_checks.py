@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from robbie_mp.doctor import clock, kernel, limits, memory, permissions, processor, python, runs
-from robbie_mp.doctor.finding import Finding, Level, size
-from robbie_mp.doctor.needs import Needs
+from robbie_mp.run.doctor import clock, kernel, limits, memory, permissions, processor, python, runs
+from robbie_mp.run.doctor.finding import Finding, Level, size
+from robbie_mp.run.doctor.needs import Needs
 
 OK, WARN, FAIL = Level.OK, Level.WARN, Level.FAIL
 MIB, GIB = 1 << 20, 1 << 30

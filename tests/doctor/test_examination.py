@@ -7,20 +7,20 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.cli import main
-from robbie_mp.doctor.clock import clock_state
-from robbie_mp.doctor.examination import examine, guarded, worst
-from robbie_mp.doctor.finding import Finding, Level, fail, ok, warn
-from robbie_mp.doctor.memory import probe_shared_memory
-from robbie_mp.doctor.needs import Needs, segments
-from robbie_mp.doctor.permissions import check_run_folder, login_setting
-from robbie_mp.doctor.python import own_requirements
-from robbie_mp.profile.model import MemoryLimits, ModuleSpec, Profile
+from robbie_mp.run.doctor.clock import clock_state
+from robbie_mp.run.doctor.examination import examine, guarded, worst
+from robbie_mp.run.doctor.finding import Finding, Level, fail, ok, warn
+from robbie_mp.run.doctor.memory import probe_shared_memory
+from robbie_mp.run.doctor.needs import Needs, segments
+from robbie_mp.run.doctor.permissions import check_run_folder, login_setting
+from robbie_mp.run.doctor.python import own_requirements
 from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.profile.model import MemoryLimits, ModuleSpec, Profile
 from robbie_mp.run.run_directory import lock_folder
-from robbie_mp.supervisor.memory import RunMemory
-from robbie_mp.supervisor.sweep import sweep
-from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.run.supervisor.memory import RunMemory
+from robbie_mp.run.supervisor.sweep import sweep
 
 PROFILE = """
 modules:
@@ -85,7 +85,7 @@ def test_broken_machine_is_reported_without_a_traceback(monkeypatch: pytest.Monk
     for name in ("resource.getrlimit", "os.sched_getaffinity", "os.geteuid", "psutil.virtual_memory",
                  "time.get_clock_info", "os.pidfd_open", "platform.release"):  # fmt: skip
         monkeypatch.setattr(name, broken)
-    monkeypatch.setattr("robbie_mp.doctor.memory.secrets.token_hex", lambda _size: "d0c0b0b0")
+    monkeypatch.setattr("robbie_mp.run.doctor.memory.secrets.token_hex", lambda _size: "d0c0b0b0")
     findings = examine()
     monkeypatch.undo()
     remove_names("d0c0b0b0")  # without os.geteuid it could not tell that they are its own
@@ -151,7 +151,7 @@ def test_requirements_are_those_of_the_project() -> None:
 
 def test_probe_of_shared_memory_leaves_nothing() -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("robbie_mp.doctor.memory.secrets.token_hex", lambda _size: "d0c0d0c0")
+        patch.setattr("robbie_mp.run.doctor.memory.secrets.token_hex", lambda _size: "d0c0d0c0")
         assert probe_shared_memory() == ""
         assert not list(Path("/dev/shm").glob("*d0c0d0c0*"))
         make_folder("d0c0d0c0")

@@ -11,14 +11,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from robbie_mp import _hot
-from robbie_mp._hot import choice
-from robbie_mp._hot.sources import digest
-from robbie_mp.transport.layout import LAYOUT_VERSION
+from robbie_mp.bus import _hot
+from robbie_mp.bus._hot import choice
+from robbie_mp.bus._hot.sources import digest
+from robbie_mp.bus.transport.layout import LAYOUT_VERSION
 from tools import layout_header
 
 HOT = Path(choice.__file__).parent
-MODULE = "robbie_mp._hot.native"
+MODULE = "robbie_mp.bus._hot.native"
 
 
 @pytest.fixture(autouse=True)
@@ -140,6 +140,6 @@ def test_header_has_the_constants_of_python() -> None:
 
 
 def test_import_of_the_choice_does_not_load_the_module() -> None:
-    code = f"import sys; import robbie_mp._hot.choice; sys.exit({MODULE!r} in sys.modules)"
+    code = f"import sys; import robbie_mp.bus._hot.choice; sys.exit({MODULE!r} in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], env=dict(os.environ), cwd=HOT.parents[1], check=False)
     assert done.returncode == 0

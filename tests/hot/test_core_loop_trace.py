@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.core.native_router import NativeRouter
-from robbie_mp.transport import layout
-from robbie_mp.transport.words import WORD_BYTES
+from robbie_mp.bus.core.native_router import NativeRouter
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.words import WORD_BYTES
 from tests.core._support.memory import Died
 from tests.core._support.simulated_run import SimulatedRun
 from tests.hot._support.many_histories import compare_histories

@@ -4,8 +4,8 @@
 that are left out must be found, or it proves nothing. By hand, with clang's libFuzzer, which looks for inputs
 that reach new branches:
 
-    clang -std=c11 -g -O1 -fsanitize=fuzzer,address,undefined -DWITH_LIBFUZZER -Irobbie_mp/_hot \\
-        tests/hot/programs/fuzz_router.c robbie_mp/_hot/{router,books,ring}.c -o fuzz && ./fuzz -max_len=2000
+    clang -std=c11 -g -O1 -fsanitize=fuzzer,address,undefined -DWITH_LIBFUZZER -Irobbie_mp/bus/_hot \\
+        tests/hot/programs/fuzz_router.c robbie_mp/bus/_hot/{router,books,ring}.c -o fuzz && ./fuzz -max_len=2000
 """
 
 import subprocess

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp._hot.choice import PURE_PYTHON, why_not
+from robbie_mp.bus._hot.choice import PURE_PYTHON, why_not
 from tests._support.implementations import NATIVE
 from tests._support.sources import copy_sources
 from tests.docs._support.pages import ROOT
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 LIMIT_S = 100.0
 PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check")
-ASK = "from robbie_mp._hot.choice import native, why_not; print(native() is not None, why_not())"
+ASK = "from robbie_mp.bus._hot.choice import native, why_not; print(native() is not None, why_not())"
 
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> str:
@@ -63,7 +63,9 @@ def answer_of(wheel: Path, folder: Path) -> str:
 
 
 def test_source_distribution_has_all_sources(archive: Path) -> None:
-    here = {path.name for path in (ROOT / "robbie_mp" / "_hot").iterdir() if path.suffix in (".c", ".h")}
+    here = {
+        path.name for path in (ROOT / "robbie_mp" / "bus" / "_hot").iterdir() if path.suffix in (".c", ".h")
+    }
     with tarfile.open(archive) as found:
         names = found.getnames()
     assert {Path(name).name for name in names if name.endswith((".c", ".h"))} == here
@@ -73,10 +75,10 @@ def test_source_distribution_has_all_sources(archive: Path) -> None:
 def test_wheel_has_what_was_built_and_no_sources(archive: Path, tmp_path: Path) -> None:
     wheel, _ = build(archive, tmp_path, ROBBIE_STRICT_BUILD="1")
     with zipfile.ZipFile(wheel) as found:
-        names = [name for name in found.namelist() if name.startswith("robbie_mp/_hot/")]
+        names = [name for name in found.namelist() if name.startswith("robbie_mp/bus/_hot/")]
     assert [name for name in names if name.endswith((".c", ".h"))] == []
     assert len([name for name in names if name.endswith(".so")]) == 1
-    assert "robbie_mp/_hot/native.pyi" in names
+    assert "robbie_mp/bus/_hot/native.pyi" in names
     assert answer_of(wheel, tmp_path) == "True"
 
 

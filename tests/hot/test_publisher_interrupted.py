@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from robbie_mp.transport import layout
+from robbie_mp.bus.transport import layout
 from tests._support.implementations import NATIVE
 from tests.core._support.simulated_run import RING_RECORDS, SimulatedRun
 from tests.transport._support.pair import Pair, picture

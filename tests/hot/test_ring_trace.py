@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.transport import ring
-from robbie_mp.transport.ring import RingPlace
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import ring
+from robbie_mp.bus.transport.ring import RingPlace
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.memory import Died
 from tests.hot._support.trace import described
 

@@ -14,7 +14,7 @@ from types import ModuleType
 import pytest
 
 from robbie_mp import MessageHandling
-from robbie_mp.core import router
+from robbie_mp.bus.core import router
 from tests.core._support.history import History
 from tests.core._support.simulated_run import SimulatedRun, connected
 from tests.core.test_crash_points import SCENARIOS, SETTINGS, play

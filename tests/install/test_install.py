@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
-from robbie_mp.install import usb
-from robbie_mp.install.device_names import DeviceNotNamed, UsbDevice, rules
-from robbie_mp.install.unit import quoted
+from robbie_mp.run.install import usb
+from robbie_mp.run.install.device_names import DeviceNotNamed, UsbDevice, rules
+from robbie_mp.run.install.unit import quoted
 
 LASER = UsbDevice("15d1", "0000", "H1234567", "1-1.2")
 CLONE = UsbDevice("1a86", "7523", "", "1-1.3")

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.link.access import MAX_COUNTED, MAX_DECISIONS, MAX_RULES, OTHERS, Access, AccessError
-from robbie_mp.trace.log_limit import LOG_BURST
+from robbie_mp.connect.link.access import MAX_COUNTED, MAX_DECISIONS, MAX_RULES, OTHERS, Access, AccessError
+from robbie_mp.run.trace.log_limit import LOG_BURST
 
 TWIST = "geometry_msgs/msg/Twist"
 SCAN = "sensor_msgs/msg/LaserScan"

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.link import books as link_books
-from robbie_mp.link.books import KEPT_SESSIONS, NEXT, RECEIVED, REFUSED, TAKEN, Account, Books, Key
-from robbie_mp.link.traffic import TrafficClass
+from robbie_mp.connect.link import books as link_books
+from robbie_mp.connect.link.books import KEPT_SESSIONS, NEXT, RECEIVED, REFUSED, TAKEN, Account, Books, Key
+from robbie_mp.connect.link.traffic import TrafficClass
 
 ROWS = 200
 ODOM = ("nav_msgs/msg/Odometry", 1, "odom")

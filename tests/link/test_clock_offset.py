@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.link.clock_offset import ClockOffset, Exchange, Verdict
+from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange, Verdict
 
 MAX_DRIFT_PPM = 1000
 SECOND_NS = 10**9

@@ -4,8 +4,8 @@ from collections import deque
 
 import pytest
 
-from robbie_mp.link.congestion import MAX_QUEUE_BYTES, USUAL_PART_BYTES, Window
-from robbie_mp.link.header import PART_BYTES
+from robbie_mp.connect.link.congestion import MAX_QUEUE_BYTES, USUAL_PART_BYTES, Window
+from robbie_mp.connect.link.header import PART_BYTES
 
 STEP_NS = 1_000_000
 IMAGE_BYTES = 200_000

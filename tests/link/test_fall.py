@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import pytest
 
-from robbie_mp.link.header import ChannelId, Data
-from robbie_mp.link.traffic import TrafficClass
+from robbie_mp.connect.link.header import ChannelId, Data
+from robbie_mp.connect.link.traffic import TrafficClass
 from tests.link._support.network import MS, Conditions, two_robots
 
 STATE = ChannelId("nav_msgs/msg/Odometry", 1, "odom")

@@ -1,7 +1,7 @@
 """The robot's name before the names of the frames in its messages."""
 
 from robbie_mp import Header
-from robbie_mp.link.frames import has_frames, prefixed
+from robbie_mp.connect.link.frames import has_frames, prefixed
 from robbie_mp.messages import (
     JointState,
     LaserScan,

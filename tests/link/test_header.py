@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.link.header import (
+from robbie_mp.connect.link.header import (
     MAGIC,
     MAX_COUNTS,
     MAX_HOPS,
@@ -19,7 +19,7 @@ from robbie_mp.link.header import (
     pack,
     unpack,
 )
-from robbie_mp.link.traffic import CLASSES
+from robbie_mp.connect.link.traffic import CLASSES
 
 WORDS = st.integers(0, MAX_WORD)
 TIMES = st.integers(-(1 << 63), (1 << 63) - 1)

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.link import books as link_books
-from robbie_mp.link import sending
-from robbie_mp.link.books import HANDLING, NEXT, RECEIVED, RECEIVED_BEFORE, REFUSED, TAKEN, Books, Key
-from robbie_mp.link.congestion import Window
-from robbie_mp.link.header import (
+from robbie_mp.connect.link import books as link_books
+from robbie_mp.connect.link import sending
+from robbie_mp.connect.link.books import HANDLING, NEXT, RECEIVED, RECEIVED_BEFORE, REFUSED, TAKEN, Books, Key
+from robbie_mp.connect.link.congestion import Window
+from robbie_mp.connect.link.header import (
     MAX_COUNTS,
     MAX_SEQUENCE,
     MAX_WORD,
@@ -22,11 +22,11 @@ from robbie_mp.link.header import (
     pack,
     unpack,
 )
-from robbie_mp.link.node import LinkNode, NodeSettings, Offered
-from robbie_mp.link.receiving import Arrived, Fate, ReceiveStream
-from robbie_mp.link.sending import MAX_UNREPORTED, MAX_URGENT, Limits
-from robbie_mp.link.traffic import CLASSES, TrafficClass
-from robbie_mp.link.under_way import MAX_SENDINGS, UnderWay
+from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
+from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
+from robbie_mp.connect.link.sending import MAX_UNREPORTED, MAX_URGENT, Limits
+from robbie_mp.connect.link.traffic import CLASSES, TrafficClass
+from robbie_mp.connect.link.under_way import MAX_SENDINGS, UnderWay
 from tests.link._support.network import MS, Robot, two_robots
 
 ODOM = ChannelId("nav_msgs/msg/Odometry", 1, "odom")

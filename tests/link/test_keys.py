@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli import main
-from robbie_mp.link.handshake import NotConnected, shake_hands
-from robbie_mp.link.keys import Keys, KeysError
+from robbie_mp.connect.link.handshake import NotConnected, shake_hands
+from robbie_mp.connect.link.keys import Keys, KeysError
 
 PEER = Path(__file__).parent / "_support" / "tls_peer.py"
 LIMIT_S = 30.0

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.link.header import ChannelId, Data, Packet
-from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.sending import Limits, seems_to_shrink
-from robbie_mp.link.traffic import MANNERS, TrafficClass
+from robbie_mp.connect.link.header import ChannelId, Data, Packet
+from robbie_mp.connect.link.receiving import Arrived, Fate
+from robbie_mp.connect.link.sending import Limits, seems_to_shrink
+from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 from tests.link._support.network import MS, Conditions, Network, Robot, two_robots
 
 COMMAND = ChannelId("robbie_msgs/msg/DriveCommand", 1, "manual")

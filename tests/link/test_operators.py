@@ -1,6 +1,6 @@
 """A robot obeys one operator at a time, and another one only after it has taken over."""
 
-from robbie_mp.link.operators import FREE_AFTER_NS, Operators
+from robbie_mp.connect.link.operators import FREE_AFTER_NS, Operators
 from robbie_mp.messages import OperatorRequest
 
 S = 1_000_000_000

@@ -2,10 +2,10 @@
 
 import pytest
 
-from robbie_mp.link.header import ChannelId
-from robbie_mp.link.receiving import Arrived
-from robbie_mp.link.safety import Ages, expires, shortened
-from robbie_mp.link.traffic import TrafficClass
+from robbie_mp.connect.link.header import ChannelId
+from robbie_mp.connect.link.receiving import Arrived
+from robbie_mp.connect.link.safety import Ages, expires, shortened
+from robbie_mp.connect.link.traffic import TrafficClass
 from robbie_mp.messages import (
     DriveCommand,
     Duration,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.link.wire import Endpoints, ways
+from robbie_mp.connect.link.wire import Endpoints, ways
 
 
 @pytest.mark.parametrize(

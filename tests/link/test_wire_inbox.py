@@ -8,10 +8,10 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from robbie_mp.link import wire as wire_module
-from robbie_mp.link.header import PART_BYTES, Beat, pack
-from robbie_mp.link.turns import Turns
-from robbie_mp.link.wire import PACKETS, Endpoints, InboxLimits, Received, Wire
+from robbie_mp.connect.link import wire as wire_module
+from robbie_mp.connect.link.header import PART_BYTES, Beat, pack
+from robbie_mp.connect.link.turns import Turns
+from robbie_mp.connect.link.wire import PACKETS, Endpoints, InboxLimits, Received, Wire
 from tests._support.robot import wait_until
 
 LIMITS = InboxLimits(packets=100, bytes=2 * PART_BYTES)

@@ -3,13 +3,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from robbie_mp.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 
 RUN = f"testbus{os.getpid()}"
 PREFIX = f"{SHARED_MEMORY}/robbie-{RUN}/"
 CUT = """
 import mmap, os, sys
-from robbie_mp.linux.bus_error import surviving_truncation
+from robbie_mp.base.linux.bus_error import surviving_truncation
 path, prefix = sys.argv[1:]
 with open(path, "r+b") as file:
     file.truncate(3 * mmap.PAGESIZE)

@@ -5,7 +5,7 @@ import sys
 
 FAULTS = """
 import resource, sys
-from robbie_mp.linux.freed_memory import keep_freed_memory
+from robbie_mp.base.linux.freed_memory import keep_freed_memory
 if sys.argv[1] == "kept":
     assert keep_freed_memory(16 << 20)
 source = memoryview(bytearray(1 << 20))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux import proc
-from robbie_mp.linux.proc import own_children
+from robbie_mp.base.linux import proc
+from robbie_mp.base.linux.proc import own_children
 from tests.supervisor._support.running import is_gone, wait_for
 
 COMMAND = [sys.executable, "-S", "-E", "-c", "import sys; sys.stdin.read()"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.service_manager import ServiceManager
+from robbie_mp.base.linux.service_manager import ServiceManager
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp._hot.choice import native, why_not
+from robbie_mp.bus._hot.choice import native, why_not
 from robbie_mp.messages import (
     DriveCommand,
     Header,

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robbie_mp import CallError, CallRefused, Message, Reply, Request, uint32
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages.calls import reply_type
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.peers import Server
 from robbie_mp.module.clock import ManualClock
-from robbie_mp.transport.tables import ChannelName
 
 LOG = logging.getLogger(__name__)
 TIMEOUT_S = 30.0

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from robbie_mp import MessageHandling, Module, ModuleHarness, RobbieError
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import LaserScan, Odometry
 from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.deadlines import Deadlines, InvalidDeadline
 from robbie_mp.module.health import Health
-from robbie_mp.transport.tables import ChannelName
 
 SCAN = ChannelName("sensor_msgs/msg/LaserScan", 1, "")
 S = 10**9

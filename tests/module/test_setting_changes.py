@@ -206,5 +206,5 @@ def test_damaged_file_is_ignored(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_module_imports_yaml_only_for_a_change() -> None:
-    code = "import sys, robbie_mp.supervisor.module_child; sys.exit('yaml' in sys.modules)"
+    code = "import sys, robbie_mp.run.supervisor.module_child; sys.exit('yaml' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

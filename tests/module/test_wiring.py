@@ -5,9 +5,9 @@ from collections.abc import Callable
 import pytest
 
 from robbie_mp import EncodedMessage, Module, ModuleHarness
+from robbie_mp.bus.transport.tables import ChannelName, takes_topic
 from robbie_mp.messages import DriveCommand, Image, LaserScan, Odometry
 from robbie_mp.module.wiring import TopicsMeet, Wiring
-from robbie_mp.transport.tables import ChannelName, takes_topic
 from tests._support.robot import Ended, Robot, wait_until
 
 SCAN = LaserScan.type_name

@@ -10,11 +10,11 @@ from typing import Any, cast
 import pytest
 
 from robbie_mp import Module, ModuleHarness
+from robbie_mp.bus.transport.records import ANY_VERSION
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import Message
 from robbie_mp.messages.message import MessageType
-from robbie_mp.profile.load import load_profile
-from robbie_mp.transport.records import ANY_VERSION
-from robbie_mp.transport.tables import ChannelName
+from robbie_mp.run.profile.load import load_profile
 from tests._support.damage import damaged, plausible
 from tests._support.places import PROJECT
 

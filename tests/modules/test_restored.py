@@ -11,7 +11,7 @@ from modules.devices.base import SimulatedBase
 from modules.exploration import Exploration
 from modules.mapping import Mapping
 from robbie_mp import Duration, Header, ModuleHarness, Time
-from robbie_mp.checkpoint.errors import CheckpointTooLarge
+from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
     DriveCommand,
     LaserScan,

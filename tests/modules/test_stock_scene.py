@@ -16,8 +16,8 @@ from modules.devices.camera import SimulatedHeadCameraModule, SimulatedRearCamer
 from modules.devices.pan_tilt import SimulatedPanTiltModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
-from robbie_mp.scene_graph import SceneGraph, read_scene
-from robbie_mp.services.scene_graph import SceneGraphService
+from robbie_mp.scene import SceneGraph, read_scene
+from robbie_mp.scene.module import SceneGraphService
 from tests._support.places import ARENAS, PROJECT
 
 HW = Path(__file__).parents[2] / "hw"

@@ -2,9 +2,9 @@
 
 import pytest
 
-from robbie_mp.observe.connections import Unconnected, unconnected
-from robbie_mp.transport.records import ANY_VERSION
-from robbie_mp.transport.tables import ChannelName
+from robbie_mp.bus.observe.connections import Unconnected, unconnected
+from robbie_mp.bus.transport.records import ANY_VERSION
+from robbie_mp.bus.transport.tables import ChannelName
 
 SCAN = "sensor_msgs/msg/LaserScan"
 

@@ -11,10 +11,10 @@ import numpy as np
 import psutil
 import pytest
 
+from robbie_mp.bus.observe import rates_between
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
 from robbie_mp.messages import LaserScan
-from robbie_mp.observe import rates_between
-from robbie_mp.transport import layout
-from robbie_mp.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
 from tests._support.robot import robot_in
 from tests.observe._support.top_evidence import (
     BURST,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robbie_mp import MessageHandling
+from robbie_mp.bus.observe.channels import ChannelCounters
 from robbie_mp.cli.rates import Rates
-from robbie_mp.observe.channels import ChannelCounters
 from tests.core._support.simulated_run import TYPE, SimulatedRun, connected
 
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.playback.player import ControlRefused, DueTick
-from robbie_mp.recording.reader import Log, open_log
+from robbie_mp.logs.playback.player import ControlRefused, DueTick
+from robbie_mp.logs.recording.reader import Log, open_log
 from tests.playback._support.recorder import SECOND_NS, TICK_NS, PlayerRig
 from tests.recording._support.logs import START_NS, STEP_NS, write_log
 

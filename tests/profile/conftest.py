@@ -5,10 +5,10 @@ from textwrap import dedent
 
 import pytest
 
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.model import Profile
-from robbie_mp.profile.preflight import Preflight, preflight
-from robbie_mp.profile.problem import ProfileError
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.model import Profile
+from robbie_mp.run.profile.preflight import Preflight, preflight
 
 BASE_CLASS = "base_of_modules:Base"
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from robbie_mp.profile.model import CoreLimits, ModuleSpec, Profile, RestartPolicy, RestartWhen
-from robbie_mp.profile.problem import ProfileError
-from robbie_mp.supervisor.child_spec import ChildSpec
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.run.profile.model import CoreLimits, ModuleSpec, Profile, RestartPolicy, RestartWhen
+from robbie_mp.run.supervisor.child_spec import ChildSpec
 from tests.profile.conftest import Robot
 
 

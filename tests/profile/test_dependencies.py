@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.profile.dependencies import read_dependencies
-from robbie_mp.profile.problem import Place
-from robbie_mp.profile.reader import Node
+from robbie_mp.base.problem import Place
+from robbie_mp.base.yaml_reader import Node
+from robbie_mp.run.profile.dependencies import read_dependencies
 from tests.profile.conftest import Robot
 
 NAMES = [f"m{number}" for number in range(6)]

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from robbie_mp.profile.build import PROFILE_KEYS
-from robbie_mp.profile.model import (
+from robbie_mp.run.profile.build import PROFILE_KEYS
+from robbie_mp.run.profile.model import (
     CheckpointPolicy,
     CoreLimits,
     MemoryLimits,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robbie_mp.profile.model import ModuleSpec, Profile
-from robbie_mp.profile.workspace import stock_names
+from robbie_mp.run.profile.model import ModuleSpec, Profile
+from robbie_mp.run.profile.workspace import stock_names
 from tests.profile.conftest import Robot
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.checking_process import PreflightError
-from robbie_mp.profile.model import ModuleSpec, Profile
-from robbie_mp.profile.preflight import preflight, runnable
-from robbie_mp.profile.problem import ProfileError
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.run.profile.checking_process import PreflightError
+from robbie_mp.run.profile.model import ModuleSpec, Profile
+from robbie_mp.run.profile.preflight import preflight, runnable
 from tests.profile.conftest import PLAIN, Robot, write_class
 
 MAPPING = """
@@ -267,7 +267,7 @@ SOUND: dict[str, object] = {"result": {"errors": [], "settings": {}, "failure": 
 
 def scripted(monkeypatch: pytest.MonkeyPatch, *rounds: list[dict[str, object]]) -> ScriptedChecks:
     checks = ScriptedChecks(*rounds)
-    monkeypatch.setattr("robbie_mp.profile.preflight.check_events", checks)
+    monkeypatch.setattr("robbie_mp.run.profile.preflight.check_events", checks)
     return checks
 
 

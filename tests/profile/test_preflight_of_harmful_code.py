@@ -13,10 +13,10 @@ import pytest
 from tests.profile.conftest import PLAIN, Robot
 
 ASK = """
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.model import ModuleSpec, Profile
-from robbie_mp.profile.preflight import preflight
-from robbie_mp.profile.problem import ProfileError
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.model import ModuleSpec, Profile
+from robbie_mp.run.profile.preflight import preflight
+from robbie_mp.base.problem import ProfileError
 preflight(load_profile("demo"), timeout_s=0.5, base_class="base_of_modules:Base")
 """
 

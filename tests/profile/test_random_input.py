@@ -8,13 +8,13 @@ import yaml
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.merge import merge
-from robbie_mp.profile.model import Profile
-from robbie_mp.profile.problem import Place, ProfileError
-from robbie_mp.profile.reader import Node, read_text
-from robbie_mp.profile.show import inline
-from robbie_mp.profile.variables import resolve
+from robbie_mp.base.problem import Place, ProfileError
+from robbie_mp.base.yaml_reader import Node, read_text
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.merge import merge
+from robbie_mp.run.profile.model import Profile
+from robbie_mp.run.profile.show import inline
+from robbie_mp.run.profile.variables import resolve
 
 WORDS = (
     "parents description modules variables core class settings restart policy memory segment_bytes "

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.problem import Place, ProfileError
-from robbie_mp.profile.reader import MAX_DEPTH, Node, read_file, read_text
+from robbie_mp.base.problem import Place, ProfileError
+from robbie_mp.base.yaml_reader import MAX_DEPTH, Node, read_file, read_text
 
 FILE = Path("/ws/p.yaml")
 

@@ -10,8 +10,8 @@ import pytest
 
 import robbie_mp.cli.profile
 from robbie_mp.cli import main
-from robbie_mp.profile.preflight import preflight
-from robbie_mp.profile.show import as_tree
+from robbie_mp.run.profile.preflight import preflight
+from robbie_mp.run.profile.show import as_tree
 from tests.profile.conftest import BASE_CLASS, Robot
 
 Out = pytest.CaptureFixture[str]

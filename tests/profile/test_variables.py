@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.problem import ProfileError
-from robbie_mp.profile.show import as_profile, as_tree, origins
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.show import as_profile, as_tree, origins
 from tests.profile.conftest import Robot
 
 DEMO = """

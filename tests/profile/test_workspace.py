@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.preflight import preflight
-from robbie_mp.profile.problem import ProfileError
-from robbie_mp.profile.workspace import find_workspace, stock_names
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.preflight import preflight
+from robbie_mp.run.profile.workspace import find_workspace, stock_names
 from tests.profile.conftest import Robot
 
 
@@ -70,7 +70,7 @@ def test_error_without_a_workspace_says_what_to_do(tmp_path: Path) -> None:
 def test_stock_profiles_are_parents_in_every_workspace(robot: Robot) -> None:
     robot.write("demo", "parents: [robbie:recorded]\nmodules:\n  logger: {settings: {folder: elsewhere}}")
     (logger,) = robot.load().modules
-    assert logger.class_path == "robbie_mp.services.message_logger:MessageLogger"
+    assert logger.class_path == "robbie_mp.logs.message_logger:MessageLogger"
     assert logger.settings["folder"] == "elsewhere"
     assert "split_bytes" in logger.settings
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.recording.appended_file import BLOCK_BYTES, PIECE_BYTES, AppendedFile
+from robbie_mp.logs.recording.appended_file import BLOCK_BYTES, PIECE_BYTES, AppendedFile
 
 SIZES = st.one_of(
     st.integers(0, 3 * BLOCK_BYTES),
@@ -70,7 +70,7 @@ def test_page_cache_is_used_without_direct_writes(monkeypatch: pytest.MonkeyPatc
             raise OSError(22, "Invalid argument")
         return ordinary(path, flags, mode)
 
-    monkeypatch.setattr("robbie_mp.recording.appended_file.os.open", refuse)
+    monkeypatch.setattr("robbie_mp.logs.recording.appended_file.os.open", refuse)
     file = AppendedFile(tmp_path / "file")
     file.append([content(PIECE_BYTES + 5, 1)])
     file.close()

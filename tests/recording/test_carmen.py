@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.recording.carmen import BrokenLine, CarmenLog, LaserRecord, OdometryRecord, beam_angles
+from robbie_mp.logs.recording.carmen import BrokenLine, CarmenLog, LaserRecord, OdometryRecord, beam_angles
 
 INTEL = Path(__file__).parents[3] / "shared/data/intel.clf"
 GOOD = """\

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robbie_mp import Header, Message, Time
+from robbie_mp.logs.recording import alignment
+from robbie_mp.logs.recording.alignment import align
+from robbie_mp.logs.recording.comparison import ChannelComparison, ComparisonOptions, compare
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import Odometry, TFMessage, TransformStamped
-from robbie_mp.recording import alignment
-from robbie_mp.recording.alignment import align
-from robbie_mp.recording.comparison import ChannelComparison, ComparisonOptions, compare
-from robbie_mp.recording.reader import open_log
 from tests.recording._support.logs import LogFile, scan, write_log
 
 SEQUENCES = st.lists(st.integers(0, 3), max_size=12)

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from robbie_mp import Message, Upgrade, float32, float64, uint8
+from robbie_mp.logs.recording.decoding import LogDecoder
+from robbie_mp.logs.recording.errors import NotDecodable
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import LaserScan, SchemaError, TypeRegistry, VersionError, schema_text
-from robbie_mp.recording.decoding import LogDecoder
-from robbie_mp.recording.errors import NotDecodable
-from robbie_mp.recording.reader import open_log
 from tests.recording._support.logs import START_NS, LogFile, scan
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.recording.format import (
+from robbie_mp.logs.recording.format import (
     PART_NAME,
     ChannelCount,
     ChannelKey,

@@ -11,13 +11,13 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from robbie_mp.logs.recording.carmen import BrokenLine
+from robbie_mp.logs.recording.carmen_import import import_carmen
+from robbie_mp.logs.recording.decoding import LogDecoder
+from robbie_mp.logs.recording.errors import BagUnreadable, LogNotWritten, LogUnreadable
+from robbie_mp.logs.recording.reader import LoggedMessage, open_log
+from robbie_mp.logs.recording.rosbag_import import import_rosbag
 from robbie_mp.messages import LaserScan, Odometry, TFMessage, schema_text
-from robbie_mp.recording.carmen import BrokenLine
-from robbie_mp.recording.carmen_import import import_carmen
-from robbie_mp.recording.decoding import LogDecoder
-from robbie_mp.recording.errors import BagUnreadable, LogNotWritten, LogUnreadable
-from robbie_mp.recording.reader import LoggedMessage, open_log
-from robbie_mp.recording.rosbag_import import import_rosbag
 from tests.recording._support.logs import START_NS
 
 CARMEN = """\

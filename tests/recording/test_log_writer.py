@@ -12,12 +12,12 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from robbie_mp.logs.recording.chunk import Compression
+from robbie_mp.logs.recording.format import ChannelKey, RunMetadata, counts_from_metadata, part_path
+from robbie_mp.logs.recording.info import describe
+from robbie_mp.logs.recording.log_writer import Split
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import LaserScan, Odometry
-from robbie_mp.recording.chunk import Compression
-from robbie_mp.recording.format import ChannelKey, RunMetadata, counts_from_metadata, part_path
-from robbie_mp.recording.info import describe
-from robbie_mp.recording.log_writer import Split
-from robbie_mp.recording.reader import open_log
 from tests.recording._support.recording import (
     CHANNELS,
     START_NS,

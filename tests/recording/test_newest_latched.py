@@ -8,17 +8,17 @@ import pytest
 from mcap.reader import make_reader
 
 from robbie_mp.cli import main
+from robbie_mp.logs.playback.tape import Tape
+from robbie_mp.logs.recording.chunk import Chunk
+from robbie_mp.logs.recording.chunk_queue import BufferLimits
+from robbie_mp.logs.recording.format import ChannelKey, counts_from_metadata
+from robbie_mp.logs.recording.info import describe
+from robbie_mp.logs.recording.log_writer import LogWriter, Split
+from robbie_mp.logs.recording.newest import KeepLimits, NewestMessages
+from robbie_mp.logs.recording.part_writer import RecordedChannel
+from robbie_mp.logs.recording.reader import Log, open_log
+from robbie_mp.logs.recording.recorder import Recorder
 from robbie_mp.messages import Header, Odometry, TFMessage, Transform, TransformStamped, schema_text
-from robbie_mp.playback.tape import Tape
-from robbie_mp.recording.chunk import Chunk
-from robbie_mp.recording.chunk_queue import BufferLimits
-from robbie_mp.recording.format import ChannelKey, counts_from_metadata
-from robbie_mp.recording.info import describe
-from robbie_mp.recording.log_writer import LogWriter, Split
-from robbie_mp.recording.newest import KeepLimits, NewestMessages
-from robbie_mp.recording.part_writer import RecordedChannel
-from robbie_mp.recording.reader import Log, open_log
-from robbie_mp.recording.recorder import Recorder
 from tests.playback._support.recorder import SECOND_NS, PlayerRig
 from tests.recording._support import logs
 from tests.recording._support.logs import LogFile

@@ -11,12 +11,12 @@ from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from robbie_mp.logs.recording.contents import Block
+from robbie_mp.logs.recording.decoding import LogDecoder
+from robbie_mp.logs.recording.errors import LogUnreadable, NotALog
+from robbie_mp.logs.recording.limits import ReadLimits
+from robbie_mp.logs.recording.reader import Log, open_log
 from robbie_mp.messages import LaserScan
-from robbie_mp.recording.contents import Block
-from robbie_mp.recording.decoding import LogDecoder
-from robbie_mp.recording.errors import LogUnreadable, NotALog
-from robbie_mp.recording.limits import ReadLimits
-from robbie_mp.recording.reader import Log, open_log
 from tests.messages._support.rosbags_bridge import assert_same
 from tests.recording._support.logs import START_NS, STEP_NS, LogFile, scan, traffic, write_log
 

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.recording import recorder as recorder_module
-from robbie_mp.recording.chunk import Chunk, Compression
-from robbie_mp.recording.chunk_queue import BufferLimits, ChunkQueue
-from robbie_mp.recording.disk_budget import DiskBudget
-from robbie_mp.recording.format import ChannelKey
-from robbie_mp.recording.log_writer import LogWriter, Split
-from robbie_mp.recording.part_writer import RecordedChannel
-from robbie_mp.recording.reader import open_log
-from robbie_mp.recording.recorder import Recorder, RecordingFailed
+from robbie_mp.logs.recording import recorder as recorder_module
+from robbie_mp.logs.recording.chunk import Chunk, Compression
+from robbie_mp.logs.recording.chunk_queue import BufferLimits, ChunkQueue
+from robbie_mp.logs.recording.disk_budget import DiskBudget
+from robbie_mp.logs.recording.format import ChannelKey
+from robbie_mp.logs.recording.log_writer import LogWriter, Split
+from robbie_mp.logs.recording.part_writer import RecordedChannel
+from robbie_mp.logs.recording.reader import open_log
+from robbie_mp.logs.recording.recorder import Recorder, RecordingFailed
 from tests._support.robot import wait_until
 from tests.recording._support.recording import CHANNELS, RUN
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from robbie_mp.recording.errors import LogError, LogNotWritten, NotALog, RepairFailed
-from robbie_mp.recording.reader import open_log
-from robbie_mp.recording.repair import Repair, repair, repaired_name
+from robbie_mp.logs.recording.errors import LogError, LogNotWritten, NotALog, RepairFailed
+from robbie_mp.logs.recording.reader import open_log
+from robbie_mp.logs.recording.repair import Repair, repair, repaired_name
 from tests.recording._support.logs import START_NS, write_log, write_small_log
 from tests.recording.test_reader import FORMS
 
@@ -180,7 +180,7 @@ def test_unrecognizable_chunk_is_reported_if_the_summary_counts_its_messages(
 def test_long_sequences_of_messages_outside_of_chunks_are_read_in_pieces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("robbie_mp.recording.scan.ROW_BYTES", 1000)
+    monkeypatch.setattr("robbie_mp.logs.recording.scan.ROW_BYTES", 1000)
     path = write_log(tmp_path / "a.mcap", 30, use_chunking=False)
     with open_log(path) as log:
         assert max(block.frame.length for block in log.parts[0].contents.blocks) < 2000

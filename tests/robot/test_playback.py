@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from robbie_mp.recording.reader import LoggedMessage, open_log
+from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from tests.robot._support.stock_robot import PROJECT, StockRobot
 from tools.intel_lockstep import write_log
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from robbie_mp.connect.ros1.conversion import ConversionError, ros1_type
 from robbie_mp.messages import (
     CameraInfo,
     Header,
@@ -31,7 +32,6 @@ from robbie_mp.messages import (
     schema_text,
     stock_registry,
 )
-from robbie_mp.ros1.conversion import ConversionError, ros1_type
 from tests.messages._support.codec_fuzz import VARIABLE
 from tests.messages._support.rosbags_bridge import jazzy, name_for_rosbags, store_with
 from tests.messages._support.strategies import PATIENT, messages

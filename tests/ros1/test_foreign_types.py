@@ -9,10 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from robbie_mp.messages import message_type_from_schema
-from robbie_mp.messages.schema import layout
-from robbie_mp.ros1.conversion import ConversionError
-from robbie_mp.ros1.foreign_types import (
+from robbie_mp.connect.ros1.conversion import ConversionError
+from robbie_mp.connect.ros1.foreign_types import (
     MAX_VALUES,
     DefinitionError,
     ForeignType,
@@ -20,6 +18,8 @@ from robbie_mp.ros1.foreign_types import (
     _texts,
     foreign_type,
 )
+from robbie_mp.messages import message_type_from_schema
+from robbie_mp.messages.schema import layout
 from tests.messages._support.rosbags_bridge import store_with
 from tests.messages._support.strategies import PATIENT, messages
 from tests.ros1._support.ros import needs_ros1, system_python

@@ -4,10 +4,10 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
-from robbie_mp.bridge.diagnostics import DIAGNOSTICS
+from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS
+from robbie_mp.connect.ros1.conversion import ros1_type
+from robbie_mp.connect.ros1.log_lines import LOG, ros1_log
 from robbie_mp.messages import Log, Time
-from robbie_mp.ros1.conversion import ros1_type
-from robbie_mp.ros1.log_lines import LOG, ros1_log
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
 

@@ -8,6 +8,10 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from modules.rescue.messages import VictimFound
+from robbie_mp.connect.ros1.conversion import ros1_type
+from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, Place, can_be_markers
+from robbie_mp.connect.ros1.module import Ros1Bridge
+from robbie_mp.connect.ros1.ros_node import MESSAGE, pack
 from robbie_mp.messages import (
     Header,
     LaserScan,
@@ -21,10 +25,6 @@ from robbie_mp.messages import (
 )
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
-from robbie_mp.ros1.conversion import ros1_type
-from robbie_mp.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, Place, can_be_markers
-from robbie_mp.ros1.ros_node import MESSAGE, pack
-from robbie_mp.services.ros1 import Ros1Bridge
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
 NAME = "visualization_msgs/msg/MarkerArray"

@@ -9,7 +9,7 @@ import sys
 import time
 
 from robbie_mp import ModuleHarness
-from robbie_mp.services.ros2 import Ros2Bridge
+from robbie_mp.connect.ros2.module import Ros2Bridge
 
 LIMIT_S = 30.0
 

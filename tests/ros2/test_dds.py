@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from robbie_mp import ModuleHarness
+from robbie_mp.connect.ros2.dds_side import NODES
+from robbie_mp.connect.ros2.idl_types import raw_type
+from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.padding import unpadded
+from robbie_mp.connect.ros2.side import Ros2Unavailable
+from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import DecodeError, DriveCommand, Header, LaserScan, String
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.ros2.dds_side import NODES
-from robbie_mp.ros2.idl_types import raw_type
-from robbie_mp.ros2.padding import unpadded
-from robbie_mp.ros2.side import Ros2Unavailable
-from robbie_mp.ros2.type_hash import type_hash
-from robbie_mp.services.ros2 import Ros2Bridge
 from tests._support.robot import wait_until
 
 WITNESS = Path(__file__).with_name("dds_witness.py")

@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp import ModuleHarness
+from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.messages import CancelNavigation, Header, LaserScan, PoseStamped, TFMessage, Twist
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.services.ros2 import Ros2Bridge
 
 Bridge = ModuleHarness[Ros2Bridge]
 ACCEPTED = {

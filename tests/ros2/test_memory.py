@@ -1,6 +1,6 @@
 """Memory that is used again for copies of large messages."""
 
-from robbie_mp.ros2.side import ReusedMemory
+from robbie_mp.connect.ros2.side import ReusedMemory
 
 
 def test_copies_have_the_bytes_and_the_size_of_each_message() -> None:

@@ -9,9 +9,9 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from robbie_mp import Module, ModuleHarness, setting
+from robbie_mp.connect.ros2.parameters import SERVICES
 from robbie_mp.messages import SettingChange, SettingChanged
 from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
-from robbie_mp.ros2.parameters import SERVICES
 from tests._support.robot import Robot, wait_until
 from tests.ros2.test_robots import PROFILE
 from tests.ros2.test_zenoh import Bridge, Node, free_port, network, session, until, zenoh_has_started

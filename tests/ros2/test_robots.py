@@ -17,10 +17,10 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp import ModuleHarness
+from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import DriveCommand, Time, Twist, Vector3, from_dict, schema_text
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.ros2.type_hash import type_hash
-from robbie_mp.services.ros2 import Ros2Bridge
 from tests._support.robot import Robot, kill, wait_until
 from tests.messages._support.rosbags_bridge import assert_same
 from tests.ros2.test_type_hash import PUBLISHED
@@ -36,7 +36,7 @@ modules:
   counter: {{class: "zoo.modules:Counter", settings: {{count: 1000000}}}}
   listener: {{class: "zoo.modules:Listener"}}
   ros2:
-    class: "robbie_mp.services.ros2:Ros2Bridge"
+    class: "robbie_mp.connect.ros2.module:Ros2Bridge"
     settings:
       domain: 7
       connect: ["tcp/127.0.0.1:{port}"]
@@ -152,7 +152,7 @@ def test_a_killed_bridge_comes_back_and_the_robot_goes_on(robot: Robot) -> None:
 def test_time_of_a_simulation_reaches_ros(robot: Robot) -> None:
     port = free_port()
     time_module = (
-        '  time: {class: "robbie_mp.services.simulated_time:SimulatedTime", settings: {duration_s: 600}}\n'
+        '  time: {class: "robbie_mp.logs.simulated_time:SimulatedTime", settings: {duration_s: 600}}\n'
     )
     lockstep = "clock: {source: time, lockstep: true}\n"
     robot.write_profile(PROFILE.format(port=port) + time_module + lockstep)

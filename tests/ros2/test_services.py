@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from robbie_mp import ModuleHarness, SettingError
+from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.service_types import SET_BOOL as SET_BOOL_TYPE
+from robbie_mp.connect.ros2.service_types import TRIGGER as TRIGGER_TYPE
 from robbie_mp.messages import CancelNavigation, EmergencyStop, NavigationCancelled
-from robbie_mp.ros2.service_types import SET_BOOL as SET_BOOL_TYPE
-from robbie_mp.ros2.service_types import TRIGGER as TRIGGER_TYPE
-from robbie_mp.services.ros2 import Ros2Bridge
 from tests._support.robot import wait_until
 from tests.ros2.test_zenoh import SET_BOOL, TRIGGER, Bridge, Node, network, until, zenoh_has_started
 

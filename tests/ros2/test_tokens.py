@@ -2,9 +2,9 @@
 
 import pytest
 
-from robbie_mp.bridge.mapping import Quality
-from robbie_mp.ros2.side import Channel, NodeName
-from robbie_mp.ros2.tokens import (
+from robbie_mp.connect.bridge.mapping import Quality
+from robbie_mp.connect.ros2.side import Channel, NodeName
+from robbie_mp.connect.ros2.tokens import (
     PUBLISHER,
     SUBSCRIPTION,
     Attachment,

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages.schema import schema_text
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.ros2.type_hash import type_hash
 
 PUBLISHED: dict[str, str] = json.loads(Path(__file__).with_name("published_type_hashes.json").read_text())
 STOCK = {one.type_name: one for one in stock_registry()}

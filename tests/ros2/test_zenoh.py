@@ -18,6 +18,8 @@ from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp import ModuleHarness, SettingError
+from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.zenoh_side import LARGE_BYTES, ZenohSide
 from robbie_mp.messages import (
     DriveCommand,
     Header,
@@ -30,8 +32,6 @@ from robbie_mp.messages import (
     Vector3,
     schema_text,
 )
-from robbie_mp.ros2.zenoh_side import LARGE_BYTES, ZenohSide
-from robbie_mp.services.ros2 import Ros2Bridge
 from tests._support.robot import wait_until
 
 POSE = (

@@ -391,7 +391,7 @@ def test_goals_from_the_command_line(robot: Robot) -> None:
 LOCKSTEP = """
 modules:
   time:
-    class: robbie_mp.services.simulated_time:SimulatedTime
+    class: robbie_mp.logs.simulated_time:SimulatedTime
     settings: {start_s: 1000.0, duration_s: 1.5, rate: null}
     ends_run: true
   doubler: {class: "zoo.calls:Doubler"}

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.observe.connections import Unconnected
-from robbie_mp.supervisor.connection_watch import CHECK_PERIOD_S, ConnectionWatch
-from robbie_mp.trace.kinds import Kind
+from robbie_mp.bus.observe.connections import Unconnected
+from robbie_mp.run.supervisor.connection_watch import CHECK_PERIOD_S, ConnectionWatch
+from robbie_mp.run.trace.kinds import Kind
 from tests._support.robot import Ended, Robot, wait_until
 
 LOST = Unconnected("a/msg/B", 1, "scan", "nobody publishes it")

@@ -51,7 +51,7 @@ modules:
 LOCKSTEP = """
 modules:
   time:
-    class: robbie_mp.services.simulated_time:SimulatedTime
+    class: robbie_mp.logs.simulated_time:SimulatedTime
     settings: {start_s: 1000.0, duration_s: 3.0, rate: null}
     ends_run: true
   laser: {class: "lasers:Dying"}

@@ -6,7 +6,7 @@ import signal
 from contextlib import closing
 from typing import Any
 
-from robbie_mp.observe.unhandled import UnhandledMessages
+from robbie_mp.bus.observe.unhandled import UnhandledMessages
 from tests._support.robot import Robot, wait_until
 
 MODULES = '''

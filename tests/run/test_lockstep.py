@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 PROFILE = """
 modules:
   time:
-    class: robbie_mp.services.simulated_time:SimulatedTime
+    class: robbie_mp.logs.simulated_time:SimulatedTime
     settings: {{start_s: 1000.0, duration_s: 6.0, rate: {rate}}}
     ends_run: true
   chronicle:
@@ -86,7 +86,7 @@ def test_killed_core_and_clock_source_lose_no_step(robot: Robot) -> None:
 def test_logs_of_two_runs_are_equal_except_for_the_states_of_processes(robot: Robot) -> None:
     logger = """modules:
   logger:
-    class: robbie_mp.services.message_logger:MessageLogger
+    class: robbie_mp.logs.message_logger:MessageLogger
     settings: {{folder: {folder}}}"""
     for folder in ("a", "b"):
         profile = PROFILE.replace("modules:", logger, 1).format(rate="null", die_at=-1, folder=folder)
@@ -106,7 +106,7 @@ def test_logs_of_two_runs_are_equal_except_for_the_states_of_processes(robot: Ro
 CHARGED = """
 modules:
   time:
-    class: robbie_mp.services.simulated_time:SimulatedTime
+    class: robbie_mp.logs.simulated_time:SimulatedTime
     settings: {{duration_s: 2.0}}
     ends_run: true
   camera: {{class: "zoo.modules:Ticker", settings: {{period_s: 0.05}}}}

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.linux.bus_error import surviving_truncation
+from robbie_mp.base.linux.bus_error import surviving_truncation
 from tests._support.robot import Ended, Robot
 
 PROFILE = """

@@ -3,9 +3,9 @@
 import os
 from pathlib import Path
 
-from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, ToolLimits
+from robbie_mp.bus.transport.layout import MAX_OUTSTANDING
 from robbie_mp.run.plan import RunPlan
-from robbie_mp.transport.layout import MAX_OUTSTANDING
+from robbie_mp.run.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, ToolLimits
 
 
 def plan(**parts: object) -> RunPlan:

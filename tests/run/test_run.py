@@ -11,9 +11,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robbie_mp._hot.choice import PURE_PYTHON, why_not
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.reader import last_entries
+from robbie_mp.bus._hot.choice import PURE_PYTHON, why_not
+from robbie_mp.run.trace.kinds import Kind
+from robbie_mp.run.trace.reader import last_entries
 from tests._support.debugger import held_by_debugger
 from tests._support.robot import Ended, Robot, is_running, kill, wait_until
 

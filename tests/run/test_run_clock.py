@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.run.run_clock import ClockWriter, InvalidRate, RunClock
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 BEGIN_NS = 1_000_000_000_000
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.proc import ProcessIdentity
+from robbie_mp.base.linux.proc import ProcessIdentity
+from robbie_mp.bus.transport.shared_folder import remove_names
 from robbie_mp.run.run_directory import (
     RunDirectory,
     UnsafeRunFolder,
@@ -18,8 +19,7 @@ from robbie_mp.run.run_directory import (
     list_runs,
     safe_folders,
 )
-from robbie_mp.supervisor.sweep import dead_runs
-from robbie_mp.transport.shared_folder import remove_names
+from robbie_mp.run.supervisor.sweep import dead_runs
 
 
 def mode(path: Path) -> int:

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 PROFILE = """
 modules:
   time:
-    class: robbie_mp.services.simulated_time:SimulatedTime
+    class: robbie_mp.logs.simulated_time:SimulatedTime
     settings: {{start_s: 1000.0, duration_s: {duration_s}, shared: {shared}, waits_for: 2, gives_up_s: 3.0}}
     ends_run: true
   chronicle: {{class: "zoo.modules:Chronicle"}}

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.words import UnsuitableMachine
 from robbie_mp.cli import main
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.shared_folder import make_folder, remove_names
-from robbie_mp.transport.words import UnsuitableMachine
 
 RUN_ID = f"test{os.getpid()}"
 PROFILE = "modules: {one: {class: 'robbie_mp:Module'}}"

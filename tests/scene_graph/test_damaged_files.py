@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.scene_graph import SceneFileError, SceneGraph, read_scene
+from robbie_mp.scene import SceneFileError, SceneGraph, read_scene
 from tests.scene_graph._support.strategies import PATIENT
 from tests.scene_graph.test_scene_file import ROBOT
 from tests.scene_graph.test_urdf import ARM

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from robbie_mp import RobbieError
-from robbie_mp.scene_graph import (
+from robbie_mp.scene import (
     BadJoint,
     Disconnected,
     DuplicateNode,
@@ -25,7 +25,7 @@ from robbie_mp.scene_graph import (
     TooOld,
     UnknownNode,
 )
-from robbie_mp.scene_graph.rigid_transform import Pose7, compose
+from robbie_mp.scene.rigid_transform import Pose7, compose
 
 FLOATING = Joint(JointType.FLOATING)
 SECOND = 10**9
@@ -213,7 +213,7 @@ def test_fixed_nodes_add_no_cost(monkeypatch: pytest.MonkeyPatch) -> None:
         composed.append(None)
         return compose(first, second)
 
-    monkeypatch.setattr("robbie_mp.scene_graph.graph.compose", counted)
+    monkeypatch.setattr("robbie_mp.scene.graph.compose", counted)
     assert graph.pose("n0", "n99", 0).x == 99.5
     assert graph.pose("n49", "n1", 0).x == -48.0
     assert len(composed) == 1

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pytransform3d import rotations, transformations
 from pytransform3d.transform_manager import TransformManager
 
-from robbie_mp.scene_graph import JointType, Node, RigidTransform, SceneGraph
-from robbie_mp.scene_graph.rigid_transform import interpolate
+from robbie_mp.scene import JointType, Node, RigidTransform, SceneGraph
+from robbie_mp.scene.rigid_transform import interpolate
 from tests.scene_graph._support.strategies import ANGLES, LENGTHS, PATIENT, poses, trees
 
 FEW = settings(PATIENT, max_examples=30)

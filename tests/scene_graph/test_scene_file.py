@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp import RobbieError
-from robbie_mp.scene_graph import (
+from robbie_mp.scene import (
     Joint,
     JointType,
     Mimic,

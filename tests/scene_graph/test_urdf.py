@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from pytransform3d.urdf import UrdfTransformManager
 
-from robbie_mp.scene_graph import JointType, Mimic, SceneGraph, read_scene
+from robbie_mp.scene import JointType, Mimic, SceneGraph, read_scene
 from tests.scene_graph.test_scene_file import problems, write
 
 ARM = """\

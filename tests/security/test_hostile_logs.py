@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import zstandard
 
+from robbie_mp.logs.recording.errors import LogLimitExceeded
+from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import message_type_from_schema
 from robbie_mp.messages.errors import SchemaError
-from robbie_mp.recording.errors import LogLimitExceeded
-from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
-from robbie_mp.recording.reader import open_log
 from tests._support.robot import COMMAND
 from tests.security._support.hostile_logs import (
     GIGABYTE,

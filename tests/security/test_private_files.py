@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.checkpoint.errors import CheckpointForeign
-from robbie_mp.checkpoint.file import checkpoint_file, read_file, write_file
-from robbie_mp.checkpoint.image import encode
-from robbie_mp.linux.private_files import make_private_folder, write_private
+from robbie_mp.base.linux.private_files import make_private_folder, write_private
+from robbie_mp.bus.checkpoint.errors import CheckpointForeign
+from robbie_mp.bus.checkpoint.file import checkpoint_file, read_file, write_file
+from robbie_mp.bus.checkpoint.image import encode
 from robbie_mp.run.run_directory import base_folders
 from tests._support.robot import Ended, Robot
 from tests.security._support.second_user import NOBODY, as_nobody, is_refused, needs_root
@@ -21,7 +21,7 @@ modules:
     class: zoo.secrets:Keeper
     checkpoint: {persist: true, persist_every_s: 0.0}
     settings: {key: "file:keeper.secret"}
-  logger: {class: "robbie_mp.services.message_logger:MessageLogger", settings: {folder: logs}}
+  logger: {class: "robbie_mp.logs.message_logger:MessageLogger", settings: {folder: logs}}
 """
 
 

@@ -22,7 +22,7 @@ modules:
     class: zoo.secrets:Keeper
     checkpoint: {persist: true, persist_every_s: 0.0}
     settings: {key: "file:keeper.secret"}
-  logger: {class: "robbie_mp.services.message_logger:MessageLogger", settings: {folder: logs}}
+  logger: {class: "robbie_mp.logs.message_logger:MessageLogger", settings: {folder: logs}}
 """
 
 

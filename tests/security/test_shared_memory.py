@@ -10,21 +10,21 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.checkpoint.image import lay_out
-from robbie_mp.run.run_directory import RunDirectory
-from robbie_mp.supervisor.sweep import sweep
-from robbie_mp.transport import names
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import ForeignMemory, Segment, SegmentMissing, unlink_segment
-from robbie_mp.transport.shared_folder import (
+from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.bus.checkpoint.image import lay_out
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import ForeignMemory, Segment, SegmentMissing, unlink_segment
+from robbie_mp.bus.transport.shared_folder import (
     SHARED_MEMORY,
     NamesTaken,
     make_folder,
     opened_folder,
     remove_names,
 )
-from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.bus.transport.wakeup import Wakeup
+from robbie_mp.run.run_directory import RunDirectory
+from robbie_mp.run.supervisor.sweep import sweep
 from tests._support.implementations import BOTH, Native
 from tests._support.robot import Ended, Robot
 from tests.security._support.second_user import NOBODY, as_nobody, is_refused, needs_root

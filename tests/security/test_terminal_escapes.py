@@ -18,8 +18,8 @@ from robbie_mp import Header
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
 from robbie_mp.cli.program import COMMANDS
-from robbie_mp.install.device_names import UsbDevice
 from robbie_mp.messages import PoseStamped, schema_text
+from robbie_mp.run.install.device_names import UsbDevice
 from tests._support.robot import COMMAND, Robot, wait_until
 from tests.security._support.hostile import HOSTILE, check_plain, check_terminal, obeyed
 

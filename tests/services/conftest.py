@@ -7,7 +7,7 @@ from tests._support.robot import Robot
 PROFILE = """
 modules:
   witness: {class: "crew.modules:Witness"}
-  playback: {class: "robbie_mp.services.playback:Playback", essential: true, ends_run: true}
+  playback: {class: "robbie_mp.logs.playback.module:Playback", essential: true, ends_run: true}
 clock: {source: playback}
 """
 

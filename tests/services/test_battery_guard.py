@@ -9,7 +9,7 @@ import pytest
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import BatteryState
 from robbie_mp.module.settings import SettingError
-from robbie_mp.services.battery_guard import BatteryGuard
+from robbie_mp.station.battery_guard import BatteryGuard
 from tests._support.robot import Robot
 
 Guard = ModuleHarness[BatteryGuard]
@@ -89,7 +89,7 @@ def test_run_ends_in_order_when_the_battery_is_empty(robot: Robot) -> None:
 modules:
   power: {class: "zoo.power:Empty"}
   guard:
-    class: robbie_mp.services.battery_guard:BatteryGuard
+    class: robbie_mp.station.battery_guard:BatteryGuard
     settings: {hold_s: 0.2, period_s: 0.05}
     ends_run: true
 """)

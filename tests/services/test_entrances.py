@@ -8,10 +8,16 @@ from unittest.mock import Mock
 import pytest
 
 from robbie_mp import ModuleHarness
-from robbie_mp.link.header import ChannelId
-from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.link.wire import Endpoints, open_session
+from robbie_mp.connect.link.header import ChannelId
+from robbie_mp.connect.link.module import Link
+from robbie_mp.connect.link.receiving import Arrived, Fate
+from robbie_mp.connect.link.traffic import TrafficClass
+from robbie_mp.connect.link.wire import Endpoints, open_session
+from robbie_mp.connect.ros1.module import Ros1Bridge
+from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.logs.playback.outlet import BusOutlet
+from robbie_mp.logs.playback.translation import Translation
+from robbie_mp.logs.recording.reader import LoggedMessage
 from robbie_mp.messages import (
     DriveCommand,
     Duration,
@@ -24,12 +30,6 @@ from robbie_mp.messages import (
     PoseWithCovariance,
 )
 from robbie_mp.messages.refusals import Refusals
-from robbie_mp.playback.translation import Translation
-from robbie_mp.recording.reader import LoggedMessage
-from robbie_mp.services.link import Link
-from robbie_mp.services.playback_outlet import BusOutlet
-from robbie_mp.services.ros1 import Ros1Bridge
-from robbie_mp.services.ros2 import Ros2Bridge
 from robbie_mp.station import context
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page

@@ -11,8 +11,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from websockets.exceptions import InvalidStatus
 
 from robbie_mp import ModuleHarness, SettingError
-from robbie_mp.bridge.surroundings import Surroundings
-from robbie_mp.foxglove import door, server
+from robbie_mp.bus.observe import ChannelFigures
+from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.connect.bridge.surroundings import Surroundings
+from robbie_mp.connect.foxglove import door, server
+from robbie_mp.connect.foxglove import module as services_foxglove
+from robbie_mp.connect.foxglove.module import FoxgloveServer
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
@@ -27,10 +31,6 @@ from robbie_mp.messages import (
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.plain import as_dict
 from robbie_mp.messages.schema_parser import message_type_from_schema
-from robbie_mp.observe import ChannelFigures
-from robbie_mp.services import foxglove as services_foxglove
-from robbie_mp.services.foxglove import FoxgloveServer
-from robbie_mp.transport.tables import ChannelName
 from tests._support.robot import wait_until
 from tests.services._support.foxglove_client import Client, connected
 

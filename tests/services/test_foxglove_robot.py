@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from robbie_mp.cli.foxglove import LAYOUT
-from robbie_mp.foxglove.frames import FrameCounter, greeting
+from robbie_mp.connect.foxglove.frames import FrameCounter, greeting
 from tests._support.robot import Robot
 from tests.services._support.foxglove_client import PROTOCOL, Client, connected
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.recording.info import describe
-from robbie_mp.recording.reader import open_log
+from robbie_mp.logs.recording.info import describe
+from robbie_mp.logs.recording.reader import open_log
 from tests._support.robot import Ended, Robot, wait_until
 
 MODULES = '''
@@ -45,7 +45,7 @@ class Reader(Module):
 LOGGER = """
 modules:
   logger:
-    class: robbie_mp.services.message_logger:MessageLogger
+    class: robbie_mp.logs.message_logger:MessageLogger
     settings: {folder: logs, sync_s: 0.02}
     restart: {backoff_s: 0.01}
     stop_grace_s: 60

@@ -13,23 +13,23 @@ import pytest
 from PIL import Image as PillowImage
 
 from robbie_mp import Header, ModuleHarness, SettingError
-from robbie_mp.link.frames import prefixed
-from robbie_mp.link.handshake import NotConnected, shake_hands
-from robbie_mp.link.header import ChannelId
-from robbie_mp.link.keys import Keys
-from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.sending import Item
-from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.link.wire import Endpoints, open_session
+from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
+from robbie_mp.connect.link.frames import prefixed
+from robbie_mp.connect.link.handshake import NotConnected, shake_hands
+from robbie_mp.connect.link.header import ChannelId
+from robbie_mp.connect.link.keys import Keys
+from robbie_mp.connect.link.module import Link
+from robbie_mp.connect.link.receiving import Arrived, Fate
+from robbie_mp.connect.link.sending import Item
+from robbie_mp.connect.link.traffic import TrafficClass
+from robbie_mp.connect.link.wire import Endpoints, open_session
 from robbie_mp.messages import CompressedImage, Image, LinkState, Message, Odometry, String, replace
-from robbie_mp.services.link import Link
-from robbie_mp.transport.endpoint import NameTooLong, TooManyDeclarations
 
 LINK_ALONE = """
 import json, sys
 from robbie_mp import ModuleHarness
-from robbie_mp.services.link import Link
-from robbie_mp.transport.endpoint import NameTooLong, TooManyDeclarations
+from robbie_mp.connect.link.module import Link
+from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
 with ModuleHarness(Link, json.loads(sys.argv[1])):
     print("ready", flush=True)
     sys.stdin.read()

@@ -8,11 +8,12 @@ import pytest
 
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.cli.runs import live_runs
-from robbie_mp.link.clock_offset import Exchange
-from robbie_mp.link.header import ChannelId
-from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.link.wire import Endpoints, open_session
+from robbie_mp.connect.link.clock_offset import Exchange
+from robbie_mp.connect.link.header import ChannelId
+from robbie_mp.connect.link.module import Link
+from robbie_mp.connect.link.receiving import Arrived, Fate
+from robbie_mp.connect.link.traffic import TrafficClass
+from robbie_mp.connect.link.wire import Endpoints, open_session
 from robbie_mp.messages import (
     ControlState,
     DriveCommand,
@@ -24,7 +25,6 @@ from robbie_mp.messages import (
     PanTiltCommand,
     SetControl,
 )
-from robbie_mp.services.link import Link
 from tests._support.robot import Robot, wait_until
 from tests.link._support.pair import Pair
 

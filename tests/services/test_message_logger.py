@@ -15,13 +15,13 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp import SettingError
+from robbie_mp.logs.message_logger import MessageLogger
+from robbie_mp.logs.recording.errors import NotALog
+from robbie_mp.logs.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
+from robbie_mp.logs.recording.info import describe
+from robbie_mp.logs.recording.reader import Log, open_log
 from robbie_mp.messages import LaserScan, ModuleState, Odometry
 from robbie_mp.module.settings import check_settings
-from robbie_mp.recording.errors import NotALog
-from robbie_mp.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
-from robbie_mp.recording.info import describe
-from robbie_mp.recording.reader import Log, open_log
-from robbie_mp.services.message_logger import MessageLogger
 from tests._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
 pytestmark = pytest.mark.slow
@@ -57,7 +57,7 @@ class Listener(Module):
 PROFILE = """
 modules:
   logger:
-    class: robbie_mp.services.message_logger:MessageLogger
+    class: robbie_mp.logs.message_logger:MessageLogger
     settings: {settings}
     queue: {{messages: {queue}}}
     handler_deadline_s: 0  # a test stops it for as long as the source needs to fill its queue
@@ -68,7 +68,7 @@ modules:
 """
 SNAPSHOTS = """
   snapshots:
-    class: robbie_mp.services.message_logger:MessageLogger
+    class: robbie_mp.logs.message_logger:MessageLogger
     settings: {folder: snapshots, snapshot_s: 3600, types: [LaserScan, ModuleState]}
     queue: {messages: 100000}
 """
@@ -130,7 +130,7 @@ def test_queue_losses_are_counted_by_topic_and_all_else_is_in_the_log(robot: Rob
         counts = counts_from_metadata(log.metadata("robbie_counts")[-1])
         in_log = {(c.topic, c.sender): number for c, number in log.counts.items()}
     assert RunMetadata.from_metadata(run).profile == "robot"
-    assert "robbie_mp.services.message_logger:MessageLogger" in run["profile_yaml"]
+    assert "robbie_mp.logs.message_logger:MessageLogger" in run["profile_yaml"]
     # On a loaded machine some are dropped before the first one arrives, and their sender is not known.
     assert {key._replace(sender="source") for key in counts} == {FRONT, ODOMETRY}
     for key in (FRONT, ODOMETRY):

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from robbie_mp.cli.playback import give_order
+from robbie_mp.logs.playback.outlet import PATIENCE_NS
+from robbie_mp.logs.playback.player import ControlRefused
 from robbie_mp.messages import Image, PlaybackState
-from robbie_mp.playback.player import ControlRefused
-from robbie_mp.services.playback_outlet import PATIENCE_NS
 from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
 from tests.recording._support.logs import START_NS, STEP_NS, LogFile
 from tests.services._support.battery_log import write_battery_log
@@ -216,7 +216,9 @@ def test_unplayable_log_is_refused_before_any_process_starts(
     refused = player_robot.command("play", str(log), "real")
     assert refused.returncode == 2
     assert "no module 'playback', only witness" in refused.stderr
-    player_robot.write_profile('modules: {playback: {class: "robbie_mp.services.playback:Playback"}}', "own")
+    player_robot.write_profile(
+        'modules: {playback: {class: "robbie_mp.logs.playback.module:Playback"}}', "own"
+    )
     refused = player_robot.command("play", str(log), "own")
     assert refused.returncode == 2
     assert "`clock: {source: playback}`" in refused.stderr

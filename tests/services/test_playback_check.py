@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from robbie_mp import Message, SettingError, Upgrade, float32
+from robbie_mp.logs.playback.module import Playback
 from robbie_mp.module.settings import check_settings
-from robbie_mp.services.playback import Playback
 from tests.recording._support.logs import START_NS, LogFile
 from tests.services._support.battery_log import write_battery_log
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
+from robbie_mp.logs.playback.outlet import PATIENCE_NS, PacedOutlet
+from robbie_mp.logs.playback.translation import Translation
+from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from robbie_mp.messages import DecodeError
 from robbie_mp.module.clock import ManualClock
-from robbie_mp.playback.translation import Translation
-from robbie_mp.recording.reader import LoggedMessage, open_log
-from robbie_mp.services.playback_outlet import PATIENCE_NS, PacedOutlet
 from tests.recording._support.logs import write_log
 
 LIMIT, LIMIT_BYTES = 5, 1000

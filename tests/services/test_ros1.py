@@ -13,6 +13,11 @@ from typing import Any
 
 import pytest
 
+from robbie_mp.connect.ros1 import ros_node
+from robbie_mp.connect.ros1.conversion import ros1_type
+from robbie_mp.connect.ros1.module import Ros1Bridge
+from robbie_mp.connect.ros1.process import MISSING_PAUSE_S, Announced, Inbox, Outbox, RosAddress, RosProcess
+from robbie_mp.connect.ros1.ros_node import FIRST_ANNOUNCED, MAX_ANNOUNCED, MESSAGE, Frame, frames, pack
 from robbie_mp.messages import (
     DriveCommand,
     Header,
@@ -32,11 +37,6 @@ from robbie_mp.messages import (
 from robbie_mp.messages.primitives import float32
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
-from robbie_mp.ros1 import ros_node
-from robbie_mp.ros1.conversion import ros1_type
-from robbie_mp.ros1.process import MISSING_PAUSE_S, Announced, Inbox, Outbox, RosAddress, RosProcess
-from robbie_mp.ros1.ros_node import FIRST_ANNOUNCED, MAX_ANNOUNCED, MESSAGE, Frame, frames, pack
-from robbie_mp.services.ros1 import Ros1Bridge
 
 ACCEPT = {
     "/cmd_vel": "Twist as DriveCommand manual",
@@ -331,7 +331,7 @@ def test_a_missing_python_is_named_once(caplog: pytest.LogCaptureFixture) -> Non
     log, now = logging.getLogger("ros1"), [0.0]
     address = RosAddress(NOWHERE, "127.0.0.1", "robbie", Path("/nowhere/python3"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("robbie_mp.ros1.process.time.monotonic", lambda: now[0])
+        patch.setattr("robbie_mp.connect.ros1.process.time.monotonic", lambda: now[0])
         ros = RosProcess(address, 1000, log, lambda: None)
         for now[0] in (0.0, 1.0, MISSING_PAUSE_S, 2 * MISSING_PAUSE_S):
             ros.look_after()

@@ -24,7 +24,7 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
-from robbie_mp.scene_graph import (
+from robbie_mp.scene import (
     Disconnected,
     NeverPlaced,
     RigidTransform,
@@ -33,7 +33,7 @@ from robbie_mp.scene_graph import (
     TooOld,
     UnknownNode,
 )
-from robbie_mp.services.scene_graph import SceneGraphService
+from robbie_mp.scene.module import SceneGraphService
 
 ROBOT = """\
 nodes:

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
+from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
-from robbie_mp.tool.tool import Tool
 from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
 from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of
 from tests.station.test_page import address_of

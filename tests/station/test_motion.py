@@ -17,7 +17,7 @@ from robbie_mp.messages import (
     Odometry,
     Quaternion,
 )
-from robbie_mp.scene_graph import RigidTransform, UnknownNode
+from robbie_mp.scene import RigidTransform, UnknownNode
 from robbie_mp.station.driving.motion import WITHOUT_GUARD, Motion, Movement, free_way_m, tilt
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.state_item import clock_text

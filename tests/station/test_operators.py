@@ -22,7 +22,7 @@ modules:
   base: {{class: "modules.devices.base:SimulatedBase", settings: {{arena: arena.yaml}}}}
   witness: {{class: "zoo.witness:Witness"}}
   link:
-    class: robbie_mp.services.link:Link
+    class: robbie_mp.connect.link.module:Link
     settings:
       robot: red
       listen: [{address}]

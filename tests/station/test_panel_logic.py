@@ -6,18 +6,18 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from robbie_mp.attached.views.message_text import FieldPath
 from robbie_mp.messages import Costmap, CostmapMetaData, LaserScan, Path, Point, Pose, PoseStamped
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.stock.nav2_msgs import Cost
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.station.context import Page
 from robbie_mp.station.goals import checked
 from robbie_mp.station.panels import plots
 from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, way_points
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.station.topic_watch import nodes_of
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.views.message_text import FieldPath
 
 
 def entry(number: int, kind: Kind = Kind.INFO, module: str = "laser", text: str = "spins") -> Entry:

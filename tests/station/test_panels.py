@@ -10,8 +10,8 @@ from playwright.sync_api import Page
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import Mark
+from robbie_mp.run.trace.kinds import Kind, read_recorded
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
-from robbie_mp.trace.kinds import Kind, read_recorded
 from tests._support.robot import Robot, wait_until
 from tests.recording._support.logs import LogFile
 from tests.station._support.browser import LAPTOP, TABLET, browser, choose_layout, needs_chromium, page_of

@@ -11,12 +11,12 @@ from contextlib import closing
 from pathlib import Path
 
 from robbie_mp import RobbieError
-from robbie_mp.profile.model import RestartPolicy
 from robbie_mp.run.control import MAX_LINE_BYTES, RunNotControlled, control, socket_address
-from robbie_mp.supervisor.child_spec import ChildSpec
-from robbie_mp.supervisor.control import MAX_CLIENTS, ControlServer
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.trace.kinds import Kind, read_level, read_recorded
+from robbie_mp.run.profile.model import RestartPolicy
+from robbie_mp.run.supervisor.child_spec import ChildSpec
+from robbie_mp.run.supervisor.control import MAX_CLIENTS, ControlServer
+from robbie_mp.run.supervisor.states import ChildState
+from robbie_mp.run.trace.kinds import Kind, read_level, read_recorded
 from tests._support.few_descriptors import only_free_descriptors
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, Run, Scenario, animal, core

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.supervisor.crash import LastWordsReader
-from robbie_mp.trace.crash import LastMessage, report_files
-from robbie_mp.transport import layout
-from robbie_mp.transport.board import Board
-from robbie_mp.transport.layout import Activity
-from robbie_mp.transport.records import Inbound
-from robbie_mp.transport.tables import CoreTables, TableSizes
-from robbie_mp.transport.words import Words, write_text
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.board import Board
+from robbie_mp.bus.transport.layout import Activity
+from robbie_mp.bus.transport.records import Inbound
+from robbie_mp.bus.transport.tables import CoreTables, TableSizes
+from robbie_mp.bus.transport.words import Words, write_text
+from robbie_mp.run.supervisor.crash import LastWordsReader
+from robbie_mp.run.trace.crash import LastMessage, report_files
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 

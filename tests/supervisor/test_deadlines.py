@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.supervisor.deadlines import MAX_STEP_S, READ_PERIOD_S, HangWatch, RunningTime, RunQueueTime
-from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.transport.layout import Activity
+from robbie_mp.bus.transport.layout import Activity
+from robbie_mp.run.supervisor.deadlines import MAX_STEP_S, READ_PERIOD_S, HangWatch, RunningTime, RunQueueTime
+from robbie_mp.run.supervisor.incarnations import Doing
 
 PID = 77
 HANDLER = Doing(Activity.HANDLER, 3, 1000)

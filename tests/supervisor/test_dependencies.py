@@ -5,8 +5,8 @@ import signal
 import time
 from pathlib import Path
 
-from robbie_mp.profile.model import RestartPolicy
-from robbie_mp.supervisor.states import ChildState
+from robbie_mp.run.profile.model import RestartPolicy
+from robbie_mp.run.supervisor.states import ChildState
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 

@@ -6,9 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from robbie_mp.linux.prctl import is_child_subreaper
-from robbie_mp.supervisor.leftovers import OrphanReaper, kill_run_leftovers
-from robbie_mp.supervisor.states import ChildState
+from robbie_mp.base.linux.prctl import is_child_subreaper
+from robbie_mp.run.supervisor.leftovers import OrphanReaper, kill_run_leftovers
+from robbie_mp.run.supervisor.states import ChildState
 from tests._support.few_descriptors import only_free_descriptors
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import Run, Scenario, animal, is_gone, wait_for

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robbie_mp.supervisor.event_loop import EventLoop, signals_in_loop
+from robbie_mp.run.supervisor.event_loop import EventLoop, signals_in_loop
 
 
 class Pipe:

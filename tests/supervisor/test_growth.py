@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.model import Profile, RestartPolicy, RestartWhen
-from robbie_mp.supervisor import run
-from robbie_mp.supervisor.child_spec import ChildSpec
-from robbie_mp.supervisor.memory import RunMemory
-from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.model import Profile, RestartPolicy, RestartWhen
+from robbie_mp.run.supervisor import run
+from robbie_mp.run.supervisor.child_spec import ChildSpec
+from robbie_mp.run.supervisor.memory import RunMemory
+from robbie_mp.run.supervisor.states import ChildState, StateChange
 from tests._support.growth import mappings, open_descriptors
 from tests._support.robot import Robot
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.model import RestartPolicy
-from robbie_mp.supervisor import supervised_child
-from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.transport.layout import Activity
+from robbie_mp.bus.transport.layout import Activity
+from robbie_mp.run.profile.model import RestartPolicy
+from robbie_mp.run.supervisor import supervised_child
+from robbie_mp.run.supervisor.incarnations import Doing
+from robbie_mp.run.supervisor.states import ChildState
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.model import ModuleSpec, Profile
+from robbie_mp.bus.transport.shared_folder import make_folder
 from robbie_mp.run.plan import RunPlan
-from robbie_mp.supervisor.memory import RunMemory
-from robbie_mp.transport.shared_folder import make_folder
+from robbie_mp.run.profile.model import ModuleSpec, Profile
+from robbie_mp.run.supervisor.memory import RunMemory
 
 RUN_ID = f"test{os.getpid()}"
 PROFILE = Profile("p", (ModuleSpec("laser", "zoo:Laser"),))

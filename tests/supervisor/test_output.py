@@ -11,14 +11,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor.event_loop import EventLoop
-from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputStore, RateLimit
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.supervisor.streams import OutputStream
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.rotating_file import RotatingFile
+from robbie_mp.run.profile.model import TraceSettings
+from robbie_mp.run.supervisor.event_loop import EventLoop
+from robbie_mp.run.supervisor.output import ChildOutput, LogNotWritable, OutputStore, RateLimit
+from robbie_mp.run.supervisor.states import ChildState
+from robbie_mp.run.supervisor.streams import OutputStream
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
+from robbie_mp.run.trace.rotating_file import RotatingFile
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.supervisor.process import ChildProcess, ExitStatus
+from robbie_mp.run.supervisor.process import ChildProcess, ExitStatus
 from tests._support.few_descriptors import only_free_descriptors
 from tests.supervisor._support.running import PROJECT, is_gone, wait_for
 
@@ -129,7 +129,7 @@ def test_child_whose_process_cannot_be_watched_is_killed_and_reaped(monkeypatch:
 
 def test_child_dies_if_its_parent_died_before_the_death_signal_was_set() -> None:
     """The child is told a parent that is not its parent (any more)."""
-    code = "from robbie_mp.linux.prctl import die_with_parent; die_with_parent(1); print('lives')"
+    code = "from robbie_mp.base.linux.prctl import die_with_parent; die_with_parent(1); print('lives')"
     with started(code) as process:
         assert ended(process).signal == signal.SIGKILL
 
@@ -138,7 +138,7 @@ def test_child_dies_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     child = "import os, signal; die_with_parent(os.getppid()); print(os.getpid(), flush=True); signal.pause()"
     parent = f"""if True:
         import os, signal
-        from robbie_mp.linux.prctl import die_with_parent
+        from robbie_mp.base.linux.prctl import die_with_parent
         if os.fork() == 0:
             {child}
         signal.pause()

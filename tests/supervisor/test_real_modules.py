@@ -270,7 +270,10 @@ def test_restart_takes_a_warm_module_unless_its_file_was_edited(robot: Robot) ->
     profile = 'modules: {source: {class: "zoo.hanging:Source"}}\nspares: {imports: [zoo.hanging]}'
     started(robot, profile)
     robot.until(lambda modules: modules["source"]["state"] == "RUNNING")
-    for edited, command in ((False, "robbie_mp.supervisor.spare"), (True, "robbie_mp.supervisor.child")):
+    for edited, command in (
+        (False, "robbie_mp.run.supervisor.spare"),
+        (True, "robbie_mp.run.supervisor.child"),
+    ):
         wait_until(lambda: bool(spares(robot)))
         waiting = spares(robot)
         if edited:

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.profile.model import RestartPolicy, RestartWhen
-from robbie_mp.supervisor.restart import JITTER_SHARE, GiveUp, LeaveStopped, Restart, RestartBudget
+from robbie_mp.run.profile.model import RestartPolicy, RestartWhen
+from robbie_mp.run.supervisor.restart import JITTER_SHARE, GiveUp, LeaveStopped, Restart, RestartBudget
 
 times_s = st.floats(0.0, 100.0)
 policies = st.builds(

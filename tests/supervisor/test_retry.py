@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.model import RestartPolicy
-from robbie_mp.supervisor.child_spec import ChildSpec
-from robbie_mp.supervisor.states import ChildState
+from robbie_mp.run.profile.model import RestartPolicy
+from robbie_mp.run.supervisor.child_spec import ChildSpec
+from robbie_mp.run.supervisor.states import ChildState
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import QUICK, Run, Scenario, animal
 

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.wake_latency import DEVICE
-from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import NoSuchCpu, apply_scheduling, computing_with
-from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.base.linux.wake_latency import DEVICE
+from robbie_mp.bus.transport.wakeup import Wakeup
+from robbie_mp.run.profile.model import Scheduling
+from robbie_mp.run.supervisor.scheduling import NoSuchCpu, apply_scheduling, computing_with
 from tests.supervisor._support.running import wait_for
 
 SCHEDULE = """
 import logging, os
-from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import apply_scheduling
+from robbie_mp.run.profile.model import Scheduling
+from robbie_mp.run.supervisor.scheduling import apply_scheduling
 cpu = min(os.sched_getaffinity(0))
 apply_scheduling(Scheduling(realtime_priority=3, cpus=[cpu]), logging.getLogger())
 assert os.sched_getaffinity(0) == {cpu}
@@ -39,8 +39,8 @@ def test_process_has_the_requested_processors_and_priority() -> None:
 
 SCHEDULE_THREADS = """
 import logging, os, threading
-from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import apply_scheduling, prefer_new_threads
+from robbie_mp.run.profile.model import Scheduling
+from robbie_mp.run.supervisor.scheduling import apply_scheduling, prefer_new_threads
 
 def start():
     thread = threading.Thread(target=threading.Event().wait, daemon=True)
@@ -80,8 +80,8 @@ def test_all_threads_have_the_requested_processors_and_priority(nice: int, prior
 
 BUSY = """
 import logging
-from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import apply_scheduling
+from robbie_mp.run.profile.model import Scheduling
+from robbie_mp.run.supervisor.scheduling import apply_scheduling
 apply_scheduling(Scheduling(cpus=[{cpu}], nice={nice}), logging.getLogger())
 print("busy", flush=True)
 while True:
@@ -126,7 +126,7 @@ def test_module_with_nice_10_gets_a_tenth_of_a_contended_processor() -> None:
 SESSION = """
 import logging, os
 from pathlib import Path
-from robbie_mp.linux import priority
+from robbie_mp.base.linux import priority
 {prepare}
 priority.lower_priority(7, logging.getLogger())
 print((Path("/proc/self/autogroup").read_text().split() or ["none"])[-1])
@@ -199,9 +199,9 @@ def test_missing_processor_is_an_error_that_names_the_present_ones() -> None:
 
 LIMIT_LATENCY = """
 import logging
-from robbie_mp.profile.model import Scheduling
-from robbie_mp.linux import wake_latency
-from robbie_mp.supervisor import scheduling
+from robbie_mp.run.profile.model import Scheduling
+from robbie_mp.base.linux import wake_latency
+from robbie_mp.run.supervisor import scheduling
 wake_latency.DEVICE = scheduling.DEVICE = "{device}"
 scheduling.apply_scheduling(Scheduling(wake_latency_us=17), logging.getLogger())
 print("set", flush=True)
@@ -262,8 +262,8 @@ def test_spinning_process_polls_for_a_post_before_it_sleeps() -> None:
 
 STEP_BACK = """
 import logging, os
-from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import apply_scheduling
+from robbie_mp.run.profile.model import Scheduling
+from robbie_mp.run.supervisor.scheduling import apply_scheduling
 apply_scheduling(Scheduling(nice={wanted}), logging.getLogger(), nice=7)
 print(os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0) == os.SCHED_OTHER)
 """
@@ -281,8 +281,8 @@ def test_nice_is_that_of_the_profile_or_else_of_the_class(wanted: int | None, ni
 
 SLICES = """
 import ctypes, logging, platform, struct, threading
-from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import apply_scheduling
+from robbie_mp.run.profile.model import Scheduling
+from robbie_mp.run.supervisor.scheduling import apply_scheduling
 
 def start():
     thread = threading.Thread(target=threading.Event().wait, daemon=True)
@@ -322,7 +322,7 @@ def test_time_slice_of_all_threads_is_that_of_the_profile_or_else_of_the_class(
 
 def test_refused_time_slice_is_a_warning() -> None:
     """As sandboxes do that know no such system call; no kernel has one of this number."""
-    refused = "import platform\nfrom robbie_mp.linux import priority\n"
+    refused = "import platform\nfrom robbie_mp.base.linux import priority\n"
     refused += "priority._SCHED_SETATTR[platform.machine()] = 100_000\n"
     before = os.getpriority(os.PRIO_PROCESS, 0)
     ended = subprocess.run(

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.supervisor import spares
-from robbie_mp.supervisor.spares import SpareCommand
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.trace.kinds import Kind
+from robbie_mp.run.supervisor import spares
+from robbie_mp.run.supervisor.spares import SpareCommand
+from robbie_mp.run.supervisor.states import ChildState
+from robbie_mp.run.trace.kinds import Kind
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, is_gone, wait_for
 

@@ -11,12 +11,12 @@ from typing import Protocol
 
 import pytest
 
-from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.trace import disk_writer
-from robbie_mp.trace.disk_writer import DiskWriter
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.reader import entries, last_entries
+from robbie_mp.run.profile.model import TraceSettings
+from robbie_mp.run.supervisor.states import ChildState
+from robbie_mp.run.trace import disk_writer
+from robbie_mp.run.trace.disk_writer import DiskWriter
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.reader import entries, last_entries
 from tests._support.robot import Ended, Robot, wait_until
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, wait_for
@@ -198,7 +198,7 @@ def test_output_passed_to_the_writer_is_written_even_if_the_supervisor_is_killed
     script = (
         "import os, signal\n"
         "from pathlib import Path\n"
-        "from robbie_mp.supervisor.output import OutputStore\n"
+        "from robbie_mp.run.supervisor.output import OutputStore\n"
         "store = OutputStore(Path('logs'))\n"
         "store.child('laser').add('stdout', [str(number) for number in range(3000)])\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"

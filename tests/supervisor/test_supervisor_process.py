@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.supervisor.sweep import Swept, sweep
-from robbie_mp.trace.entry import Entry
+from robbie_mp.run.supervisor.sweep import Swept, sweep
+from robbie_mp.run.trace.entry import Entry
 from tests.supervisor._support import supervise
 from tests.supervisor._support.running import PROJECT, is_gone, wait_for
 

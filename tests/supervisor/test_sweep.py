@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.proc import environment_value
+from robbie_mp.base.linux.proc import environment_value
 from robbie_mp.run.run_directory import RunDirectory, list_runs
-from robbie_mp.supervisor.sweep import Swept, dead_runs, sweep
+from robbie_mp.run.supervisor.sweep import Swept, dead_runs, sweep
 from tests._support.few_descriptors import only_free_descriptors
 from tests._support.places import PROJECT
 from tests.supervisor._support.running import wait_for
@@ -85,7 +85,7 @@ def test_live_run_is_left_alone_by_who_sees_only_one_of_its_folders(
 SWEEP = """
 import sys
 from pathlib import Path
-from robbie_mp.supervisor.sweep import sweep
+from robbie_mp.run.supervisor.sweep import sweep
 print(sweep([Path(sys.argv[1])], Path(sys.argv[2])).runs)
 """
 

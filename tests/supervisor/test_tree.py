@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.profile.model import RestartPolicy
-from robbie_mp.supervisor import supervised_child
-from robbie_mp.supervisor.child_spec import ChildSpec, InvalidChild
-from robbie_mp.supervisor.process import ChildProcess
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.supervisor.tree import ECHO_S
+from robbie_mp.run.profile.model import RestartPolicy
+from robbie_mp.run.supervisor import supervised_child
+from robbie_mp.run.supervisor.child_spec import ChildSpec, InvalidChild
+from robbie_mp.run.supervisor.process import ChildProcess
+from robbie_mp.run.supervisor.states import ChildState
+from robbie_mp.run.supervisor.tree import ECHO_S
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import ALWAYS, NEVER, Run, Scenario, animal, core
 

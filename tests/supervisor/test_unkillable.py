@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.proc import read_stat
-from robbie_mp.profile.model import RestartPolicy
-from robbie_mp.supervisor import leftovers, supervised_child
-from robbie_mp.supervisor.child_spec import ChildSpec
-from robbie_mp.supervisor.process import ChildProcess
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.supervisor.tree import CannotControl
+from robbie_mp.base.linux.proc import read_stat
+from robbie_mp.run.profile.model import RestartPolicy
+from robbie_mp.run.supervisor import leftovers, supervised_child
+from robbie_mp.run.supervisor.child_spec import ChildSpec
+from robbie_mp.run.supervisor.process import ChildProcess
+from robbie_mp.run.supervisor.states import ChildState
+from robbie_mp.run.supervisor.tree import CannotControl
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, QUICK, Run, Scenario, animal
 from tools.loop_disk import LoopDisk

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from robbie_mp import Header, Time
+from robbie_mp.attached.tool.tool import Detached, Received, Tool
+from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import DriveCommand
 from robbie_mp.run.control import ControlRefused, control
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool.tool import Detached, Received, Tool
-from robbie_mp.transport.records import Outbound
 from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
 
 PROFILE = """

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.attached.tool import message_stream
+from robbie_mp.attached.tool.message_stream import MessageStream
+from robbie_mp.attached.tool.tool import Detached, Received
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool import message_stream
-from robbie_mp.tool.message_stream import MessageStream
-from robbie_mp.tool.tool import Detached, Received
-from robbie_mp.transport.tables import ChannelName
 
 CHANNEL = ChannelName("test/msg/Number", 1, "")
 MEANWHILE = 150

@@ -16,13 +16,13 @@ import pytest
 
 import robbie_mp
 from robbie_mp import Header, Message, Time, float64
+from robbie_mp.attached.tool.script import AttachedRun, NotAttached, NothingHeard
+from robbie_mp.attached.tool.tool import RunEnded
 from robbie_mp.messages import DriveCommand, IllFormed, Image, Point, Pose, PoseStamped
 from robbie_mp.module.calls.errors import CallRefused, CallTimedOut, NoServer
 from robbie_mp.module.setting_changes import NotChangeable
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.live_runs import NoSuchRun
-from robbie_mp.tool.script import AttachedRun, NotAttached, NothingHeard
-from robbie_mp.tool.tool import RunEnded
 from tests._support.robot import PROJECT, Robot, wait_until
 from tests._support.zoo_modules import Add
 

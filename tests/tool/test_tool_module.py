@@ -11,14 +11,14 @@ from typing import ClassVar
 import pytest
 
 from robbie_mp import Envelope, MessageHandling, Module
+from robbie_mp.attached.tool import message_stream, tool, tool_bus
+from robbie_mp.attached.tool.message_stream import MessageStream
+from robbie_mp.attached.tool.tool import Detached, RunEnded, Tool
+from robbie_mp.attached.tool.tool_bus import ToolBus
+from robbie_mp.attached.tool.tool_module import run_as_tool
 from robbie_mp.messages import DriveCommand, EmergencyStop, Image
 from robbie_mp.run.control import ControlRefused
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.tool import message_stream, tool, tool_bus
-from robbie_mp.tool.message_stream import MessageStream
-from robbie_mp.tool.tool import Detached, RunEnded, Tool
-from robbie_mp.tool.tool_bus import ToolBus
-from robbie_mp.tool.tool_module import run_as_tool
 from tests._support.robot import Ended, Robot, is_running, wait_until
 
 PROFILE = """
@@ -153,7 +153,7 @@ def test_tool_ends_in_order_if_its_run_is_over_when_it_reattaches(
 
 FORKING_TOOL = """
 import os, time
-from robbie_mp.tool.tool import Tool
+from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.cli.runs import live_runs
 [run] = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
 tool = Tool(run, "a tool that forks")

@@ -12,7 +12,7 @@ import psutil
 import pytest
 import yaml
 
-from robbie_mp.profile.model import CoreLimits, QueueLimits
+from robbie_mp.run.profile.model import CoreLimits, QueueLimits
 from tests._support.present import present
 from tools.bench.__main__ import main
 from tools.bench.contender import PeerContender, Trouble, wait_for_end

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robbie_mp.transport.histogram import middle_s
-from robbie_mp.transport.layout import HISTOGRAM_BUCKETS
+from robbie_mp.bus.transport.histogram import middle_s
+from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
 from tools.foxglove_load.__main__ import as_table, ratios_to_without, stop_times
 from tools.foxglove_load.comparison import compare
 from tools.foxglove_load.measure import (

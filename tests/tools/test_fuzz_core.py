@@ -9,9 +9,9 @@ from random import Random
 
 import pytest
 
-from robbie_mp.core.flow import MessageFlow
-from robbie_mp.core.members import Link
-from robbie_mp.core.router import Router
+from robbie_mp.bus.core.flow import MessageFlow
+from robbie_mp.bus.core.members import Link
+from robbie_mp.bus.core.router import Router
 from tools.fuzz_core.__main__ import main
 from tools.fuzz_core.corpus import mutate, seeds
 from tools.fuzz_core.plain import Hang, finding, inputs

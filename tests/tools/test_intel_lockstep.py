@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import LaserScan, Odometry
-from robbie_mp.recording.reader import open_log
 from tests.recording._support.logs import LogFile
 from tools.intel_lockstep import Outcome, violations, without_lost, write_log
 

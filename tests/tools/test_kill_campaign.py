@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
+from robbie_mp.bus.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
 from tools.kill_campaign import frozen_log, neighbours
 from tools.kill_campaign.__main__ import main
 from tools.kill_campaign.calls import judge_calls

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.proc import read_stat
+from robbie_mp.base.linux.proc import read_stat
 from tests._support.present import present
 from tools.loop_disk import LoopDisk
 

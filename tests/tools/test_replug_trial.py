@@ -9,9 +9,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from robbie_mp.observe import ModuleFigures
-from robbie_mp.transport.histogram import Histogram
-from robbie_mp.transport.layout import HISTOGRAM_BUCKETS
+from robbie_mp.bus.observe import ModuleFigures
+from robbie_mp.bus.transport.histogram import Histogram
+from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
 from tools.replug_trial import WITNESSES, Replugs, Trial, Waits, as_text, violations
 
 

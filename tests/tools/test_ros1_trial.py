@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.capture.recorded_run import RecordedRun
+from robbie_mp.logs.capture.recorded_run import RecordedRun
 from tests.ros1._support.ros import needs_ros1
 from tools.kill_campaign.journal import read_journal
 from tools.kill_campaign.robot import Robot

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from robbie_mp.scene_graph import SceneGraph
+from robbie_mp.scene import SceneGraph
 from tools.scene_graph_bench import main, row, world_of_robots
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robbie_mp.recording.carmen import CarmenLog, LaserRecord
+from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord
 from tools.slam_metric import BadInput, main, measure, read_table
 from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper

@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor.event_loop import EventLoop
-from robbie_mp.supervisor.output import ChildOutput, OutputStore
-from robbie_mp.supervisor.streams import RecordStream
-from robbie_mp.trace.channel import LINE_BYTES, ChannelHandler, open_channel, parse_line
-from robbie_mp.trace.entry import Entry, EntryNumbers
-from robbie_mp.trace.kinds import Kind, follow_level, write_recorded
+from robbie_mp.run.profile.model import TraceSettings
+from robbie_mp.run.supervisor.event_loop import EventLoop
+from robbie_mp.run.supervisor.output import ChildOutput, OutputStore
+from robbie_mp.run.supervisor.streams import RecordStream
+from robbie_mp.run.trace.channel import LINE_BYTES, ChannelHandler, open_channel, parse_line
+from robbie_mp.run.trace.entry import Entry, EntryNumbers
+from robbie_mp.run.trace.kinds import Kind, follow_level, write_recorded
 
 
 class Pair:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.supervisor.crash import memory_kills
-from robbie_mp.trace.crash import CrashReport
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.reader import crash_reports, entries
+from robbie_mp.run.supervisor.crash import memory_kills
+from robbie_mp.run.trace.crash import CrashReport
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.reader import crash_reports, entries
 from tests._support.robot import COMMAND, Ended, Robot
 from tests.trace.test_page import Comments
 

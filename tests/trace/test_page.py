@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.page import TracePage
-from robbie_mp.visible_text import visible
+from robbie_mp.base.visible_text import visible
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind
+from robbie_mp.run.trace.page import TracePage
 from tests.trace._support.browser import needs_chromium, work_in
 
 pytestmark = pytest.mark.slow
@@ -131,7 +131,7 @@ def test_page_shows_starts_crashes_and_details_and_executes_no_content(tmp_path:
 @needs_node
 def test_filter_finds_the_right_entries() -> None:
     """The page's logic alone, in an engine that is quick to start."""
-    page = files("robbie_mp.trace").joinpath("page.html").read_text()
+    page = files("robbie_mp.run.trace").joinpath("page.html").read_text()
     logic = page.split("<script>")[1].split("</script>")[0]
     entries = [
         entry(1, "Scan <1>"),

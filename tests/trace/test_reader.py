@@ -3,10 +3,10 @@
 import random
 from pathlib import Path
 
-from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor.output import OutputStore
-from robbie_mp.trace.crash import CrashReport, LastMessage, LastWords
-from robbie_mp.trace.reader import TraceFollower, crash_reports, entries, last_entries, module_names
+from robbie_mp.run.profile.model import TraceSettings
+from robbie_mp.run.supervisor.output import OutputStore
+from robbie_mp.run.trace.crash import CrashReport, LastMessage, LastWords
+from robbie_mp.run.trace.reader import TraceFollower, crash_reports, entries, last_entries, module_names
 
 
 def write(output_directory: Path, count: int) -> None:

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.transport.allocator import BLOCK_ALIGNMENT, BlockAllocator
+from robbie_mp.bus.transport.allocator import BLOCK_ALIGNMENT, BlockAllocator
 
 SIZE = 64 << 10
 

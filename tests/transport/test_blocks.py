@@ -3,10 +3,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from robbie_mp.transport.blocks import BlockStore, MessageTooLarge
-from robbie_mp.transport.run_memory import make_block_store
-from robbie_mp.transport.segment import Segment, SharedMemoryFull
-from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.blocks import BlockStore, MessageTooLarge
+from robbie_mp.bus.transport.run_memory import make_block_store
+from robbie_mp.bus.transport.segment import Segment, SharedMemoryFull
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from tests._support.implementations import Native
 
 RUN = f"testblck{os.getpid()}"

@@ -1,8 +1,8 @@
 from array import array
 
-from robbie_mp.transport import layout
-from robbie_mp.transport.board import Board, SlotBounds, SlotState, Totals
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.board import Board, SlotBounds, SlotState, Totals
+from robbie_mp.bus.transport.words import WORD_MAX
 
 
 def made() -> Board:

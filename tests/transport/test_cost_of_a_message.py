@@ -17,22 +17,22 @@ import numpy as np
 import pytest
 
 from robbie_mp import Message, MessageHandling
-from robbie_mp._hot import choice
-from robbie_mp.core.members import LinkMemory, RouterLimits
-from robbie_mp.core.native_router import make_router
-from robbie_mp.core.router import SlotLimits
+from robbie_mp.bus._hot import choice
+from robbie_mp.bus.core.members import LinkMemory, RouterLimits
+from robbie_mp.bus.core.native_router import make_router
+from robbie_mp.bus.core.router import SlotLimits
+from robbie_mp.bus.observe.channels import ChannelNames
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.endpoint import Endpoint, EndpointMemory
+from robbie_mp.bus.transport.records import Outbound
+from robbie_mp.bus.transport.run_memory import make_block_store, make_views
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.tables import CoreTables, TableSizes
+from robbie_mp.bus.transport.words import Words
 from robbie_mp.messages import Image, float64
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.observe.channels import ChannelNames
-from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
-from robbie_mp.transport.records import Outbound
-from robbie_mp.transport.run_memory import make_block_store, make_views
-from robbie_mp.transport.shared_folder import make_folder, remove_names
-from robbie_mp.transport.tables import CoreTables, TableSizes
-from robbie_mp.transport.words import Words
 from tests._support.implementations import Native
 from tests.transport._support.pair import handle_next
 
@@ -167,9 +167,9 @@ def test_message_costs_two_posts_and_its_release_none(chain: Chain) -> None:
 def test_message_calls_nothing_that_enters_the_kernel(chain: Chain) -> None:
     """Besides the posts, counted above: locks that nobody else holds and reading the clock do not."""
     _, builtin = calls_of(lambda: chain.send(Speed()))
-    codec = ("robbie_mp.messages.", "robbie_mp._hot.native.MessageCodec.")
+    codec = ("robbie_mp.messages.", "robbie_mp.bus._hot.native.MessageCodec.")
     harmless = ("builtins.", "_struct.", "collections.", "_thread.", f"{__name__}.Speed.", *codec)
-    ours = {f"robbie_mp._hot.native.{name}" for name in OURS}
+    ours = {f"robbie_mp.bus._hot.native.{name}" for name in OURS}
     expected = {"time.monotonic_ns"} if chain.native is None else ours
     assert {name for name in builtin if not name.startswith(harmless)} == expected
 

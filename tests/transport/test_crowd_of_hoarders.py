@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from robbie_mp import MessageHandling
+from robbie_mp.bus.observe.channels import ChannelNames
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.run_memory import make_block_store, make_views
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.messages import Image
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.pins import PINNED_SHARE
-from robbie_mp.observe.channels import ChannelNames
-from robbie_mp.supervisor.memory import unlink_data_segments
-from robbie_mp.transport import layout
-from robbie_mp.transport.run_memory import make_block_store, make_views
-from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.run.supervisor.memory import unlink_data_segments
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 from tests.transport._support.pair import picture
 

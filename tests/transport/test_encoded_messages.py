@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from robbie_mp import EncodedMessage
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.blocks import MessageTooLarge
+from robbie_mp.bus.transport.endpoint import NameTooLong
 from robbie_mp.messages import DeclarationError, DecodeError, Image, VersionError
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
-from robbie_mp.transport import layout
-from robbie_mp.transport.blocks import MessageTooLarge
-from robbie_mp.transport.endpoint import NameTooLong
 from tests.transport._support.pair import Pair, picture
 
 

@@ -9,10 +9,10 @@ from functools import partial
 import pytest
 
 from robbie_mp import MessageHandling
-from robbie_mp.linux.forks import ForkedProcess
-from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
-from robbie_mp.transport.records import Delivery, Inbound, Outbound
+from robbie_mp.base.linux.forks import ForkedProcess
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.endpoint import Endpoint, EndpointMemory
+from robbie_mp.bus.transport.records import Delivery, Inbound, Outbound
 from tests._support.implementations import Native
 from tests.core._support.simulated_run import CREDIT, RING_RECORDS, SimulatedModule, SimulatedRun, connected
 

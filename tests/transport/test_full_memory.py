@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.transport import layout
-from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
-from robbie_mp.transport.segment import SharedMemoryFull
-from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.run_memory import IncarnationMemory, RingSizes
+from robbie_mp.bus.transport.segment import SharedMemoryFull
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from tests._support.few_descriptors import only_free_descriptors
 from tests.transport._support.pair import Pair, picture
 
@@ -25,10 +25,10 @@ IN_OWN_MEMORY = ["unshare", "--mount", "--propagation", "private"]
 
 CREATE = """
 import os, subprocess, sys
-from robbie_mp.transport.layout import in_words, out_words
-from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
-from robbie_mp.transport.segment import SharedMemoryFull
-from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.layout import in_words, out_words
+from robbie_mp.bus.transport.run_memory import IncarnationMemory, RingSizes
+from robbie_mp.bus.transport.segment import SharedMemoryFull
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 
 sizes = RingSizes(16, 4)
 out, into = (-(-8 * words // 4096) for words in (out_words(16), in_words(4)))

@@ -7,7 +7,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.transport.histogram import (
+from robbie_mp.bus.transport.histogram import (
     ABSOLUTE_ERROR_S,
     MAX_TIME_NS,
     RELATIVE_ERROR,
@@ -16,7 +16,7 @@ from robbie_mp.transport.histogram import (
     WorkFigures,
     middle_s,
 )
-from robbie_mp.transport.layout import HISTOGRAM_BUCKETS, HISTOGRAM_WORDS
+from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS, HISTOGRAM_WORDS
 
 TIMES = st.lists(st.integers(0, MAX_TIME_NS), min_size=1, max_size=50)
 

@@ -18,7 +18,10 @@ import numpy as np
 import pytest
 
 from robbie_mp import Header, Message, MessageHandling, Time, int32
-from robbie_mp.linux.forks import ForkedProcess
+from robbie_mp.base.linux.forks import ForkedProcess
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.blocks import MessageTooLarge
+from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.messages import FieldError, Image, Imu
 from robbie_mp.module import outbox as outbox_module
 from robbie_mp.module.bus import PublishAfterStop
@@ -26,10 +29,7 @@ from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.pins import MAX_PINNED, PINNED_SHARE
 from robbie_mp.module.subscriptions import SubscribedTwice
-from robbie_mp.supervisor.memory import unlink_data_segments
-from robbie_mp.transport import layout
-from robbie_mp.transport.blocks import MessageTooLarge
-from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.run.supervisor.memory import unlink_data_segments
 from tests._support.growth import blocks_kept
 from tests.transport._support.pair import RUN_ID, Pair, handle_next, picture
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.observe import RunObserver
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.board import Board, SlotState, Totals
-from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.shared_folder import make_folder, remove_names
-from robbie_mp.transport.tables import CoreTables, TableSizes
-from robbie_mp.transport.words import WORD_MAX, write_text
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.board import Board, SlotState, Totals
+from robbie_mp.bus.transport.layout import LINE_WORDS, SegmentKind
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.tables import CoreTables, TableSizes
+from robbie_mp.bus.transport.words import WORD_MAX, write_text
 
 RUN = f"testobsv{os.getpid()}"
 

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.proc import ProcessIdentity
-from robbie_mp.transport import layout, segment, tables
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.records import MessageHandling, Outbound
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.shared_folder import make_folder, remove_names
-from robbie_mp.transport.tables import ChannelName, CoreTables, DeclarationRow, TableSizes
-from robbie_mp.transport.words import Words
+from robbie_mp.base.linux.proc import ProcessIdentity
+from robbie_mp.bus.transport import layout, segment, tables
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.records import MessageHandling, Outbound
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.tables import ChannelName, CoreTables, DeclarationRow, TableSizes
+from robbie_mp.bus.transport.words import Words
 
 RUN = f"testordr{os.getpid()}"
 NAME = f"robbie-{RUN}/board"

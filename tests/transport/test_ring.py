@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.linux.forks import ForkedProcess
-from robbie_mp.transport import ring
-from robbie_mp.transport.ring import RingCorrupt, RingPlace
+from robbie_mp.base.linux.forks import ForkedProcess
+from robbie_mp.bus.transport import ring
+from robbie_mp.bus.transport.ring import RingCorrupt, RingPlace
 
 CAPACITY = 8
 
@@ -23,7 +23,7 @@ def ends(request: pytest.FixtureRequest) -> ModuleType:
 
 def built() -> ModuleType:
     try:
-        return import_module("robbie_mp._hot.native")
+        return import_module("robbie_mp.bus._hot.native")
     except ImportError:
         pytest.skip("NOT TESTED, the C is not built here")
 

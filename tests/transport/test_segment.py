@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.transport import layout
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.ring import RingPlace
-from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
-from robbie_mp.transport.shared_folder import make_folder, remove_names
-from robbie_mp.transport.words import read_text, words_for_text, write_text
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.ring import RingPlace
+from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.words import read_text, words_for_text, write_text
 from tests._support.growth import blocks_kept
 from tests._support.implementations import NATIVE
 

@@ -8,12 +8,12 @@ from random import Random
 
 import pytest
 
-from robbie_mp.linux.forks import ForkedProcess
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
-from robbie_mp.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
-from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import WORD_BYTES
+from robbie_mp.base.linux.forks import ForkedProcess
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
+from robbie_mp.bus.transport.wakeup import Wakeup
+from robbie_mp.bus.transport.words import WORD_BYTES
 from tests._support.implementations import BOTH, Native
 
 RUN = f"testwake{os.getpid()}"

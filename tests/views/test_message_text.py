@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from robbie_mp.messages import FieldError, LaserScan, Odometry, Point, TFMessage, Transform, TransformStamped
-from robbie_mp.views.message_text import (
+from robbie_mp.attached.views.message_text import (
     FieldPath,
     NoSuchField,
     flat,
@@ -17,6 +16,7 @@ from robbie_mp.views.message_text import (
     to_json,
     to_yaml,
 )
+from robbie_mp.messages import FieldError, LaserScan, Odometry, Point, TFMessage, Transform, TransformStamped
 
 
 def scan(size: int) -> LaserScan:

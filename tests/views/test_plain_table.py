@@ -8,12 +8,12 @@ import pytest
 from rich.console import RenderableType
 from rich.text import Text
 
+from robbie_mp.attached.views import process_table, run_figures
+from robbie_mp.attached.views.plain_table import PlainTable
+from robbie_mp.attached.views.process_table import modules_table
+from robbie_mp.attached.views.run_figures import FIGURES, table
+from robbie_mp.bus.observe import rates_between
 from robbie_mp.cli.output import PlainConsole
-from robbie_mp.observe import rates_between
-from robbie_mp.views import process_table, run_figures
-from robbie_mp.views.plain_table import PlainTable
-from robbie_mp.views.process_table import modules_table
-from robbie_mp.views.run_figures import FIGURES, table
 from tests.cli._support.readings import laser, mapping, reading
 
 

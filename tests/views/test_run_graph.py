@@ -1,6 +1,6 @@
 """Graphs of modules and topics, as text for Mermaid and Graphviz."""
 
-from robbie_mp.views.run_graph import RunGraph, Topic, dot, mermaid
+from robbie_mp.attached.views.run_graph import RunGraph, Topic, dot, mermaid
 
 GRAPH = RunGraph(
     ("laser", 'odd "name" #1'),

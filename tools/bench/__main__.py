@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW
+from robbie_mp.base.linux.wake_latency import DEVICE, HOW_TO_ALLOW
 from tools.bench import load, messages
 from tools.bench.calling import call
 from tools.bench.goals import goal_table

@@ -12,7 +12,7 @@ from tools.bench.robbie import LIMIT_S, MODULES, RobbieContender, scheduling_of
 from tools.bench.rounds import Series, run_work
 from tools.bench.work import Work
 
-LINK = "robbie_mp.services.link:Link"
+LINK = "robbie_mp.connect.link.module:Link"
 RELAY = "tools.bench.relay_modules"
 SETTLE_S = 3.0
 """Time from the start of the sending robot until it publishes: the links find each other meanwhile."""

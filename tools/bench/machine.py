@@ -10,7 +10,7 @@ from typing import Any
 
 import psutil
 
-from robbie_mp.linux.wake_latency import limit_wake_latency
+from robbie_mp.base.linux.wake_latency import limit_wake_latency
 
 
 @contextmanager

@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.model import ModuleSpec, Profile, RestartPolicy
-from robbie_mp.supervisor.run import RunListener, run_profile
-from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.profile.model import ModuleSpec, Profile, RestartPolicy
+from robbie_mp.run.supervisor.run import RunListener, run_profile
+from robbie_mp.run.supervisor.states import ChildState, StateChange
 
 SUBJECT = "subject"
 CHECKOUT = Path(__file__).parents[2]

@@ -27,11 +27,11 @@ from typing import Any
 import numpy as np
 
 from robbie_mp import ModuleHarness
-from robbie_mp.link.wire import Endpoints, open_session
+from robbie_mp.connect.link.wire import Endpoints, open_session
+from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.tokens import Attachment
+from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import Header, Image
-from robbie_mp.ros2.tokens import Attachment
-from robbie_mp.ros2.type_hash import type_hash
-from robbie_mp.services.ros2 import Ros2Bridge
 
 HEIGHT, WIDTH = 1080, 1920
 DOMAIN = 97
@@ -237,7 +237,7 @@ def receive(middleware: str, port: int) -> None:
     from cyclonedds.topic import Topic  # noqa: PLC0415
     from cyclonedds.util import duration  # noqa: PLC0415
 
-    from robbie_mp.ros2.dds_side import LOOPBACK, settings_of_domain  # noqa: PLC0415
+    from robbie_mp.connect.ros2.dds_side import LOOPBACK, settings_of_domain  # noqa: PLC0415
     from tools.bench import ros2_types  # noqa: PLC0415
 
     domain = Domain(DOMAIN, settings_of_domain(LOOPBACK))

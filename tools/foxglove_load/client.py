@@ -17,7 +17,7 @@ import threading
 import time
 from urllib.parse import urlsplit
 
-from robbie_mp.linux.priority import lower_priority
+from robbie_mp.base.linux.priority import lower_priority
 
 PROTOCOL = "foxglove.sdk.v1"
 BUFFER_BYTES = 1 << 16

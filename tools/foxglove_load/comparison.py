@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.transport.histogram import middle_s, quantile_s
+from robbie_mp.bus.transport.histogram import middle_s, quantile_s
 
 RESAMPLES = 2000
 LEVEL = 0.95

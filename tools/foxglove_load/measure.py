@@ -14,11 +14,11 @@ from typing import Any
 
 import yaml
 
+from robbie_mp.attached.tool.tool import Tool
+from robbie_mp.bus.observe.figures import RunReading
+from robbie_mp.bus.observe.rates import rates_between
 from robbie_mp.messages import EmergencyStop
-from robbie_mp.observe.figures import RunReading
-from robbie_mp.observe.rates import rates_between
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.tool.tool import Tool
 from tools.bench.contender import work_folder
 from tools.device_trial import load
 from tools.foxglove_load.modules import NAME
@@ -74,7 +74,7 @@ def profile(scheduling: Mapping[str, Any]) -> dict[str, Any]:
         modules[f"talker{number}"] = {"class": f"{shared}:Talker", "settings": rate}
     modules["camera"] = {"class": "tools.foxglove_load.modules:Camera"}
     modules["base"] = {"class": "tools.foxglove_load.modules:Base"}
-    server = "robbie_mp.services.foxglove:FoxgloveServer"
+    server = "robbie_mp.connect.foxglove.module:FoxgloveServer"
     modules[SERVER] = {"class": server, "settings": {"port": 0}, "scheduling": dict(scheduling)}
     return {"modules": modules}
 

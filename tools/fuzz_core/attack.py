@@ -3,8 +3,8 @@
 import contextlib
 
 from robbie_mp import MessageHandling
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Inbound, Outbound
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Inbound, Outbound
 from tests.core._support.siege import HOSTILE_SLOT, Siege
 from tests.core._support.simulated_run import RING_RECORDS, TYPE
 from tools.fuzz_core.judge import Standing, Verdict

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from random import Random
 
-from robbie_mp.transport.records import Outbound
+from robbie_mp.bus.transport.records import Outbound
 from tests.core._support.siege import Siege
 from tools.fuzz_core.attack import CONTROL_WORDS, KINDS
 from tools.fuzz_core.steps import MAX_STEPS, STEP_BYTES, Do, Step, decode, encode, step

@@ -6,7 +6,7 @@ from random import Random
 import atheris
 
 # atheris counts only branches of modules that are imported here.
-with atheris.instrument_imports(include=["robbie_mp.core", "robbie_mp.transport"]):
+with atheris.instrument_imports(include=["robbie_mp.bus.core", "robbie_mp.bus.transport"]):
     from tools.fuzz_core.attack import Attack
     from tools.fuzz_core.corpus import mutate, seeds
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Outbound
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Outbound
+from robbie_mp.bus.transport.words import WORD_MAX
 
 MESSAGE_BYTES = 1 << 20
 """The largest message that the simulated run allows."""

@@ -1,7 +1,7 @@
 """The dictionary: words that are likely to reveal errors. Some of them depend on the present state."""
 
-from robbie_mp.transport import layout
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.siege import HOSTILE_SLOT, Siege
 from tests.core._support.simulated_run import CREDIT, RING_RECORDS
 

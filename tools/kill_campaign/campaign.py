@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.observe import ModuleFigures
-from robbie_mp.supervisor.connection_watch import CHECK_PERIOD_S
-from robbie_mp.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.bus.observe import ModuleFigures
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.run.supervisor.connection_watch import CHECK_PERIOD_S
 from tools.kill_campaign import calls, latched, neighbours, traces
 from tools.kill_campaign.attack import Attack, Signalled
 from tools.kill_campaign.frozen_log import FrozenLog, log_disk

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.trace.reader import LOG_FOLDER
+from robbie_mp.run.trace.reader import LOG_FOLDER
 from tools.kill_campaign.attack import Signalled
 from tools.kill_campaign.robot import Robot
 from tools.loop_disk import LoopDisk, NoLoopDisk

@@ -13,11 +13,11 @@ from typing import Any
 
 import psutil
 
-from robbie_mp.observe import ModuleFigures, RunObserver
+from robbie_mp.attached.views.run_figures import state_name
+from robbie_mp.bus.observe import ModuleFigures, RunObserver
+from robbie_mp.bus.transport.board import TOOL_PREFIX
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.supervisor.states import ChildState
-from robbie_mp.transport.board import TOOL_PREFIX
-from robbie_mp.views.run_figures import state_name
+from robbie_mp.run.supervisor.states import ChildState
 
 REPOSITORY = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from robbie_mp.observe import ModuleFigures
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.shared_folder import SHARED_MEMORY
-from robbie_mp.transport.tables import CoreTables
+from robbie_mp.bus.observe import ModuleFigures
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.bus.transport.tables import CoreTables
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from robbie_mp import MessageHandling
-from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
+from robbie_mp.bus.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.records import Handled, ModuleRecord, read_handled, read_published
 

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.messages import LinkState
-from robbie_mp.observe import RunObserver
 from robbie_mp.run.live_runs import live_runs
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.segment import SegmentMissing
 
 PROJECT = Path(__file__).parents[2]
 PROFILE = """
@@ -23,7 +23,7 @@ modules:
   {role}: {{class: "tools.link_campaign.modules:{cls}"}}
   books: {{class: "tools.link_campaign.modules:Books"}}
   link:
-    class: robbie_mp.services.link:Link
+    class: robbie_mp.connect.link.module:Link
     settings:
       robot: {name}
       mode: {mode}

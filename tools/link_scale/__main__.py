@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robbie_mp.linux.proc import read_usage
+from robbie_mp.base.linux.proc import read_usage
 from tools.bench.machine import describe_machine
 from tools.bench.peers.zenoh_tcp import free_port
 from tools.link_scale.robots import Plan, Result

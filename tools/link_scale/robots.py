@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 
-from robbie_mp.link.books import Books
-from robbie_mp.link.header import ChannelId
-from robbie_mp.link.node import LinkNode, NodeSettings, Offered
-from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.sending import Limits
-from robbie_mp.link.traffic import TrafficClass
-from robbie_mp.link.wire import Endpoints, InboxLimits, Received, Wire
+from robbie_mp.connect.link.books import Books
+from robbie_mp.connect.link.header import ChannelId
+from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
+from robbie_mp.connect.link.receiving import Arrived, Fate
+from robbie_mp.connect.link.sending import Limits
+from robbie_mp.connect.link.traffic import TrafficClass
+from robbie_mp.connect.link.wire import Endpoints, InboxLimits, Received, Wire
 from robbie_mp.messages import Odometry
 
 TICK_S = 0.01

@@ -156,7 +156,7 @@ def _write(folder: Path, name: str, link: dict[str, Any], modules: dict[str, Any
     described = {
         **modules,
         "bookkeeper": {"class": f"{MODULES}Bookkeeper"},
-        "link": {"class": "robbie_mp.services.link:Link", "settings": link, "restart": RESTART},
+        "link": {"class": "robbie_mp.connect.link.module:Link", "settings": link, "restart": RESTART},
     }
     text = yaml.safe_dump({"modules": described}, sort_keys=False)
     (folder / "profiles" / f"{name}.yaml").write_text(text)

@@ -11,11 +11,11 @@ import numpy as np
 import psutil
 import yaml
 
-from robbie_mp.observe.figures import RunReading
-from robbie_mp.observe.rates import rates_between
-from robbie_mp.recording.info import last_counts
-from robbie_mp.recording.reader import open_log
-from robbie_mp.transport.histogram import Histogram
+from robbie_mp.bus.observe.figures import RunReading
+from robbie_mp.bus.observe.rates import rates_between
+from robbie_mp.bus.transport.histogram import Histogram
+from robbie_mp.logs.recording.info import last_counts
+from robbie_mp.logs.recording.reader import open_log
 from tools.bench.contender import work_folder
 from tools.kill_campaign.robot import Robot
 
@@ -31,8 +31,8 @@ CLASSES = {
     BYSTANDER: f"{MODULES}:Bystander",
     DISCARD: f"{MODULES}:DiscardingLogger",
     NULL: f"{MODULES}:NullLogger",
-    MEMORY: "robbie_mp.services.message_logger:MessageLogger",
-    MESSAGE_LOGGER: "robbie_mp.services.message_logger:MessageLogger",
+    MEMORY: "robbie_mp.logs.message_logger:MessageLogger",
+    MESSAGE_LOGGER: "robbie_mp.logs.message_logger:MessageLogger",
 }
 """The modules of the recorders, from one that only takes messages to the logger itself."""
 LOGGERS = (DISCARD, NULL, MEMORY, MESSAGE_LOGGER)

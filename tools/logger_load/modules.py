@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp import EncodedMessage, Message, Module, setting
+from robbie_mp.logs.message_logger import MessageLogger
+from robbie_mp.logs.recording.chunk import Chunk, Compression, compress
+from robbie_mp.logs.recording.format import ChannelKey
+from robbie_mp.logs.recording.log_writer import LogWriter
+from robbie_mp.logs.recording.part_writer import RecordedChannel
+from robbie_mp.logs.recording.recorder import LOGGER_NICE
 from robbie_mp.messages import DriveCommand, Image, PoseStamped, TwistStamped
-from robbie_mp.recording.chunk import Chunk, Compression, compress
-from robbie_mp.recording.format import ChannelKey
-from robbie_mp.recording.log_writer import LogWriter
-from robbie_mp.recording.part_writer import RecordedChannel
-from robbie_mp.recording.recorder import LOGGER_NICE
-from robbie_mp.services.message_logger import MessageLogger
 
 HEIGHT, WIDTH, CHANNELS = 1080, 1920, 3
 IMAGE_HZ = 10.0

@@ -19,7 +19,7 @@ from typing import Any
 import psutil
 from playwright.sync_api import Page
 
-from robbie_mp.linux.priority import lower_priority
+from robbie_mp.base.linux.priority import lower_priority
 from tools.operator_load import HIDDEN, LIVE, NICE, TILES, token_of
 from tools.operator_trials.chromium import chromium
 

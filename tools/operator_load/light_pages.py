@@ -19,7 +19,7 @@ from urllib.parse import urlencode
 import aiohttp
 import socketio
 
-from robbie_mp.linux.priority import lower_priority
+from robbie_mp.base.linux.priority import lower_priority
 from tools.operator_load import NICE, token_of
 
 GROUPS = {"view": "view+map", "map": "marks+map"}

@@ -14,8 +14,8 @@ from typing import Any
 import psutil
 import yaml
 
-from robbie_mp.observe.figures import RunReading
-from robbie_mp.observe.rates import rates_between
+from robbie_mp.bus.observe.figures import RunReading
+from robbie_mp.bus.observe.rates import rates_between
 from tools.bench.contender import work_folder
 from tools.bench.processes import family
 from tools.kill_campaign.robot import REPOSITORY, Robot

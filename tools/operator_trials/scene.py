@@ -12,9 +12,9 @@ import psutil
 import yaml
 from playwright.sync_api import Browser, Page
 
+from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.tool.tool import Tool
 from tools.kill_campaign.robot import Robot, RobotTrouble
 from tools.operator_trials.journal import Journal
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import yaml
 
-from robbie_mp.ros1 import ros_node
-from robbie_mp.ros1.definitions import ros1_name
+from robbie_mp.connect.ros1 import ros_node
+from robbie_mp.connect.ros1.definitions import ros1_name
 from tools.kill_campaign.journal import read_journal
 from tools.kill_campaign.robot import Robot
 from tools.ros1_trial.ros import Ros
@@ -60,7 +60,7 @@ def robot_beside(ros: Ros, folder: Path) -> Iterator[Robot]:
     }
     restart = {"policy": "always", "max_restarts": 1_000_000, "backoff_s": 0.05, "backoff_cap_s": 0.1}
     modules = {name.lower(): {"class": f"{MODULES}{name}"} for name in ("Listener", "Base", "Speaker")}
-    ros1 = {"class": "robbie_mp.services.ros1:Ros1Bridge", "settings": bridge, "restart": restart}
+    ros1 = {"class": "robbie_mp.connect.ros1.module:Ros1Bridge", "settings": bridge, "restart": restart}
     (folder / "profiles").mkdir()
     text = yaml.safe_dump({"modules": {**modules, "ros1": ros1}}, sort_keys=False)
     (folder / "profiles" / "robot.yaml").write_text(text)

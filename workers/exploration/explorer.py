@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robbie_mp.state_machine import StateMachine
+from robbie_mp.base.state_machine import StateMachine
 from workers.exploration.exploration import FrontierExploration, Plan, PlanResult
 from workers.exploration.explorer_states import TRANSITIONS, ExplorerSettings, ExplorerState
 from workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robbie_mp.state_machine import StateMachine
+from robbie_mp.base.state_machine import StateMachine
 from workers.home.area_search import AreaSearch
 from workers.home.follow_states import FOLLOWS, SEARCHES, TRANSITIONS, FollowSettings, FollowState
 from workers.people.clothes import blended, similarity

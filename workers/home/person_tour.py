@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robbie_mp.state_machine import StateMachine, TimeOut
+from robbie_mp.base.state_machine import StateMachine, TimeOut
 from workers.home.area_search import AreaSearch
 from workers.home.follow import PersonReport
 from workers.home.person_places import Eye, PersonPlaces, Place, SeenFace

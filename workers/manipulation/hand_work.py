@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.state_machine import StateMachine
+from robbie_mp.base.state_machine import StateMachine
 from workers.manipulation.arm_model import ArmModel
 from workers.manipulation.collisions import Shape, Surroundings
 from workers.manipulation.errors import ManipulationError, Unreachable

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from robbie_mp.state_machine import TimeOut
+from robbie_mp.base.state_machine import TimeOut
 
 
 class Task(StrEnum):

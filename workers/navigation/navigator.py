@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robbie_mp.state_machine import StateMachine
+from robbie_mp.base.state_machine import StateMachine
 from workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.collision_guard import CollisionGuard

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robbie_mp.state_machine import StateMachine
+from robbie_mp.base.state_machine import StateMachine
 from workers.exploration.drivable_ground import DrivableGround
 from workers.numbers.mission_states import TIME_OUTS, TRANSITIONS, NumbersSettings, NumbersState
 from workers.numbers.mission_targets import Look, NumbersTargets, SignReport, Target, Wish, aside_of

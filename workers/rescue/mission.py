@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robbie_mp.state_machine import StateMachine
+from robbie_mp.base.state_machine import StateMachine
 from workers.exploration.frontiers import Frontier
 from workers.exploration.team_claims import Claim, TeamClaims
 from workers.rescue.mission_limits import MissionLimits

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from robbie_mp.state_machine import TimeOut
+from robbie_mp.base.state_machine import TimeOut
 
 
 class MissionState(StrEnum):

@@ -13,16 +13,16 @@ from textual.containers import VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
+from robbie_mp.attached.views.plain_table import PlainTable
+from robbie_mp.attached.views.process_table import ALARM, ModuleRow, doing, module_rows
+from robbie_mp.attached.views.quantities import long_time, rate, seconds, size, sparkline
+from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_name
+from robbie_mp.base.utc import time_of_day
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.bus.observe import ModuleFigures
 from robbie_mp.cli.top_program.feed import History, Snapshot
-from robbie_mp.observe import ModuleFigures
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.reader import crash_reports, last_entries
-from robbie_mp.utc import time_of_day
-from robbie_mp.views.plain_table import PlainTable
-from robbie_mp.views.process_table import ALARM, ModuleRow, doing, module_rows
-from robbie_mp.views.quantities import long_time, rate, seconds, size, sparkline
-from robbie_mp.views.run_figures import STYLES, renamed_topics, state_name
-from robbie_mp.visible_text import one_line
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.reader import crash_reports, last_entries
 
 LOG_LINES = 20
 CRASH_LINES = 60

@@ -4,10 +4,10 @@ from collections import deque
 from dataclasses import dataclass
 from enum import Enum, auto
 
+from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
+from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.cli.runs import live_runs
-from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.run.run_directory import KnownRun, is_live
-from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 
 DESCRIBED_READINGS = 10
 """Quantiles cover the time since this many readings ago."""

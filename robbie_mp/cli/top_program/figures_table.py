@@ -7,7 +7,7 @@ from rich.text import Text
 from textual.binding import Binding, BindingType
 from textual.widgets import DataTable
 
-from robbie_mp.views.quantities import sparkline
+from robbie_mp.attached.views.quantities import sparkline
 
 TREND = "trend"
 TREND_WIDTH = 12

@@ -13,12 +13,7 @@ from textual.filter import LineFilter
 from textual.screen import ModalScreen, Screen
 from textual.widgets import ContentSwitcher, DataTable, Footer, Input, Static
 
-from robbie_mp.cli.top_program.details import Details
-from robbie_mp.cli.top_program.feed import RunFeed, Snapshot, Watching
-from robbie_mp.cli.top_program.figures_table import FiguresTable
-from robbie_mp.errors import RobbieError
-from robbie_mp.run.control import control
-from robbie_mp.views.process_table import (
+from robbie_mp.attached.views.process_table import (
     CHANNEL_COLUMNS,
     MODULE_COLUMNS,
     ChannelRow,
@@ -29,8 +24,13 @@ from robbie_mp.views.process_table import (
     module_rows,
     totals_line,
 )
-from robbie_mp.views.quantities import sparkline
-from robbie_mp.visible_text import one_line, visible, without_controls
+from robbie_mp.attached.views.quantities import sparkline
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.visible_text import one_line, visible, without_controls
+from robbie_mp.cli.top_program.details import Details
+from robbie_mp.cli.top_program.feed import RunFeed, Snapshot, Watching
+from robbie_mp.cli.top_program.figures_table import FiguresTable
+from robbie_mp.run.control import control
 
 if TYPE_CHECKING:
     from textual.notifications import SeverityLevel

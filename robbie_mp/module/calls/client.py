@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from robbie_mp.bus.transport.records import MessageHandling
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX, number_call
 from robbie_mp.messages.well_formed import find_flaw, ill_formed
@@ -29,8 +31,6 @@ from robbie_mp.module.calls.errors import (
 )
 from robbie_mp.module.calls.peers import Server, service_topic
 from robbie_mp.module.clock import Clock
-from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.tables import ChannelName
 
 MAX_CALLS = 1000
 """Limit of the calls of a module that have not ended."""

@@ -1,6 +1,6 @@
 """How a call ends without a reply, and how calls and services are misused."""
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 
 class CallError(RobbieError):

@@ -6,6 +6,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from robbie_mp.bus.transport.records import MessageHandling
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message
 from robbie_mp.messages.calls import (
     Feedback,
@@ -25,8 +27,6 @@ from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.calls.errors import CallRefused, CannotServe, GoalEnded, ServedTwice, WrongReply
 from robbie_mp.module.calls.peers import service_topic
 from robbie_mp.module.subscriptions import SubscribedTwice
-from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.tables import ChannelName
 
 LOOK_PERIOD_NS = 1_000_000_000
 """How often a server looks whether another module has begun to serve the same."""

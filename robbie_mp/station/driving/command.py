@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robbie_mp.link.operators import REQUEST_TOPIC, driver_text
+from robbie_mp.connect.link.operators import REQUEST_TOPIC, driver_text
 from robbie_mp.messages import LinkState, OperatorRequest, OperatorState
 
 if TYPE_CHECKING:

@@ -19,14 +19,14 @@ from robbie_mp.messages import (
     Odometry,
     Quaternion,
 )
-from robbie_mp.scene_graph import SceneGraphError
+from robbie_mp.scene import SceneGraphError
 from robbie_mp.station.latest import MessageSource, silence
 from robbie_mp.station.scene_view.points import scan_points
 
 if TYPE_CHECKING:
     from collections.abc import Sequence, Sized
 
-    from robbie_mp.scene_graph import SceneGraphListener
+    from robbie_mp.scene import SceneGraphListener
 
 BASE = "base_link"
 PERIOD_S = 0.1

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.checkpoint.file import write_file
+from robbie_mp.bus.checkpoint.file import write_file
 from robbie_mp.station.layouts.layout import Layout, LayoutError, check_layout, places_of
 
 MAX_SAVED = 20

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 
 COLUMNS = ROWS = 24
 """The grid on which tiles lie fills the page, whatever its size."""

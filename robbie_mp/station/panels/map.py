@@ -26,7 +26,7 @@ from robbie_mp.messages import (
     PoseStamped,
 )
 from robbie_mp.messages.stock.nav2_msgs import Cost
-from robbie_mp.scene_graph import RigidTransform
+from robbie_mp.scene import RigidTransform
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
 from robbie_mp.station.goal_menu import GoalMenu

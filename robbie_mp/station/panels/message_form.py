@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages.field_types import Text
 from robbie_mp.station.composer import FormError, compose, form_of
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.profile.show import inline
 from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.profile.show import inline
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
 from robbie_mp.station.panel import Panel

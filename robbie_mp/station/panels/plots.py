@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.errors import RobbieError
+from robbie_mp.attached.views.known_types import types_of_run
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.station.access import Role
 from robbie_mp.station.charts import History, chart_options, fill
@@ -18,7 +19,6 @@ from robbie_mp.station.context import Page
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.numeric_fields import number_reader, numeric_paths
 from robbie_mp.station.panel import Panel
-from robbie_mp.views.known_types import types_of_run
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

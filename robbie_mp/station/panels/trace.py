@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from robbie_mp.base.utc import time_of_day
 from robbie_mp.run.plan import CORE
+from robbie_mp.run.supervisor.output import SUPERVISOR
+from robbie_mp.run.trace.crash import CrashReport, report_files
+from robbie_mp.run.trace.entry import Entry
+from robbie_mp.run.trace.kinds import Kind, read_recorded
+from robbie_mp.run.trace.reader import TraceFollower, crash_reports, module_names, trace_folder
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
 from robbie_mp.station.orders import Order
 from robbie_mp.station.panel import Panel
-from robbie_mp.supervisor.output import SUPERVISOR
-from robbie_mp.trace.crash import CrashReport, report_files
-from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.kinds import Kind, read_recorded
-from robbie_mp.trace.reader import TraceFollower, crash_reports, module_names, trace_folder
-from robbie_mp.utc import time_of_day
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.messages import LaserScan, PointCloud2
-from robbie_mp.scene_graph import RigidTransform
+from robbie_mp.scene import RigidTransform
 from robbie_mp.station.scene_view.points import NO_POINTS, cloud_points, packed, scan_points, shades
 
 if TYPE_CHECKING:

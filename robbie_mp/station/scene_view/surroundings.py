@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from robbie_mp.messages import Path, Pose, PoseStamped
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew, TooOld
+from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew, TooOld
 from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed

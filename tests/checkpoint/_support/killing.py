@@ -20,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.checkpoint.file import read_file, remove_unfinished, write_file
-from robbie_mp.checkpoint.image import encode, lay_out
-from robbie_mp.transport import names
-from robbie_mp.transport.segment import unlink_segment
-from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.bus.checkpoint.file import read_file, remove_unfinished, write_file
+from robbie_mp.bus.checkpoint.image import encode, lay_out
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.segment import unlink_segment
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 
-TRACED = ("robbie_mp/checkpoint/", "robbie_mp/transport/segment.py")
+TRACED = ("robbie_mp/bus/checkpoint/", "robbie_mp/bus/transport/segment.py")
 
 
 def run_of(pid: int) -> str:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robbie_mp.cli.top_program.feed import History, Snapshot, Watching
-from robbie_mp.observe import (
+from robbie_mp.bus.observe import (
     ChannelFigures,
     CoreFigures,
     ModuleFigures,
@@ -16,10 +15,11 @@ from robbie_mp.observe import (
     WorkHistograms,
     rates_between,
 )
-from robbie_mp.observe.figures import MachineReading
+from robbie_mp.bus.observe.figures import MachineReading
+from robbie_mp.bus.transport.histogram import Histogram
+from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
+from robbie_mp.cli.top_program.feed import History, Snapshot, Watching
 from robbie_mp.run.run_directory import KnownRun, RunRecord
-from robbie_mp.transport.histogram import Histogram
-from robbie_mp.transport.layout import HISTOGRAM_BUCKETS
 
 SECOND_NS = 10**9
 SCAN = ("sensor_msgs/msg/LaserScan", 1, "front")

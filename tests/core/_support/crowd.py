@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from random import Random
 
 from robbie_mp import MessageHandling
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Delivery, Inbound, Outbound
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Delivery, Inbound, Outbound
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.memory import Died
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 

@@ -7,9 +7,9 @@ Their channel may be latched: then each that comes back is given the newest mess
 import contextlib
 
 from robbie_mp import MessageHandling
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Delivery, Outbound
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Delivery, Outbound
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.memory import Died, Fuse, StateLog
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 

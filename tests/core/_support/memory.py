@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import ClassVar, Protocol
 
-from robbie_mp.transport.words import Words
+from robbie_mp.bus.transport.words import Words
 
 
 class Died(Exception):

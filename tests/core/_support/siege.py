@@ -3,10 +3,10 @@
 import contextlib
 
 from robbie_mp import MessageHandling
-from robbie_mp.transport import layout
-from robbie_mp.transport.records import Delivery
-from robbie_mp.transport.ring import RingCorrupt
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.records import Delivery
+from robbie_mp.bus.transport.ring import RingCorrupt
+from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.simulated_run import RING_RECORDS, SimulatedModule, SimulatedRun
 
 HOSTILE_SLOT = 3

@@ -5,16 +5,16 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.members import LinkMemory, RouterLimits
-from robbie_mp.core.native_router import make_router
-from robbie_mp.core.router import Router, SlotLimits
-from robbie_mp.transport import layout
-from robbie_mp.transport.blocks import Block
-from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
-from robbie_mp.transport.records import ANY_VERSION, Delivery, Inbound, Notice, Outbound
-from robbie_mp.transport.segment import SegmentMismatch
-from robbie_mp.transport.tables import CoreTables, TableSizes
-from robbie_mp.transport.words import Words
+from robbie_mp.bus.core.members import LinkMemory, RouterLimits
+from robbie_mp.bus.core.native_router import make_router
+from robbie_mp.bus.core.router import Router, SlotLimits
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.blocks import Block
+from robbie_mp.bus.transport.endpoint import Endpoint, EndpointMemory
+from robbie_mp.bus.transport.records import ANY_VERSION, Delivery, Inbound, Notice, Outbound
+from robbie_mp.bus.transport.segment import SegmentMismatch
+from robbie_mp.bus.transport.tables import CoreTables, TableSizes
+from robbie_mp.bus.transport.words import Words
 from tests.core._support.memory import ArrayMemory, Died, Fuse, Memory, StateLog
 
 RING_RECORDS = 16

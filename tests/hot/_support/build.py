@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from robbie_mp._hot.sources import digest
+from robbie_mp.bus._hot.sources import digest
 
-HOT = Path(__file__).parents[3] / "robbie_mp" / "_hot"
+HOT = Path(__file__).parents[3] / "robbie_mp" / "bus" / "_hot"
 HERE = Path(__file__).parent
 PROGRAMS = HERE.parent / "programs"
 C_STANDARD = "-std=c11"

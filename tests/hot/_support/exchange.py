@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from robbie_mp import Array, Message, MessageHandling, int32, uint8
+from robbie_mp.bus.observe.channels import ChannelNames
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.run_memory import make_block_store, make_views
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.wakeup import Wakeup
 from robbie_mp.messages import message as message_module
 from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
 from robbie_mp.module.ticks import TimedTicks
-from robbie_mp.observe.channels import ChannelNames
-from robbie_mp.transport import names
-from robbie_mp.transport.run_memory import make_block_store, make_views
-from robbie_mp.transport.shared_folder import make_folder, remove_names
-from robbie_mp.transport.wakeup import Wakeup
 from tests.core._support.simulated_run import SimulatedRun
 
 PUBLISHER, SUBSCRIBER = 1, 2

@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType
 
-from robbie_mp.transport import words
+from robbie_mp.bus.transport import words
 from tests.hot._support.build import fused_module
 from tests.hot._support.histories import crowd, history
 from tests.hot._support.trace import difference

@@ -2,7 +2,7 @@
 
 from types import ModuleType
 
-from robbie_mp.transport.words import Words
+from robbie_mp.bus.transport.words import Words
 from tests.core._support.memory import ClosableWords, Died, Fuse, StateLog
 
 

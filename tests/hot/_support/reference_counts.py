@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 
 from robbie_mp import MessageHandling, RobbieError
-from robbie_mp.transport.words import WORD_BYTES
+from robbie_mp.bus.transport.words import WORD_BYTES
 from tests.hot._support.build import HOT, fused_module
 
 WARM_UP = 20
@@ -176,7 +176,7 @@ class Plays:
             self._misuse()
 
     def _misuse(self) -> None:
-        from robbie_mp.transport.ring import RingPlace  # noqa: PLC0415
+        from robbie_mp.bus.transport.ring import RingPlace  # noqa: PLC0415
 
         built = self.built
         for name, made in vars(built).items():
@@ -218,11 +218,11 @@ def main() -> None:
     """Do everything; the exit code is 1 if anything gathers."""
     folder, sources, *chosen = sys.argv[1:]
     built: Any = fused_module(Path(folder), "-O0", hot=Path(sources))
-    from robbie_mp import _hot  # noqa: PLC0415
-    from robbie_mp._hot.sources import digest  # noqa: PLC0415
+    from robbie_mp.bus import _hot  # noqa: PLC0415
+    from robbie_mp.bus._hot.sources import digest  # noqa: PLC0415
 
     built.SOURCES = digest(HOT)
-    sys.modules["robbie_mp._hot.native"] = _hot.native = built
+    sys.modules["robbie_mp.bus._hot.native"] = _hot.native = built
     from robbie_mp.messages.message import _NATIVE  # noqa: PLC0415 (chosen at import)
     from tests.core._support.simulated_run import SimulatedRun  # noqa: PLC0415
     from tests.hot._support.memory import FusedMemory  # noqa: PLC0415

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-from robbie_mp import _hot
+from robbie_mp.bus import _hot
 from tests.hot._support.build import fused_module
 from tests.hot._support.under_asan import SANITIZERS
 
@@ -20,7 +20,7 @@ from tests.hot._support.under_asan import SANITIZERS
 def use_sanitizers(folder: Path) -> ModuleType:
     """Let everything use a build with sanitizers, kept in a folder; before message classes are imported."""
     module = fused_module(folder, *SANITIZERS)
-    sys.modules["robbie_mp._hot.native"] = module
+    sys.modules["robbie_mp.bus._hot.native"] = module
     _hot.native = module
     from robbie_mp.messages.message import _NATIVE  # noqa: PLC0415 (chosen at import)
 

@@ -16,7 +16,7 @@ import pytest
 
 from hw.connection.stop_guard import StopGuard
 from hw.irobot import open_interface as oi
-from robbie_mp.supervisor.leftovers import MARKER, kill_child_leftovers, marker
+from robbie_mp.run.supervisor.leftovers import MARKER, kill_child_leftovers, marker
 from tests.hw._support import driving
 from tests.hw.irobot.test_create import frame
 

@@ -10,9 +10,9 @@ import sys
 import time
 from pathlib import Path
 
-from robbie_mp.link.header import Beat
-from robbie_mp.link.keys import Keys
-from robbie_mp.link.wire import Endpoints, InboxLimits, Wire, only_own_names
+from robbie_mp.connect.link.header import Beat
+from robbie_mp.connect.link.keys import Keys
+from robbie_mp.connect.link.wire import Endpoints, InboxLimits, Wire, only_own_names
 
 LIMIT_S = 30.0
 

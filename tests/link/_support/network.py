@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
-from robbie_mp.link.books import Account, Books
-from robbie_mp.link.header import Beat, ChannelId, Data, Report, pack
-from robbie_mp.link.node import LinkNode, NodeSettings, Offered
-from robbie_mp.link.receiving import Arrived, Fate
-from robbie_mp.link.sending import Limits
-from robbie_mp.link.traffic import TrafficClass
+from robbie_mp.connect.link.books import Account, Books
+from robbie_mp.connect.link.header import Beat, ChannelId, Data, Report, pack
+from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
+from robbie_mp.connect.link.receiving import Arrived, Fate
+from robbie_mp.connect.link.sending import Limits
+from robbie_mp.connect.link.traffic import TrafficClass
 
 MS = 1_000_000
 TICK_NS = 5 * MS

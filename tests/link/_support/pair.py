@@ -4,10 +4,10 @@ import socket
 from contextlib import closing
 from pathlib import Path
 
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import LinkState
-from robbie_mp.observe import RunObserver
-from robbie_mp.transport.segment import SegmentMissing
 from tests._support.robot import Robot, wait_until
 
 MODULES = Path(__file__).with_name("robot_modules.py")
@@ -19,7 +19,7 @@ PROFILE = """
 modules:
 {modules}
   link:
-    class: robbie_mp.services.link:Link
+    class: robbie_mp.connect.link.module:Link
     settings:
       robot: {name}
       listen: {listen}

@@ -46,7 +46,7 @@ from robbie_mp.messages import (
     TeachRecognition,
     TFMessage,
 )
-from robbie_mp.services.scene_graph import SceneGraphService
+from robbie_mp.scene.module import SceneGraphService
 from tests._support.places import ARENAS, PROJECT
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")

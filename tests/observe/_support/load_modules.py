@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from robbie_mp import Module, setting
+from robbie_mp.bus.transport.histogram import WorkFigures
 from robbie_mp.messages import DriveCommand, LaserScan, SystemProfile
-from robbie_mp.transport.histogram import WorkFigures
 
 RECORDED: dict[int, list[tuple[int, int]]] = {}
 """The exact numbers that were put into each pair of histograms."""

@@ -16,9 +16,9 @@ from typing import Any
 import psutil
 import pytest
 
+from robbie_mp.bus.observe import RunObserver, RunReading
 from robbie_mp.cli.top_program.feed import RunFeed, Watching
 from robbie_mp.messages import LaserScan
-from robbie_mp.observe import RunObserver, RunReading
 from tests._support.robot import COMMAND, Robot, wait_until
 
 PAIRS = 9
@@ -43,7 +43,7 @@ MODULES = [
     f"slow: {{class: 'zoo.load:Hearer', settings: {{topic: talker8, work_s: {SLOW_S}}}, "
     f"queue: {{messages: {QUEUE}}}}}",
     "ticker: {class: 'zoo.load:Ticker'}",
-    "profiler: {class: 'robbie_mp.services.profiler:Profiler', settings: {period_s: 0.5}}",
+    "profiler: {class: 'robbie_mp.attached.profiler:Profiler', settings: {period_s: 0.5}}",
     "reporter: {class: 'zoo.load:Reporter'}",
     "hanger: {class: 'zoo.load:Hanger', handler_deadline_s: 60, stop_grace_s: 0.2}",
 ]

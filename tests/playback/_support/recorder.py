@@ -1,10 +1,10 @@
 """Replacements for the objects that a player uses. They record all calls."""
 
+from robbie_mp.logs.playback.log_time import LogTime
+from robbie_mp.logs.playback.player import DueTick, Player
+from robbie_mp.logs.playback.tape import Tape
+from robbie_mp.logs.recording.reader import Log, LoggedMessage
 from robbie_mp.module.clock import ManualClock
-from robbie_mp.playback.log_time import LogTime
-from robbie_mp.playback.player import DueTick, Player
-from robbie_mp.playback.tape import Tape
-from robbie_mp.recording.reader import Log, LoggedMessage
 
 SECOND_NS = 1_000_000_000
 SENDING_S = 1e-4

@@ -9,12 +9,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from robbie_mp import Header, Time
+from robbie_mp.logs.recording.chunk import Chunk, Compression
+from robbie_mp.logs.recording.disk_budget import DiskBudget
+from robbie_mp.logs.recording.format import ChannelKey, RunMetadata
+from robbie_mp.logs.recording.log_writer import LogWriter, Split
+from robbie_mp.logs.recording.part_writer import RecordedChannel
 from robbie_mp.messages import LaserScan, Odometry, schema_text
-from robbie_mp.recording.chunk import Chunk, Compression
-from robbie_mp.recording.disk_budget import DiskBudget
-from robbie_mp.recording.format import ChannelKey, RunMetadata
-from robbie_mp.recording.log_writer import LogWriter, Split
-from robbie_mp.recording.part_writer import RecordedChannel
 
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000

@@ -6,8 +6,8 @@ from contextlib import closing
 from pathlib import Path
 
 from robbie_mp import Module, setting
+from robbie_mp.bus.observe import RunObserver
 from robbie_mp.messages import Odometry
-from robbie_mp.observe import RunObserver
 
 
 class Assassin(Module):

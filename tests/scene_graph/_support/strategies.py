@@ -5,7 +5,7 @@ import math
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from robbie_mp.scene_graph import Joint, JointType, Node, RigidTransform
+from robbie_mp.scene import Joint, JointType, Node, RigidTransform
 
 # A busy machine takes its time, and no test keeps anything in a fixture from one example to the next.
 PATIENT = settings(deadline=None, suppress_health_check=list(HealthCheck))

@@ -8,16 +8,16 @@ import time
 from collections.abc import Callable, Generator
 from pathlib import Path
 
-from robbie_mp.linux.proc import read_stat
-from robbie_mp.profile.model import RestartPolicy, RestartWhen, TraceSettings
-from robbie_mp.supervisor.child_spec import ChildKind, ChildSpec
-from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.output import OutputStore
-from robbie_mp.supervisor.spares import SpareCommand
-from robbie_mp.supervisor.states import ChildState, StateChange
-from robbie_mp.supervisor.tree import Tree
-from robbie_mp.trace.crash import LastWords
-from robbie_mp.trace.entry import Entry
+from robbie_mp.base.linux.proc import read_stat
+from robbie_mp.run.profile.model import RestartPolicy, RestartWhen, TraceSettings
+from robbie_mp.run.supervisor.child_spec import ChildKind, ChildSpec
+from robbie_mp.run.supervisor.incarnations import Doing
+from robbie_mp.run.supervisor.output import OutputStore
+from robbie_mp.run.supervisor.spares import SpareCommand
+from robbie_mp.run.supervisor.states import ChildState, StateChange
+from robbie_mp.run.supervisor.tree import Tree
+from robbie_mp.run.trace.crash import LastWords
+from robbie_mp.run.trace.entry import Entry
 from tests.supervisor._support import zoo
 
 LIMIT_S = 10.0

@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from robbie_mp.linux.prctl import die_with_parent
-from robbie_mp.supervisor.assignment import wait_for_assignment
+from robbie_mp.base.linux.prctl import die_with_parent
+from robbie_mp.run.supervisor.assignment import wait_for_assignment
 
 
 class Animal:

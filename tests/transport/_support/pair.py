@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 
 from robbie_mp import Header, MessageHandling, Time
+from robbie_mp.bus.observe.channels import ChannelNames
+from robbie_mp.bus.transport.run_memory import make_block_store, make_views
+from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.messages import Image
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.observe.channels import ChannelNames
-from robbie_mp.transport.run_memory import make_block_store, make_views
-from robbie_mp.transport.shared_folder import make_folder, remove_names
 from tests._support.implementations import Native
 from tests.core._support.simulated_run import SimulatedRun
 

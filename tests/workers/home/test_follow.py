@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robbie_mp.state_machine import mermaid
+from robbie_mp.base.state_machine import mermaid
 from tests._support.places import PROJECT
 from workers.home.follow import (
     ARE_YOU_THERE,

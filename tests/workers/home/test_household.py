@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from robbie_mp.state_machine import mermaid
+from robbie_mp.base.state_machine import mermaid
 from tests._support.places import DOCS
 from workers.home.follow import PersonReport
 from workers.home.household import COME, OPEN_DOOR, TAKE_IT, HouseholdWork

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robbie_mp.state_machine import mermaid
+from robbie_mp.base.state_machine import mermaid
 from tests._support.places import PROJECT
 from workers.home.follow import PersonReport
 from workers.home.person_places import MAX_PLACES, Eye, SeenFace

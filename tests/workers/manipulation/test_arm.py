@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robbie_mp.scene_graph import SceneGraph, read_scene
+from robbie_mp.scene import SceneGraph, read_scene
 from tests._support.places import PROJECT
 from workers.manipulation.arm_model import ArmModel, Floats
 from workers.manipulation.collisions import Shape, Surroundings

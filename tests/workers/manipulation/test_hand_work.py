@@ -16,7 +16,7 @@ from hw.simulation.solid import Solid, pose_at
 from hw.simulation.tabletop import TableObject, Tabletop
 from hw.simulation.taking_person import TakingPerson
 from modules.manipulation.robot_shapes import RobotShapes, table_solids
-from robbie_mp.state_machine import mermaid
+from robbie_mp.base.state_machine import mermaid
 from tests._support.places import ARENAS, DOCS, PROJECT
 from workers.manipulation.arm_model import ArmModel
 from workers.manipulation.collisions import Shape

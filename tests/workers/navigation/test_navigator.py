@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.box_segments import box_segments
-from robbie_mp.state_machine import mermaid
+from robbie_mp.base.state_machine import mermaid
 from tests.docs._support.pages import ROOT
 from tests.workers._support.exploration_world import drawn_cells
 from tests.workers._support.navigation_world import NavigationWorld, demo_arena

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robbie_mp.state_machine import mermaid
+from robbie_mp.base.state_machine import mermaid
 from tests._support.places import DOCS
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from robbie_mp.link.wire import Endpoints, open_session
+from robbie_mp.connect.link.wire import Endpoints, open_session
 from tools.bench.peers.peer import Handle, Send
 from tools.bench.peers.zenoh_tcp import PORT_FILE, ZenohTcp, sender
 from tools.bench.work import Work

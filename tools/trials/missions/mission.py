@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.profile.load import load_profile
+from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.run_clock import RunClock
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.harness import Case, no_options

@@ -30,7 +30,7 @@ from hw.simulation.arena import Arena
 from hw.simulation.arena_file import read_arena
 from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
-from robbie_mp.profile.load import load_profile
+from robbie_mp.run.profile.load import load_profile
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.harness import Case, Subject
 from tools.trials.missions.mission import Kills, all_in_order, mean, totals

@@ -9,8 +9,8 @@ from playwright.sync_api import Page
 
 from modules.rescue.messages import AnswerVictim
 from modules.rescue.station.victim_question import checked
+from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import String
-from robbie_mp.tool.tool import Tool
 from tests._support.robot import Robot, wait_until
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of

@@ -1,0 +1,103 @@
+"""Runs a module as a tool: in a process that is not in the run's profile and not supervised."""
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any, TypeVar
+
+from robbie_mp.attached.tool.tool_bus import ToolBus
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period, tick_is_awaited
+from robbie_mp.module.settings import check_settings
+from robbie_mp.module.ticks import MAX_WAIT_S
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_directory import KnownRun
+
+ModuleClass = TypeVar("ModuleClass", bound=Module)
+
+
+class _NoCheckpoints:
+    """Discards checkpoints: a tool is not restarted."""
+
+    restored: Any = None
+
+    def save(self, _state: object) -> bool:
+        return False
+
+
+def run_as_tool(
+    run: KnownRun,
+    module_class: type[ModuleClass],
+    settings: Mapping[str, object],
+    name: str,
+    *,
+    on_ready: Callable[[ModuleClass], object],
+    is_stopped: Callable[[], object],
+) -> None:
+    """Run a module as a tool in a live run, until it stops itself or is stopped.
+
+    It uses the machine's clock and keeps no checkpoints, as it is not restarted.
+
+    Args:
+        run: the run.
+        module_class: the module's class.
+        settings: settings of the module; all others have their default values.
+        name: name of the module in its log.
+        on_ready: called with the module once it is set up.
+        is_stopped: called between two messages or ticks; true ends the module.
+
+    Raises:
+        SettingError: the settings are invalid.
+        RunEnded: the run has ended.
+        RunNotControlled: the run has ended, or is just starting.
+        ControlRefused: the profile allows no further tools, or this tool was detached and another one has
+            taken its place.
+    """
+    checked = check_settings(module_class, settings)
+    module_class.check(checked)
+    plan = RunPlan.load(run.folder)
+    own_pid = os.getpid()
+    with closing(ToolBus(run, name)) as bus:
+        module = module_class(
+            ModuleContext(
+                name=name,
+                settings=checked,
+                bus=bus,
+                clock=SystemClock(),
+                checkpoints=_NoCheckpoints(),
+                output_directory=Path(plan.output_directory),
+                show_status=bus.show_status,
+                run_id=run.run_id,
+                wake=bus.wake,
+            )
+        )
+        calls = calls_of(module)
+        bus.on_new_place = calls.client.forget_place
+        module.setup()
+        check_period(module)
+        bus.ready()
+        calls.begin()
+        on_ready(module)
+        try:
+            _work(module, bus, is_stopped)
+        finally:
+            if os.getpid() == own_pid:  # a forked process has nothing to tear down
+                module.teardown()
+
+
+def _work(module: Module, bus: ToolBus, is_stopped: Callable[[], object]) -> None:
+    """Handle messages and ticks."""
+    due_s = time.monotonic()
+    calls = calls_of(module)
+    while not (module.stop_requested or is_stopped()):
+        if not bus.handle_next():
+            left_s = MAX_WAIT_S if module.period_s is None else due_s - time.monotonic()
+            if bus.wait(max(0.0, min(left_s, calls.wait_s()))) or tick_is_awaited(module):
+                due_s = time.monotonic()
+        if calls.are_due():
+            calls.run()
+        if module.period_s is not None and time.monotonic() >= due_s:
+            module.tick()
+            due_s = max(due_s + module.period_s, time.monotonic())

@@ -1,0 +1,73 @@
+"""The pixels of camera images, and images as JPEG."""
+
+import io
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.messages import Image
+
+BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+"""Bytes per pixel of each supported encoding."""
+JPEG_ENCODINGS = frozenset({"mono8", "rgb8", "bgr8", "rgba8", "bgra8"})
+"""Encodings that JPEG keeps, but for its losses. Others may be depths or numbers of classes."""
+
+
+class NoPicture(RobbieError, ValueError):
+    """A message cannot be shown.
+
+    Example scenarios:
+      - an image has an encoding that browsers cannot show, such as 16UC1
+      - an image has too few bytes for its rows and columns
+    """
+
+
+def jpeg(message: Image, quality: int, max_pixels: int = 0) -> bytes:
+    """Return an image as a JPEG file. This needs Pillow.
+
+    Args:
+        message: the image.
+        quality: from 1 to 95.
+        max_pixels: larger images are scaled down to this length of their longer side; 0: none is.
+
+    Raises:
+        NoPicture: it has another encoding, or is damaged.
+    """
+    from PIL import Image as PillowImage  # noqa: PLC0415 - an extra
+
+    picture = PillowImage.fromarray(pixels_of(message))
+    if max_pixels:
+        picture.thumbnail((max_pixels, max_pixels), reducing_gap=1.0)
+    encoded = io.BytesIO()
+    picture.save(encoded, "JPEG", quality=quality)
+    return encoded.getvalue()
+
+
+def pixels_of(message: Image) -> NDArray[np.uint8]:
+    """Return an image as `(rows, columns)` of grey or `(rows, columns, 3)` of red, green, blue; uint8.
+
+    In images of 16 bits, the darkest pixel becomes black and the brightest one white.
+
+    Raises:
+        NoPicture: it has another encoding, or is damaged.
+    """
+    size = BYTES.get(message.encoding)
+    if size is None:
+        known = ", ".join(BYTES)
+        raise NoPicture(f"images encoded as {message.encoding!r} are not shown; expected one of {known}")
+    rows, columns, step = message.height, message.width, message.step
+    if not rows or not columns or step < columns * size or len(message.data) != rows * step:
+        raise NoPicture(f"{columns} x {rows} pixels in rows of {step} do not fit {len(message.data)} bytes")
+    pixels = message.data.reshape(rows, step)[:, : columns * size]
+    if message.encoding == "mono16":
+        return _stretched(np.ascontiguousarray(pixels).view(">u2" if message.is_bigendian else "<u2"))
+    if size == 1:
+        return np.ascontiguousarray(pixels)
+    pixels = pixels.reshape(rows, columns, size)[:, :, :3]
+    return np.ascontiguousarray(pixels[:, :, ::-1] if message.encoding.startswith("bgr") else pixels)
+
+
+def _stretched(values: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    low, high = int(values.min()), int(values.max())
+    return ((values - low) * (255.0 / max(1, high - low))).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""What every other room uses: errors, times as text, YAML with places, what Linux offers."""

@@ -1,0 +1,375 @@
+/* The Python type Subscriber: what robbie_mp/module/inbox.py and runner.py leave to C. */
+#include "clock.h"
+#include "endpoint_bindings.h"
+#include "figures.h"
+#include "message_codec.h"
+#include "pin_bindings.h"
+#include "subscriber_bindings.h"
+#include <structmember.h>
+
+/* Where a Subscription of subscriptions.py has these. */
+enum { AT_DECODER = 2, AT_HANDLER = 3, SUBSCRIPTION_FIELDS = 6 };
+
+struct subscriber_object {
+    PyObject_HEAD
+    struct endpoint_object *endpoint;
+    struct held_words words;
+    PyObject *segments;      /* dict: MappedSegment by the source that names it */
+    PyObject *subscriptions; /* dict: Subscription by its number */
+    struct unreferenced_object *unreferenced;
+    struct pins_object *pins;
+    PyObject *robbie_error;
+    struct delivery current;
+    bool is_handling;
+};
+
+/* A message to be handled, and what is needed for that. */
+struct handled_message {
+    struct delivery delivery;
+    PyObject *subscription;
+    struct mapped_segment_object *segment;
+    struct message_bytes_object *bytes;
+    uint64_t begun_ns;
+};
+
+static PyObject *subscriber_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
+{
+    static char *names[] = {"endpoint", "words", "segments", "subscriptions", "unreferenced", "pins", "robbie_error",
+                            NULL};
+    PyObject *endpoint, *words, *segments, *subscriptions, *unreferenced, *pins, *robbie_error;
+    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O!OO!O!O!O!O", names, &endpoint_type, &endpoint, &words,
+                                     &PyDict_Type, &segments, &PyDict_Type, &subscriptions, &unreferenced_type,
+                                     &unreferenced, &pins_type, &pins, &robbie_error))
+        return NULL;
+    struct subscriber_object *self = (struct subscriber_object *)type->tp_alloc(type, 0);
+    if (self == NULL)
+        return NULL;
+    self->endpoint = (struct endpoint_object *)Py_NewRef(endpoint);
+    self->segments = Py_NewRef(segments);
+    self->subscriptions = Py_NewRef(subscriptions);
+    self->unreferenced = (struct unreferenced_object *)Py_NewRef(unreferenced);
+    self->pins = (struct pins_object *)Py_NewRef(pins);
+    self->robbie_error = Py_NewRef(robbie_error);
+    if (hold_words(&self->words, words, true) != 0)
+        Py_CLEAR(self);
+    else if (self->words.count < OUT_RING) {
+        Py_CLEAR(self);
+        PyErr_SetString(PyExc_ValueError, "these are not the words of an outbound segment");
+    }
+    return (PyObject *)self;
+}
+
+static int subscriber_traverse(struct subscriber_object *self, visitproc visit, void *arg)
+{
+    Py_VISIT(self->endpoint);
+    Py_VISIT(self->segments);
+    Py_VISIT(self->subscriptions);
+    Py_VISIT(self->pins);
+    Py_VISIT(self->robbie_error);
+    return 0;
+}
+
+static void subscriber_dealloc(struct subscriber_object *self)
+{
+    PyObject_GC_UnTrack(self);
+    release_words(&self->words);
+    Py_XDECREF(self->endpoint);
+    Py_XDECREF(self->segments);
+    Py_XDECREF(self->subscriptions);
+    Py_XDECREF(self->unreferenced);
+    Py_XDECREF(self->pins);
+    Py_XDECREF(self->robbie_error);
+    Py_TYPE(self)->tp_free(self);
+}
+
+/* -- the steps ---------------------------------------------------------------------------------------------- */
+/* They return 1, 0 without a store if this is not mine, or -1 with an exception set. */
+
+static int release_unreferenced(struct subscriber_object *self)
+{
+    while (self->unreferenced->count != 0) {
+        if (!endpoint_is_mine(self->endpoint) || ring_room(self->endpoint->endpoint.outbound) == 0)
+            return 0;
+        PyObject *delivery = remove_pin(self->pins, pop_reference(self->unreferenced));
+        if (delivery == NULL)
+            return -1;
+        const uint64_t reference = PyLong_AsUnsignedLongLong(PyTuple_GET_ITEM(delivery, 2));
+        const uint64_t sequence = PyLong_AsUnsignedLongLong(PyTuple_GET_ITEM(delivery, 3));
+        Py_DECREF(delivery);
+        if (PyErr_Occurred() ||
+            endpoint_give_back(self->endpoint, OUTBOUND_RELEASE, reference, sequence) <= 0) /* there was room */
+            return -1;
+    }
+    return 1;
+}
+
+/* Look up a number in a dict; 1, 0 or -1. The result is borrowed. */
+static int look_up(PyObject *dict, uint64_t number, PyObject **found)
+{
+    PyObject *key = PyLong_FromUnsignedLongLong(number);
+    if (key == NULL)
+        return -1;
+    *found = PyDict_GetItemWithError(dict, key);
+    Py_DECREF(key);
+    if (*found != NULL)
+        return 1;
+    return PyErr_Occurred() ? -1 : 0;
+}
+
+/* Find what is needed to handle the delivery; what it refers to is borrowed. */
+static int prepare(struct subscriber_object *self, struct handled_message *message)
+{
+    const struct delivery *delivery = &message->delivery;
+    int found = look_up(self->subscriptions, delivery->declaration, &message->subscription);
+    if (found <= 0)
+        return found;
+    if (!PyTuple_Check(message->subscription) || PyTuple_GET_SIZE(message->subscription) != SUBSCRIPTION_FIELDS)
+        return 0;
+    found = look_up(self->segments, delivery->source, (PyObject **)&message->segment);
+    if (found <= 0)
+        return found;
+    if (!Py_IS_TYPE((PyObject *)message->segment, &mapped_segment_type))
+        return 0;
+    const uint64_t bytes = (uint64_t)message->segment->words.buffer.len;
+    if (delivery->offset > bytes || delivery->size > bytes - delivery->offset)
+        return 0;
+    const uint64_t free_bytes = load(message->segment->words.words + DATA_FREE_BYTES);
+    return pins_have_room(self->pins, delivery, free_bytes);
+}
+
+/* Where observers and deadlines find when the newest message of a subscription was published. */
+static shared_word *newest_of(shared_word *words, uint64_t declaration)
+{
+    return words + OUT_DECLARATIONS + declaration % DECLARATION_COUNT * DECLARATION_WORDS + DECLARATION_NEWEST_NS;
+}
+
+/* Take the record, and tell what the module does. */
+static int begin(struct subscriber_object *self, struct handled_message *message)
+{
+    shared_word *words = self->words.words;
+    MAY_DIE(return -1);
+    ring_take(self->endpoint->endpoint.inbound);
+    message->begun_ns = monotonic_ns();
+    store(words + OUT_ACTIVITY_SINCE_NS, message->begun_ns);
+    store(words + OUT_ACTIVITY, ACTIVITY_HANDLER | message->delivery.declaration << 8);
+    store(newest_of(words, message->delivery.declaration), message->delivery.stamp_ns);
+    self->current = message->delivery;
+    self->is_handling = true;
+    return 1;
+}
+
+static PyObject *decode(struct handled_message *message)
+{
+    PyObject *decoder = PyTuple_GET_ITEM(message->subscription, AT_DECODER);
+    struct message_codec *codec = PyType_Check(decoder) ? codec_of((PyTypeObject *)decoder) : NULL;
+    if (codec != NULL && codec->is_installed[FUNCTION_DECODE]) {
+        PyObject *decoded = codec_decode(codec, first_byte(message->bytes), (Py_ssize_t)message->bytes->size,
+                                         (PyObject *)message->bytes, false);
+        if (decoded != NULL || PyErr_Occurred())
+            return decoded;
+    }
+    if (PyErr_Occurred())
+        return NULL;
+    PyObject *view = PyMemoryView_FromObject((PyObject *)message->bytes);
+    PyObject *decoded = view == NULL ? NULL : PyObject_CallMethod(decoder, "decode", "O", view);
+    Py_XDECREF(view);
+    return decoded;
+}
+
+/* Log the error with which a message was lost. The error itself would keep frames, and views in them. */
+static int tell_lost(PyObject *inbox)
+{
+    PyObject *type, *error, *trace;
+    PyErr_Fetch(&type, &error, &trace);
+    PyErr_NormalizeException(&type, &error, &trace);
+    PyObject *result = PyObject_CallMethod(inbox, "tell_lost", "O", error);
+    Py_XDECREF(type);
+    Py_XDECREF(error);
+    Py_XDECREF(trace);
+    Py_XDECREF(result);
+    return result == NULL ? -1 : 1;
+}
+
+int subscriber_check(const struct subscriber_object *self)
+{
+    if (self->endpoint->is_disowned) {
+        raise_forked_process(); /* a handler forked, and both processes return from it */
+        return -1;
+    }
+    if (self->words.words == NULL) {
+        PyErr_SetString(PyExc_ValueError, "this inbox was closed while it handled a message");
+        return -1;
+    }
+    return 1;
+}
+
+static int run_handler(struct subscriber_object *self, PyObject *inbox, struct handled_message *message)
+{
+    PyObject *decoded = decode(message);
+    if (decoded == NULL) {
+        if (!PyErr_ExceptionMatches(self->robbie_error) || tell_lost(inbox) < 0)
+            return -1;
+    } else {
+        PyObject *result = PyObject_CallOneArg(PyTuple_GET_ITEM(message->subscription, AT_HANDLER), decoded);
+        Py_DECREF(decoded);
+        if (result == NULL)
+            return -1;
+        Py_DECREF(result);
+    }
+    return subscriber_check(self);
+}
+
+static int count_handled(struct subscriber_object *self)
+{
+    shared_word *handled = self->words.words + OUT_HANDLED;
+    self->is_handling = false;
+    MAY_DIE(return -1);
+    store(handled, load(handled) + 1);
+    return 1;
+}
+
+/* Push DONE or RELEASE; if this is not mine, have Python do it. */
+static int give_back(struct subscriber_object *self, PyObject *inbox, const struct delivery *delivery, uint64_t kind)
+{
+    const int given = endpoint_give_back(self->endpoint, kind, delivery->reference, delivery->sequence);
+    if (given != 0)
+        return given;
+    PyObject *tuple = new_delivery(self->endpoint->delivery_type, delivery);
+    if (tuple == NULL)
+        return -1;
+    PyObject *result = PyObject_CallMethod(inbox, kind == OUTBOUND_DONE ? "done" : "release", "O", tuple);
+    Py_DECREF(tuple);
+    Py_XDECREF(result);
+    return result == NULL ? -1 : 1;
+}
+
+/* Release the message, or pin it if anything refers to its bytes besides `message`. */
+static int release_or_pin(struct subscriber_object *self, PyObject *inbox, struct handled_message *message)
+{
+    if (Py_REFCNT(message->bytes) == 1)
+        return give_back(self, inbox, &message->delivery, OUTBOUND_RELEASE);
+    /* `message` refers to the bytes until this is done, so nothing can be told before the pin is there. */
+    if (keep_message_bytes(message->bytes, self->unreferenced, message->delivery.reference) != 0 ||
+        add_pin(self->pins, &message->delivery, self->endpoint->delivery_type) != 0)
+        return -1;
+    return give_back(self, inbox, &message->delivery, OUTBOUND_DONE);
+}
+
+static int finish(struct subscriber_object *self, const struct handled_message *message)
+{
+    const uint64_t begun_ns = message->begun_ns, stamp_ns = message->delivery.stamp_ns;
+    if (subscriber_check(self) < 0)
+        return -1;
+    MAY_DIE(return -1);
+    store(self->words.words + OUT_ACTIVITY, ACTIVITY_IDLE);
+    figures_record(self->words.words + OUT_MESSAGE_FIGURES, stamp_ns < begun_ns ? begun_ns - stamp_ns : 0,
+                   monotonic_ns() - begun_ns);
+    return 1;
+}
+
+enum handled subscriber_handle_next(struct subscriber_object *self, PyObject *inbox)
+{
+    struct handled_message message;
+    if (self->words.words == NULL || !endpoint_is_mine(self->endpoint))
+        return HANDLED_NOT_MINE;
+    int done = release_unreferenced(self);
+    if (done > 0) {
+        switch (endpoint_look(&self->endpoint->endpoint, &message.delivery)) {
+        case FOUND_NOTHING:
+            return HANDLED_NONE;
+        case FOUND_DELIVERY:
+            done = prepare(self, &message);
+            break;
+        default:
+            done = 0;
+        }
+    }
+    if (done <= 0)
+        return done < 0 ? HANDLED_WITH_ERROR : HANDLED_NOT_MINE;
+    message.bytes = new_message_bytes(message.segment, message.delivery.offset, message.delivery.size);
+    if (message.bytes == NULL)
+        return HANDLED_WITH_ERROR;
+    Py_INCREF(message.subscription);
+    done = subscriber_check(self) < 0 ? -1 : begin(self, &message);
+    if (done > 0)
+        done = run_handler(self, inbox, &message);
+    if (done > 0)
+        done = count_handled(self);
+    if (done > 0)
+        done = release_or_pin(self, inbox, &message);
+    Py_DECREF(message.subscription);
+    Py_DECREF(message.bytes);
+    if (done > 0)
+        done = finish(self, &message);
+    return done > 0 ? HANDLED_ONE : HANDLED_WITH_ERROR;
+}
+
+shared_word *subscriber_words(const struct subscriber_object *self)
+{
+    return self->words.words;
+}
+
+static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
+{
+    switch (subscriber_handle_next(self, inbox)) {
+    case HANDLED_ONE:
+        Py_RETURN_TRUE;
+    case HANDLED_NONE:
+        Py_RETURN_FALSE;
+    case HANDLED_NOT_MINE:
+        Py_RETURN_NONE;
+    default:
+        return NULL;
+    }
+}
+
+static PyObject *get_current(struct subscriber_object *self, void *Py_UNUSED(closure))
+{
+    if (!self->is_handling)
+        Py_RETURN_NONE;
+    return new_delivery(self->endpoint->delivery_type, &self->current);
+}
+
+static PyObject *get_source(struct subscriber_object *self, void *Py_UNUSED(closure))
+{
+    if (!self->is_handling)
+        Py_RETURN_NONE;
+    return PyLong_FromUnsignedLongLong(self->current.source);
+}
+
+static PyObject *let_go(struct subscriber_object *self, PyObject *Py_UNUSED(ignored))
+{
+    release_words(&self->words);
+    Py_RETURN_NONE;
+}
+
+static PyMethodDef subscriber_methods[] = {
+    {"handle_next", (PyCFunction)handle_next, METH_O,
+     "Take and handle the next message for an Inbox; False if there is none, None if this is not mine."},
+    {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
+    {0},
+};
+
+static PyGetSetDef subscriber_attributes[] = {
+    {"current", (getter)get_current, NULL, "The delivery of the message that is being handled, or None.", NULL},
+    {"source", (getter)get_source, NULL, "The source of the message that is being handled, or None.", NULL},
+    {0},
+};
+
+PyTypeObject subscriber_type = {
+    PyVarObject_HEAD_INIT(NULL, 0)
+    .tp_name = "robbie_mp.bus._hot.native.Subscriber",
+    .tp_doc = "The common form of taking and handling a message.",
+    .tp_basicsize = sizeof(struct subscriber_object),
+    .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
+    .tp_new = subscriber_new,
+    .tp_dealloc = (destructor)subscriber_dealloc,
+    .tp_traverse = (traverseproc)subscriber_traverse,
+    .tp_methods = subscriber_methods,
+    .tp_getset = subscriber_attributes,
+};
+
+int add_subscriber_type(PyObject *module)
+{
+    return PyModule_AddType(module, &subscriber_type);
+}

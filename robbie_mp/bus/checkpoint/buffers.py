@@ -1,0 +1,150 @@
+"""The two shared-memory segments between which a module's checkpoints alternate.
+
+They outlive the module's incarnations.
+
+Only the segment without the newest checkpoint is ever written, replaced or removed. So the newest complete
+checkpoint stays intact whenever the process is killed. If the state has grown, that same segment is removed
+and created again, larger, under the same name. The next incarnation reads after the supervisor has reaped the
+dead process, so it sees everything that process stored.
+"""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from robbie_mp.base.linux.forks import REFUSED, keep_from_forks
+from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge, CheckpointTooNew
+from robbie_mp.bus.checkpoint.image import Checkpoint, Layout, decode, read_header
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.layout import CHECKPOINT_IMAGE, CHECKPOINT_SEQUENCE, SegmentKind
+from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing, unlink_segment
+from robbie_mp.bus.transport.words import WORD_BYTES
+
+IMAGE_BEGIN = CHECKPOINT_IMAGE * WORD_BYTES
+
+
+class CheckpointBuffers:
+    """The checkpoints of one module, in its current process.
+
+    Args:
+        run_id, slot, incarnation: identify the module's incarnation.
+        limit_bytes: maximum size of one checkpoint.
+
+    Attributes:
+        found: the newest valid checkpoint of earlier incarnations; None if there is none.
+        damaged: what was wrong with newer checkpoints.
+    """
+
+    def __init__(self, run_id: str, slot: int, incarnation: int, limit_bytes: int):
+        self._name = names.checkpoint(run_id, slot, 0), names.checkpoint(run_id, slot, 1)
+        self._owner = slot, incarnation
+        self._limit_bytes = limit_bytes
+        self._lock = threading.Lock()
+        self._held: Segment | None = None
+        self._segments = [self._attached(name) for name in self._name]
+        self.found: Checkpoint | None = None
+        self.damaged: list[str] = []
+        self._newest = 0
+        self._sequence = 0
+        self._read_newest()
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """In a forked process: refuse to write, because that would overwrite the parent's checkpoint."""
+        self._lock = REFUSED
+
+    def write(self, state: Layout, taken_ns: int) -> None:
+        """Store a state; the previous checkpoint stays valid until this one is complete.
+
+        Args:
+            state: the layout of the state.
+            taken_ns: the time, ns since 1970.
+
+        Raises:
+            CheckpointTooLarge: the state is larger than the limit; the previous checkpoint stays.
+            SharedMemoryFull: there is no memory for it; the previous checkpoint stays.
+        """
+        if state.size > self._limit_bytes:
+            raise CheckpointTooLarge(
+                f"a checkpoint of {state.size} bytes exceeds this module's limit of {self._limit_bytes}; "
+                "raise memory.checkpoint_bytes in the profile, or store less"
+            )
+        number = 1 - self._newest
+        segment = self._segment_with_room(number, state.size)
+        segment.words[CHECKPOINT_SEQUENCE] = 0
+        state.write(segment.buffer[IMAGE_BEGIN:], self._sequence + 1, taken_ns)
+        segment.words[CHECKPOINT_SEQUENCE] = self._sequence + 1
+        with self._lock:
+            self._newest = number
+            self._sequence += 1
+
+    @contextmanager
+    def newest(self) -> Iterator[memoryview]:
+        """Hold the image of the newest checkpoint for one other thread; it does not change meanwhile.
+
+        Raises:
+            LookupError: there is no checkpoint.
+        """
+        with self._lock:
+            segment = self._held = self._segments[self._newest]
+        if segment is None or segment.words[CHECKPOINT_SEQUENCE] == 0:
+            raise LookupError("there is no checkpoint yet")
+        try:
+            with segment.buffer[IMAGE_BEGIN:] as room, room[: read_header(room, len(room)).size] as image:
+                yield image
+        finally:
+            with self._lock:
+                self._held = None
+                if segment not in self._segments:
+                    segment.close()
+
+    def close(self) -> None:
+        """Unmap the segments; they stay for the next incarnation."""
+        for segment in self._segments:
+            if segment is not None:
+                segment.close()
+
+    @staticmethod
+    def _attached(name: str) -> Segment | None:
+        try:
+            return Segment.attach(name, SegmentKind.CHECKPOINT, write=True)
+        except (
+            SegmentMissing,
+            SegmentMismatch,
+        ):  # there is none, or its process was killed before it was complete
+            return None
+
+    def _read_newest(self) -> None:
+        """Find the newest checkpoint that is valid."""
+        complete = [
+            (segment.words[CHECKPOINT_SEQUENCE], number, segment)
+            for number, segment in enumerate(self._segments)
+            if segment is not None and segment.words[CHECKPOINT_SEQUENCE] != 0
+        ]
+        for sequence, number, segment in sorted(complete, reverse=True):
+            try:
+                found = decode(segment.buffer[IMAGE_BEGIN:])
+                if found.sequence != sequence:
+                    raise CheckpointDamaged(f"checkpoint {sequence} says that it is {found.sequence}")
+            except (CheckpointDamaged, CheckpointTooNew) as error:
+                self.damaged.append(str(error))  # keeping the error would keep the memory mapped
+                continue
+            self.found, self._newest, self._sequence = found, number, sequence
+            return
+
+    def _segment_with_room(self, number: int, size: int) -> Segment:
+        """Return a segment to write into; a new one if the existing one is too small or held."""
+        with self._lock:
+            segment = self._segments[number]
+            is_held = segment is self._held
+            if segment is not None and not is_held and IMAGE_BEGIN + size <= segment.size:
+                return segment
+            self._segments[number] = None
+            if segment is not None and not is_held:
+                segment.close()
+        unlink_segment(self._name[number])
+        room = IMAGE_BEGIN + min(size + size // 4, self._limit_bytes)
+        words = -(-room // WORD_BYTES)
+        made = Segment.create(self._name[number], words, SegmentKind.CHECKPOINT, *self._owner)
+        self._segments[number] = made
+        return made

@@ -1,0 +1,71 @@
+"""Hands messages that another system has sent to the robot, as themselves or as what they become."""
+
+from typing import Any, cast
+
+from robbie_mp.connect.bridge.driving import drive_command
+from robbie_mp.connect.bridge.mapping import Incoming
+from robbie_mp.messages import (
+    DriveCommand,
+    Message,
+    NavigateTo,
+    NavigationResult,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Time,
+    Twist,
+    TwistStamped,
+)
+from robbie_mp.module.calls.errors import TooManyCalls
+from robbie_mp.module.module import Module
+
+
+def hand_over(
+    module: Module,
+    incoming: Incoming,
+    message_type: type[Message],
+    data: bytes | memoryview,
+    valid_for_s: float,
+    waited_s: float,
+) -> bool:
+    """Publish a message that came from another system, or what it becomes, in the name of a module.
+
+    Args:
+        module: the bridge; not in its `setup()`.
+        incoming: what the settings say about it.
+        message_type: the class of the type on the other side.
+        data: the message, encoded; it has been checked that it is well formed.
+        valid_for_s: how long a velocity is followed, s.
+        waited_s: how long the message has waited since it arrived on this machine, s.
+
+    Returns:
+        Whether it was handed over. It is not if the robot has no room for it, or if a velocity is too old.
+
+    Raises:
+        MessageTooLarge: the message does not fit into the module's memory.
+    """
+    topic, is_latched = incoming.topic, incoming.quality.is_latched
+    if incoming.becomes is None:
+        return module.publish_encoded(
+            message_type.type_name, message_type.version, data, topic=topic, latched=is_latched
+        )
+    message: Any = message_type.decode(data)
+    if incoming.becomes is DriveCommand:
+        stamp = Time.from_nanoseconds(module.clock.now_ns())
+        command = drive_command(cast("Twist | TwistStamped", message), stamp, valid_for_s, waited_s)
+        return command is not None and module.publish(command, topic=topic)
+    pose = message.pose.pose if isinstance(message, PoseWithCovarianceStamped) else message.pose
+    stamped = PoseStamped(header=message.header, pose=pose)
+    if incoming.becomes is PoseStamped:
+        return module.publish(stamped, topic=topic, latched=is_latched)
+    return _send_goal(module, stamped, topic)
+
+
+def _send_goal(module: Module, pose: PoseStamped, topic: str) -> bool:
+    def on_result(result: NavigationResult) -> None:
+        module.log.info("the goal was reached after %.1f s", result.duration_s)
+
+    try:
+        module.send_goal(NavigateTo(pose=pose), on_result, topic=topic)
+    except TooManyCalls:
+        return False
+    return True

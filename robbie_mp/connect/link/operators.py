@@ -1,0 +1,162 @@
+"""The permission to drive this robot: one operator at a time, and another one only after an explicit request.
+
+The emergency stop is not among what an operator must hold the command for: everybody may stop the robot.
+"""
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from typing import Any
+
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.connect.link.access import AccessError, read_rules
+from robbie_mp.logs.capture.selection import Pair
+from robbie_mp.messages import ControlState, EmergencyStop, OperatorRequest, OperatorState, Time
+
+FREE_AFTER_NS = 10_000_000_000
+"""An operator of whom nothing has been heard for this long no longer holds the command."""
+REPEAT_NS = 1_000_000_000
+"""While commands are refused, the state is published this often."""
+MAX_NAME = 32
+STATE_TOPIC = "operator_state"
+REQUEST_TOPIC = "operator_request"
+ORDERS = {OperatorRequest.GO_ON: ControlState.AUTO, OperatorRequest.HOLD: ControlState.HOLD}
+"""Wishes about the robot and not the command: how it is to be controlled."""
+
+
+def read_commanding(patterns: list[str]) -> list[Pair]:
+    """Return the pairs of type and topic for which an operator must hold the command.
+
+    Args:
+        patterns: a type, or a type and a topic with a space between.
+
+    Raises:
+        AccessError: a pattern cannot be understood, or includes the emergency stop.
+    """
+    ((_, pairs),) = read_rules({"operator": patterns})
+    for text, pair in zip(patterns, pairs, strict=True):
+        if fnmatchcase(EmergencyStop.type_name, pair.type):
+            raise AccessError(f"{text!r} includes the emergency stop, which is obeyed from everybody")
+    return pairs
+
+
+def driver_text(operator: str) -> str:
+    """Return who drives, for people.
+
+    Args:
+        operator: who holds the command; '': nobody.
+    """
+    return f"{one_line(operator)[:MAX_NAME]} drives" if operator else "nobody drives"
+
+
+class Operators:
+    """Knows who holds the command of this robot.
+
+    Args:
+        robot: the name of this robot; its own page holds the command under this name.
+        before: what the last process knew, from `as_data`.
+
+    Attributes:
+        holder: who holds the command; '': nobody.
+        refused: commands that were refused because another operator holds the command.
+        refused_operator: who sent the newest of them.
+        is_news: whether the others do not know yet who holds the command.
+    """
+
+    def __init__(self, robot: str, before: Mapping[str, Any] | None = None):
+        known = before or {"holder": "", "since_ns": 0, "refused": 0, "refused_operator": ""}
+        self.robot = robot
+        self.holder: str = known["holder"]
+        self.refused: int = known["refused"]
+        self.refused_operator: str = known["refused_operator"]
+        self.is_news = True
+        self._since_ns: int = known["since_ns"]
+        self._heard_ns = 0
+        self._told_ns = 0
+        self._told_refused: int = self.refused
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what the next process must know."""
+        return {
+            "holder": self.holder,
+            "since_ns": self._since_ns,
+            "refused": self.refused,
+            "refused_operator": self.refused_operator,
+        }
+
+    def obeys(self, operator: str, now_ns: int, utc_ns: int) -> bool:
+        """Return whether a command is obeyed. While nobody holds the command, a command takes it.
+
+        Args:
+            operator: who has sent it.
+            now_ns: the module's time.
+            utc_ns: the clock's time.
+        """
+        if not self.holder:
+            self._give(operator, now_ns, utc_ns)
+        if self.holder == operator:
+            return True
+        self.refused += 1
+        self.refused_operator = operator
+        return False
+
+    def request(self, operator: str, request: OperatorRequest, now_ns: int, utc_ns: int) -> None:
+        """Follow a request of an operator.
+
+        Args:
+            operator: who has sent it.
+            request: the wish, none of `ORDERS`.
+            now_ns: the module's time.
+            utc_ns: the clock's time.
+        """
+        is_holder = self.holder == operator
+        if request.wish == OperatorRequest.GIVE_UP:
+            if is_holder:
+                self._give("", now_ns, utc_ns)
+        elif not is_holder and (request.wish == OperatorRequest.TAKE_OVER or not self.holder):
+            self._give(operator, now_ns, utc_ns)
+
+    def look_after(self, is_heard: bool, now_ns: int, utc_ns: int) -> None:
+        """Free the command if its holder has not been heard for long.
+
+        Args:
+            is_heard: whether the holder is heard now.
+            now_ns: the module's time.
+            utc_ns: the clock's time.
+        """
+        if is_heard or not self.holder or not self._heard_ns:
+            self._heard_ns = now_ns
+        elif now_ns - self._heard_ns >= FREE_AFTER_NS:
+            self._give("", now_ns, utc_ns)
+
+    @property
+    def is_refusing(self) -> bool:
+        """Whether commands have been refused that `news` has not told."""
+        return self.refused != self._told_refused
+
+    @property
+    def text(self) -> str:
+        """The driver's name, for people."""
+        return driver_text(self.holder)
+
+    def news(self, now_ns: int) -> OperatorState | None:
+        """Return the state, if the others must be told.
+
+        Args:
+            now_ns: the module's time.
+        """
+        if not self.is_news and not (self.is_refusing and now_ns - self._told_ns >= REPEAT_NS):
+            return None
+        self.is_news = False
+        self._told_ns, self._told_refused = now_ns, self.refused
+        return OperatorState(
+            robot=self.robot,
+            operator=self.holder,
+            since=Time.from_nanoseconds(self._since_ns),
+            refused=self.refused,
+            refused_operator=self.refused_operator,
+        )
+
+    def _give(self, operator: str, now_ns: int, utc_ns: int) -> None:
+        self.holder, self._since_ns, self._heard_ns = operator, utc_ns, now_ns
+        self.refused_operator = ""
+        self.is_news = True

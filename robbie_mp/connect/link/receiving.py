@@ -1,0 +1,233 @@
+"""The receiving end of a stream: takes each packet at most once, in order, and puts messages together."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import NamedTuple
+
+import zstandard
+
+from robbie_mp.connect.link.books import HANDLING, NEXT, Row
+from robbie_mp.connect.link.header import COMPRESSED, LATCHED, MAX_COUNTS, MAX_PARTS, ChannelId, Data
+from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
+
+
+class Fate(Enum):
+    """The fate of a message that has arrived."""
+
+    PUBLISHED = auto()
+    REFUSED = auto()
+    """It is thrown away: too late, not allowed, or not a message."""
+    NO_ROOM = auto()
+    """It cannot be published now."""
+
+
+class Arrived(NamedTuple):
+    """A whole message, as it has arrived."""
+
+    robot: str
+    """The robot that has sent it."""
+    session: int
+    traffic: TrafficClass
+    number: int
+    name: ChannelId
+    data: bytes
+    stamp_ns: int
+    """When it was published, by the clock of that robot."""
+    type_hash: int
+    is_latched: bool
+    sources: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class _Parts:
+    """The parts of a message that have arrived."""
+
+    first: Data
+    payloads: list[bytes] = field(default_factory=list)
+    size: int = 0
+
+
+class ReceiveStream:
+    """Takes the packets of one class of one session.
+
+    Args:
+        traffic: the class.
+        row: where its progress is kept, in memory that outlives this process.
+        handle: publishes a message, or refuses it.
+        max_bytes: size of the largest message, before it was compressed.
+
+    Attributes:
+        duplicates: packets that had been taken already, or that came after newer ones of their channel.
+        damaged: messages that could not be put together.
+        is_told: whether the sender knows of everything that has been taken.
+        told_ns: when it was last told.
+        untold_bytes: what has arrived since.
+        newest: the greatest number of a sending that has arrived.
+    """
+
+    def __init__(
+        self, traffic: TrafficClass, row: Row, handle: Callable[[Arrived], Fate], max_bytes: int
+    ) -> None:
+        self.traffic = traffic
+        self._row = row
+        self._handle = handle
+        self._max_bytes = max_bytes
+        self._parts: _Parts | None = None
+        self._is_in_order = MANNERS[traffic].is_resent
+        self.duplicates = 0
+        self.damaged = 0
+        self.is_told = False
+        self.told_ns = 0
+        self.untold_bytes = 0
+        self.misses = False
+        """Whether the newest packet could not be taken, because one before it is missing."""
+        if row[HANDLING]:  # a process was killed while it published this message: not again
+            row[NEXT] = max(row[NEXT], row[HANDLING] + 1)
+            row[HANDLING] = 0
+        elif not row[NEXT]:
+            row[NEXT] = 1
+        self.next = row[NEXT]
+        self.newest = 0
+        self._overtaken_from = self.next
+        """Packets with a lower sequence are never taken."""
+        self._newest_of: dict[int, int] = {}
+        """Last sequence of the newest message taken of each channel, where none is sent again in order."""
+        self._again: _Parts | None = None
+        """The parts of a message that others have overtaken, and"""
+        self._again_next = 0
+        """the sequence of its next part."""
+
+    @property
+    def handled(self) -> int:
+        """Sequence of the first packet whose message has not been handled."""
+        return self._row[NEXT]
+
+    def take(self, header: Data, payload: bytes) -> None:
+        """Take a packet, if it is the next one.
+
+        Where the newest counts, take it if it is newer than all of its channel. Other channels may have
+        overtaken it, if the network has changed the order, or if it is sent again.
+        """
+        self.is_told = False
+        self.untold_bytes += len(payload)
+        self.newest = max(self.newest, header.sending)
+        self.misses = False
+        if header.sequence < self.next:
+            if self._is_overtaken(header):
+                self._take_overtaken(header, payload)
+            else:
+                self.duplicates += 1
+            return
+        if header.sequence > self.next:
+            if self._is_in_order and header.oldest <= self.next:
+                self.misses = True
+                return  # the missing one will be sent again, and then this one
+            self._parts = None
+            if self._is_in_order and header.sequence != header.oldest:
+                self._skip_to(header.oldest)
+                self.misses = True
+                return
+            self._skip_to(header.sequence)
+        if header.is_mark or not self._add(header, payload):
+            self._skip_to(header.sequence + 1)
+            return
+        if header.start + len(payload) < header.whole:
+            self.next = header.sequence + 1
+            return
+        self._finish(header.sequence)
+
+    def _is_overtaken(self, header: Data) -> bool:
+        """Whether it belongs to a message, newer than all of its channel, that others have overtaken."""
+        if self._is_in_order or header.is_mark:
+            return False
+        first = header
+        if header.start:
+            if self._again is None or header.sequence != self._again_next:
+                return False
+            first = self._again.first
+        return first.sequence >= max(self._overtaken_from, self._newest_of.get(first.channel, 0) + 1)
+
+    def _take_overtaken(self, header: Data, payload: bytes) -> None:
+        begun, self._parts = self._parts, self._again
+        self._again_next = header.sequence + 1
+        if self._add(header, payload) and header.start + len(payload) == header.whole:
+            self._finish(header.sequence)
+        self._parts, self._again = begun, self._parts
+
+    def _note(self, channel: int, sequence: int) -> None:
+        if channel not in self._newest_of and len(self._newest_of) >= MAX_COUNTS:
+            self._newest_of.clear()
+            self._overtaken_from = self.next
+        self._newest_of[channel] = sequence
+
+    def _skip_to(self, sequence: int) -> None:
+        self._row[NEXT] = self.next = sequence
+
+    def _add(self, header: Data, payload: bytes) -> bool:
+        """Add a part to its message; False if it belongs to none, or the message is too large."""
+        if header.start == 0:
+            self._parts = _Parts(header)
+        parts = self._parts
+        if parts is None:
+            return False  # its first part was lost
+        if (
+            header.start != parts.size
+            or header.whole != parts.first.whole
+            or not parts.size + bool(header.whole) <= parts.size + len(payload) <= header.whole
+            or header.whole > self._max_bytes
+            or len(parts.payloads) >= MAX_PARTS
+        ):
+            self.damaged += 1
+            self._parts = None
+            return False
+        parts.payloads.append(payload)
+        parts.size += len(payload)
+        return True
+
+    def _finish(self, sequence: int) -> None:
+        parts = self._parts
+        assert parts is not None
+        message = self._put_together(parts)
+        if not self._is_in_order:
+            self._note(parts.first.channel, sequence)
+        if message is not None:
+            self._row[HANDLING] = sequence
+            fate = self._handle(message)
+            if fate is Fate.NO_ROOM:
+                self._row[HANDLING] = 0
+                parts.size -= len(parts.payloads.pop())  # its last part will be sent again
+                return
+        self._parts = None
+        self._skip_to(max(self.next, sequence + 1))
+        self._row[HANDLING] = 0
+
+    def _put_together(self, parts: _Parts) -> Arrived | None:
+        first = parts.first
+        data = parts.payloads[0] if len(parts.payloads) == 1 else b"".join(parts.payloads)
+        if first.flags & COMPRESSED:
+            data = self._decompress(data, first.size)
+        if first.name is None or len(data) != first.size:
+            self.damaged += 1
+            return None
+        return Arrived(
+            first.robot,
+            first.session,
+            self.traffic,
+            first.channel,
+            first.name,
+            data,
+            first.stamp_ns,
+            first.type_hash,
+            bool(first.flags & LATCHED),
+            first.sources,
+        )
+
+    def _decompress(self, data: bytes, size: int) -> bytes:
+        """Return the data, or nothing if it is damaged or larger than it says."""
+        if size > self._max_bytes:
+            return b""
+        try:
+            return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+        except zstandard.ZstdError:
+            return b""

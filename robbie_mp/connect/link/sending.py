@@ -1,0 +1,561 @@
+"""The sending end of a stream: what waits, what is under way, and what must be sent again."""
+
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import zstandard
+
+from robbie_mp.connect.link.books import (
+    DROPPED,
+    LOST,
+    RECEIVED,
+    RECEIVED_BEFORE,
+    REFUSED,
+    REFUSED_BEFORE,
+    REPLACED,
+    TAKEN,
+    Row,
+)
+from robbie_mp.connect.link.congestion import MAX_WINDOW_BYTES, Window
+from robbie_mp.connect.link.header import (
+    COMPRESSED,
+    DATAGRAM_BYTES,
+    LATCHED,
+    MAX_COUNTS,
+    MAX_PARTS,
+    ChannelId,
+    Data,
+    Report,
+)
+from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
+from robbie_mp.connect.link.under_way import UnderWay
+
+MIN_COMPRESSED_BYTES = 512
+"""Smaller messages are sent as they are."""
+COMPRESSION_LEVEL = 1
+SAMPLES = 8
+SAMPLE_BYTES = 2048
+"""Of a message of more than four times these samples, they tell whether it is worth compressing,"""
+LEAST_SHRUNK = 0.97
+"""which is so if they become at least this much shorter."""
+URGENT_AGAIN_NS = 50_000_000
+MIN_AGAIN_NS = 500_000_000
+"""Least time after which a packet without an acknowledgement is sent again."""
+MAX_AGAIN_NS = 4_000_000_000
+MAX_URGENT_AGAIN_NS = 200_000_000
+"""Most time between two repetitions of what is urgent: they must not fill a network that is slow."""
+MAX_URGENT = 64
+"""Urgent messages that may wait, and packets with others that may be without an acknowledgement."""
+MAX_UNREPORTED = 1024
+"""Packets that are not sent again of which the link waits for a report."""
+STATE_AGAIN_NS = 20_000_000
+"""A state is sent again if its report takes this much longer than a round trip,"""
+LATE_AGAIN_NS = 40_000_000
+"""or this long, while a queue stands on the way in which datagrams are lost."""
+MAX_REPEATS = 3
+"""So often at most."""
+MAX_REPEATED_BYTES = 8 * DATAGRAM_BYTES
+"""Longer messages are neither sent in copies nor, as states, again: they would fill a slow network."""
+
+
+HEADER_BYTES = 100
+"""The size that a header counts in the window."""
+
+
+@dataclass(slots=True)
+class SendChannel:
+    """A channel as it is sent to one robot."""
+
+    number: int
+    name: ChannelId
+    type_hash: int
+    row: Row
+    settled: int = 0
+    """Messages of which the reports so far say what has become of them."""
+    lost_before: int = 0
+    """Messages lost before the receiver began to count."""
+    not_before_ns: int = 0
+    """When its next message may be sent."""
+
+
+@dataclass(slots=True)
+class Item:
+    """A message that is to be sent."""
+
+    channel: SendChannel
+    data: bytes | memoryview
+    """A view keeps the publisher's memory until all of it has been cut into packets, or `give_back`."""
+    stamp_ns: int
+    is_latched: bool = False
+    convert: Callable[[bytes], bytes] | None = None
+    """Makes of `data` what is sent, when its turn has come."""
+    size: int = 0
+    """Bytes of the message, once its turn has come."""
+
+
+@dataclass(slots=True)
+class Packet:
+    """A part of a message that is to be sent, or has been."""
+
+    sequence: int
+    item: Item | None
+    """None: a mark, of no message."""
+    start: int
+    """Where it begins in the message."""
+    whole: int
+    """Bytes of the message."""
+    payload: memoryview | bytes
+    flags: int = 0
+    is_again: bool = False
+    """Whether it has been sent before."""
+    is_last: bool = field(init=False)
+    """Whether it ends its message."""
+    size: int = field(init=False)
+    """Bytes that it counts in the window."""
+
+    def __post_init__(self) -> None:
+        size = len(self.payload)
+        self.is_last = self.item is not None and self.start + size == self.whole
+        self.size = HEADER_BYTES + size
+
+
+@dataclass(slots=True)
+class Newest:
+    """The newest state of a channel, until it is known to have arrived."""
+
+    parts: list[tuple[Packet, memoryview | bytes]]
+    """Its packets so far, with what they carry."""
+    sent_ns: int
+    """When it was last sent; 0: send it again at once."""
+    repeats: int = 0
+    is_lost: bool = False
+    """Whether a report has told that it, or one before it, has not arrived."""
+
+    @property
+    def last(self) -> Packet:
+        """Its last packet so far."""
+        return self.parts[-1][0]
+
+
+@dataclass(slots=True)
+class Begun:
+    """A message that is being cut into packets."""
+
+    item: Item
+    data: bytes | memoryview
+    flags: int
+    start: int = 0
+    """How much of it has been cut off."""
+
+
+class Limits(NamedTuple):
+    """How much may wait to be sent."""
+
+    messages: int
+    bytes: int
+    state_period_ns: int
+
+
+@dataclass(slots=True)
+class Address:
+    """Between which links packets go."""
+
+    robot: str
+    """The one that sends."""
+    session: int
+    to: int = 0
+    """The session of the other one."""
+
+
+@dataclass
+class SendStream:
+    """Sends the messages of one class to one robot.
+
+    Args:
+        traffic: the class.
+        limits: how much may wait.
+        window: what may be under way, of all classes together.
+        transmit: sends a header and a payload, at a time.
+        address: stands in each header.
+    """
+
+    traffic: TrafficClass
+    limits: Limits
+    window: Window
+    transmit: Callable[[Data, memoryview | bytes, int], None]
+    address: Address
+    waiting: OrderedDict[int, Item] = field(default_factory=OrderedDict)
+    """By number of the channel if only the newest is kept, else by a running number."""
+    waiting_bytes: int = 0
+    pending: deque[Packet] = field(default_factory=deque)
+    """Packets to be sent next, before those of `begun`."""
+    begun: Begun | None = None
+    """The message of which some parts are not yet packets."""
+    sent: deque[Packet] = field(default_factory=deque)
+    """Packets of which no report says that they are settled, oldest first."""
+    numbers: set[int] = field(default_factory=set)
+    """Of the channels of this class."""
+    sequence: int = 0
+    """Of the last packet made."""
+    resent: int = 0
+    """Packets sent more than once."""
+    unsettled_bytes: int = 0
+    """Of packets that have been cut and are not settled."""
+    _running: int = 0
+    _progress_ns: int = 0
+    """When the last packet was sent for the first time, or acknowledged."""
+    _again_ns: int = 0
+    _rewound_at: int = 0
+    """The number of the last sending when everything was last to be sent again."""
+    _told: tuple[int, int, int] = (0, 0, 0)
+    """What the newest report says: the newest sending, the next packet, and the next to be handled."""
+    _newest: dict[int, Newest] = field(default_factory=dict)
+    """States by number of their channel."""
+    _borrowed: list[Item] = field(default_factory=list)
+    """Messages offered since the last `give_back` that lay in their publishers' memory then,"""
+    _borrowed_before: list[Item] = field(default_factory=list)
+    """and those offered before it."""
+
+    def __post_init__(self) -> None:
+        self.manners = MANNERS[self.traffic]
+        self.under_way = UnderWay(self.window, is_stream=not self.manners.goes_as_datagrams)
+        self._most_waiting = MAX_URGENT if self.traffic is TrafficClass.URGENT else self.limits.messages
+        self._again_ns = self._first_again_ns
+
+    # -- what is to be sent ----------------------------------------------------------------------------
+
+    def offer(self, item: Item) -> None:
+        """Take a message; what there is no room for is counted."""
+        item.channel.row.add(TAKEN)
+        self.numbers.add(item.channel.number)
+        if type(item.data) is memoryview:
+            self._borrowed.append(item)
+        if self.manners.keeps_only_newest:
+            key = item.channel.number
+            replaced = self.waiting.pop(key, None)
+            if replaced is not None:
+                self.waiting_bytes -= len(replaced.data)
+                replaced.data = b""
+                replaced.channel.row.add(REPLACED)
+        else:
+            self._running += 1
+            key = self._running
+        self.waiting[key] = item
+        self.waiting_bytes += len(item.data)
+        while len(self.waiting) > self._most_waiting or (
+            self.waiting_bytes > self.limits.bytes and len(self.waiting) > 1
+        ):
+            self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        """Drop the message that has waited longest, and count it."""
+        _, oldest = self.waiting.popitem(last=False)
+        self.waiting_bytes -= len(oldest.data)
+        oldest.data = b""
+        oldest.channel.row.add(DROPPED)
+
+    def give_back(self) -> None:
+        """Copy what has been waiting in its publisher's memory since the last call: that may need it."""
+        for item in self._borrowed_before:
+            if type(item.data) is memoryview:
+                view, item.data = item.data, bytes(item.data)
+                if self.begun is not None and self.begun.data is view:
+                    self.begun.data = item.data
+        self._borrowed_before, self._borrowed = self._borrowed, []
+
+    def holds(self, channel: SendChannel) -> bool:
+        """Whether a message of a channel waits or is being sent."""
+        items = [*self.waiting.values(), *(packet.item for packet in self.pending if packet.item)]
+        items += [self.begun.item] if self.begun else []
+        return any(item.channel is channel for item in items)
+
+    @property
+    def has_pending(self) -> bool:
+        """Whether there is something to send."""
+        return bool(self.pending or self.begun or self.waiting)
+
+    @property
+    def cut_bytes(self) -> int:
+        """Size of the next packet, if it has been cut already; else 0."""
+        return len(self.pending[0].payload) if self.pending else 0
+
+    def send_next(self, now_ns: int) -> bool:
+        """Send one packet; False if there is none that may be sent now."""
+        if self.pending:
+            self._send(self.pending.popleft(), now_ns)
+            return True
+        if self.begun is None and (self._is_full or not self._begin(now_ns)):
+            return False
+        self._send(self._cut(), now_ns)
+        return True
+
+    @property
+    def _is_full(self) -> bool:
+        """Whether too much is unsettled to send more: the other link handles nothing that it takes."""
+        if self.traffic is TrafficClass.URGENT:
+            return len(self.sent) + len(self.pending) >= MAX_URGENT
+        return self.manners.is_resent and self.unsettled_bytes > max(self.limits.bytes, MAX_WINDOW_BYTES)
+
+    def _begin(self, now_ns: int) -> bool:
+        """Begin with the next message; False if there is none that may be sent now."""
+        if self.traffic is TrafficClass.STATE:
+            due = (key for key, item in self.waiting.items() if item.channel.not_before_ns <= now_ns)
+            key = next(due, None)
+            if key is None:
+                return False
+            item = self.waiting.pop(key)
+        elif self.waiting:
+            _, item = self.waiting.popitem(last=False)
+        else:
+            return False
+        self.waiting_bytes -= len(item.data)
+        if self.traffic is TrafficClass.STATE:
+            item.channel.not_before_ns = now_ns + self.limits.state_period_ns
+        if item.convert is not None:
+            item.data, item.convert = item.convert(bytes(item.data)), None
+        data, flags = item.data, LATCHED if item.is_latched else 0
+        item.size = len(data)
+        if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES and seems_to_shrink(data):
+            compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
+            if len(compressed) < len(data):
+                data, flags = compressed, flags | COMPRESSED
+        self.begun = Begun(item, data, flags)
+        return True
+
+    def _cut(self) -> Packet:
+        """Return the next part of the message that has been begun, as large as it may be now."""
+        begun = self.begun
+        assert begun is not None
+        data, start = begun.data, begun.start
+        payload = data
+        if start or len(data) > DATAGRAM_BYTES:  # a shorter one always is one packet
+            step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
+            # More than this in one message has too many parts; the last ones then are larger.
+            step = max(step, -(-len(data) // MAX_PARTS))
+            if start or len(data) > step:
+                payload = memoryview(data)[start : start + step]
+        if type(data) is memoryview:
+            payload = bytes(payload)  # it may have to be sent again, when the publisher needs its memory
+        begun.start += len(payload)
+        if begun.start >= len(data):
+            self.begun = None
+            if type(begun.item.data) is memoryview:
+                begun.item.data = b""
+        self.sequence += 1
+        packet = Packet(self.sequence, begun.item, start, len(data), payload, begun.flags)
+        self.unsettled_bytes += packet.size
+        return packet
+
+    def _send(self, packet: Packet, now_ns: int) -> None:
+        if packet.is_again:
+            self.resent += 1
+        else:
+            packet.is_again = True
+            self._progress_ns = now_ns
+        number = self.under_way.add(packet.sequence, packet.size, now_ns)
+        self.sent.append(packet)
+        oldest = self.sent[0].sequence if self.manners.is_resent else packet.sequence
+        header = self._header(packet, oldest, number)
+        self.transmit(header, packet.payload, now_ns)
+        if self.manners.is_resent:
+            return
+        if self.traffic is TrafficClass.STATE and packet.item is not None:
+            self._note_newest(packet.item.channel, packet, now_ns)
+        packet.payload = b""
+        if len(self.sent) > MAX_UNREPORTED:
+            self._settle(self.sent.popleft())
+
+    def _note_newest(self, channel: SendChannel, packet: Packet, now_ns: int) -> None:
+        """Remember a state until it has arrived, unless it is too long to be sent again."""
+        known = self._newest.get(channel.number)
+        if packet.whole > MAX_REPEATED_BYTES:
+            self._newest.pop(channel.number, None)
+        elif packet.start == 0:
+            self._newest[channel.number] = Newest([(packet, packet.payload)], now_ns)
+        elif known is not None and known.last.item is packet.item:
+            known.parts.append((packet, packet.payload))
+            known.sent_ns = now_ns
+
+    def repeat_newest(self, now_ns: int, max_bytes: int) -> None:
+        """Send the newest state of each channel again if it has probably been lost.
+
+        Args:
+            now_ns: the present time.
+            max_bytes: how many bytes of states may be under way.
+        """
+        is_late = self.window.is_late(now_ns)
+        wait_ns = LATE_AGAIN_NS if is_late else self.window.round_trip_ns * 5 // 4 + STATE_AGAIN_NS
+        for number, newest in list(self._newest.items()):
+            if now_ns - newest.sent_ns < wait_ns or not newest.last.is_last:
+                continue
+            if newest.repeats >= MAX_REPEATS:
+                del self._newest[number]
+            elif self.under_way.bytes <= max_bytes:
+                newest.repeats += 1
+                newest.sent_ns = now_ns
+                for packet, payload in newest.parts:
+                    self.resent += 1
+                    sending = self.under_way.add(packet.sequence, packet.size, now_ns)
+                    self.transmit(self._header(packet, packet.sequence, sending), payload, now_ns)
+
+    def _header(self, packet: Packet, oldest: int, number: int) -> Data:
+        item, own = packet.item, self.address
+        if item is None:
+            return Data(
+                own.robot,
+                self.traffic,
+                0,
+                0,
+                own.session,
+                own.to,
+                packet.sequence,
+                oldest,
+                number,
+                0,
+                0,
+                0,
+                0,
+            )
+        channel = item.channel
+        about = () if packet.start else (channel.name, item.size, (own.robot,))
+        return Data(
+            own.robot, self.traffic, packet.flags, channel.number, own.session, own.to, packet.sequence,
+            oldest, number, packet.start, packet.whole, item.stamp_ns, channel.type_hash, *about,
+        )  # fmt: skip
+
+    # -- what has become of it -------------------------------------------------------------------------
+
+    def take_report(self, report: Report, channels: dict[int, SendChannel], now_ns: int) -> bool:
+        """Take note of what the receiver has taken; False if the report tells of what was never sent."""
+        told = (report.newest, report.next, report.handled)
+        if told < self._told:
+            return True  # a newer one has overtaken it
+        if report.next > self.sequence + 1 or report.newest > self.under_way.number:
+            return False  # about no stream of ours
+        self._told = told
+        settled = report.handled if self.manners.is_resent else report.next
+        if self.under_way.report(report.newest, report.next, now_ns):
+            self._progress_ns = now_ns
+            self._again_ns = self._first_again_ns
+        while self.sent and self.sent[0].sequence < settled:
+            self._settle(self.sent.popleft())
+        while self.pending and self.pending[0].sequence < report.next:  # arrived before it was sent again
+            packet = self.pending.popleft()
+            if packet.sequence < settled:
+                self._settle(packet)
+            else:
+                self.sent.append(packet)
+        self._take_counts(report, channels)
+        self._forget_arrived(report.next)
+        # What was already under way when everything was to be sent again is missed once more.
+        if report.misses and report.newest > self._rewound_at:
+            self.rewind()
+        return True
+
+    def _forget_arrived(self, following: int) -> None:
+        """Forget the states that have arrived; `following` is `Report.next`."""
+        for number, newest in list(self._newest.items()):
+            if newest.last.is_last and newest.last.sequence < following and not newest.is_lost:
+                del self._newest[number]
+
+    def _take_counts(self, report: Report, channels: dict[int, SendChannel]) -> None:
+        counts = {number: (received, refused) for number, received, refused in report.counts}
+        if len(counts) < MAX_COUNTS:  # of the others, nothing has arrived
+            counts = dict.fromkeys(self.numbers, (0, 0)) | counts
+        for number, (received, refused) in counts.items():
+            channel = channels.get(number)
+            if channel is not None and received + refused <= channel.settled:
+                row = channel.row
+                row[RECEIVED] = row[RECEIVED_BEFORE] + received
+                row[REFUSED] = row[REFUSED_BEFORE] + refused
+                lost = channel.lost_before + channel.settled - received - refused
+                newest = self._newest.get(number)
+                if newest is not None and lost != row[LOST]:
+                    newest.is_lost = lost > row[LOST]
+                    newest.sent_ns = 0 if newest.is_lost else newest.sent_ns
+                row[LOST] = lost
+
+    def _settle(self, packet: Packet) -> None:
+        self.unsettled_bytes -= packet.size
+        if packet.is_last and packet.item is not None:
+            packet.item.channel.settled += 1
+
+    def look_after(self, now_ns: int) -> None:
+        """Send again what has no acknowledgement for too long, or ask what has become of it."""
+        if not (self.sent or self.under_way.bytes) or now_ns - self._progress_ns < self._wait_ns:
+            return
+        self._progress_ns = now_ns
+        if not (self.sent or self.pending):  # all has arrived; what was sent twice may be lost
+            self.under_way.forget()
+        elif self.manners.is_resent:
+            is_urgent = self.traffic is TrafficClass.URGENT
+            self._again_ns = min(2 * self._again_ns, MAX_URGENT_AGAIN_NS if is_urgent else MAX_AGAIN_NS)
+            self.rewind()
+            # One at once, although all room is taken: its report says what else has not arrived.
+            self._send(self.pending.popleft(), now_ns)
+        else:
+            self.sequence += 1
+            mark = Packet(self.sequence, None, 0, 0, b"")
+            self.unsettled_bytes += mark.size
+            self._send(mark, now_ns)
+
+    def rewind(self) -> None:
+        """Send everything again that no report says has been handled."""
+        self._rewound_at = self.under_way.number
+        if self.manners.is_resent:
+            self.pending.extendleft(reversed(self.sent))
+            self.sent.clear()
+
+    def continue_with_next(self) -> None:
+        """Go on with a new process of the other link, which has the last one's books."""
+        self.under_way.forget()  # it throws away what was for the last one
+        self._told = (0, 0, 0)
+        self.rewind()
+
+    def start_again(self) -> None:
+        """Begin with a robot that knows nothing of this stream: what was under way counts as lost."""
+        self.under_way.forget()
+        self._told = (0, 0, 0)
+        self._newest.clear()
+        self.unsettled_bytes = 0
+        begun = [packet.item for packet in (*self.sent, *self.pending) if packet.is_last]
+        begun.append(self.begun.item if self.begun else None)
+        self.sent.clear()
+        self.pending.clear()
+        self.begun = None
+        for item in begun:
+            if item is not None:
+                item.channel.row.add(LOST)
+
+    @property
+    def _first_again_ns(self) -> int:
+        return URGENT_AGAIN_NS if self.traffic is TrafficClass.URGENT else MIN_AGAIN_NS
+
+    @property
+    def _wait_ns(self) -> int:
+        if self.traffic is TrafficClass.URGENT:
+            return self._again_ns
+        return max(self._again_ns, 3 * self.window.round_trip_ns)
+
+
+def seems_to_shrink(data: bytes | memoryview) -> bool:
+    """Whether a message probably becomes shorter when it is compressed; samples of a large one tell.
+
+    Args:
+        data: the message.
+    """
+    if len(data) < SAMPLES * SAMPLE_BYTES * 4:
+        return True
+    step = len(data) // SAMPLES
+    sample = b"".join([data[start : start + SAMPLE_BYTES] for start in range(0, step * SAMPLES, step)])
+    shrunk = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(sample)
+    return len(shrunk) < LEAST_SHRUNK * len(sample)
+
+
+def start_counting(channel: SendChannel) -> None:
+    """Count from now on what a new receiver reports; what an earlier one has reported stays."""
+    row = channel.row
+    row[RECEIVED_BEFORE], row[REFUSED_BEFORE] = row[RECEIVED], row[REFUSED]
+    channel.lost_before, channel.settled = row[LOST], 0

@@ -1,0 +1,424 @@
+"""The network under a link: a session of Zenoh, which carries packets between robots by their names.
+
+Zenoh calls back in its own threads. If nobody else works with the link, they hand a packet over at once;
+otherwise they put it into a queue of limited size, and wake the module.
+"""
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.connect.link.header import (
+    MAX_HEADER_BYTES,
+    PART_BYTES,
+    ROBOT_NAME,
+    Beat,
+    Data,
+    Report,
+    pack,
+)
+from robbie_mp.connect.link.traffic import TrafficClass
+from robbie_mp.connect.link.turns import Turns
+
+if TYPE_CHECKING:
+    import zenoh
+
+PACKETS = "robbie/link"
+"""Packets have the key robbie/link/RECEIVER/SENDER."""
+DATAGRAMS = "robbie/datagram"
+"""Those that are sent as datagrams have the key robbie/datagram/RECEIVER/SENDER."""
+ROBOTS = "robbie/robot"
+"""Each link announces itself with the key robbie/robot/NAME/SESSION while it lives."""
+LEASE_MS = 4000
+OPEN_MS = 2000
+"""How long Zenoh tries to open a connection before it begins again: its greeting may be lost."""
+MAX_WAYS = 4
+"""Connections between two links: a stream and one for datagrams, and those that end."""
+SEVERAL_WAYS = {
+    "transport/unicast/max_links": MAX_WAYS,
+    "transport/unicast/open_timeout": OPEN_MS,
+    "transport/unicast/accept_timeout": OPEN_MS,
+}
+QUEUED_BATCHES = 16
+"""Batches of 64 kB that Zenoh may queue for each priority."""
+ROOM_US = 5_000
+"""How long Zenoh waits for room in its queue before it throws a packet away,"""
+MAX_ROOM_US = 10_000
+"""and for all batches of a packet."""
+FULL_NS = 1_000_000
+"""A packet that takes longer has waited for room."""
+SEND_BUFFER_BYTES = 262_144
+"""What may lie in the send buffer of a stream: nobody can take it back when the network becomes slow.
+
+The kernel takes twice as much, for its own structures. It carries 20 MB/s where a round trip takes 20 ms.
+"""
+FIND_S = 2.0
+MAX_ORIGINS = 256
+"""Keys of packets of which the sender is remembered."""
+
+
+class LinkUnavailable(RobbieError, RuntimeError):
+    """A link cannot be opened.
+
+    Example scenarios:
+      - the extra `link` is not installed
+      - the address to listen on is taken or is not one of this machine
+    """
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """How links find one another.
+
+    Attributes:
+        mode: `peer`, or `client` of a router.
+        listen: addresses to listen on, as `tcp/127.0.0.1:7447`.
+        connect: addresses of other robots or of a router.
+        multicast: whether to look for others by multicast.
+        datagrams: whether links also connect over UDP, at the same ports.
+        further: further settings of Zenoh by their path, as `transport/link/tls`.
+    """
+
+    mode: str = "peer"
+    listen: Sequence[str] = ()
+    connect: Sequence[str] = ()
+    multicast: bool = False
+    datagrams: bool = False
+    further: Mapping[str, Any] = field(default_factory=dict)
+
+
+class InboxLimits(NamedTuple):
+    """How much may wait until the module takes it; what is more is thrown away and counted."""
+
+    packets: int
+    bytes: int
+
+
+class Received(NamedTuple):
+    """A packet from the network; nothing in it has been checked, except for its size."""
+
+    robot: str
+    """The sender, by the packet's key."""
+    header: bytes
+    payload: bytes
+    at_ns: int
+    """When it arrived, by the machine's monotonic clock."""
+    is_datagram: bool
+    """Whether it was sent as a datagram."""
+
+
+def ways(endpoints: Endpoints, addresses: Sequence[str]) -> list[str]:
+    """Return addresses with their ways: a stream, and datagrams past it at the same port.
+
+    An address with options of Zenoh (after `?` or `#`) stays as it is. Clients of a router have one way only.
+
+    Args:
+        endpoints: how links find one another.
+        addresses: those of `endpoints` to listen on, or to connect to.
+    """
+    found: list[str] = []
+    for address in addresses:
+        protocol, _, place = address.partition("/")
+        beside = {"tcp": "udp", "tls": "quic"}.get(protocol)
+        if not endpoints.datagrams or endpoints.mode != "peer" or beside is None or set("?#") & set(address):
+            found.append(address)
+        else:
+            found += [f"{address}?rel=1", f"{beside}/{place}?rel=0"]
+    return found
+
+
+def only_own_names(robot: str, trusted: Iterable[str]) -> dict[str, object]:
+    """Return the setting of Zenoh with which a robot with a certificate cannot send under another one's name.
+
+    Args:
+        robot: the name of this robot.
+        trusted: the names in the certificates of the robots that may connect.
+    """
+
+    def rule(name: str, flow: str, messages: Sequence[str], *keys: str) -> dict[str, object]:
+        return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+    asks = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
+    says = ("put", "delete", "reply", "liveliness_token")
+    rules = [
+        rule("out", "egress", (*asks, *says), "robbie/**"),
+        rule("asks", "ingress", asks, "robbie/**"),
+    ]
+    subjects: list[dict[str, object]] = [{"id": "all"}]
+    policies = [{"rules": ["out", "asks"], "subjects": ["all"]}]
+    for other in trusted:
+        keys = (f"{PACKETS}/{robot}/{other}", f"{DATAGRAMS}/{robot}/{other}", f"{ROBOTS}/{other}/*")
+        rules.append(rule(f"from {other}", "ingress", says, *keys))
+        subjects.append({"id": other, "cert_common_names": [other]})
+        policies.append({"rules": [f"from {other}"], "subjects": [other]})
+    control = {"rules": rules, "subjects": subjects, "policies": policies}
+    return {"access_control": {"enabled": True, "default_permission": "deny", **control}}
+
+
+def open_session(endpoints: Endpoints) -> "zenoh.Session":
+    """Open a session of Zenoh.
+
+    Raises:
+        LinkUnavailable: Zenoh is not installed, or cannot listen.
+    """
+    try:
+        import zenoh  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise LinkUnavailable("a link needs the extra `link`: run `pip install 'robbie-mp[link]'`") from error
+    config = zenoh.Config()
+    queues = (
+        "real_time",
+        "interactive_high",
+        "data_high",
+        "data",
+        "data_low",
+    )
+    values: dict[str, object] = {
+        "mode": endpoints.mode,
+        "listen/endpoints": ways(endpoints, endpoints.listen),
+        "listen/exit_on_failure": True,
+        "connect/endpoints": ways(endpoints, endpoints.connect),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": endpoints.multicast,
+        "scouting/gossip/enabled": False,
+        "open/return_conditions/connect_scouted": endpoints.multicast,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": PART_BYTES + 2 * MAX_HEADER_BYTES,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": ROOM_US,
+        "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": MAX_ROOM_US,
+        **{f"transport/link/tx/queue/size/{queue}": QUEUED_BATCHES for queue in queues},
+        **(SEVERAL_WAYS if endpoints.datagrams else {}),
+        **endpoints.further,
+        **{f"transport/link/{one}/so_sndbuf": SEND_BUFFER_BYTES for one in ("tcp", "tls")},
+    }
+    for path, value in values.items():
+        try:
+            config.insert_json5(path, json.dumps(value))
+        except zenoh.ZError as error:
+            raise LinkUnavailable(f"Zenoh does not take {value!r} for {path}: {error}") from error
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise LinkUnavailable(
+            f"cannot listen on {', '.join(ways(endpoints, endpoints.listen)) or 'any address'} or connect to "
+            f"{', '.join(endpoints.connect) or 'nobody'}: {error}"
+        ) from error
+
+
+class Wire:
+    """Carries packets.
+
+    Args:
+        robot: the name of this robot.
+        session: number of this process's session.
+        endpoints: how to find others.
+        limits: what may wait for the module.
+        wake: called in another thread when packets wait.
+
+    Attributes:
+        overflowed: packets thrown away because too many waited.
+        oversized: packets that no link sends, because they are too large, or have no header.
+        unsent: packets that Zenoh did not take.
+        turns: whoever works with what `take_at_once` works with must have a turn.
+
+    Raises:
+        LinkUnavailable: as for `open_session`.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        session: int,
+        endpoints: Endpoints,
+        limits: InboxLimits,
+        wake: Callable[[], None],
+    ):
+        self._robot = robot
+        self._zenoh = open_session(endpoints)
+        import zenoh  # noqa: PLC0415 - an extra
+
+        self._error = zenoh.ZError
+        self._limits = limits
+        self._wake = wake
+        self._take: Callable[[Received], None] | None = None
+        self._failure: Exception | None = None
+        """What an exception in a thread of Zenoh was."""
+        self._inbox: deque[Received] = deque()
+        self._inbox_bytes = 0
+        self._inbox_lock = threading.Lock()
+        self._origins: dict[str, tuple[str, bool]] = {}
+        self.turns = Turns()
+        self._seen: deque[str] = deque(maxlen=256)
+        self._publishers: dict[tuple[str, int, bool, bool], zenoh.Publisher] = {}
+        self.overflowed = 0
+        self.oversized = 0
+        self.unsent = 0
+        on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        self._declared = [
+            self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", on_sample),
+            self._zenoh.declare_subscriber(f"{DATAGRAMS}/{robot}/*", on_sample),
+            self._zenoh.liveliness().declare_token(f"{ROBOTS}/{robot}/{session:x}"),
+            self._zenoh.liveliness().declare_subscriber(f"{ROBOTS}/*/*", self._on_robot, history=True),
+        ]
+
+    def send(
+        self,
+        robot: str,
+        packet: Data | Report | Beat,
+        payload: memoryview | bytes,
+        *,
+        as_datagram: bool = False,
+        at_once: bool = False,
+    ) -> bool:
+        """Send a packet; it may be lost without a word. A stream carries datagrams if nothing else does.
+
+        Returns:
+            False if there was no room for it at once: it has waited, and may have been thrown away.
+        """
+        traffic = packet.traffic if isinstance(packet, Data) else -1
+        key = (robot, traffic, as_datagram, at_once or traffic <= TrafficClass.STATE)
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._publishers[key] = self._declare(*key)
+        data, header = payload if type(payload) is bytes else bytes(payload), pack(packet)
+        began_ns = time.monotonic_ns()
+        try:
+            publisher.put(data, attachment=header)
+        except self._error:
+            self.unsent += 1
+        return time.monotonic_ns() - began_ns < FULL_NS
+
+    def take_at_once(self, take: Callable[[Received], None] | None) -> None:
+        """From now on, call a function with packets, in threads of Zenoh; None: keep them for `received`.
+
+        The function has the turn. What arrives while another thread has it, waits for `received`.
+        """
+        with self.turns:
+            self._take = take
+
+    def received(self) -> Iterator[Received]:
+        """Take what waits.
+
+        Raises:
+            Exception: what a function given to `take_at_once` has raised.
+        """
+        if self._failure is not None:
+            raise self._failure
+        inbox = self._inbox
+        for _ in range(len(inbox)):
+            one = inbox.popleft()
+            with self._inbox_lock:
+                self._inbox_bytes -= _size(one)
+            yield one
+
+    def seen(self) -> Iterator[str]:
+        """Take the names of robots that have come since the last call."""
+        for _ in range(len(self._seen)):
+            yield self._seen.popleft()
+
+    @property
+    def something_waits(self) -> bool:
+        """Whether packets wait."""
+        return bool(self._inbox) or self._failure is not None
+
+    def close(self) -> None:
+        """End the session; nothing is called back any more."""
+        self._zenoh.close()
+
+    def _declare(self, robot: str, traffic: int, as_datagram: bool, is_express: bool) -> "zenoh.Publisher":
+        import zenoh  # noqa: PLC0415
+
+        priorities: dict[int, zenoh.Priority] = {
+            TrafficClass.URGENT: zenoh.Priority.REAL_TIME,
+            TrafficClass.COMMAND: zenoh.Priority.REAL_TIME,
+            TrafficClass.STATE: zenoh.Priority.DATA_HIGH,
+            TrafficClass.RELIABLE: zenoh.Priority.DATA,
+            TrafficClass.BULK: zenoh.Priority.DATA_LOW,
+        }
+        priority = priorities.get(traffic, zenoh.Priority.INTERACTIVE_HIGH)
+        return self._zenoh.declare_publisher(
+            f"{DATAGRAMS if as_datagram else PACKETS}/{robot}/{self._robot}",
+            priority=priority,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=is_express,
+            reliability=zenoh.Reliability.BEST_EFFORT if as_datagram else zenoh.Reliability.RELIABLE,
+        )
+
+    # -- in threads of Zenoh ---------------------------------------------------------------------------
+
+    def _on_sample(self, sample: "zenoh.Sample") -> None:
+        at_ns = time.monotonic_ns()
+        header, payload = sample.attachment, sample.payload
+        if header is None or len(header) > MAX_HEADER_BYTES or len(payload) > PART_BYTES:
+            with self._inbox_lock:
+                self.oversized += 1
+            return
+        origin = self._origin(str(sample.key_expr))
+        if self._take is not None and not self._inbox and self.turns.begin_at_once():
+            try:
+                if self._take is not None:  # nobody changes it during this turn
+                    self._take(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
+                    return
+            except Exception as error:
+                self._failure, self._take = error, None
+                self._wake()
+                return
+            finally:
+                self.turns.end()
+        with self._inbox_lock:
+            size = len(header) + len(payload)
+            limits = self._limits
+            if len(self._inbox) >= limits.packets or self._inbox_bytes + size > limits.bytes:
+                self.overflowed += 1
+                return
+            self._inbox_bytes += size
+            self._inbox.append(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
+        self._wake()
+
+    def _origin(self, key: str) -> tuple[str, bool]:
+        """Return who has sent a packet with this key, and whether as a datagram."""
+        origin = self._origins.get(key)
+        if origin is None:
+            if len(self._origins) >= MAX_ORIGINS:
+                self._origins.clear()
+            origin = self._origins[key] = key.rpartition("/")[2], key.startswith(DATAGRAMS)
+        return origin
+
+    def _on_robot(self, sample: "zenoh.Sample") -> None:
+        import zenoh  # noqa: PLC0415
+
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._seen.append(str(sample.key_expr).split("/")[-2])
+            self._wake()
+
+
+def _size(packet: Received) -> int:
+    return len(packet.header) + len(packet.payload)
+
+
+def find_robots(endpoints: Endpoints) -> list[str]:
+    """Return the names of the robots whose links can be reached, sorted.
+
+    Raises:
+        LinkUnavailable: as for `open_session`.
+    """
+    session = open_session(endpoints)
+    names: set[str] = set()
+    end_s = time.monotonic() + FIND_S
+    try:
+        while time.monotonic() < end_s and not names:
+            for reply in session.liveliness().get(f"{ROBOTS}/*/*", timeout=0.5):
+                if reply.ok is not None:
+                    name = str(reply.ok.key_expr).split("/")[-2]
+                    names |= {name} if ROBOT_NAME.fullmatch(name) else set()
+    finally:
+        session.close()
+    return sorted(names)

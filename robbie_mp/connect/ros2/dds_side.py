@@ -1,0 +1,359 @@
+"""ROS 2 over DDS, as nodes with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp or rmw_fastrtps_cpp speak it.
+
+CycloneDDS calls back in its own threads. They only put messages into the inbox.
+"""
+
+import re
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robbie_mp.connect.bridge.mapping import DEFAULT_DEPTH
+from robbie_mp.connect.ros2.idl_types import raw_type, sample_of
+from robbie_mp.connect.ros2.side import Channel, Inbox, NodeName, Ros2Unavailable
+from robbie_mp.connect.ros2.type_hash import type_hash
+from robbie_mp.messages import Message, from_dict
+from robbie_mp.messages.schema_parser import message_type_from_schema
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from robbie_mp.connect.ros2.service_types import ServiceType
+
+LOOPBACK = "lo"
+MAX_TAKEN = 256
+DISCOVERY = "ros_discovery_info"
+NODES = message_type_from_schema(
+    "rmw_dds_common/msg/ParticipantEntitiesInfo",
+    """Gid gid
+NodeEntitiesInfo[] node_entities_info_seq
+================================================================================
+MSG: rmw_dds_common/Gid
+uint8[16] data
+================================================================================
+MSG: rmw_dds_common/NodeEntitiesInfo
+string<=256 node_namespace
+string<=256 node_name
+Gid[] reader_gid_seq
+Gid[] writer_gid_seq
+""",
+)
+"""The topic on which each participant tells of its nodes and their endpoints (rmw_dds_common)."""
+_LARGE = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize>"
+"""Within a machine, datagrams need not fit into packets of a network."""
+_SETTINGS = """<CycloneDDS><Domain>
+<General><Interfaces><NetworkInterface name="{interface}"/></Interfaces>{multicast}</General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+{peers}</Discovery></Domain></CycloneDDS>"""
+
+
+ENCAPSULATION_BYTES, HEADER_BYTES = 4, 16
+"""Before each message; and, after that, before each request and response: the client and a number."""
+LITTLE_ENDIAN = 1
+PADDED_TO = 4
+LOOK_NS = 1_000_000_000
+"""Time between two looks at the types of others' endpoints."""
+MAX_ENDPOINTS = 1000
+HASH = re.compile(rb"typehash=(RIHS01_[0-9a-f]{64});")
+RESPONSE_WAIT_NS = 1_000_000_000
+"""How long a response waits until the client's reader has been discovered, which can be after its request."""
+MAX_RESPONSES = 64
+"""Most responses that wait for that."""
+
+
+def settings_of_domain(interface: str) -> str:
+    """Return the settings of CycloneDDS for a network interface.
+
+    Args:
+        interface: the interface; on `lo`, only nodes of this machine are found.
+    """
+    is_local = interface == LOOPBACK
+    multicast = f"<AllowMulticast>false</AllowMulticast>{_LARGE}" if is_local else ""
+    peers = '<Peers><Peer address="127.0.0.1"/></Peers>' if is_local else ""
+    return _SETTINGS.format(interface=interface, multicast=multicast, peers=peers)
+
+
+@dataclass
+class _Response:
+    """A response that waits for the client's reader."""
+
+    writer: Any
+    participant: Any
+    data: bytes
+    until_ns: int
+
+
+@dataclass
+class DdsSide:
+    """The robot as a node in a domain of DDS.
+
+    Args:
+        node: the node's name.
+        inbox: where messages go.
+        types: returns the class of a type's messages.
+        interface: the network interface to use; on `lo`, only nodes of this machine are found.
+
+    Raises:
+        Ros2Unavailable: a package is missing, or the interface.
+    """
+
+    node: NodeName
+    inbox: Inbox
+    types: "Callable[[str], type[Message]]"
+    interface: str = LOOPBACK
+    unsent: int = 0
+    incompatible: int = 0
+    """Endpoints of others that do not fit because of their quality of service."""
+    _writers: dict[Channel, Any] = field(default_factory=dict)
+    _readers: list[Any] = field(default_factory=list)
+    _responders: list[Any] = field(default_factory=list)
+    _responses: deque[_Response] = field(default_factory=deque)
+    _asked: dict[str, Channel] = field(default_factory=dict)
+    """Channels by their topic in DDS: those that this node reads; `_offered` has those that it writes."""
+    _offered: dict[str, Channel] = field(default_factory=dict)
+    _named: set[bytes] = field(default_factory=set)
+    """Endpoints of other types that have been counted."""
+    _looked_ns: int = 0
+
+    def __post_init__(self) -> None:
+        try:
+            from cyclonedds.builtin import (  # noqa: PLC0415
+                BuiltinDataReader,
+                BuiltinTopicDcpsPublication,
+                BuiltinTopicDcpsSubscription,
+            )
+            from cyclonedds.core import DDSException, Policy, Qos  # noqa: PLC0415
+            from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
+            from cyclonedds.topic import Topic  # noqa: PLC0415
+        except ImportError as error:
+            raise Ros2Unavailable(
+                "the bridge to ROS 2 needs the extra `ros2`: run `pip install 'robbie-mp[ros2]'`"
+            ) from error
+        settings = settings_of_domain(self.interface)
+        try:
+            self._domain = Domain(self.node.domain, settings)
+            self._participant = DomainParticipant(
+                self.node.domain, Qos(Policy.EntityName(self.node.name), Policy.Userdata(b"enclave=/;"))
+            )
+        except DDSException as error:
+            raise Ros2Unavailable(
+                f"CycloneDDS cannot use the interface {self.interface!r}: {error}"
+            ) from error
+        self._told = raw_type(NODES)
+        self._endpoints = (
+            BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication),
+            BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription),
+        )
+        self._nodes = self._writer(Topic(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
+        self._tell()
+
+    def send(self, channel: Channel, data: memoryview | bytes) -> None:
+        """Send a message; the first on a channel announces a publisher."""
+        if channel not in self._writers:
+            topic, message_type = self._topic(channel)
+            self._offered[f"rt{channel.name}"] = channel
+            quality = channel.quality
+            self._writers[channel] = self._writer(
+                topic, quality.is_reliable, quality.is_latched, quality.depth, message_type
+            )
+            self._tell()
+        self._write(self._writers[channel], data)
+
+    def listen(self, channel: Channel) -> None:
+        """Ask for the messages of a channel."""
+        from cyclonedds.core import Listener  # noqa: PLC0415
+        from cyclonedds.sub import DataReader  # noqa: PLC0415
+
+        inbox = self.inbox
+
+        class Taking(Listener):  # type: ignore[misc, unused-ignore]
+            def on_data_available(self, reader: Any) -> None:
+                for sample in reader.take(MAX_TAKEN):
+                    if hasattr(sample, "raw"):
+                        inbox.put(channel, sample.raw)
+
+        topic, message_type = self._topic(channel)
+        self._asked[f"rt{channel.name}"] = channel
+        quality = channel.quality
+        policies = self._quality(quality.is_reliable, quality.is_latched, quality.depth, message_type)
+        self._readers.append(DataReader(self._participant, topic, policies, Taking()))
+        self._tell()
+
+    def serve(self, name: str, service: "ServiceType") -> None:
+        """Offer a service: a topic for requests, and one for responses."""
+        from cyclonedds.core import Listener  # noqa: PLC0415
+        from cyclonedds.sub import DataReader  # noqa: PLC0415
+        from cyclonedds.topic import Topic  # noqa: PLC0415
+
+        side = self
+        asked, answered = service.over_dds
+        identity = f"serviceid={self._service_id()};".encode()
+        requests = Topic(self._participant, f"rq{name}Request", raw_type(asked))
+        responses = Topic(self._participant, f"rr{name}Reply", raw_type(answered))
+        writer = self._writer(responses, True, False, DEFAULT_DEPTH, service.response, identity)
+
+        class Taking(Listener):  # type: ignore[misc, unused-ignore]
+            def on_data_available(self, reader: Any) -> None:
+                for sample in reader.take(MAX_TAKEN):
+                    if hasattr(sample, "raw"):
+                        side._on_request(name, reader, writer, sample)
+
+        policies = self._quality(True, False, DEFAULT_DEPTH, service.request, identity)
+        self._responders.append(writer)
+        self._readers.append(DataReader(self._participant, requests, policies, Taking()))
+        self._tell()
+
+    def look_after(self) -> None:
+        """Send responses whose clients are known now, and count endpoints that do not fit."""
+        if time.monotonic_ns() - self._looked_ns >= LOOK_NS:
+            self._looked_ns = time.monotonic_ns()
+            for reader, channels in zip(self._endpoints, (self._asked, self._offered), strict=True):
+                for endpoint in reader.read(MAX_ENDPOINTS):
+                    self._compare(endpoint, channels)
+        for _ in range(len(self._responses)):
+            response = self._responses.popleft()
+            if not self._respond(response):
+                self._responses.append(response)
+        readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
+        writers = self._writers.values()
+        self.incompatible = readers + sum(
+            one.get_offered_incompatible_qos_status().total_count for one in writers
+        )
+
+    def _compare(self, endpoint: Any, channels: dict[str, Channel]) -> None:
+        """Count an endpoint of others whose topic has another type here; DDS keeps those apart."""
+        from cyclonedds.core import Policy  # noqa: PLC0415
+
+        channel = channels.get(endpoint.topic_name)
+        if channel is None or endpoint.participant_key == self._participant.guid:
+            return
+        told = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""
+        hashes = HASH.findall(told)
+        is_same = endpoint.type_name == channel.dds_type and channel.type_hash.encode() in (
+            hashes or [channel.type_hash.encode()]
+        )
+        key = endpoint.key.bytes
+        if not is_same and key not in self._named and len(self._named) < MAX_ENDPOINTS:
+            self._named.add(key)
+            shown = b" ".join(hashes).decode(errors="replace")
+            self.inbox.put_stranger(f"{channel.name} has the type {endpoint.type_name} {shown}".rstrip())
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._participant._delete(self._participant._ref)
+        self._domain._delete(self._domain._ref)
+
+    def _topic(self, channel: Channel) -> tuple[Any, type[Message]]:
+        from cyclonedds.topic import Topic  # noqa: PLC0415
+
+        message_type = self.types(channel.type_name)
+        return Topic(self._participant, f"rt{channel.name}", raw_type(message_type)), message_type
+
+    def _service_id(self) -> str:
+        """Return the identity of the next service: that of the participant, and a number."""
+        number = len(self._responders) + 1
+        identity = self._participant.guid.bytes[:12] + number.to_bytes(4, "big")
+        return ".".join(f"{one:x}" for one in identity)
+
+    def _answer(self, response: _Response) -> None:
+        if len(self._responses) >= MAX_RESPONSES:
+            self.unsent += 1
+        elif not self._respond(response):
+            self._responses.append(response)
+
+    def _respond(self, response: _Response) -> bool:
+        """Send a response if its client has a reader; return False if it must wait for that."""
+        writer = response.writer
+        found = map(writer.get_matched_subscription_data, writer.get_matched_subscriptions())
+        if not any(one is not None and one.participant_key == response.participant for one in found):
+            is_over = time.monotonic_ns() >= response.until_ns
+            self.unsent += is_over
+            return is_over
+        self._write(writer, response.data)
+        return True
+
+    def _write(self, writer: Any, data: memoryview | bytes) -> None:
+        """Write a message from where it is: `DataWriter.write` would take no view, and copy more."""
+        from cyclonedds.pub import ddspy_write  # noqa: PLC0415
+
+        beyond = len(data) % PADDED_TO
+        padded = data if not beyond else bytes(data).ljust(len(data) - beyond + PADDED_TO, b"\0")
+        self.unsent += ddspy_write(writer._ref, padded) < 0
+
+    def _writer(
+        self,
+        topic: Any,
+        is_reliable: bool,
+        is_latched: bool,
+        depth: int,
+        message_type: type[Message],
+        identity: bytes = b"",
+    ) -> Any:
+        from cyclonedds.pub import DataWriter  # noqa: PLC0415
+
+        policies = self._quality(is_reliable, is_latched, depth, message_type, identity)
+        return DataWriter(self._participant, topic, policies)
+
+    def _quality(
+        self,
+        is_reliable: bool,
+        is_latched: bool,
+        depth: int,
+        message_type: type[Message],
+        identity: bytes = b"",
+    ) -> Any:
+        from cyclonedds.core import Policy, Qos  # noqa: PLC0415
+
+        # 0: a write does not wait for slow readers.
+        reliability = Policy.Reliability.Reliable(0) if is_reliable else Policy.Reliability.BestEffort
+        durability = Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile
+        kept = Policy.History.KeepLast(depth)
+        return Qos(
+            reliability,
+            durability,
+            kept,
+            Policy.DurabilityService(0, kept, -1, -1, -1),
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+            Policy.IgnoreLocal.Participant,
+            Policy.Userdata(identity + f"typehash={type_hash(message_type)};".encode()),
+        )
+
+    def _tell(self) -> None:
+        """Tell other participants of the node and its endpoints."""
+        node = {
+            "node_namespace": self.node.namespace,
+            "node_name": self.node.name,
+            "reader_gid_seq": [_gid(one) for one in self._readers],
+            "writer_gid_seq": [_gid(one) for one in (*self._writers.values(), *self._responders)],
+        }
+        told = from_dict(NODES, {"gid": _gid(self._participant), "node_entities_info_seq": [node]})
+        self._nodes.write(sample_of(self._told, told.encode()))
+
+    # -- in threads of CycloneDDS ----------------------------------------------------------------------
+
+    def _on_request(self, name: str, reader: Any, writer: Any, sample: Any) -> None:
+        data: bytes = sample.raw
+        begin = ENCAPSULATION_BYTES + HEADER_BYTES
+        handle = sample.sample_info.publication_handle
+        if len(data) <= begin or data[1] != LITTLE_ENDIAN:
+            self.inbox.put_stranger(f"a request to {name} without its header, or not little endian")
+            return
+        header = data[ENCAPSULATION_BYTES:begin]
+
+        def answer(response: bytes) -> None:
+            client = reader.get_matched_publication_data(handle)
+            if client is None:  # it has gone
+                self.unsent += 1
+                return
+            whole = response[:ENCAPSULATION_BYTES] + header + response[ENCAPSULATION_BYTES:]
+            until_ns = time.monotonic_ns() + RESPONSE_WAIT_NS
+            self._answer(_Response(writer, client.participant_key, whole, until_ns))
+
+        self.inbox.put_call(name, data[:ENCAPSULATION_BYTES] + data[begin:], answer)
+
+
+def _gid(entity: Any) -> dict[str, Any]:
+    return {"data": np.frombuffer(entity.guid.bytes, np.uint8)}

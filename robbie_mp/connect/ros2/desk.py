@@ -1,0 +1,84 @@
+"""The services that the bridge to ROS 2 offers: decodes requests, and encodes responses."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.connect.ros2.padding import unpadded
+from robbie_mp.connect.ros2.service_types import ServiceType
+from robbie_mp.connect.ros2.side import Call, Inbox, Side
+from robbie_mp.messages import Message, MessageError, from_dict
+
+
+@dataclass
+class Asked:
+    """A request of a ROS node, to be answered once.
+
+    Attributes:
+        request: the decoded request.
+        at_ns: when it arrived, by the machine's monotonic clock.
+    """
+
+    request: Any
+    at_ns: int
+    _service: ServiceType
+    _send: Callable[[bytes], None]
+
+    def answer(self, **fields: object) -> None:
+        """Send the response, with these fields."""
+        self._send(from_dict(self._service.response, fields).encode())
+
+
+Handler = Callable[[Asked], None]
+
+
+class Desk:
+    """Hands requests of ROS nodes to their handlers.
+
+    Args:
+        side: the middleware.
+        inbox: where requests arrive.
+        log: where wrong requests are named.
+
+    Attributes:
+        offered: types and handlers of the services, by name.
+        handled: requests that were handed to a handler.
+        malformed: requests that are not what their type declares; their clients get no response, as from ROS.
+    """
+
+    def __init__(self, side: Side, inbox: Inbox, log: logging.Logger):
+        self._side, self._inbox, self._log = side, inbox, log
+        self.offered: dict[str, tuple[ServiceType, Handler]] = {}
+        self.handled = self.malformed = 0
+
+    def offer(self, name: str, service: ServiceType, handler: Handler) -> None:
+        """Offer a service.
+
+        Args:
+            name: its name in ROS, with a slash before it.
+            service: its type.
+            handler: gets each request, and answers it now or later.
+        """
+        self.offered[name] = service, handler
+        self._side.serve(name, service)
+
+    def serve(self) -> None:
+        """Handle the requests that wait."""
+        for call in self._inbox.take_calls():
+            service, handler = self.offered[call.service]
+            request = self._decoded(service, call)
+            if request is not None:
+                self.handled += 1
+                handler(Asked(request, call.at_ns, service, call.answer))
+
+    def _decoded(self, service: ServiceType, call: Call) -> Message | None:
+        try:
+            request = service.request.decode(call.data)
+            unpadded(request, call.data)
+        except MessageError as error:
+            self.malformed += 1
+            self._log.warning("a request to %s was thrown away: %s", call.service, one_line(str(error)))
+            return None
+        return request

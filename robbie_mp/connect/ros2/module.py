@@ -1,0 +1,430 @@
+"""The bridge to ROS 2: the robot appears as a node, and messages pass both ways, byte for byte."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from robbie_mp.attached.profiler import system_profile
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.bus.observe import RunReading, rates_between
+from robbie_mp.bus.observe.run_observer import RunObserver
+from robbie_mp.bus.transport.blocks import MessageTooLarge
+from robbie_mp.connect.bridge.arrivals import hand_over
+from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
+from robbie_mp.connect.bridge.driving import drive_command
+from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap, Rename
+from robbie_mp.connect.bridge.mapping import NAME, BridgeMap, Incoming, MappingError, Quality
+from robbie_mp.connect.bridge.orders import STOP_TOPIC, Order, StopSwitch, carry_out, check_orders, orders_of
+from robbie_mp.connect.bridge.surroundings import Surroundings
+from robbie_mp.connect.ros2.dds_side import LOOPBACK, DdsSide
+from robbie_mp.connect.ros2.desk import Asked, Desk
+from robbie_mp.connect.ros2.padding import unpadded
+from robbie_mp.connect.ros2.parameters import NodeParameters
+from robbie_mp.connect.ros2.service_types import SET_BOOL, TRIGGER
+from robbie_mp.connect.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
+from robbie_mp.connect.ros2.type_hash import type_hash
+from robbie_mp.connect.ros2.zenoh_side import ROUTER, ZenohSide
+from robbie_mp.messages import (
+    Log,
+    Message,
+    MessageError,
+    String,
+    Time,
+    Twist,
+    TwistStamped,
+    UnknownType,
+    from_dict,
+)
+from robbie_mp.messages.descriptions import KnownTypes, own_types
+from robbie_mp.messages.schema_parser import message_type_from_schema
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
+from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import SettingError
+from robbie_mp.run.run_clock import RunClock
+from robbie_mp.run.trace.log_limit import LogLimit
+
+CLASS_PATH = "robbie_mp.connect.ros2.module:Ros2Bridge"
+CLOCK_TOPIC, ROSOUT, DIAGNOSTICS_TOPIC = "/clock", "/rosout", "/diagnostics"
+ROSOUT_DEPTH = 1000
+"""As that of ROS's own nodes."""
+TRACE_EVERY_NS = 500_000_000
+CLOCK = message_type_from_schema(
+    "rosgraph_msgs/msg/Clock",
+    f"builtin_interfaces/Time clock\n{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+)
+DESCRIPTION = "robot_description"
+SHOWN_EVERY_NS = 1_000_000_000
+MAX_REMEMBERED = 4096
+MAX_NAMED = 256
+
+
+class Ros2Bridge(Module):
+    """Makes the robot a node of ROS 2; ROS need not be installed. See docs/ros2.md.
+
+        ros2:
+          class: robbie_mp.connect.ros2.module:Ros2Bridge
+          settings:
+            node: red
+            send:
+              LaserScan laser: /scan best_effort depth=5
+              OccupancyGrid map: /map latched
+              TFMessage tf: /tf
+              TFMessage tf_static: /tf_static latched
+            accept:
+              /goal_pose: PoseStamped goal
+              /cmd_vel: Twist as DriveCommand ros
+
+    What comes in is checked against the declaration of its type. What another bridge to ROS 2 has published
+    on this robot is not sent back.
+
+    Attributes:
+        sent: messages handed to ROS 2.
+        received: messages from ROS 2 that were published here.
+        withheld: messages not sent because they came from ROS 2.
+        unknown: messages not sent because their type, or that version of it, is not known here.
+        malformed: messages thrown away because they are not what their type declares.
+        late: velocities that were too old when this module came to handle them.
+        refused: messages that could not be published here, because memory was full.
+    """
+
+    period_s = 0.02
+    follows_run_clock = False
+
+    middleware: str = setting("zenoh", "what the nodes of ROS 2 use", choices=("zenoh", "dds"))
+    domain: int = setting(0, "the ROS_DOMAIN_ID", minimum=0, maximum=MAX_DOMAIN)
+    node: str = setting("robbie", "name of the node")
+    namespace: str = setting("", "its namespace, and that of names without a slash before them")
+    connect: list[str] = setting([ROUTER], "addresses of Zenoh routers")
+    listen: list[str] = setting(
+        ["tcp/127.0.0.1:0"], "addresses where nodes reach this one; others than 127.0.0.1 are open"
+    )
+    interface: str = setting(LOOPBACK, "network interface of DDS; `lo` reaches nodes of this machine only")
+    send: dict[str, str] = setting({}, "what is sent: a type, or a type and a topic, and its name in ROS")
+    accept: dict[str, str] = setting({}, "what is accepted: a name in ROS, its type, and the topic here")
+    frames: dict[str, str] = setting({}, "names of the robot's frames in ROS; `*` stands for all others")
+    clock_topic: bool = setting(True, "send the time of a simulation or playback on /clock")
+    urdf: Path | None = setting(
+        None, "the robot's model, which is sent on robot_description", must_exist=True
+    )
+    rosout: bool = setting(True, "send what modules log on /rosout")
+    diagnostics: bool = setting(True, "send the state of all modules on /diagnostics, once a second")
+    parameters: str = setting(
+        "change", "what ROS may do with the settings of modules", choices=("none", "read", "change")
+    )
+    services: dict[str, str] = setting(
+        {}, "services in ROS: a name, a service of this robot, and the fields of its requests"
+    )
+    emergency_stop: str = setting(
+        "engage", "what ROS may do with the emergency stop", choices=("none", "engage", "release")
+    )
+    drive_for_s: float = setting(
+        0.5, "how long a velocity is followed if no other comes", minimum=0.05, maximum=MAX_VALID_FOR_S
+    )
+    inbox_messages: int = setting(1000, "messages that may wait until this module takes them", minimum=1)
+    max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check the names."""
+        node = str(settings["node"])
+        if not NAME.fullmatch(node) or "/" in node:
+            raise SettingError(f"a node cannot be called {node!r}: letters, digits and _", "node")
+        for name in ("send", "accept"):
+            parts = {"send": {}, "accept": {}, name: settings[name]}
+            _mapping(parts, str(settings["namespace"]), KnownTypes(own_types()), name)
+        services, frames = settings["services"], settings["frames"]
+        assert isinstance(services, Mapping)
+        assert isinstance(frames, Mapping)
+        try:
+            FrameMap(frames)
+        except MappingError as error:
+            raise SettingError(str(error), "frames") from error
+        try:
+            check_orders(services)
+        except MappingError as error:
+            raise SettingError(str(error), "services") from error
+
+    # -- begin and end ---------------------------------------------------------------------------------
+
+    def setup(self) -> None:
+        """Join ROS 2, and subscribe."""
+        around = Surroundings.of(self.run_id, self.name, CLASS_PATH)
+        self._types = around.types if self.run_id else KnownTypes(own_types())
+        self._bridges = around.bridges
+        self._observer = RunObserver(self.run_id) if self.run_id else None
+        self.sent = self.received = self.withheld = self.unknown = 0
+        self.malformed = self.late = self.refused = 0
+        self._channels: dict[tuple[str, int, str], tuple[Channel, Rename] | None] = {}
+        self._frames = FrameMap(self.frames)
+        self._named: set[str] = set()
+        self._shown_at_ns = 0
+        self._log_limit = LogLimit()
+        self.log.addFilter(self._log_limit)
+        self._run_clock = RunClock.attach(self.run_id) if around.has_own_clock else None
+        self._is_described = self.urdf is None
+        settings = {"send": self.send, "accept": self.accept}
+        self.map = _mapping(settings, self.namespace, self._types)
+        try:
+            self._orders = orders_of(self.services, self._types)
+        except MappingError as error:
+            raise SettingError(str(error), "services") from error
+        self.inbox = Inbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
+        self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
+        self._incoming: dict[Channel, tuple[Incoming, type[Message], Rename]] = {}
+        for one in self.map.incoming:
+            message_type = self._types.get(one.type_name)
+            channel = Channel(one.name, one.type_name, type_hash(message_type), one.quality)
+            self._incoming[channel] = one, message_type, self._frames.inward(message_type)
+            self.side.listen(channel)
+        self.desk = Desk(self.side, self.inbox, self.log)
+        self._offer_services()
+        self.node_parameters: NodeParameters | None = None
+        if self.parameters != "none":
+            node = self.map.absolute(self.node)
+            self.node_parameters = NodeParameters(
+                self, self.desk, node, around.settings, self.parameters == "change"
+            )
+        self._observe(around)
+        self._time = self._own(CLOCK, CLOCK_TOPIC, Quality(depth=1))
+        for outgoing in self.map.outgoing:
+            self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
+
+    def _offer_services(self) -> None:
+        for order in self._orders:
+            kind = TRIGGER if order.off is None else SET_BOOL
+            self.desk.offer(self.map.absolute(order.name), kind, partial(self._order, order))
+        self._stop: StopSwitch | None = None
+        if self.emergency_stop != "none":
+            self._stop = StopSwitch(self, "ROS 2", self._now_ns)
+            name = self.map.absolute(STOP_TOPIC)
+            self.desk.offer(f"{name}/engage", TRIGGER, partial(self._stop_or_release, self._stop))
+            if self.emergency_stop == "release":
+                self.desk.offer(name, SET_BOOL, partial(self._stop_or_release, self._stop))
+
+    def _observe(self, around: Surroundings) -> None:
+        """Begin to watch the run, for /rosout and /diagnostics."""
+        self._trace: TraceLines | None = None
+        self._diagnosis: Diagnosis | None = None
+        self._before: RunReading | None = None
+        self._looked_at_ns = 0
+        if self.rosout and around.output is not None:
+            self._trace = TraceLines(around.output)
+            self._rosout = self._own(Log, ROSOUT, Quality(is_latched=True, depth=ROSOUT_DEPTH))
+        if self.diagnostics and self._observer is not None:
+            self._diagnosis = Diagnosis(self.node, self.run_id)
+            self._diagnostics = self._own(DIAGNOSTICS, DIAGNOSTICS_TOPIC, Quality())
+
+    def _join(self, node: NodeName) -> Side:
+        if self.middleware == "dds":
+            return DdsSide(node, self.inbox, self._type, self.interface)
+        return ZenohSide(node, self.inbox, self.listen, self.connect, self.max_message_bytes)
+
+    def _now_ns(self) -> int:
+        """Return the run's time; the machine's until that of a simulation or playback has begun."""
+        clock = self._run_clock
+        return clock.now_ns() if clock is not None and clock.has_begun else self.clock.now_ns()
+
+    def _type(self, type_name: str) -> type[Message]:
+        own = {one.type_name: one for one in (CLOCK, DIAGNOSTICS)}
+        return own.get(type_name) or self._types.get(type_name)
+
+    def _own(self, message_type: type[Message], name: str, quality: Quality) -> Channel:
+        """Return a channel of the bridge's own messages."""
+        return Channel(name, message_type.type_name, type_hash(message_type), quality)
+
+    def teardown(self) -> None:
+        """Leave ROS 2."""
+        self.log.removeFilter(self._log_limit)
+        self.side.close()
+        if self._run_clock is not None:
+            self._run_clock.close()
+        if self._observer is not None:
+            self._observer.close()
+
+    # -- from this robot to ROS 2 ------------------------------------------------------------------------
+
+    def on_message(self, message: EncodedMessage) -> None:
+        """Send a message of this robot; what came from ROS 2 goes nowhere."""
+        envelope = self.envelope
+        if envelope.sender in self._bridges:
+            self.withheld += 1
+            return
+        key = (message.type_name, message.version, envelope.topic)
+        if key not in self._channels:
+            if len(self._channels) >= MAX_REMEMBERED:
+                self._channels.clear()
+            self._channels[key] = self._channel(*key)
+        found = self._channels[key]
+        if found is None:
+            self.unknown += 1
+            return
+        channel, rename = found
+        try:
+            data = rename(message.data)
+        except MessageError as error:
+            self.malformed += 1
+            self.log.warning("%s of %s is not sent: %s", message.type_name, envelope.sender, error)
+            return
+        self.side.send(channel, data)
+        self.sent += 1
+
+    def _channel(self, type_name: str, version: int, topic: str) -> tuple[Channel, Rename] | None:
+        """Return how messages are sent, and what renames their frames; None if they cannot be sent."""
+        sent_as = self.map.sent_as(type_name, topic)
+        if sent_as is None:
+            self._name(f"{type_name} on {topic!r} is not sent: its name in ROS belongs to another type")
+            return None
+        try:
+            message_type = self._types.get(type_name)
+        except (UnknownType, MessageError) as error:
+            self._name(f"{type_name} on {topic!r} is not sent: {error}")
+            return None
+        if message_type.version != version:
+            self._name(f"{type_name} on {topic!r} is not sent: version {version} is not known here")
+            return None
+        quality = sent_as.quality
+        if self._observer is not None and not quality.is_latched:
+            latched = {(one.type_name, one.version, one.topic) for one in self._observer.latched()}
+            quality = replace(quality, is_latched=(type_name, version, topic) in latched)
+        channel = Channel(sent_as.name, type_name, type_hash(message_type), quality)
+        return channel, self._frames.outward(message_type)
+
+    # -- from ROS 2 to this robot ------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Take what has arrived, and show figures."""
+        for arrived in self.inbox.take():
+            self._take(arrived)
+        while self.inbox.unnamed:
+            self._name(f"a message was not asked for: {one_line(self.inbox.unnamed.popleft())}")
+        self.desk.serve()
+        if self._stop is not None:
+            self._stop.tick()
+        if self.node_parameters is not None:
+            self.node_parameters.tick()
+        self._send_own()
+        self.side.look_after()
+        now_ns = self.clock.monotonic_ns()
+        if now_ns - self._looked_at_ns >= TRACE_EVERY_NS:
+            self._looked_at_ns = now_ns
+            self._send_trace()
+        if now_ns - self._shown_at_ns >= SHOWN_EVERY_NS:
+            self._shown_at_ns = now_ns
+            self.status = self._figures()
+            self._send_diagnostics()
+
+    def _take(self, arrived: Arrived) -> None:
+        incoming, message_type, rename = self._incoming[arrived.channel]
+        try:
+            message = message_type.decode(arrived.data)
+            data = unpadded(message, arrived.data)
+        except MessageError as error:
+            self.malformed += 1
+            self.log.warning("a message on %s was thrown away: %s", incoming.name, one_line(str(error)))
+            return
+        if not self.ill_formed.admits(message, f"on {incoming.name}"):
+            self.refused += 1
+            return
+        try:
+            if incoming.drives:
+                assert isinstance(message, Twist | TwistStamped)
+                done = self._drive(incoming, message, arrived.at_ns)
+            else:
+                done = hand_over(self, incoming, message_type, rename(data), self.drive_for_s, 0.0)
+        except (ForeignFrame, MessageError, MessageTooLarge) as error:
+            self.log.warning("a message on %s cannot be published: %s", incoming.name, error)
+            done = False
+        self.received += done
+        self.refused += not done
+
+    def _drive(self, incoming: Incoming, velocity: Twist | TwistStamped, at_ns: int) -> bool:
+        waited_s = max(0.0, (time.monotonic_ns() - at_ns) * 1e-9)
+        stamp = Time.from_nanoseconds(self._now_ns())
+        command = drive_command(velocity, stamp, self.drive_for_s, waited_s)
+        if command is None:
+            self.late += 1
+            return False
+        return self.publish(command, topic=incoming.topic)
+
+    # -- services for ROS 2 ------------------------------------------------------------------------------
+
+    def _order(self, order: Order, asked: Asked) -> None:
+        """Call a service of this robot; the response to ROS says what came of it."""
+        is_on = order.off is None or asked.request.data
+        carry_out(self, order, is_on, lambda success, message: asked.answer(success=success, message=message))
+
+    def _stop_or_release(self, stop: StopSwitch, asked: Asked) -> None:
+        def done(success: bool, message: str) -> None:
+            asked.answer(success=success, message=message)
+
+        if getattr(asked.request, "data", True):
+            stop.engage(done)
+        else:
+            stop.release((time.monotonic_ns() - asked.at_ns) * 1e-9, done)
+
+    # -- what the bridge itself tells ROS 2 --------------------------------------------------------------
+
+    def _send_own(self) -> None:
+        """Send the run's time if it is not the machine's, and once the robot's model."""
+        if self._run_clock is not None and self.clock_topic and self._run_clock.has_begun:
+            now = Time.from_nanoseconds(self._run_clock.now_ns())
+            told = from_dict(CLOCK, {"clock": {"sec": now.sec, "nanosec": now.nanosec}})
+            self.side.send(self._time, told.encode())
+        if not self._is_described and self.urdf is not None:
+            self._is_described = True
+            channel = self._own(String, self.map.absolute(DESCRIPTION), Quality(is_latched=True, depth=1))
+            self.side.send(channel, String(data=self.urdf.read_text()).encode())
+
+    def _send_trace(self) -> None:
+        if self._trace is not None:
+            for line in self._trace.read_new():
+                self.side.send(self._rosout, line.encode())
+
+    def _send_diagnostics(self) -> None:
+        if self._diagnosis is None or self._observer is None:
+            return
+        before, self._before = self._before, self._observer.read()
+        if before is not None:
+            profile = system_profile(self._before, rates_between(before, self._before))
+            self.side.send(self._diagnostics, self._diagnosis.of(profile).encode())
+
+    # -- figures -----------------------------------------------------------------------------------------
+
+    def _name(self, problem: str) -> None:
+        """Log a problem, once."""
+        if problem not in self._named and len(self._named) < MAX_NAMED:
+            self._named.add(problem)
+            self.log.warning("%s", problem)
+
+    def _figures(self) -> str:
+        lost = {
+            "withheld": self.withheld,
+            "unknown": self.unknown,
+            "unsent": self.side.unsent,
+            "incompatible": self.side.incompatible,
+            "not asked for": self.inbox.strangers,
+            "malformed": self.malformed + self.desk.malformed,
+            "late": self.late,
+            "refused": self.refused,
+            "overflowed": self.inbox.overflowed,
+            "too large": self.inbox.oversized,
+            "of the trace skipped": self._trace.skipped if self._trace is not None else 0,
+        }
+        served = f", {self.desk.handled} requests" if self.desk.handled else ""
+        shown = served + "".join(f", {number} {what}" for what, number in lost.items() if number)
+        return f"sent {self.sent}, received {self.received}{shown}"
+
+
+def _mapping(
+    settings: Mapping[str, object], namespace: str, types: KnownTypes, setting_name: str = ""
+) -> BridgeMap:
+    send, accept = settings["send"], settings["accept"]
+    assert isinstance(send, Mapping)
+    assert isinstance(accept, Mapping)
+    try:
+        return BridgeMap(send, accept, namespace, types)
+    except MappingError as error:
+        raise SettingError(str(error), setting_name) from error

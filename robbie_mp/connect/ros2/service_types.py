@@ -1,0 +1,64 @@
+"""The service types of ROS 2 that a bridge offers, made from their definitions."""
+
+from typing import Final, NamedTuple
+
+from robbie_mp.connect.ros2.type_hash import FILLER, service_hash
+from robbie_mp.messages import Message
+from robbie_mp.messages.schema_parser import message_type_from_schema
+
+HEADER: Final = "uint64 guid\nint64 seq\n"
+"""Header of rmw_cyclonedds before each request and response: the client, and the number of its request."""
+_SEPARATOR = f"{'=' * 80}\nMSG: "
+
+
+class ServiceType(NamedTuple):
+    """A type of services.
+
+    Attributes:
+        name: as `std_srvs/srv/Trigger`.
+        request: the class of its requests.
+        response: the class of its responses.
+        over_dds: the same two with the header that they have in DDS.
+        type_hash: the hash of the service, with requests, responses and events.
+    """
+
+    name: str
+    request: type[Message]
+    response: type[Message]
+    over_dds: tuple[type[Message], type[Message]]
+    type_hash: str
+
+
+def service_type(name: str, definition: str, **nested: str) -> ServiceType:
+    """Return a service type.
+
+        >>> service_type("std_srvs/srv/Empty", "---").type_hash
+        'RIHS01_5888399dedec5ccc85ea6451949fd2c9f97bfdf963f9a588821639fcd31b5d19'
+
+    Args:
+        name: its full name.
+        definition: the text of its file: the request's fields, `---`, and the response's.
+        nested: the texts of the types in them, which are of the same package.
+    """
+    package = name.partition("/")[0]
+    halves = [half.strip() or f"uint8 {FILLER}" for half in definition.split("---")]
+
+    def build(half: int, header: str = "") -> type[Message]:
+        text = f"{header}{halves[half]}\n"
+        used: dict[str, None] = {}
+        waiting = [text]
+        while waiting:
+            words = waiting.pop().replace("[", " ").split()
+            found = [one for one in nested if one in words and one not in used]
+            used.update(dict.fromkeys(found))
+            waiting += [nested[one] for one in found]
+        text += "".join(f"{_SEPARATOR}{package}/{one}\n{nested[one]}\n" for one in used)
+        return message_type_from_schema(f"{name}{('_Request', '_Response')[half]}", text)
+
+    request, response = build(0), build(1)
+    over_dds = build(0, HEADER), build(1, HEADER)
+    return ServiceType(name, request, response, over_dds, service_hash(name, request, response))
+
+
+TRIGGER: Final = service_type("std_srvs/srv/Trigger", "---\nbool success\nstring message")
+SET_BOOL: Final = service_type("std_srvs/srv/SetBool", "bool data\n---\nbool success\nstring message")

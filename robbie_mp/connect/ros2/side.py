@@ -1,0 +1,194 @@
+"""The interface between the bridge to ROS 2 and each middleware."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.connect.bridge.mapping import Quality
+
+if TYPE_CHECKING:
+    from robbie_mp.connect.ros2.service_types import ServiceType
+
+MAX_DOMAIN = 232
+"""The largest ROS_DOMAIN_ID."""
+MAX_CALLS = 64
+"""Most requests that wait until the module takes them; the clients of further ones get no response."""
+
+
+class Ros2Unavailable(RobbieError, RuntimeError):
+    """The bridge to ROS 2 cannot work.
+
+    Example scenarios:
+      - the extra `ros2` is not installed
+      - the address to listen on is taken, or the network interface does not exist
+    """
+
+
+class NodeName(NamedTuple):
+    """The node as which the robot appears in ROS 2.
+
+    Attributes:
+        domain: the ROS_DOMAIN_ID.
+        namespace: "/", or for example "/red".
+        name: the node's name.
+    """
+
+    domain: int
+    namespace: str
+    name: str
+
+
+class Channel(NamedTuple):
+    """A topic of ROS 2 with its type.
+
+    Attributes:
+        name: the topic, with a slash before it.
+        type_name: as `sensor_msgs/msg/LaserScan`.
+        type_hash: as `RIHS01_…`.
+        quality: its quality of service.
+    """
+
+    name: str
+    type_name: str
+    type_hash: str
+    quality: Quality
+
+    @property
+    def dds_type(self) -> str:
+        """The type's name in DDS and Zenoh, as `sensor_msgs::msg::dds_::LaserScan_`."""
+        package, kind, name = self.type_name.split("/")
+        return f"{package}::{kind}::dds_::{name}_"
+
+
+class Arrived(NamedTuple):
+    """A message from ROS 2; nothing in it has been checked, except for its size.
+
+    Attributes:
+        channel: the channel that it was asked for by.
+        data: the encoded message.
+        at_ns: when it arrived, by the machine's monotonic clock.
+    """
+
+    channel: Channel
+    data: bytes
+    at_ns: int
+
+
+class Call(NamedTuple):
+    """A request from ROS 2; nothing in it has been checked, except for its size.
+
+    Attributes:
+        service: the name of the service.
+        data: the encoded request.
+        at_ns: when it arrived, by the machine's monotonic clock.
+        answer: sends the encoded response; in the module's thread, once.
+    """
+
+    service: str
+    data: bytes
+    at_ns: int
+    answer: Callable[[bytes], None]
+
+
+class Inbox:
+    """Messages and requests that threads of a middleware have received, until the module takes them.
+
+    Args:
+        max_messages: messages that may wait; further ones are thrown away and counted.
+        max_bytes: size of the largest message that is taken.
+        wake: called in another thread when messages wait.
+
+    Attributes:
+        overflowed: messages thrown away because too many waited.
+        oversized: messages thrown away because they were too large.
+        strangers: messages of a type, or with a type hash, that was not asked for, by what they are.
+    """
+
+    def __init__(self, max_messages: int, max_bytes: int, wake: Callable[[], None]):
+        self._max_messages, self._max_bytes, self._wake = max_messages, max_bytes, wake
+        self._waiting: deque[Arrived] = deque()
+        self._calls: deque[Call] = deque()
+        self.overflowed = 0
+        self.oversized = 0
+        self.strangers = 0
+        self.unnamed: deque[str] = deque(maxlen=32)
+        """Descriptions of strangers, for the module to name in its log; the oldest go first."""
+
+    def put(self, channel: Channel, data: bytes) -> None:
+        """Keep a message for the module; in any thread."""
+        if len(data) > self._max_bytes:
+            self.oversized += 1
+        elif len(self._waiting) >= self._max_messages:
+            self.overflowed += 1
+        else:
+            self._waiting.append(Arrived(channel, data, time.monotonic_ns()))
+            self._wake()
+
+    def put_call(self, service: str, data: bytes, answer: Callable[[bytes], None]) -> None:
+        """Keep a request for the module; in any thread."""
+        if len(data) > self._max_bytes:
+            self.oversized += 1
+        elif len(self._calls) >= MAX_CALLS:
+            self.overflowed += 1
+        else:
+            self._calls.append(Call(service, data, time.monotonic_ns(), answer))
+            self._wake()
+
+    def put_stranger(self, what: str) -> None:
+        """Count a message that was not asked for; in any thread."""
+        self.strangers += 1
+        self.unnamed.append(what)
+
+    def take(self) -> Iterator[Arrived]:
+        """Take what waits now."""
+        for _ in range(len(self._waiting)):
+            yield self._waiting.popleft()
+
+    def take_calls(self) -> Iterator[Call]:
+        """Take the requests that wait now."""
+        for _ in range(len(self._calls)):
+            yield self._calls.popleft()
+
+
+class ReusedMemory:
+    """Memory for copies of large messages: the pages that the system would give for each cost more."""
+
+    def __init__(self) -> None:
+        self._memory = bytearray()
+
+    def copy(self, data: memoryview | bytes) -> bytearray:
+        """Return a copy, which is valid until the next call."""
+        missing = len(data) - len(self._memory)
+        if missing > 0:
+            self._memory += bytes(missing)
+        else:
+            del self._memory[len(data) :]
+        with memoryview(self._memory) as view:
+            view[:] = data
+        return self._memory
+
+
+class Side(Protocol):
+    """A middleware of ROS 2, with the robot as one node in it."""
+
+    unsent: int
+    """Messages that the middleware did not take."""
+    incompatible: int
+    """Endpoints of others that do not fit because of their quality of service."""
+
+    def send(self, channel: Channel, data: memoryview | bytes) -> None:
+        """Send a message; the first on a channel announces a publisher. It does not wait for anybody."""
+
+    def listen(self, channel: Channel) -> None:
+        """Ask for the messages of a channel; they come into the inbox."""
+
+    def serve(self, name: str, service: "ServiceType") -> None:
+        """Offer a service; requests come into the inbox."""
+
+    def look_after(self) -> None:
+        """Do what is due; called a few times in a second."""
+
+    def close(self) -> None:
+        """Leave; nothing comes into the inbox any more."""

@@ -1,0 +1,218 @@
+"""ROS 2 over Zenoh, as nodes with RMW_IMPLEMENTATION=rmw_zenoh_cpp speak it.
+
+Zenoh calls back in its own threads. They only put messages into the inbox.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from robbie_mp.connect.bridge.mapping import Quality
+from robbie_mp.connect.link.wire import Endpoints, LinkUnavailable, open_session
+from robbie_mp.connect.ros2.side import Channel, Inbox, NodeName, ReusedMemory, Ros2Unavailable
+from robbie_mp.connect.ros2.tokens import (
+    PUBLISHER,
+    SERVICE,
+    SUBSCRIPTION,
+    Attachment,
+    any_type_key,
+    data_key,
+    endpoint_token,
+    gid,
+    node_token,
+)
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from robbie_mp.connect.ros2.service_types import ServiceType
+
+LARGE_BYTES = 1 << 16
+"""Size from which a message fills Zenoh's batches: waiting for more to send with its end only costs time."""
+ROUTER = "tcp/127.0.0.1:7447"
+"""Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
+
+
+@dataclass
+class _Publisher:
+    """A declared publisher, and what it has sent. Large messages have one that does not wait for more."""
+
+    zenoh: Any
+    large: Any
+    token: "zenoh.LivelinessToken"
+    gid: bytes
+    sent: int = 0
+
+
+@dataclass
+class ZenohSide:
+    """The robot as a node of rmw_zenoh: a peer that finds others with the help of a router.
+
+    Without a router it goes on, and tries again. It listens, by default on this machine only, because nodes
+    connect to one another directly.
+
+    Args:
+        node: the node's name.
+        inbox: where messages go.
+        listen: addresses to listen on.
+        connect: addresses of routers.
+        max_bytes: size of the largest message from the network.
+
+    Raises:
+        Ros2Unavailable: a package is missing, or Zenoh cannot listen.
+    """
+
+    node: NodeName
+    inbox: Inbox
+    listen_on: Sequence[str] = ("tcp/127.0.0.1:0",)
+    connect: Sequence[str] = (ROUTER,)
+    max_bytes: int = 64 << 20
+    unsent: int = 0
+    incompatible: int = 0
+    """None is: in Zenoh, every quality of service fits every other one."""
+    withheld: int = 0
+    """Messages of this node that came back."""
+    _publishers: dict[Channel, _Publisher] = field(default_factory=dict)
+    _declared: list[Any] = field(default_factory=list)
+    _gids: set[bytes] = field(default_factory=set)
+    _memory: ReusedMemory = field(default_factory=ReusedMemory)
+    """Zenoh takes no view, and copies what it takes."""
+
+    def __post_init__(self) -> None:
+        try:
+            import xxhash  # noqa: F401, PLC0415
+            import zenoh  # noqa: F401, PLC0415
+        except ImportError as error:
+            raise Ros2Unavailable(
+                "the bridge to ROS 2 needs the extra `ros2`: run `pip install 'robbie-mp[ros2]'`"
+            ) from error
+        further = {
+            "scouting/gossip/enabled": True,
+            "timestamping/enabled": True,
+            "transport/link/rx/max_message_size": self.max_bytes + (64 << 10),
+        }
+        try:
+            self._zenoh = open_session(
+                Endpoints("peer", self.listen_on, self.connect, multicast=False, further=further)
+            )
+        except LinkUnavailable as error:
+            raise Ros2Unavailable(str(error)) from error
+        self._id = str(self._zenoh.zid())
+        self._entities = 0
+        self._declared.append(self._zenoh.liveliness().declare_token(node_token(self._id, self.node)))
+
+    @property
+    def zenoh_id(self) -> str:
+        """The session's number, as it stands in tokens."""
+        return self._id
+
+    def send(self, channel: Channel, data: memoryview | bytes) -> None:
+        """Send a message; the first on a channel announces a publisher."""
+        import zenoh  # noqa: PLC0415
+
+        publisher = self._publishers.get(channel)
+        if publisher is None:
+            publisher = self._publishers[channel] = self._declare(channel)
+        publisher.sent += 1
+        attachment = Attachment(publisher.sent, time.time_ns(), publisher.gid).encode()
+        own = publisher.large if len(data) >= LARGE_BYTES else publisher.zenoh
+        try:
+            own.put(self._memory.copy(data), attachment=attachment)
+        except zenoh.ZError:
+            self.unsent += 1
+
+    def listen(self, channel: Channel) -> None:
+        """Ask for the messages of a channel, whichever type they have: those of others are counted."""
+        import zenoh.ext  # noqa: PLC0415
+
+        key = data_key(self.node.domain, channel)
+
+        def on_sample(sample: "zenoh.Sample") -> None:
+            self._on_sample(channel, key, sample)
+
+        pattern = any_type_key(self.node.domain, channel)
+        remote = zenoh.Locality.REMOTE
+        if channel.quality.is_latched:
+            history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=channel.quality.depth)
+            subscriber = zenoh.ext.declare_advanced_subscriber(
+                self._zenoh, pattern, on_sample, allowed_origin=remote, history=history
+            )
+        else:
+            subscriber = self._zenoh.declare_subscriber(pattern, on_sample, allowed_origin=remote)
+        self._declared += [subscriber, self._token(SUBSCRIPTION, channel)[1]]
+
+    def serve(self, name: str, service: "ServiceType") -> None:
+        """Offer a service. Its queryable is complete, because nodes ask no other ones."""
+        # A service of rmw_zenoh has a key and a token as a topic has.
+        channel = Channel(name, service.name, service.type_hash, Quality())
+        key = data_key(self.node.domain, channel)
+
+        def on_query(query: "zenoh.Query") -> None:
+            self._on_query(name, key, query)
+
+        served = self._zenoh.declare_queryable(key, on_query, complete=True)
+        self._declared += [served, self._token(SERVICE, channel)[1]]
+
+    def look_after(self) -> None:
+        """Nothing is due: Zenoh connects again by itself."""
+
+    def close(self) -> None:
+        """End the session."""
+        self._zenoh.close()
+
+    def _token(self, kind: str, channel: Channel) -> tuple[str, "zenoh.LivelinessToken"]:
+        self._entities += 1
+        token = endpoint_token(self._id, self.node, self._entities, kind, channel)
+        return token, self._zenoh.liveliness().declare_token(token)
+
+    def _declare(self, channel: Channel) -> _Publisher:
+        import zenoh.ext  # noqa: PLC0415
+
+        key = data_key(self.node.domain, channel)
+        # As rmw_zenoh: a message is rather dropped than that its sender waits for a slow subscriber.
+        drop = zenoh.CongestionControl.DROP
+        if channel.quality.is_latched:
+            cache = zenoh.ext.CacheConfig(channel.quality.depth)
+            publisher: Any = zenoh.ext.declare_advanced_publisher(
+                self._zenoh, key, congestion_control=drop, cache=cache, publisher_detection=True
+            )
+            large = publisher  # one cache has all messages
+        else:
+            publisher = self._zenoh.declare_publisher(key, congestion_control=drop)
+            large = self._zenoh.declare_publisher(key, congestion_control=drop, express=True)
+        token, declared = self._token(PUBLISHER, channel)
+        number = gid(token)
+        self._gids.add(number)
+        return _Publisher(publisher, large, declared, number)
+
+    # -- in threads of Zenoh ---------------------------------------------------------------------------
+
+    def _on_sample(self, channel: Channel, key: str, sample: "zenoh.Sample") -> None:
+        arrived = str(sample.key_expr)
+        if arrived != key:
+            self.inbox.put_stranger(arrived)
+            return
+        attached = sample.attachment and Attachment.decode(sample.attachment.to_bytes())
+        if attached and attached.gid in self._gids:
+            self.withheld += 1
+            return
+        self.inbox.put(channel, sample.payload.to_bytes())
+
+    def _on_query(self, name: str, key: str, query: "zenoh.Query") -> None:
+        attached = query.attachment and Attachment.decode(query.attachment.to_bytes())
+        if not attached or query.payload is None:
+            self.inbox.put_stranger(f"a request to {name} without attachment or content")
+            return
+        sequence, _, client = attached
+
+        def answer(data: bytes) -> None:
+            import zenoh  # noqa: PLC0415
+
+            try:
+                query.reply(key, data, attachment=Attachment(sequence, time.time_ns(), client).encode())
+            except zenoh.ZError:
+                self.unsent += 1
+            query.drop()
+
+        self.inbox.put_call(name, query.payload.to_bytes(), answer)

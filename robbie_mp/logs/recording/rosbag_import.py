@@ -1,0 +1,164 @@
+"""Converts a ROS 1 or ROS 2 bag to a log; the library rosbags reads the bag."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from robbie_mp.messages import TypeRegistry, schema_text, stock_registry
+from robbie_mp.logs.recording.conversion import Conversion, NewChannel, converted_log
+from robbie_mp.logs.recording.errors import BagUnreadable, LogError
+from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
+from robbie_mp.logs.recording.reader import has_layout, open_log
+from robbie_mp.logs.recording.repair import Progress
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
+
+LITTLE_ENDIAN = b"\0\1"
+RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+"""ROS 2 names of types that have another name in ROS 1."""
+HEADER = "std_msgs/msg/Header"
+
+
+def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversion:
+    """Write a log with the messages of a bag, published at the times at which the bag recorded them.
+
+    A type that we have gets our schema if both have the same layout; other types keep their definitions.
+    Latched topics stay latched. From a bag of `robbie export`, topics return as they were in the robot.
+
+    Args:
+        source: a ROS 1 `.bag` file, or the folder of a ROS 2 bag.
+        target: the new file.
+        progress: counts messages.
+
+    Raises:
+        BagUnreadable: the source is not a bag, is damaged, or the library is missing.
+        LogNotWritten: the target exists, or cannot be written.
+    """
+    with _Bag(source) as bag, converted_log(target, source) as conversion:
+        for done, (connection, time_ns, data) in enumerate(bag.messages(), start=1):
+            try:
+                channel = bag.channel(connection)
+                conversion.add(channel, bag.about(connection), time_ns, bag.cdr(connection, data))
+            except BagUnreadable as error:
+                conversion.leave_out(str(error))
+            progress(done, bag.message_count)
+    return conversion
+
+
+class _Bag:
+    """An open bag; turns the library's errors into one error of ours."""
+
+    def __init__(self, path: Path):
+        try:
+            from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
+            from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+        except ImportError as error:
+            raise BagUnreadable(
+                "reading bags needs the library rosbags: pip install 'robbie-mp[ros]'"
+            ) from error
+        self._path = path
+        try:
+            self._reader: AnyReader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+            self._reader.open()
+            self._types: Typestore = self._reader.typestore if self._reader.is2 else self._ros2_types()
+        except Exception as error:  # the library raises arbitrary errors for a damaged bag
+            raise BagUnreadable(f"{path} cannot be read as a bag of ROS: {error!r}") from error
+        self._stock = stock_registry()
+        self._channels: dict[int, NewChannel] = {}
+        self._robot_keys = _robot_keys(path) if self._reader.is2 else {}
+
+    @property
+    def message_count(self) -> int:
+        """Messages in the bag."""
+        return self._reader.message_count
+
+    def messages(self) -> Iterator["tuple[Connection, int, bytes]"]:
+        """Yield connection, time in ns, and bytes of each message, in time order."""
+        try:
+            yield from self._reader.messages()
+        except Exception as error:
+            raise BagUnreadable(f"{self._path} is damaged: {error!r}") from error
+
+    def channel(self, connection: "Connection") -> NewChannel:
+        """Return the new channel for a connection."""
+        if connection.id not in self._channels:
+            type_name = RENAMED.get(connection.msgtype, connection.msgtype)
+            schema = self._schema(connection, type_name)
+            self._channels[connection.id] = NewChannel(connection.topic, type_name, schema)
+        return self._channels[connection.id]
+
+    def about(self, connection: "Connection") -> dict[str, str]:
+        """Return the metadata of the new channel for a connection."""
+        key = self._robot_keys.get(connection.topic)
+        return (key.metadata() if key else {}) | ({LATCHED_KEY: "1"} if _is_latched(connection) else {})
+
+    def cdr(self, connection: "Connection", data: bytes) -> bytes:
+        """Return a message as little-endian CDR."""
+        name = connection.msgtype
+        try:
+            if not self._reader.is2:
+                return bytes(self._types.ros1_to_cdr(data, name))
+            if data[:2] == LITTLE_ENDIAN:
+                return bytes(data)
+            message = self._types.deserialize_cdr(data, name)
+            return bytes(self._types.serialize_cdr(message, name, little_endian=True))
+        except Exception as error:
+            raise BagUnreadable(f"messages of {connection.topic} that are no {name}") from error
+
+    def _schema(self, connection: "Connection", type_name: str) -> str:
+        try:
+            text, _ = self._types.generate_msgdef(connection.msgtype, ros_version=2)
+        except Exception as error:
+            raise BagUnreadable(f"messages of {connection.topic}, whose type is not known") from error
+        return _our_schema(self._stock, type_name, text)
+
+    def _ros2_types(self) -> "Typestore":
+        """Return the bag's types with the ROS 2 header, to which rosbags converts the ROS 1 header."""
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+        header = get_typestore(Stores.ROS2_HUMBLE).fielddefs[HEADER]
+        types = get_typestore(Stores.EMPTY)
+        types.register({**self._reader.typestore.fielddefs, HEADER: header})
+        return types
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._reader.close()
+
+
+def _is_latched(connection: "Connection") -> bool:
+    """Whether those who come later get the newest message."""
+    ext: Any = connection.ext
+    if hasattr(ext, "latching"):  # ROS 1
+        return bool(ext.latching)
+    return any(one.durability.name == "TRANSIENT_LOCAL" for one in ext.offered_qos_profiles)
+
+
+def _robot_keys(path: Path) -> dict[str, ChannelKey]:
+    """Return what the robot called the topics of a bag of `robbie export`, by their names there."""
+    keys: dict[str, set[ChannelKey]] = {}
+    try:
+        with open_log(path) as log:
+            for part in log.parts:
+                for channel in part.contents.channels.values():
+                    about = channel.metadata
+                    if TOPIC_KEY in about and about.get(VERSION_KEY, "").isdecimal():
+                        schema = part.contents.schemas.get(channel.schema_id)
+                        version = int(about[VERSION_KEY])
+                        key = ChannelKey(schema.name if schema else "", version, about[TOPIC_KEY], "")
+                        keys.setdefault(channel.topic, set()).add(key)
+    except LogError:  # a bag in a database, or of ROS 2 before MCAP
+        return {}
+    return {name: found.pop() for name, found in keys.items() if len(found) == 1}
+
+
+def _our_schema(stock: TypeRegistry, type_name: str, schema: str) -> str:
+    """Return our schema of a type if we have one with the same layout, else the given one."""
+    if type_name not in stock:
+        return schema
+    ours = stock.get(type_name)
+    return schema_text(ours) if has_layout(ours, schema) else schema

@@ -1,0 +1,97 @@
+"""Merges a profile with its parents and with the overrides of the command line."""
+
+from collections.abc import Sequence
+from functools import reduce
+
+from robbie_mp.base.problem import Place, Problem, ProfileError, refuse
+from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.base.yaml_reader import Node, read_text
+from robbie_mp.run.profile.workspace import Workspace
+
+
+def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> Node:
+    """Return the merged content of a profile as a map.
+
+    Parents come first, in their order, each before its children and each only once. If two parents share a
+    parent, the changes that either makes to it are kept. Maps merge, null removes, everything else replaces.
+
+    Raises:
+        ProfileError: a file is missing or is not YAML, or a profile is its own ancestor.
+    """
+    lineage: dict[str, Node] = {}
+    _collect(workspace, name, (), None, lineage)
+    empty = Node({}, lineage[name].place)
+    return override(reduce(merge, lineage.values(), empty), overrides)
+
+
+def merge(base: Node | None, over: Node) -> Node:
+    """Return `base` overridden by `over`; new keys come last."""
+    if not isinstance(over.value, dict):
+        return over
+    merged = dict(base.value) if base and isinstance(base.value, dict) else {}
+    for key, child in over.value.items():
+        if child.value is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = merge(merged.get(key), child)
+    return Node(merged, over.place)
+
+
+def _collect(
+    workspace: Workspace, name: str, children: tuple[str, ...], place: Place | None, lineage: dict[str, Node]
+) -> None:
+    """Add a profile to the lineage after its parents; `place` is where its child names it."""
+    if name in children:
+        chain = " → ".join((*children[children.index(name) :], name))
+        raise refuse(f"parents: a profile cannot be its own ancestor: {chain}", place)
+    if name in lineage:
+        return
+    content = workspace.read(name, place)
+    for parent in _names(content.value.get("parents") if isinstance(content.value, dict) else None):
+        _collect(workspace, str(parent.value), (*children, name), parent.place, lineage)
+    lineage[name] = content
+
+
+def _names(parents: Node | None) -> list[Node]:
+    if parents is None or parents.value is None:
+        return []
+    if not isinstance(parents.value, list):
+        raise refuse("parents: expected a list of profile names, as in `parents: [base]`", parents.place)
+    problems = [
+        Problem(f"parents: expected the name of a profile; got {parent.plain()!r:.60}", parent.place)
+        for parent in parents.value
+        if not isinstance(parent.value, str)
+    ]
+    if problems:
+        raise ProfileError(problems)
+    return parents.value
+
+
+def override(profile: Node, overrides: Sequence[str]) -> Node:
+    """Return the profile overridden by each `MODULE.SETTING=value`.
+
+    Raises:
+        ProfileError: an override has another form, or names no module of the profile.
+    """
+    return reduce(merge, [_read_override(text, profile) for text in overrides], profile)
+
+
+def _read_override(text: str, profile: Node) -> Node:
+    key, equals, value_text = text.partition("=")
+    option = f"--set {key}"  # without the value, which may be a secret
+    place = Place(option)
+    name, _, setting = key.partition(".")
+    if not (equals and name and setting):
+        raise refuse("expected MODULE.SETTING=VALUE", place)
+    modules = _modules(profile)
+    if name not in modules:
+        near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
+        raise refuse(f"there is no module {name!r}{near}", place)
+    value = Node(read_text(value_text, option).value, place)
+    path = ("modules", name, "settings", setting)
+    return reduce(lambda inner, step: Node({step: inner}, place), reversed(path), value)
+
+
+def _modules(profile: Node) -> list[str]:
+    node = profile.value.get("modules") if isinstance(profile.value, dict) else None
+    return list(node.value) if node and isinstance(node.value, dict) else []

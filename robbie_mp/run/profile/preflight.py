@@ -1,0 +1,145 @@
+"""Checks the classes and settings of a profile before any process of the robot starts.
+
+A separate process (`robbie_mp.run.profile.check`) imports the classes, so that their code cannot harm the caller.
+A missing class or a wrong setting is an error of the profile. A run is not started either if a module cannot
+import something, such as a library that is not installed, unless the module is `optional`. Other code that
+raises, hangs or crashes is no error here: the supervisor starts it, and shows it as FAILED with its
+traceback.
+"""
+
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from robbie_mp.base.problem import Problem, ProfileError
+from robbie_mp.messages.descriptions import TypeDescription
+from robbie_mp.run.profile.checking_process import PreflightError, check_events
+from robbie_mp.run.profile.model import ModuleSpec, Profile
+
+BASE_CLASS = "robbie_mp:Module"
+OWN_CODE = "robbie_mp."
+
+
+@dataclass
+class Preflight:
+    """The result of the check."""
+
+    settings: dict[str, dict[str, object]] = field(default_factory=dict)
+    """For each module that is not in `failures`: every setting, given or default; paths absolute, as str."""
+    failures: dict[str, str] = field(default_factory=dict)
+    """For each module whose code failed, its settings unchecked: the traceback, or how the process ended."""
+    missing: set[str] = field(default_factory=set)
+    """Those of `failures` that could not import something, such as a library that is not installed."""
+    types: dict[str, TypeDescription] = field(default_factory=dict)
+    """The message types that the imported code declares, by name, without the stock types."""
+
+    def add(self, module: str, result: dict[str, Any]) -> None:
+        """Add the result of the checking process for a module."""
+        self.types |= {name: TypeDescription(name, *rest) for name, *rest in result.get("types", ())}
+        if result["failure"]:
+            self.failures[module] = result["failure"]
+            if result.get("missing"):
+                self.missing.add(module)
+        else:
+            self.settings[module] = result["settings"]
+
+
+def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BASE_CLASS) -> Preflight:
+    """Import every class of a profile and check its settings, in another process.
+
+    Args:
+        profile: What `load_profile` returned.
+        timeout_s: How long one import may take; if it takes longer, the module fails.
+        base_class: Every class must be derived from this one, written as `package.module:Class`.
+
+    Raises:
+        ProfileError: It lists every class that is not a module, and every wrong, unknown or missing setting.
+        PreflightError: The checking process failed.
+    """
+    findings = Preflight()
+    problems: list[Problem] = []
+    # Services come last: they may need the message types that the robot's code declares.
+    waiting = sorted(profile.modules, key=lambda module: module.class_path.startswith(OWN_CODE))
+    while waiting:
+        current = ""  # the module being imported, or else the last one imported
+        with closing(check_events(profile, waiting, timeout_s, base_class)) as events:
+            for event in events:
+                match event:
+                    case {"begin": str(name)}:
+                        current = name
+                    case {"result": result}:
+                        waiting = [module for module in waiting if module.name != current]
+                        problems += _problems(profile, current, result["errors"])
+                        findings.add(current, result)
+                    case {"broken": str(reason)}:
+                        waiting = _without_crashed(waiting, current, reason, findings)
+                    case {"useless": failure}:
+                        raise PreflightError(f"modules cannot be checked; {base_class}:\n{failure}")
+    if problems:
+        raise ProfileError(problems)
+    return findings
+
+
+def runnable(profile: Profile, findings: Preflight) -> Profile:
+    """Return the profile without the optional modules that cannot be imported.
+
+    Args:
+        profile: what `load_profile` returned.
+        findings: what `preflight` returned for it.
+
+    Raises:
+        ProfileError: a module that is not optional cannot be imported, or no module is left to run.
+    """
+    missing = [module for module in profile.modules if module.name in findings.missing]
+    problems = [
+        Problem(
+            f"modules.{module.name}.class: {module.class_path} cannot be imported: "
+            f"{last_line(findings.failures[module.name])}; install what is missing, or write `optional: "
+            "true` into the module to run without it",
+            profile.place_of("modules", module.name, "class"),
+        )
+        for module in missing
+        if not module.optional
+    ]
+    if problems:
+        raise ProfileError(problems)
+    left_out = {module.name for module in missing}
+    if profile.clock.source in left_out:
+        text = f"clock.source: {profile.clock.source} cannot be imported, and no other module turns the clock"
+        raise ProfileError([Problem(text, profile.place_of("clock", "source"))])
+    kept = tuple(
+        replace(module, depends_on=tuple(name for name in module.depends_on if name not in left_out))
+        for module in profile.modules
+        if module.name not in left_out
+    )
+    if not kept:
+        text = f"profile {profile.name} has no modules to run; list them under `modules:`"
+        raise ProfileError([Problem(text, profile.place_of("modules"))])
+    return replace(profile, modules=kept)
+
+
+def last_line(failure: str) -> str:
+    """Return the line of a traceback that says what went wrong."""
+    return (failure.strip().splitlines() or [""])[-1]
+
+
+def _without_crashed(
+    waiting: list[ModuleSpec], crashed: str, reason: str, findings: Preflight
+) -> list[ModuleSpec]:
+    """Record the failure of the module that ended the process, and of others with code in the same file."""
+    if not crashed:
+        raise PreflightError(f"the process that checks the profile's classes {reason}")
+    file_of = {module.name: module.class_path.partition(":")[0] for module in waiting}
+    if crashed not in file_of:  # its check was done: a thread that it left behind has ended the process
+        return waiting
+    same = [name for name, file in file_of.items() if file == file_of[crashed]]
+    findings.failures |= dict.fromkeys(same, f"{file_of[crashed]}: {reason} while it was imported")
+    return [module for module in waiting if module.name not in same]
+
+
+def _problems(profile: Profile, module: str, errors: list[tuple[list[str], str]]) -> list[Problem]:
+    """Return a module's errors, each with the place of its key."""
+    return [
+        Problem(f"modules.{module}.{key[0]}: {text}", profile.place_of("modules", module, *key))
+        for key, text in errors
+    ]

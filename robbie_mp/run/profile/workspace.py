@@ -1,0 +1,105 @@
+"""Finds a robot's workspace, the folder that contains profiles/, and profiles: its own and Robbie-MP's."""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from robbie_mp.base.problem import Place, refuse
+from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.base.yaml_reader import Node, read_file
+
+FOLDER = "profiles"
+SUFFIX = ".yaml"
+NAME = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
+STOCK = "robbie:"
+"""Begins the name of a profile that comes with Robbie-MP, such as `robbie:playback`."""
+STOCK_FOLDER = Path(__file__).with_name("stock")
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A folder with profiles/; its other folders contain the robot's code."""
+
+    root: Path
+
+    @property
+    def folder(self) -> Path:
+        """The folder with the profiles."""
+        return self.root / FOLDER
+
+    def names(self) -> list[str]:
+        """Return the names of all profiles, such as `demo` or `sim/arena`, sorted."""
+        return _names_in(self.folder)
+
+    def file_of(self, name: str) -> Path:
+        """Return the path of a profile's file, which need not exist."""
+        if name.startswith(STOCK):
+            return STOCK_FOLDER / (name.removeprefix(STOCK) + SUFFIX)
+        return self.folder / (name + SUFFIX)
+
+    def read(self, name: str, place: Place | None = None) -> Node:
+        """Read a profile; an empty file is an empty map.
+
+        Args:
+            name: Such as `demo`, `sim/arena` or `robbie:playback`.
+            place: Where another profile names it, if one does.
+
+        Raises:
+            ProfileError: there is no such profile, or it is not a YAML map.
+        """
+        file = self.file_of(name)
+        if not NAME.fullmatch(name.removeprefix(STOCK)) or not file.is_file():
+            own, stock = self.names(), stock_names()
+            near = did_you_mean(name, [*own, *stock])
+            known = f"; profiles in {self.folder}: {', '.join(own) or 'none'}"
+            known += f"; in Robbie-MP: {', '.join(stock)}"
+            raise refuse(f"there is no profile {name!r}{near}{known}", place)
+        content = read_file(file)
+        if content.value is None:
+            return Node({}, content.place)
+        if not isinstance(content.value, dict):
+            raise refuse("expected a map with the keys of a profile (modules, variables, …)", content.place)
+        return content
+
+
+def stock_names() -> list[str]:
+    """Return the names of all profiles that come with Robbie-MP, sorted."""
+    return [STOCK + name for name in _names_in(STOCK_FOLDER)]
+
+
+def _names_in(folder: Path) -> list[str]:
+    files = folder.rglob("*" + SUFFIX)
+    return sorted(file.relative_to(folder).with_suffix("").as_posix() for file in files)
+
+
+def find_workspace(start: Path) -> Workspace:
+    """Return the workspace of a folder: this folder, or the nearest one above it, that contains profiles/.
+
+    Raises:
+        ProfileError: there is none.
+    """
+    start = start.absolute()
+    for folder in (start, *start.parents):
+        if (folder / FOLDER).is_dir():
+            return Workspace(folder)
+    raise refuse(f"no folder {FOLDER}/ in {start} or above it; go to your robot's folder")
+
+
+def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
+    """Return the workspace and name of a profile that is given by name, or by a path that ends with .yaml.
+
+    A profile that comes with Robbie-MP needs no workspace.
+
+    Raises:
+        ProfileError: there is no workspace, or the file is not in one.
+    """
+    if name_or_file.startswith(STOCK) and not any((one / FOLDER).is_dir() for one in (start, *start.parents)):
+        return Workspace(start), name_or_file
+    if not name_or_file.endswith(SUFFIX):
+        return find_workspace(start), name_or_file
+    file = Path(os.path.abspath(start / name_or_file))
+    for folder in file.parents:
+        if folder.name == FOLDER:
+            return Workspace(folder.parent), file.relative_to(folder).with_suffix("").as_posix()
+    raise refuse(f"{file} is not in a folder {FOLDER}/, so it belongs to no robot")

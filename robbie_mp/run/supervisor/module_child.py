@@ -1,0 +1,235 @@
+"""A module as a child: connects the module's class to the run's memory."""
+
+import gc
+import logging
+import os
+import resource
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from robbie_mp.bus._hot import choice
+from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.bus.checkpoint.file import checkpoint_file
+from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper, DiskPolicy
+from robbie_mp.bus.observe.channels import ChannelNames, messages_waiting
+from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.board import Board
+from robbie_mp.bus.transport.endpoint import Endpoint
+from robbie_mp.bus.transport.layout import LINE_WORDS, HotPath, SegmentKind
+from robbie_mp.bus.transport.records import Delivery
+from robbie_mp.bus.transport.run_memory import (
+    IncarnationMemory,
+    attach_core_wakeup,
+    make_block_store,
+    make_endpoint,
+    make_views,
+)
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.words import Words, write_text
+from robbie_mp.module.calls.peers import RunPeers
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.envelope import Envelope
+from robbie_mp.module.handler_times import HandlerTimes, recorded_times
+from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.module import Module, ModuleContext
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.module.runner import ModuleRunner
+from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
+from robbie_mp.module.settings import SettingError, check_settings
+from robbie_mp.module.shared_memory_bus import SharedMemoryBus
+from robbie_mp.module.ticks import (
+    MAX_RUN_CLOCK_WAIT_S,
+    MAX_WAIT_S,
+    GrantedTicks,
+    Ticks,
+    TimedTicks,
+)
+from robbie_mp.module.wiring import Wiring
+from robbie_mp.run.lockstep import ClockSource, Lockstep
+from robbie_mp.run.plan import PlannedModule, RunPlan
+from robbie_mp.run.profile.check import load_class
+from robbie_mp.run.profile.model import HANDLER_TIMES, MEASURED
+from robbie_mp.run.run_clock import RunClock
+from robbie_mp.run.supervisor.scheduling import apply_scheduling, prefer_new_threads
+
+
+def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> None:
+    """Import, construct and run a module until it is stopped or stops itself."""
+    slot = plan.names.index(name)
+    planned = plan.modules[slot - 1]
+    native = choice.native()
+    memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation, native)
+    words = memory.out.words
+    words[layout.OUT_HOT_PATH] = HotPath.PYTHON if native is None else HotPath.C
+    core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
+    core_wakeup = attach_core_wakeup(plan.run_id, core_segment, native)
+    endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)
+    sizes = planned.memory.segment_bytes, planned.memory.limit_bytes
+    blocks = make_block_store(plan.run_id, slot, incarnation, *sizes, native)
+    wiring = Wiring(planned.topics, planned.namespace)
+    outbox = Outbox(endpoint, blocks, words, SystemClock(), native, wiring)
+    core = core_segment.words
+    channel_name = ChannelNames(core)
+    inbox = Inbox(endpoint, make_views(plan.run_id, native), words, channel_name, native, wiring)
+    board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
+    if (process_bytes := planned.memory.process_bytes) is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
+    sys.path.insert(0, plan.workspace)
+    module_class = load_class(planned.class_path, Module)
+    checkpoints = open_checkpoints(plan, slot, incarnation)
+    clock = run_clock(plan, name, module_class, memory)
+    settings_file = SettingsFile(run_folder, name)
+    peers = RunPeers(plan.run_id, slot, incarnation, core, board, wiring)
+    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock, wiring), peers)
+    context = ModuleContext(
+        name=name,
+        settings=read_settings(plan, planned, module_class, settings_file.start().values),
+        bus=bus,
+        clock=clock,
+        checkpoints=checkpoints,
+        output_directory=Path(plan.output_directory),
+        show_status=line_writer(endpoint, words, layout.OUT_STATUS),
+        show_states=line_writer(endpoint, words, layout.OUT_STATES),
+        show_health=line_writer(endpoint, words, layout.OUT_HEALTH),
+        run_id=plan.run_id,
+        wake=memory.wakeup.post,
+    )
+    module = module_class(context)
+    lockstep = None
+    if isinstance(module, ClockSource) and plan.clock.lockstep and plan.clock.source == name:
+        lockstep = Lockstep(plan.run_id, words, memory.into.words, board, core_wakeup.post)
+        module.lockstep = lockstep
+    changes = SettingChanges(module, bus, settings_file)
+    wakeup = memory.wakeup
+    wakeup.spin_s = planned.scheduling.spin_us / 1e6
+    wakeup.patience_s = 0.0 if plan.clock.lockstep else module.patience_s
+    apply_scheduling(planned.scheduling, module.log, module.nice, module.slice_ms)
+    ticks: Ticks
+    if plan.clock.lockstep and isinstance(clock, RunClock):
+        ticks = GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module))
+    else:
+        max_wait_s = MAX_RUN_CLOCK_WAIT_S if isinstance(clock, RunClock) else MAX_WAIT_S
+        ticks = TimedTicks(module, clock, words, max_wait_s, native)
+    runner = ModuleRunner(
+        module,
+        endpoint,
+        inbox,
+        outbox,
+        wakeup,
+        words,
+        lambda: board.may_go,
+        changes,
+        ticks,
+        lambda: messages_waiting(core, slot) > 0,
+        lockstep.has_just_settled if lockstep is not None else None,
+        lambda: prefer_new_threads(planned.scheduling),
+        native,
+    )
+    signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
+    # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.
+    os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
+    gc.freeze()  # imported objects stay, so the collector need not scan them again
+    runner.run()
+    checkpoints.close()
+
+
+def line_writer(endpoint: Endpoint, words: Words, at: int) -> Callable[[str], None]:
+    """Return a function that writes a status line into a module's memory, one thread at a time."""
+
+    def write(line: str) -> None:
+        with endpoint.lock:
+            write_text(words, at, LINE_WORDS, line)
+
+    return write
+
+
+def run_clock(
+    plan: RunPlan, name: str, module_class: type[Module], memory: IncarnationMemory
+) -> SystemClock | RunClock:
+    """Return the clock that a module uses; if that is the run's, wait until its time has begun."""
+    if plan.clock.source in (None, name) or not module_class.follows_run_clock:
+        return SystemClock()
+    clock = RunClock.attach(plan.run_id)
+    if not clock.has_begun:
+        waits = f"waiting for {plan.clock.source} to set the run's time"
+        write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, waits)
+    while not clock.has_begun:
+        memory.wakeup.wait(MAX_RUN_CLOCK_WAIT_S)
+    write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, "")
+    return clock
+
+
+def charge_of(plan: RunPlan, module: Module) -> Callable[[int], int] | None:
+    """Return what decides how long a module's handlers take by the run's clock; None: they take no time.
+
+    Raises:
+        HandlerTimesMissing: the profile names a folder that has none.
+    """
+    if not plan.clock.charge:
+        return None
+    recorded = None
+    if plan.clock.charge != MEASURED:
+        folder = Path(plan.workspace) / plan.clock.charge
+        recorded = recorded_times(folder, module.name)
+    file = Path(plan.output_directory) / HANDLER_TIMES / f"{module.name}.txt"
+    return HandlerTimes(file, recorded, module.log).charge
+
+
+def read_settings(
+    plan: RunPlan, planned: PlannedModule, module_class: type[Module], changed: dict[str, object]
+) -> dict[str, object]:
+    """Return a module's settings: those of the profile, with the changes made in this run."""
+    workspace = Path(plan.workspace)
+    folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
+    try:
+        given = {**planned.settings, **changed}
+        return check_settings(module_class, given, folder=workspace, folder_of=folders)
+    except SettingError:
+        if not changed:
+            raise
+        logging.getLogger(planned.name).exception(
+            "the settings changed in this run are no longer valid; the profile's are used"
+        )
+    return check_settings(module_class, planned.settings, folder=workspace, folder_of=folders)
+
+
+def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:
+    """Find the checkpoint of an earlier incarnation or run, and prepare to write new ones."""
+    planned = plan.modules[slot - 1]
+    disk = None
+    if planned.checkpoint.persist:
+        path = checkpoint_file(Path(plan.workspace), plan.profile_name, planned.name)
+        disk = DiskPolicy(path, planned.checkpoint.persist_every_s)
+    buffers = CheckpointBuffers(plan.run_id, slot, incarnation, planned.memory.checkpoint_bytes)
+    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name))
+
+
+class _Describer:
+    """Makes envelopes from the core's tables and the board."""
+
+    def __init__(
+        self, channel_name: ChannelNames, board: Board, clock: SystemClock | RunClock, wiring: Wiring
+    ):
+        self._channel_name = channel_name
+        self._own = wiring.own
+        self._clock_at = clock.at
+        self._board = board
+        self._names: dict[int, str] = {}
+        """Names of slots, which never change."""
+
+    def sender(self, source: int) -> str:
+        """Return the name of the module whose memory a message lies in."""
+        slot = source & layout.SOURCE_SLOT
+        sender = self._names.get(slot)
+        if sender is None:
+            sender = self._names[slot] = self._board.name(slot)
+        return sender
+
+    def envelope(self, delivery: Delivery) -> Envelope:
+        """Return the envelope of the message."""
+        name = self._channel_name(delivery.channel)
+        topic = self._own(name.type_name, name.topic)
+        sender = self.sender(delivery.source)
+        return Envelope(topic, delivery.sequence, sender, self._clock_at(delivery.stamp_ns))

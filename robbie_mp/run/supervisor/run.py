@@ -1,0 +1,273 @@
+"""One run of a profile, from the sweep of dead runs to the unlinking of the last name."""
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from robbie_mp.base.linux.bus_error import surviving_truncation
+from robbie_mp.base.linux.private_files import make_private_folder, ownership_problem, write_private
+from robbie_mp.base.linux.service_manager import VARIABLES as SERVICE_VARIABLES
+from robbie_mp.base.linux.service_manager import ServiceManager
+from robbie_mp.base.utc import file_stamp
+from robbie_mp.bus._hot.choice import why_not
+from robbie_mp.bus.observe import ModuleFigures, RunObserver
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.board import TOOL_PREFIX
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.bus.transport.words import check_machine
+from robbie_mp.messages.descriptions import TypeDescription
+from robbie_mp.run.plan import CORE, PLAN_FILE, RunPlan
+from robbie_mp.run.profile.model import Profile, Scheduling
+from robbie_mp.run.profile.show import as_profile
+from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory, UnsafeRunFolder
+from robbie_mp.run.supervisor.attached_tools import AttachedTools
+from robbie_mp.run.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
+from robbie_mp.run.supervisor.connection_watch import ConnectionWatch
+from robbie_mp.run.supervisor.control import ControlServer
+from robbie_mp.run.supervisor.files_watch import FilesWatch
+from robbie_mp.run.supervisor.memory import SUPERVISOR, RunMemory
+from robbie_mp.run.supervisor.output import Listener, OutputStore
+from robbie_mp.run.supervisor.scheduling import computing_with
+from robbie_mp.run.supervisor.spares import SpareCommand
+from robbie_mp.run.supervisor.states import StateChange
+from robbie_mp.run.supervisor.sweep import sweep
+from robbie_mp.run.supervisor.tree import Tree
+from robbie_mp.run.trace.disk_writer import DiskWriter
+from robbie_mp.run.trace.kinds import Kind
+from robbie_mp.run.trace.reader import LOG_FOLDER
+
+SUMMARY_FILE = "summary.json"
+
+
+@dataclass(frozen=True)
+class RunListener:
+    """Callbacks for the caller of a run; each must return quickly."""
+
+    entry: Listener = lambda _entry: None
+    change: Callable[[StateChange], None] = lambda _change: None
+    begin: Callable[[str], None] = lambda _run_id: None
+    """Called once, when a `RunObserver` can open the run's memory."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    exit_code: int
+    reason: str
+    figures: list[ModuleFigures]
+    """Of supervisor, modules and core, at the end."""
+    entries: dict[str, int]
+    """Number of trace entries of each child, by name."""
+    entries_dropped: dict[str, int]
+    """Number of entries dropped, likewise."""
+    output_directory: Path
+    unwritten: int = 0
+    """Orders to write trace or summary that a stalled disk had not accepted at the end."""
+
+
+def run_profile(
+    profile: Profile,
+    settings: Mapping[str, dict[str, object]],
+    types: Iterable[TypeDescription],
+    output_directory: Path,
+    listener: RunListener,
+    summarize: Callable[[RunResult], str] = lambda _result: "",
+) -> RunResult:
+    """Run a profile to its end.
+
+    Args:
+        profile: what to run.
+        settings: the checked and complete settings of each module that could be imported.
+        types: the robot's own message types, for tools that attach to the run.
+        output_directory: where modules write their results; the children's logs go to its folder `log`.
+        listener: called with what happens.
+        summarize: returns the content of `SUMMARY_FILE` in the output directory; '': no such file.
+
+    Raises:
+        SharedMemoryFull: there is no room for the run's tables.
+        UnsafeRunFolder: the folder for runs, or the one for results, is not safe.
+        LogNotWritable: the folder for logs cannot be used.
+        UnsuitableMachine: this Python has no words of 64 bits.
+    """
+    check_machine()
+    sweep()
+    _make_results_folder(output_directory)
+    with ExitStack() as stack:
+        directory = RunDirectory.create(profile.name, output_directory)
+        connections = stack.enter_context(
+            ExitStack()
+        )  # clients that wait for the end of the run: closed after it
+        disk = stack.enter_context(DiskWriter(profile.trace.waiting_bytes))
+        stack.callback(directory.remove, disk)
+        complete = replace(
+            profile,
+            modules=tuple(
+                replace(spec, settings=settings.get(spec.name, spec.settings)) for spec in profile.modules
+            ),
+        )
+        plan = RunPlan.of_profile(
+            complete,
+            directory.run_id,
+            profile.workspace,
+            output_directory.absolute(),
+            os.getpid(),
+            types,
+        )
+        plan.save(directory.folder)
+        write_private(directory.folder / PROFILE_FILE, as_profile(profile, settings))
+        result = _run(plan, profile, directory.folder, listener, connections, disk)
+        if summary := summarize(result):
+            disk.order(["replace", str(output_directory.absolute() / SUMMARY_FILE)], summary.encode())
+    return replace(result, unwritten=disk.unfinished)
+
+
+def _make_results_folder(folder: Path) -> None:
+    """Make the folder for results; refuse one in which others could have put links for modules to follow.
+
+    Raises:
+        UnsafeRunFolder: others can write to it.
+    """
+    make_private_folder(folder)
+    problem = ownership_problem(folder.stat(), folder=True, readable=True)
+    if problem:
+        raise UnsafeRunFolder(
+            f"the folder for results, {folder}, {problem}; choose another one with --output"
+        )
+
+
+def _run(
+    plan: RunPlan,
+    profile: Profile,
+    run_folder: Path,
+    listener: RunListener,
+    connections: ExitStack,
+    disk: DiskWriter,
+) -> RunResult:
+    output_directory = Path(plan.output_directory)
+    memory = RunMemory(plan, listener.change)
+    observer = RunObserver(plan.run_id)
+    memory.before_close = lambda: figures.extend(_without_tools(observer.modules()))
+    figures: list[ModuleFigures] = []
+    service = ServiceManager.of_environment()
+    connections.callback(service.close)
+    environment = {
+        **{name: value for name, value in os.environ.items() if name not in SERVICE_VARIABLES},
+        "PYTHONUNBUFFERED": "1",
+    }  # otherwise the last output of a crashed child is lost
+    if profile.clock.lockstep:
+        environment.setdefault(
+            "PYTHONHASHSEED", "0"
+        )  # otherwise sets of strings are ordered differently in each process
+    try:
+        tree = Tree(
+            _children(profile, run_folder, environment),
+            plan.run_id,
+            memory,
+            OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
+            lambda: _each_turn(tree, memory, control, tools, watch, files, service),
+            spares=_spares(profile, run_folder, environment),
+        )
+        watch = ConnectionWatch(
+            observer, tree.say, {module.name: list(module.topics) for module in plan.modules}
+        )
+        files = FilesWatch(lambda: [run_folder / PLAN_FILE, *memory.files()])
+        tools = AttachedTools(tree, memory, plan.tool_names)
+        control = ControlServer(run_folder, tree, tools=tools)
+        connections.callback(control.close)
+        connections.callback(tools.close)
+        listener.begin(plan.run_id)
+        _say_hot_path(tree)
+    except BaseException:
+        memory.close()
+        raise
+    try:
+        with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/"):
+            exit_code = tree.run()
+    finally:
+        observer.close()
+    outputs = {child.spec.name: child.output for child in tree.children}
+    return RunResult(
+        exit_code=exit_code,
+        reason=tree.stop_reason,
+        figures=figures,
+        entries={name: output.lines for name, output in outputs.items()},
+        entries_dropped={name: output.dropped for name, output in outputs.items()},
+        output_directory=output_directory,
+    )
+
+
+def _say_hot_path(tree: Tree) -> None:
+    """Say once in each run which form of the hot path its processes will choose."""
+    if reason := why_not():
+        tree.say(Kind.WARNING, f"the hot path runs in Python, which is slower: {reason}")
+    else:
+        tree.say(Kind.INFO, "the hot path runs in C")
+
+
+def _without_tools(figures: Sequence[ModuleFigures]) -> list[ModuleFigures]:
+    """Return the figures without those of attached tools, which are no part of the run."""
+    return [entry for entry in figures if not entry.name.startswith(TOOL_PREFIX)]
+
+
+def _each_turn(
+    tree: Tree,
+    memory: RunMemory,
+    control: ControlServer,
+    tools: AttachedTools,
+    watch: ConnectionWatch,
+    files: FilesWatch,
+    service: ServiceManager,
+) -> None:
+    memory.beat()
+    service.turn(is_ready=tree.has_started, stop_reason=tree.stop_reason)
+    if missing := files.missing():
+        tree.stop(f"{missing} was removed, and no process can start without it", has_failed=True)
+    memory.read_notices()
+    while memory.faulted:
+        name, incarnation = memory.faulted.pop()
+        if name == SUPERVISOR:
+            # No module could be restarted. A new core recovers, or fails repeatedly and thereby ends the run.
+            tree.child(CORE).kill("it refused the supervisor's own records; core.log says why")
+            continue
+        if tools.fault(name, incarnation):
+            continue
+        child = tree.child(name)
+        if child.incarnation == incarnation:
+            child.kill("the core refused its records; the core's log says why")
+    control.turn()
+    tools.turn()
+    watch.turn()
+
+
+def _children(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> list[ChildSpec]:
+    """Describe the processes of a run: the core, then the modules in the profile's order."""
+
+    def command(name: str) -> tuple[str, ...]:
+        return (sys.executable, "-m", "robbie_mp.run.supervisor.child", str(run_folder), name)
+
+    def environment_of(scheduling: Scheduling) -> dict[str, str]:
+        return computing_with(environment, scheduling.compute_threads)
+
+    core = ChildSpec.of_core(profile.core, command("core"), environment_of(profile.core.scheduling))
+    record = profile.trace.record
+    return [
+        core,
+        *(
+            ChildSpec.of_module(spec, command(spec.name), environment_of(spec.scheduling), record)
+            for spec in profile.modules
+        ),
+    ]
+
+
+def _spares(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> SpareCommand:
+    argv = (sys.executable, "-m", "robbie_mp.run.supervisor.spare", str(run_folder))
+    return SpareCommand(profile.spares.count, argv, computing_with(environment, SPARE_COMPUTE_THREADS))
+
+
+def default_output_directory(profile_name: str) -> Path:
+    """Return the default folder for a run's results, a new one for each run."""
+    return Path("output") / profile_name / f"{file_stamp()}-{os.getpid()}"

@@ -1,0 +1,82 @@
+"""A log file with a maximum size."""
+
+import contextlib
+import os
+from pathlib import Path
+
+from robbie_mp.base.linux.private_files import PRIVATE_FILE
+
+
+class RotatingFile:
+    """Appends to a file. A full `a.log` becomes `a.1.log`, that one `a.2.log`; the oldest is removed.
+
+    logging.handlers.RotatingFileHandler prints a traceback for each line that a full disk refuses. Here the
+    caller gets a return value and continues.
+    """
+
+    def __init__(self, path: Path, max_bytes: int, files: int, head: bytes = b""):
+        """Prepare; the file is opened with the first write.
+
+        Args:
+            path: the newest file; its folder exists.
+            max_bytes: maximum size of each file.
+            files: number of files, including the newest.
+            head: the beginning of each file.
+        """
+        self.path = path
+        self._max_bytes = max_bytes
+        self._files = files
+        self._head = head
+        self._fd: int | None = None
+        self._size = 0
+
+    def write(self, data: bytes) -> bool:
+        """Append; return False if the disk refused, for example because it is full."""
+        try:
+            fd = self._open() if self._fd is None else self._fd
+            if self._size > len(self._head) and self._size + len(data) > self._max_bytes:
+                fd = self._rotate()
+            written = os.write(fd, data)
+        except OSError:
+            return False
+        self._size += written
+        return written == len(data)
+
+    def begin_anew(self) -> None:
+        """Begin a new file with the next write, even if one exists, such as an earlier run's."""
+        with contextlib.suppress(OSError):
+            self._shift()
+
+    def close(self) -> None:
+        """Close the file; a later write opens it again."""
+        if self._fd is not None:
+            os.close(self._fd)
+            self._fd = None
+
+    def _open(self) -> int:
+        self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, PRIVATE_FILE)
+        self._size = os.fstat(self._fd).st_size
+        if not self._size:
+            self._size = os.write(self._fd, self._head)
+        return self._fd
+
+    def _rotate(self) -> int:
+        self.close()
+        self._shift()
+        return self._open()
+
+    def _shift(self) -> None:
+        for number in range(self._files - 2, -1, -1):
+            older = self._numbered(number)
+            if older.exists():
+                older.replace(self._numbered(number + 1))
+        if self._files == 1:
+            self.path.unlink(missing_ok=True)
+
+    def _numbered(self, number: int) -> Path:
+        return numbered(self.path, number)
+
+
+def numbered(path: Path, number: int) -> Path:
+    """Return the path of a file after `number` newer ones have been begun."""
+    return path.with_name(f"{path.stem}.{number}{path.suffix}") if number else path

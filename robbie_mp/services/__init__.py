@@ -1,1 +1,0 @@
-"""Modules that serve the system as a whole."""
