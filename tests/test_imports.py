@@ -1,6 +1,7 @@
-"""No file of the project imports itself by way of others, not even for the sake of its types."""
+"""Imports run in one direction: from file to file without a circle, and from room to room upward."""
 
 import ast
+import re
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -48,3 +49,31 @@ def test_no_imports_run_in_a_circle() -> None:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail("these import each other: " + " <- ".join(error.args[1]))
+
+
+def rooms() -> list[str]:
+    """Return the rooms of `robbie_mp` in the order of the table in docs/architecture.md."""
+    _, _, table = (ROOT / "docs/architecture.md").read_text().partition("| room | contents |\n")
+    return re.findall(r"^\| `(\w+)` \|", table.partition("\n\n")[0], re.MULTILINE)
+
+
+def test_documented_rooms_are_the_rooms_that_there_are() -> None:
+    here = {path.parent.name for path in (ROOT / "robbie_mp").glob("*/__init__.py")}
+    assert sorted(rooms()) == sorted(here)
+
+
+def test_no_room_imports_from_one_below_it() -> None:
+    files, order = module_files(), rooms()
+    upward = [
+        f"{name} imports {other}"
+        for name, path in files.items()
+        for other in imports_of(path, files)
+        if (here := room_of(name)) and (there := room_of(other)) and order.index(here) < order.index(there)
+    ]
+    assert not upward
+
+
+def room_of(name: str) -> str:
+    """Return the room of a file; none for the face of `robbie_mp` and for other packages."""
+    package, _, rest = name.partition(".")
+    return rest.partition(".")[0] if package == "robbie_mp" else ""

@@ -1,7 +1,7 @@
 """Lockstep: the whole robot handles one message at a time, and time stands still meanwhile.
 
-The core holds back all messages but the next one (see `robbie_mp.bus.core.queues`). The module that controls the
-clock sets the time, sends the messages of that time, and continues when the core has no message left to
+The core holds back all messages but the next one (see `robbie_mp.bus.core.queues`). The module that controls
+the clock sets the time, sends the messages of that time, and continues when the core has no message left to
 deliver: then everything that its messages caused is finished. Ticks are such messages, too. So the messages
 of each module and their order depend only on the messages, and not on the machine's speed or load. Messages
 from outside, such as those of users or the supervisor, take their place in the order whenever they arrive.

@@ -7,7 +7,6 @@ Prevention; RFC 6454).
 
 import hashlib
 import hmac
-import ipaddress
 import secrets
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -16,8 +15,6 @@ from urllib.parse import urlsplit
 
 MAX_SESSIONS = 64
 """Maximum for each role, so that observers end no operator's session. The least recently used one ends."""
-MIN_TOKEN_CHARACTERS = 16
-"""Minimum number of characters: too many to guess at the limited rate of wrong tokens."""
 
 
 class Role(IntEnum):
@@ -27,16 +24,6 @@ class Role(IntEnum):
     """May see everything."""
     OPERATOR = 2
     """May also steer."""
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach an address to listen on."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 class Access:

@@ -14,6 +14,7 @@ from robbie_mp.base.linux.priority import MAX_SLICE_MS
 from robbie_mp.messages import Goal, Message, TimeJump
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.envelope import MessageType
+from robbie_mp.module.listening import check_listening
 from robbie_mp.module.module import MessageHandling, Module, setting
 from robbie_mp.module.secret import Secret, reveal
 from robbie_mp.module.settings import SettingError
@@ -21,7 +22,7 @@ from robbie_mp.run.operator_link import remove_link, token_of_run, write_link
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.run.trace.log_limit import limited
 from robbie_mp.scene import SceneGraphListener
-from robbie_mp.station.access import MIN_TOKEN_CHARACTERS, Access, DriversSeat, is_loopback
+from robbie_mp.station.access import Access, DriversSeat
 from robbie_mp.station.claim import StationClaim
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.layouts import LayoutError, check_layout
@@ -136,15 +137,8 @@ class OperatorStation(Module):
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
         """Check that only authorized people can steer the robot, and that every tab is a panel."""
-        for name in ("operator_token", "observer_token"):
-            if settings[name] is not None and len(settings[name].reveal()) < MIN_TOKEN_CHARACTERS:
-                raise SettingError(f"expected at least {MIN_TOKEN_CHARACTERS} characters; got fewer", name)
-        if not is_loopback(settings["host"]) and not settings["operator_token"]:
-            raise SettingError(
-                f"{settings['host']} can be reached from other machines: set operator_token to the place of "
-                f"a secret with at least {MIN_TOKEN_CHARACTERS} characters, or set host to 127.0.0.1",
-                "host",
-            )
+        tokens = {name: settings[name] for name in ("operator_token", "observer_token")}
+        check_listening(settings["host"], "operator_token", **tokens)
         if len(settings["robot_size_m"]) != 3:
             raise SettingError("expected three numbers: length, width and height", "robot_size_m")
         model = settings["robot_model"]

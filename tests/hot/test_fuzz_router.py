@@ -5,7 +5,8 @@ that are left out must be found, or it proves nothing. By hand, with clang's lib
 that reach new branches:
 
     clang -std=c11 -g -O1 -fsanitize=fuzzer,address,undefined -DWITH_LIBFUZZER -Irobbie_mp/bus/_hot \\
-        tests/hot/programs/fuzz_router.c robbie_mp/bus/_hot/{router,books,ring}.c -o fuzz && ./fuzz -max_len=2000
+        tests/hot/programs/fuzz_router.c robbie_mp/bus/_hot/{router,books,ring}.c -o fuzz
+    ./fuzz -max_len=2000
 """
 
 import subprocess

@@ -17,8 +17,8 @@ and the topic on which the robot publishes it. Words for the quality of service 
 A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic, or
 stands for the type if the message has no topic. `Twist as DriveCommand` makes velocities drive the robot, for
 a limited time. `as NavigateTo` makes poses goals of the module that navigates. `as PoseStamped` leaves a
-covariance out. See `robbie_mp.connect.bridge.arrivals`. A bridge may also know forms for what it sends, such as
-`PointsOfInterest: /places as MarkerArray`. A bridge to a system that describes its types may take messages
+covariance out. See `robbie_mp.connect.bridge.arrivals`. A bridge may also know forms for what it sends, such
+as `PointsOfInterest: /places as MarkerArray`. A bridge to a system that describes its types may take messages
 of types that the robot does not know: `accept` then has a pattern instead of a type, as in
 `/gas: nose_msgs/* gas`.
 """

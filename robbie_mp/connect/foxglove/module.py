@@ -60,6 +60,7 @@ from robbie_mp.messages.schema import schema_text
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.listening import check_listening
 from robbie_mp.module.module import MessageHandling, Module, setting
 from robbie_mp.module.secret import Secret, reveal
 from robbie_mp.module.setting_changes import SettingsFile
@@ -75,7 +76,6 @@ from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.show import inline
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.station.access import MIN_TOKEN_CHARACTERS, is_loopback
 
 CLASS_PATH = "robbie_mp.connect.foxglove.module:FoxgloveServer"
 LOOK_NS = 500_000_000
@@ -173,15 +173,7 @@ class FoxgloveServer(Module):
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
         """Check the token and what is sent and accepted."""
-        token, host = settings["token"], settings["host"]
-        if token is not None and len(token.reveal()) < MIN_TOKEN_CHARACTERS:
-            raise SettingError(f"expected at least {MIN_TOKEN_CHARACTERS} characters; got fewer", "token")
-        if not is_loopback(host) and token is None:
-            raise SettingError(
-                f"{host} can be reached from other machines: set `token` to the place of a secret with at "
-                f"least {MIN_TOKEN_CHARACTERS} characters, or set `host` to 127.0.0.1",
-                "host",
-            )
+        check_listening(settings["host"], "token", token=settings["token"])
         try:
             BridgeMap(settings["send"], {})
         except MappingError as error:

@@ -1,8 +1,8 @@
 """The process that imports a profile's classes and checks their settings.
 
-`robbie_mp.run.profile.preflight` runs it as `python -m robbie_mp.run.profile.check`. A team's code may print, hang,
-start threads or crash when it is imported, and none of that may harm the caller. The request is one JSON
-document on standard input; the answer is one JSON event per line on the original standard output.
+`robbie_mp.run.profile.preflight` runs it as `python -m robbie_mp.run.profile.check`. A team's code may print,
+hang, start threads or crash when it is imported, and none of that may harm the caller. The request is one
+JSON document on standard input; the answer is one JSON event per line on the original standard output.
 """
 
 import importlib

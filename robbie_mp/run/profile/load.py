@@ -20,8 +20,8 @@ def load_profile(
 ) -> Profile:
     """Return a profile of the workspace that contains `start`.
 
-    This checks only the form. `robbie_mp.run.profile.preflight` checks whether the classes exist and accept the
-    settings, because it must import them.
+    This checks only the form. `robbie_mp.run.profile.preflight` checks whether the classes exist and accept
+    the settings, because it must import them.
 
     Args:
         name_or_file: A name such as `demo` or `sim/arena`, or the path of a file in a folder profiles/.

@@ -1,10 +1,10 @@
 """Checks the classes and settings of a profile before any process of the robot starts.
 
-A separate process (`robbie_mp.run.profile.check`) imports the classes, so that their code cannot harm the caller.
-A missing class or a wrong setting is an error of the profile. A run is not started either if a module cannot
-import something, such as a library that is not installed, unless the module is `optional`. Other code that
-raises, hangs or crashes is no error here: the supervisor starts it, and shows it as FAILED with its
-traceback.
+A separate process (`robbie_mp.run.profile.check`) imports the classes, so that their code cannot harm the
+caller. A missing class or a wrong setting is an error of the profile. A run is not started either if a
+module cannot import something, such as a library that is not installed, unless the module is `optional`.
+Other code that raises, hangs or crashes is no error here: the supervisor starts it, and shows it as FAILED
+with its traceback.
 """
 
 from contextlib import closing

@@ -2,8 +2,8 @@
 
 Starting Python and importing numpy and Robbie-MP takes a few hundred ms: most of the time of a restart. A
 spare has done this already and waits on a socket, its standard input, for the child to run
-(`robbie_mp.run.supervisor.spare`). Spares are started like any child: each is a child of the supervisor in a new
-session. No process is forked from one that has threads.
+(`robbie_mp.run.supervisor.spare`). Spares are started like any child: each is a child of the supervisor in
+a new session. No process is forked from one that has threads.
 """
 
 import os
