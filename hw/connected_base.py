@@ -4,7 +4,7 @@ import math
 import time
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from hw.battery import BatteryReading
 from hw.connection.clock import RegularClock
 from hw.connection.device import PluggableDevice
 from hw.connection.port import Port
-from hw.connection.stop_guard import StopGuard
+from hw.connection.stop_guard import PING_PERIOD_S, StopGuard
 from hw.drive import Drive, DriveState, capped_validity_s
 from hw.odometry import Odometer, OdometryNoise
 
@@ -57,8 +57,9 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
 
     Whatever moves it expires. Three things watch over that: `poll` stops the robot as soon as a command
     has expired; a guard, which is a process besides, stops it when the driver's process has died or hangs;
-    and after each connection the robot stands until the next command. A port without a descriptor
-    (`rfc2217://`) has no guard.
+    and after each connection the robot stands until the next command. When the guard is lost, the robot
+    stands until a new guard answers and the next command comes. A port without a descriptor (`rfc2217://`)
+    has no guard.
 
     A base reports at a regular period but does not tell when. The stamps of its reports are estimated as by
     `RegularClock`, without the time that a report takes on the line.
@@ -94,19 +95,22 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         self.expired_commands = 0
         """How many commands have ended because no newer one came in time."""
         self.ignored_commands = 0
-        """How many commands came while it was disconnected or its emergency stop was engaged."""
+        """How many commands came while it was disconnected, its emergency stop engaged, or its guard lost."""
+        self.guards_replaced = 0
+        """How many guards were lost, and replaced."""
         self._clock = clock
         self._stamps = RegularClock(period_s)
         self._gaps = 0
         self._valid_until_s: float | None = None
         self._is_emergency_stopped = False
         self._guard: StopGuard | None = None
+        self._guard_problem = ""
         self._speeds = (0.0, 0.0)
 
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
         """Drive at these speeds until the next command, but no longer than `valid_for_s`."""
         valid_for_s = capped_validity_s(linear_m_per_s, angular_rad_per_s, valid_for_s)
-        if not self.is_connected or self._is_emergency_stopped:
+        if not self.is_connected or self._is_emergency_stopped or not self._allow(valid_for_s):
             self.ignored_commands += 1
             return
         # Both speeds shrink alike, so that the robot drives the same curve.
@@ -115,8 +119,6 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
             abs(linear_m_per_s) / self.limits.linear_m_per_s,
             abs(angular_rad_per_s) / self.limits.angular_rad_per_s,
         )
-        if self._guard is not None:
-            self._guard.allow(valid_for_s)
         self._valid_until_s = self._monotonic() + valid_for_s
         self.send(self._motion(linear_m_per_s / excess, angular_rad_per_s / excess))
 
@@ -128,8 +130,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         """Brake to a halt."""
         self._valid_until_s = None
         self.send(self._halt())
-        if self._guard is not None:
-            self._guard.allow(0.0)
+        self._allow(0.0)
 
     def stop_for_emergency(self) -> None:
         """Brake as hard as possible; do not move again before `release`."""
@@ -148,17 +149,36 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
     @property
     def is_guarded(self) -> bool:
         """Return whether a guard would stop the robot if this process died."""
-        return self._guard is not None
+        return self._guard is not None and self._guard.is_answering
 
     def poll(self, wait_s: float = 0.0) -> list[BaseReading]:
         """Return what the base has told since the last call; stop it when a command has expired."""
         if self._valid_until_s is not None:
             wait_s = max(0.0, min(wait_s, self._valid_until_s - self._monotonic()))
+        if self._guard is not None:
+            wait_s = min(wait_s, PING_PERIOD_S)
         readings = super().poll(wait_s)
         if self._valid_until_s is not None and self._monotonic() >= self._valid_until_s:
             self.expired_commands += 1
             self.stop()
-        return readings
+        return self._watch_guard(readings)
+
+    def _watch_guard(self, readings: list[BaseReading]) -> list[BaseReading]:
+        """Stop the robot when its guard is lost, and tell so in a reading at least."""
+        if self._guard is not None and (lost := self._guard.watch()):
+            self.guards_replaced += 1
+            self._guard_problem = lost
+            self.stop()
+        if not (self._guard_problem and readings):
+            return readings
+        told = [replace(one, problems=(*one.problems, self._guard_problem)) for one in readings]
+        if self.is_guarded:
+            self._guard_problem = ""
+        return told
+
+    def _allow(self, valid_for_s: float) -> bool:
+        """Tell the guard for how long the robot may move. Return whether it may."""
+        return self._guard is None or self._guard.allow(valid_for_s)
 
     @abstractmethod
     def _motion(self, linear_m_per_s: float, angular_rad_per_s: float) -> bytes:
@@ -182,6 +202,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         self._valid_until_s = None
         self._speeds = (0.0, 0.0)
         self._stamps.forget()
+        self._guard_problem = ""
         if self._guard is not None:
             self._guard.close()
             self._guard = None

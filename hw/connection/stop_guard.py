@@ -9,74 +9,182 @@ import struct
 import subprocess
 import sys
 import time
+from collections import deque
 from contextlib import suppress
 
-# An order: s until the robot must be stopped, unless another order comes; 0: it stands.
-_ORDER = struct.Struct("d")
-END_TIMEOUT_S = 3.0
-WRITE_TIMEOUT_S = 1.0
+# An order: the time until which the robot may move, 0: it stands; and the time at which it was sent. Both by
+# CLOCK_MONOTONIC, s, which all processes share. The guard answers with the newest order that it has read.
+_ORDER = struct.Struct("dd")
+PING_PERIOD_S = 0.05
+ANSWER_LIMIT_S = 0.2
+"""A guard that has not answered an order for this time counts as lost."""
+FIRST_ANSWER_LIMIT_S = 2.0
+"""A new guard may take this time to start; one that cannot start is not replaced sooner."""
+END_TIMEOUT_S = 1.0
+WRITE_TIMEOUT_S = 0.5
+READ_BYTES = 65_536
 
 
 class StopGuard:
-    """Watches over one open port.
+    """Watches over one open port, and is watched itself: call `watch` every `PING_PERIOD_S`.
 
-    It stands outside the module's session and has none of its marks. The supervisor kills what a dead module
-    leaves behind, and would kill the guard before it has written the stop. It ends when its orders end.
+    The process stands outside the module's session and has none of its marks. The supervisor kills what a
+    dead module leaves behind, and would kill the guard before it has written the stop. It ends when its
+    orders end. A guard that has ended, or that does not answer, is replaced.
+
+    Nothing here waits for the guard, except for its first start and its end, both for a bounded time. The
+    guard waits for a slow line only at its end, so a line that takes no bytes does not make it silent.
 
     Args:
         descriptor: the open port's; the guard writes to the same port.
         stop: bytes that stop the robot.
+
+    Raises:
+        OSError: no process can be started.
     """
 
     def __init__(self, descriptor: int, stop: bytes) -> None:
         # Isolated, and without site packages: it starts within some 20 ms.
-        command = [sys.executable, "-I", "-S", __file__, str(descriptor), stop.hex()]
-        environment = {name: value for name, value in os.environ.items() if not name.startswith("ROBBIE_")}
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, pass_fds=[descriptor], start_new_session=True, env=environment
-        )
-        assert self._process.stdin is not None
-        self._orders = self._process.stdin.fileno()
+        self._command = [sys.executable, "-I", "-S", __file__, str(descriptor), stop.hex()]
+        self._descriptor = descriptor
+        self._until_s = 0.0
+        self._unanswered: deque[float] = deque()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._start()
+        select.select([self._answers], [], [], FIRST_ANSWER_LIMIT_S)
 
-    def allow(self, valid_for_s: float) -> None:
-        """Let the robot move for this time; 0: it stands."""
-        with suppress(OSError):
-            os.write(self._orders, _ORDER.pack(valid_for_s))
+    def allow(self, valid_for_s: float) -> bool:
+        """Let the robot move for this time; 0: it stands. Return False if no guard answers: do not drive."""
+        is_allowed = self.is_answering
+        self._until_s = time.monotonic() + valid_for_s if is_allowed and valid_for_s > 0 else 0.0
+        if is_allowed:
+            self._send()
+        return is_allowed
+
+    def watch(self) -> str:
+        """Replace the guard if it is lost. Return why it was, '' if it is not."""
+        reason = self._loss()
+        if reason:
+            self._until_s = 0.0
+            self._kill()
+            with suppress(OSError):
+                self._start()
+        elif self._has_answered and time.monotonic() >= self._sent_s + PING_PERIOD_S:
+            self._send()
+        return reason
+
+    @property
+    def is_answering(self) -> bool:
+        """Return whether the guard would stop the robot if this process died now."""
+        return not self._loss() and self._has_answered
 
     def close(self) -> None:
         """End the guard. It stops the robot, as at every end."""
-        assert self._process.stdin is not None
+        if self._process is not None and self.is_answering:
+            assert self._process.stdin is not None
+            self._process.stdin.close()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_TIMEOUT_S)
+        self._kill()
+
+    def _start(self) -> None:
+        """Start a process, and ask it for its first answer."""
+        self._has_answered = self._has_ended = False
+        self._unanswered.clear()
+        self._unanswered.append(time.monotonic())
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("ROBBIE_")}
+        self._process = subprocess.Popen(
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=[self._descriptor],
+            start_new_session=True, env=environment,
+        )  # fmt: skip
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._orders, self._answers = self._process.stdin.fileno(), self._process.stdout.fileno()
+        # A guard that is stopped does not read: a full pipe would hang the driver.
+        os.set_blocking(self._orders, False)
+        os.set_blocking(self._answers, False)
+        self._send()
+
+    def _kill(self) -> None:
+        if self._process is None:
+            return
+        self._process.kill()
+        # A debugger may keep it from ending.
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(ANSWER_LIMIT_S)
+        assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.close()
+        self._process.stdout.close()
+        self._process = None
+
+    def _send(self) -> None:
+        self._sent_s = time.monotonic()
+        self._unanswered.append(self._sent_s)
+        # What does not arrive is not answered.
+        with suppress(OSError):
+            os.write(self._orders, _ORDER.pack(self._until_s, self._sent_s))
+
+    def _loss(self) -> str:
+        """Return why the guard is lost, '' if it is not."""
+        # Its answers come first: this process may have been away, or the answer comes just now.
+        now_s = time.monotonic()
+        self._hear()
+        if self._has_ended and self._has_answered:
+            return "the stop guard has ended"
+        limit_s = ANSWER_LIMIT_S if self._has_answered else FIRST_ANSWER_LIMIT_S
+        if self._unanswered and now_s - self._unanswered[0] > limit_s:
+            return "the stop guard does not answer"
+        return ""
+
+    def _hear(self) -> None:
+        """Take the guard's answers."""
+        if self._process is None or self._has_ended:
+            return
         try:
-            self._process.wait(END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+            data = os.read(self._answers, READ_BYTES)
+        except BlockingIOError:
+            return
+        if not data:
+            self._has_ended = True
+            return
+        _, answered_s = _ORDER.unpack(data[-_ORDER.size :])
+        self._has_answered = True
+        while self._unanswered and self._unanswered[0] <= answered_s:
+            self._unanswered.popleft()
 
 
-def watch(orders: int, port: int, stop: bytes) -> None:
+def watch(orders: int, answers: int, port: int, stop: bytes) -> None:
     """Stop the robot whenever an order expires, and at the end of the orders."""
-    until_s: float | None = None
+    os.set_blocking(answers, False)
+    until_s, unwritten = 0.0, b""
     while True:
-        wait_s = None if until_s is None else max(0.0, until_s - time.monotonic())
-        if select.select([orders], [], [], wait_s)[0]:
+        wait_s = max(0.0, until_s - time.monotonic()) if until_s else None
+        ordered, writable, _ = select.select([orders], [port] if unwritten else [], [], wait_s)
+        if ordered:
             data = os.read(orders, 64 * _ORDER.size)
             if not data:
                 break
-            (valid_for_s,) = _ORDER.unpack(data[-_ORDER.size :])
-            until_s = time.monotonic() + valid_for_s if valid_for_s > 0 else None
-        else:
-            _write(port, stop)
-            until_s = None
-    _write(port, stop)
+            order = data[-_ORDER.size :]
+            until_s, _ = _ORDER.unpack(order)
+            # The driver may have died, or takes no answers.
+            with suppress(OSError):
+                os.write(answers, order)
+        elif until_s and time.monotonic() >= until_s:
+            until_s, unwritten = 0.0, stop
+        elif writable:
+            unwritten = unwritten[_write(port, unwritten) :]
+    if select.select([], [port], [], WRITE_TIMEOUT_S)[1]:
+        _write(port, stop)
 
 
-def _write(port: int, data: bytes) -> None:
-    # The port may have been pulled out, or accept nothing.
-    with suppress(OSError):
-        if select.select([], [port], [], WRITE_TIMEOUT_S)[1]:
-            os.write(port, data)
+def _write(port: int, data: bytes) -> int:
+    """Return how many bytes need not be written again."""
+    try:
+        return os.write(port, data)
+    except BlockingIOError:
+        return 0
+    except OSError:
+        return len(data)  # the port was pulled out
 
 
 if __name__ == "__main__":
-    watch(0, int(sys.argv[1]), bytes.fromhex(sys.argv[2]))
+    watch(0, 1, int(sys.argv[1]), bytes.fromhex(sys.argv[2]))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from hw.connection.device import PluggableDevice
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.connection.port import Port
-from hw.connection.stop_guard import StopGuard
+from hw.connection.stop_guard import PING_PERIOD_S, StopGuard
 from hw.dynamixel import protocol1
 from hw.dynamixel.protocol1 import Packet1, Protocol1Framing, ServoError
 from hw.framing import FrameDecoder
@@ -157,6 +157,7 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
 
     When a command expires, the driver switches the torque off. These servos have no watchdog: if this
     process dies or hangs, a guard, which is a process besides, switches their torque off after `watchdog_s`.
+    When the guard is lost, the joints hold where they are, and follow no command until a new guard answers.
     If the cable is pulled, they finish their motion and hold their position, until the driver is back and
     switches the torque off.
 
@@ -198,6 +199,10 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
         self.expired_commands = 0
         """How many commands have ended because no newer one came in time."""
+        self.ignored_commands = 0
+        """How many commands came while it was disconnected or its guard was lost."""
+        self.guards_replaced = 0
+        """How many guards were lost, and replaced."""
         self.missed_rounds = 0
         """How many rounds have ended without a reading, because a servo did not answer."""
         self.repeated_releases = 0
@@ -211,6 +216,7 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         self._valid_until_s: float | None = None
         self._has_torque = False
         self._guard: StopGuard | None = None
+        self._guard_problem = ""
 
     @property
     def joints(self) -> Sequence[Protocol1Joint]:
@@ -225,12 +231,15 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
     @property
     def is_guarded(self) -> bool:
         """Return whether a guard would let the joints go if this process died; `rfc2217://` has none."""
-        return self._guard is not None
+        return self._guard is not None and self._guard.is_answering
 
     def command(self, positions_rad: Mapping[str, float], valid_for_s: float) -> None:
-        """Move joints to positions; without a connection nothing happens."""
+        """Move joints to positions; without a connection, or without its guard, nothing happens."""
         goals = checked(self.joints, positions_rad, valid_for_s)
-        if not self.is_connected or not goals:
+        if not goals:
+            return
+        if not self.is_connected or not self._allow(self._watchdog_s):
+            self.ignored_commands += 1
             return
         wanted = {self._numbers[place]: self._servos[place].steps(goal) for place, goal in goals.items()}
         self._valid_until_s = self._monotonic() + capped_validity_s(valid_for_s)
@@ -239,24 +248,25 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
             return
         # A servo whose torque comes on goes to its old goal: each of them gets a new one first.
         self._has_torque = True
-        self._allow()
-        self._write_goals({servo.joint.servo: servo.measured for servo in self._servos} | wanted)
+        self._write_goals(self._measured_steps() | wanted)
         self._write_torque(True)
 
     def release(self) -> None:
         """Switch the torque of all servos off."""
         self._valid_until_s, self._has_torque = None, False
         self._write_torque(False)
-        self._allow()
+        self._allow(0.0)
 
     def poll(self, wait_s: float = 0.0) -> list[JointReading]:
         """Return the states since the last call; let the joints go when a command has expired."""
         end_s = self._monotonic() + wait_s
-        self._allow()
+        self._watch_guard()
         if self.is_connected and self._monotonic() >= self._next_s:
             self._next_s = max(self._next_s + self._period_s, self._monotonic())
             self._go_round()
         due_s = end_s
+        if self._guard is not None:
+            due_s = min(due_s, self._monotonic() + PING_PERIOD_S)
         if self.is_connected:
             due_s = min(due_s, self._next_s if not self._readings else -math.inf)
         if self._valid_until_s is not None:
@@ -281,6 +291,9 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
             self._lose(error)
             return
         problems = [text for servo in self._servos for text in servo.problems(self._has_torque)]
+        if self._guard_problem:
+            problems.append(self._guard_problem)
+            self._guard_problem = "" if self.is_guarded else self._guard_problem
         if not self._has_torque and any(servo.has_torque for servo in self._servos):
             self.repeated_releases += 1
             self._write_torque(False)
@@ -363,16 +376,28 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
     def _torque(self, is_on: bool) -> bytes:
         return protocol1.sync_write(TORQUE_ENABLE, dict.fromkeys(self._numbers, bytes([is_on])))
 
-    def _allow(self) -> None:
-        """Tell the guard for how long the joints may be held without another word."""
-        if self._guard is not None:
-            self._guard.allow(self._watchdog_s if self._has_torque else 0.0)
+    def _allow(self, valid_for_s: float) -> bool:
+        """Tell the guard how long the joints may be held without another word. Return whether they may."""
+        return self._guard is None or self._guard.allow(valid_for_s)
+
+    def _watch_guard(self) -> None:
+        """Say that this process lives. Hold the joints where they are when the guard is lost."""
+        if self._guard is not None and (lost := self._guard.watch()):
+            self.guards_replaced += 1
+            self._guard_problem = lost
+            if self._has_torque:
+                self._write_goals(self._measured_steps())
+        self._allow(self._watchdog_s if self._has_torque else 0.0)
+
+    def _measured_steps(self) -> dict[int, int]:
+        return {servo.joint.servo: servo.measured for servo in self._servos}
 
     def _reset(self) -> None:
         self._decoder.reset()
         self._readings.clear()
         self._valid_until_s, self._has_torque = None, False
         self._next_s = -math.inf
+        self._guard_problem = ""
         if self._guard is not None:
             self._guard.close()
             self._guard = None

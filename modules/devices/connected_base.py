@@ -81,7 +81,10 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
             return super().status_line()
         stopped = "EMERGENCY STOP, " if self.drive.is_emergency_stopped else ""
         problems = "".join(f", {problem}" for problem in self.problems)
-        figures = f"{super().status_line()}, {self.drive.expired_commands} expired commands"
+        figures = (
+            f"{super().status_line()}, {self.drive.expired_commands} expired commands, "
+            f"{self.drive.guards_replaced} guards replaced"
+        )
         return f"{stopped}{self.control_status}{figures}{problems}"
 
 

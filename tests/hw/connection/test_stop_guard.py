@@ -6,18 +6,24 @@ import subprocess
 import sys
 import time
 import tty
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 from select import select
+from threading import Thread
 
 import psutil
 import pytest
 
-from hw.connection.stop_guard import StopGuard
+from hw.connection.stop_guard import END_TIMEOUT_S, StopGuard
+from hw.emulation.carrier import PseudoTerminal
+from hw.emulation.create import EmulatedCreate
+from hw.emulation.line import EmulatedLine
 from hw.irobot import open_interface as oi
+from hw.irobot.create import CreateBase
 from robbie_mp.run.supervisor.leftovers import MARKER, kill_child_leftovers, marker
 from tests.hw._support import driving
+from tests.hw._support.guards import guards, new_guard
 from tests.hw.irobot.test_create import frame
 
 PROJECT = Path(__file__).parents[3]
@@ -25,6 +31,9 @@ HALT = oi.drive_direct(0, 0)
 DRIVE = oi.drive_direct(200, 200)
 STAND_WITHIN_S = 0.4
 LIMIT_S = 20.0
+# More orders than a pipe holds.
+MANY_ORDERS = 10_000
+KILLED_OR_STOPPED = pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 
 
 class Line:
@@ -48,6 +57,12 @@ class Line:
             if select([self.device], [], [], 0.01)[0]:
                 self.heard += os.read(self.device, 4096)
         return time.monotonic() - began_s
+
+    def forget(self) -> None:
+        """Read and forget what has arrived."""
+        while select([self.device], [], [], 0.0)[0]:
+            os.read(self.device, 4096)
+        self.heard = b""
 
     def close(self) -> None:
         os.close(self.device)
@@ -86,14 +101,14 @@ def test_order_to_stand_lets_nothing_expire(line: Line) -> None:
     assert line.heard == HALT
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+@KILLED_OR_STOPPED
 def test_robot_stands_after_its_driver_is_killed_or_stopped(line: Line, how: signal.Signals) -> None:
     stand_after(line, how, LIMIT_S)
 
 
 @pytest.mark.slow
 @pytest.mark.alone
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+@KILLED_OR_STOPPED
 def test_robot_stands_soon_after_its_driver_is_killed_or_stopped(line: Line, how: signal.Signals) -> None:
     stand_after(line, how, STAND_WITHIN_S)
 
@@ -118,19 +133,155 @@ def test_supervisor_that_kills_what_a_dead_module_left_does_not_kill_the_guard(l
         [sys.executable, "-m", driving.__name__, line.path],
         cwd=PROJECT, env={**os.environ, MARKER: mark}, start_new_session=True,
     )  # fmt: skip
-    guards = []
+    suspended = []
     try:
         line.listen_until(DRIVE, LIMIT_S, frame())
-        guards = psutil.Process(program.pid).children()
-        for guard in guards:
-            guard.suspend()  # so that the supervisor comes first
+        suspended = guards(program.pid)
+        program.send_signal(signal.SIGSTOP)  # first, or it would replace its guard
+        for guard in suspended:
+            guard.suspend()  # so that the supervisor comes before it
+        line.forget()
         program.kill()
         os.waitid(os.P_PID, program.pid, os.WEXITED | os.WNOWAIT)
         assert kill_child_leftovers(program.pid, mark, known=()) == {}
+        assert line.heard == b""
     finally:
         program.kill()
         program.wait()
-        for guard in guards:
+        for guard in suspended:
             guard.resume()
-    assert guards
+    assert suspended
     line.listen_until(HALT, LIMIT_S)
+
+
+@KILLED_OR_STOPPED
+def test_robot_stands_after_its_guard_is_lost_until_a_new_one_answers_and_a_new_order_comes(
+    line: Line, how: signal.Signals
+) -> None:
+    stand_without_guard(line, how, LIMIT_S)
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+@KILLED_OR_STOPPED
+def test_robot_stands_soon_after_its_guard_is_lost(line: Line, how: signal.Signals) -> None:
+    stand_without_guard(line, how, STAND_WITHIN_S)
+
+
+def stand_without_guard(line: Line, how: signal.Signals, limit_s: float) -> None:
+    """Lose the guard of a robot that is driven all the time."""
+    problems: set[str] = set()
+
+    def poll() -> None:
+        os.write(line.device, frame())
+        for reading in base.poll(0.01):
+            problems.update(reading.problems)
+        if select([line.device], [], [], 0.0)[0]:
+            line.heard += os.read(line.device, 4096)
+
+    def until_heard(end: bytes, limit_s: float, *, is_driven: bool) -> None:
+        give_up_s = time.monotonic() + limit_s
+        while end not in line.heard:
+            assert time.monotonic() < give_up_s, f"heard only {line.heard.hex(' ')}"
+            poll()
+            if is_driven and base.is_connected:
+                base.command(0.2, 0.0, 0.5)
+
+    with closing(CreateBase(line.path)) as base:
+        until_heard(DRIVE, LIMIT_S, is_driven=True)
+        line.heard = b""
+        (guard,) = guards()
+        guard.send_signal(how)
+        until_heard(HALT, limit_s, is_driven=True)
+        assert base.guards_replaced == 1
+        line.heard = b""
+        give_up_s = time.monotonic() + LIMIT_S
+        while not (base.is_guarded and problems):
+            assert time.monotonic() < give_up_s
+            poll()
+        assert DRIVE not in line.heard
+        assert any(one.startswith("the stop guard") for one in problems)
+        assert new_guard(os.getpid(), guard).is_running() and not guard.is_running()
+        until_heard(DRIVE, LIMIT_S, is_driven=True)
+        problems.clear()
+        poll()
+        assert not problems
+
+
+def test_base_whose_guard_cannot_start_does_not_drive(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with closing(CreateBase(line.path)) as base:
+        give_up_s = time.monotonic() + LIMIT_S
+        while not base.is_connected:
+            assert time.monotonic() < give_up_s
+            base.poll(0.02)
+        for _ in range(3):
+            base.command(0.2, 0.0, 0.5)
+            base.poll(0.02)
+        assert base.ignored_commands == 3 and not base.is_guarded
+        line.listen_until(HALT, LIMIT_S)
+        assert DRIVE not in line.heard
+
+
+def test_guard_that_is_stopped_does_not_hang_its_driver(line: Line) -> None:
+    host = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
+    guard = StopGuard(host, HALT)
+    (process,) = guards()
+
+    def order() -> None:
+        for _ in range(MANY_ORDERS):
+            guard.allow(60.0)
+
+    orders = Thread(target=order, daemon=True)
+    try:
+        process.suspend()
+        orders.start()
+        orders.join(LIMIT_S / 4)
+        assert not orders.is_alive(), "its orders wait for it"
+        until(lambda: not guard.allow(60.0), LIMIT_S)
+        began_s = time.monotonic()
+        guard.close()
+        assert time.monotonic() - began_s < END_TIMEOUT_S
+    finally:
+        with suppress(psutil.NoSuchProcess):
+            process.resume()
+        orders.join()
+        guard.close()
+        os.close(host)
+
+
+def test_create_stands_after_its_guard_was_killed_and_then_its_driver_stopped(tmp_path: Path) -> None:
+    stand_after_both(tmp_path, LIMIT_S)
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+@pytest.mark.parametrize("drives_again_s", [0.0, 0.02, 0.05, 0.1, 0.5])
+def test_create_stands_soon_after_its_guard_was_killed_and_then_its_driver_stopped(
+    tmp_path: Path, drives_again_s: float
+) -> None:
+    stand_after_both(tmp_path, STAND_WITHIN_S, drives_again_s)
+
+
+def stand_after_both(folder: Path, limit_s: float, drives_again_s: float = 0.1) -> None:
+    create = EmulatedCreate()
+    with EmulatedLine(create, PseudoTerminal(folder / "base")) as line:
+        program = subprocess.Popen([sys.executable, "-m", driving.__name__, line.url], cwd=PROJECT)
+        try:
+            until(lambda: any(create.speeds_mm_per_s), LIMIT_S)
+            (guard,) = guards(program.pid)
+            guard.kill()
+            new_guard(program.pid, guard)
+            time.sleep(drives_again_s)
+            program.send_signal(signal.SIGSTOP)
+            until(lambda: not any(create.speeds_mm_per_s), limit_s)
+        finally:
+            program.kill()
+            program.wait()
+
+
+def until(is_reached: Callable[[], bool], limit_s: float) -> None:
+    give_up_s = time.monotonic() + limit_s
+    while not is_reached():
+        assert time.monotonic() < give_up_s
+        time.sleep(0.002)

@@ -2,6 +2,8 @@
 
 import math
 import re
+import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -16,6 +18,7 @@ from hw.emulation.dynamixel1 import AX_12, CCW_LIMIT, GOAL, MX_28, TORQUE, Emula
 from hw.emulation.faults import Faults
 from hw.emulation.line import EmulatedLine
 from hw.joints import JointReading
+from tests.hw._support.guards import guards
 
 LIMIT_S = 20.0
 AX_STEP_RAD = math.radians(300) / 1023
@@ -89,6 +92,39 @@ def test_servos_are_let_go_by_the_guard_when_the_driver_hangs(line: EmulatedLine
         while servo(line, 1).table[TORQUE]:  # nobody polls: the driver hangs
             assert time.monotonic() < give_up_s
             time.sleep(0.005)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_joints_hold_where_they_are_after_their_guard_is_lost_until_a_new_one_answers(
+    line: EmulatedLine, how: signal.Signals
+) -> None:
+    slow = Protocol1Joint("joint1", speed_rad_per_s=0.5, servo=1)
+    goal = {"joint1": 2.0}
+    with closing(Protocol1Joints(line.url, [slow])) as arm:
+        until(arm, lambda one: one.positions_rad[0] > 0.1, goal)
+        wanted = servo(line, 1).get(GOAL)
+        (guard,) = guards()
+        guard.send_signal(how)
+        until(arm, lambda _: arm.guards_replaced == 1, goal)
+        give_up_s = time.monotonic() + LIMIT_S
+        while servo(line, 1).get(GOAL) == wanted:
+            assert time.monotonic() < give_up_s
+            time.sleep(0.005)
+        reading = until(arm, lambda one: bool(one.problems))
+        assert reading.problems[0].startswith("the stop guard")
+        until(arm, lambda _: arm.is_guarded)
+        assert servo(line, 1).get(GOAL) < wanted
+        until(arm, lambda one: servo(line, 1).get(GOAL) == wanted and not one.problems, goal)
+        assert not guard.is_running()
+
+
+def test_joints_whose_guard_cannot_start_are_not_moved(
+    line: EmulatedLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with closing(Protocol1Joints(line.url, ARM[:1])) as arm:
+        until(arm, lambda _: arm.ignored_commands >= 3, {"joint1": 1.0})
+        assert not arm.has_torque and not servo(line, 1).table[TORQUE]
 
 
 def test_lost_release_is_repeated_until_the_servos_obey(line: EmulatedLine) -> None:

@@ -1,0 +1,30 @@
+"""The stop guards of a process."""
+
+import os
+import time
+
+import psutil
+
+from hw.connection import stop_guard
+
+LIMIT_S = 20.0
+
+
+def guards(pid: int | None = None) -> list[psutil.Process]:
+    """Return the stop guards that a process has started and that run; None: this process."""
+    return [
+        child
+        for child in psutil.Process(pid or os.getpid()).children()
+        if child.status() != psutil.STATUS_ZOMBIE and stop_guard.__file__ in child.cmdline()
+    ]
+
+
+def new_guard(pid: int, old: psutil.Process) -> psutil.Process:
+    """Wait until a process has replaced its guard, and return the new one."""
+    give_up_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < give_up_s:
+        for guard in guards(pid):
+            if guard != old:
+                return guard
+        time.sleep(0.002)
+    raise AssertionError("the lost guard was not replaced")
