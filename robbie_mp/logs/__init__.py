@@ -1,0 +1,1 @@
+"""Recordings: write, read, capture and play them."""
