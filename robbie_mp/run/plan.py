@@ -2,9 +2,11 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
+
+import msgspec
 
 from robbie_mp.base.linux.private_files import write_private
 from robbie_mp.bus.transport.board import TOOL_PREFIX
@@ -12,15 +14,11 @@ from robbie_mp.bus.transport.layout import MAX_OUTSTANDING
 from robbie_mp.bus.transport.run_memory import RingSizes
 from robbie_mp.run.learnt_types import learnt_types
 from robbie_mp.run.profile.model import (
-    CheckpointPolicy,
     ClockSettings,
     CoreLimits,
-    MemoryLimits,
     ModuleSpec,
     Profile,
     QueueLimits,
-    RestartPolicy,
-    Scheduling,
     ToolLimits,
 )
 
@@ -34,24 +32,6 @@ CORE = "core"
 
 
 @dataclass(frozen=True)
-class PlannedModule:
-    """The data about a module that its process and the core need."""
-
-    name: str
-    class_path: str
-    settings: dict[str, Any]
-    topics: dict[str, str]
-    """New names of topics by the module's own."""
-    namespace: str
-    folder_of: dict[str, str]
-    """For path settings that are not relative to the workspace: the folder they are relative to."""
-    memory: MemoryLimits
-    queue: QueueLimits
-    checkpoint: CheckpointPolicy
-    scheduling: Scheduling
-
-
-@dataclass(frozen=True)
 class RunPlan:
     """A run, as its processes know it. Module number i has slot i + 1; slot 0 is the supervisor's."""
 
@@ -61,7 +41,7 @@ class RunPlan:
     output_directory: str
     supervisor_pid: int
     core: CoreLimits
-    modules: tuple[PlannedModule, ...]
+    modules: tuple[ModuleSpec, ...]
     spare_imports: list[str]
     """Packages that a spare interpreter imports in advance."""
     tools: ToolLimits
@@ -89,7 +69,7 @@ class RunPlan:
             output_directory=str(output_directory),
             supervisor_pid=supervisor_pid,
             core=profile.core,
-            modules=tuple(_planned(module) for module in profile.modules),
+            modules=profile.modules,
             spare_imports=profile.spares.imports,
             tools=profile.tools,
             clock=profile.clock,
@@ -133,43 +113,12 @@ class RunPlan:
 
     def save(self, run_directory: Path) -> None:
         """Write the plan for the children."""
-        write_private(run_directory / PLAN_FILE, json.dumps(asdict(self), default=str, indent=1))
+        plain = msgspec.to_builtins(self, enc_hook=str)
+        write_private(run_directory / PLAN_FILE, json.dumps(plain, indent=1))
 
     @classmethod
     def load(cls, run_directory: Path) -> Self:
         """Read the plan that the supervisor wrote, and what the run has learnt since."""
-        data = json.loads((run_directory / PLAN_FILE).read_text())
-        core = data["core"]
-        core |= {"restart": RestartPolicy(**core["restart"]), "scheduling": Scheduling(**core["scheduling"])}
-        data["core"] = CoreLimits(**core)
-        data["modules"] = tuple(
-            PlannedModule(
-                **module
-                | {
-                    "memory": MemoryLimits(**module["memory"]),
-                    "queue": QueueLimits(**module["queue"]),
-                    "checkpoint": CheckpointPolicy(**module["checkpoint"]),
-                    "scheduling": Scheduling(**module["scheduling"]),
-                }
-            )
-            for module in data["modules"]
-        )
-        data["tools"] = ToolLimits(**data["tools"])
-        data["clock"] = ClockSettings(**data["clock"])
-        data["types"] = [*(tuple(entry) for entry in data["types"]), *learnt_types(run_directory)]
-        return cls(**data)
-
-
-def _planned(module: ModuleSpec) -> PlannedModule:
-    return PlannedModule(
-        name=module.name,
-        class_path=module.class_path,
-        settings=dict(module.settings),
-        topics=dict(module.topics),
-        namespace=module.namespace,
-        folder_of={name: str(folder) for name, folder in module.folder_of.items()},
-        memory=module.memory,
-        queue=module.queue,
-        checkpoint=module.checkpoint,
-        scheduling=module.scheduling,
-    )
+        plain = json.loads((run_directory / PLAN_FILE).read_text())
+        plain["types"] += learnt_types(run_directory)
+        return msgspec.convert(plain, cls, dec_hook=lambda kind, value: kind(value))

@@ -179,7 +179,7 @@ def test_restart_policy_of_the_core_is_that_of_the_profile_or_the_default(robot:
     robot.write("core", "core: {restart: {max_restarts: 3, within_s: 5}}")
     core = robot.load("core").core
     assert core.restart == RestartPolicy(RestartWhen.ALWAYS, max_restarts=3, within_s=5.0)
-    assert ChildSpec.of_core(core, (), {}).restart is core.restart
+    assert ChildSpec.of_core(core, (), {}).module.restart is core.restart
     robot.write("core", "core: {restart: {max_restart: 3}}")
     with pytest.raises(
         ProfileError, match=r"core\.restart\.max_restart: unknown key; did you mean 'max_restarts'"

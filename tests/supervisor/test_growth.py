@@ -32,6 +32,10 @@ AT_ONCE = RestartPolicy(
 PROFILE = "modules:\n" + "".join(f"  m{number}: {{class: 'zoo.modules:Idle'}}\n" for number in range(MODULES))
 
 
+def with_restart(spec: ChildSpec, policy: RestartPolicy) -> ChildSpec:
+    return dataclasses.replace(spec, module=dataclasses.replace(spec.module, restart=policy))
+
+
 @pytest.fixture
 def quick_run(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., run.RunResult]:
     """Supervises in this process: a true core, and modules that are programs which end at once."""
@@ -41,11 +45,11 @@ def quick_run(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., ru
 
     def children(profile: Profile, folder: Path, environment: Mapping[str, str]) -> list[ChildSpec]:
         core, *modules = described(profile, folder, environment)
-        once = dataclasses.replace(core.restart, max_restarts=1, backoff_s=0.0, backoff_cap_s=0.0)
-        ends = {"argv": ("/bin/true",), "restart": AT_ONCE, "may_be_warm": False}
+        once = dataclasses.replace(core.module.restart, max_restarts=1, backoff_s=0.0, backoff_cap_s=0.0)
+        ends = {"argv": ("/bin/true",), "may_be_warm": False}
         return [
-            dataclasses.replace(core, restart=once),
-            *(dataclasses.replace(spec, **ends) for spec in modules),  # type: ignore[arg-type]
+            with_restart(core, once),
+            *(with_restart(dataclasses.replace(spec, **ends), AT_ONCE) for spec in modules),  # type: ignore[arg-type]
         ]
 
     monkeypatch.setattr(run, "_children", children)

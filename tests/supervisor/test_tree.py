@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.run.profile.model import RestartPolicy
+from robbie_mp.run.profile.model import ModuleSpec, RestartPolicy
 from robbie_mp.run.supervisor import supervised_child
 from robbie_mp.run.supervisor.child_spec import ChildSpec, InvalidChild
 from robbie_mp.run.supervisor.process import ChildProcess
@@ -164,7 +164,7 @@ def test_restart_waits_until_the_dead_incarnation_is_reclaimed(tmp_path: Path) -
 
 
 def test_command_that_does_not_exist_fails_only_that_child(tmp_path: Path) -> None:
-    missing = ChildSpec("missing", ("/no/such/command",), {}, restart=NEVER)
+    missing = ChildSpec(ModuleSpec("missing", "", restart=NEVER), ("/no/such/command",), {})
     run = Run(tmp_path, missing, animal(zoo.works))
     assert run.play(stop_when(run, lambda: run.is_running("works"))) == 1
     assert "No such file or directory" in run.last("missing").reason

@@ -110,7 +110,7 @@ class ModuleSpec:
     name: str
     class_path: str
     """Written as `package.module:Class`."""
-    settings: Mapping[str, object] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
     topics: Mapping[str, str] = field(default_factory=dict)
     """New names of topics by the names that the class uses."""
     namespace: str = ""
@@ -238,14 +238,13 @@ class Profile:
     name: str
     modules: tuple[ModuleSpec, ...]
     """In start order."""
-    """Values by dotted key."""
     core: CoreLimits = CoreLimits()
     spares: SpareInterpreters = SpareInterpreters()
     trace: TraceSettings = field(default_factory=TraceSettings)
     tools: ToolLimits = ToolLimits()
     clock: ClockSettings = ClockSettings()
     description: str = ""
-    variables: Mapping[str, object] = field(default_factory=dict)
+    variables: Mapping[str, Any] = field(default_factory=dict)
     """Their values in this run, which have been inserted everywhere."""
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Why modules are left out, by name: their condition, or `--without`."""

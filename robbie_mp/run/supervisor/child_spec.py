@@ -2,13 +2,13 @@
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Self
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.run.profile.model import CoreLimits, ModuleSpec, RestartPolicy, Scheduling
+from robbie_mp.run.profile.model import CoreLimits, ModuleSpec, Scheduling
 from robbie_mp.run.trace.kinds import ALL_KINDS, Kind
 
 SPARE_COMPUTE_THREADS = Scheduling().compute_threads
@@ -35,32 +35,30 @@ class ChildKind(StrEnum):
 
 @dataclass(frozen=True)
 class ChildSpec:
-    """A command, and what to do when it ends; see ModuleSpec for the fields they share."""
+    """A command, and what to do when it ends."""
 
-    name: str
+    module: ModuleSpec
+    """What the profile says about it; for the core, what `core` of the profile says."""
     argv: tuple[str, ...]
     environment: Mapping[str, str]
     """The whole environment; the supervisor adds one variable that marks the child's descendants."""
     kind: ChildKind = ChildKind.MODULE
     folder: Path | None = None
     """Working directory; None: the supervisor's."""
-    restart: RestartPolicy = field(default_factory=RestartPolicy)
-    depends_on: tuple[str, ...] = ()
-    essential: bool = False
-    ends_run: bool = False
-    start_deadline_s: float = 30.0
-    stop_grace_s: float = 3.0
-    handler_deadline_s: float = 0.0
-    """How long one handler or tick may run; 0: without limit."""
     record: Collection[Kind] = ALL_KINDS
     """The kinds of trace entries recorded for this child."""
     may_be_warm: bool = False
     """Whether a spare interpreter can take the place of the command."""
 
     @property
+    def name(self) -> str:
+        """Name of the child and of its module."""
+        return self.module.name
+
+    @property
     def is_needed(self) -> bool:
         """Whether the run stops when this child is FAILED."""
-        return self.essential or self.ends_run or self.kind is ChildKind.CORE
+        return self.module.essential or self.module.ends_run or self.kind is ChildKind.CORE
 
     def __post_init__(self) -> None:
         """Check the name.
@@ -81,30 +79,19 @@ class ChildSpec:
     ) -> Self:
         """Describe the child that runs a module; `record` is the default if the module sets none."""
         return cls(
-            name=module.name,
-            argv=argv,
-            environment=environment,
-            restart=module.restart,
-            depends_on=module.depends_on,
-            essential=module.essential,
-            ends_run=module.ends_run,
-            start_deadline_s=module.start_deadline_s,
-            stop_grace_s=module.stop_grace_s,
-            handler_deadline_s=module.handler_deadline_s,
+            module,
+            argv,
+            environment,
             record=record if module.record is None else module.record,
-            may_be_warm=module.scheduling.compute_threads == SPARE_COMPUTE_THREADS,
+            may_be_warm=_may_be_warm(module.scheduling),
         )
 
     @classmethod
     def of_core(cls, limits: CoreLimits, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
         """Describe the core, the child that routes the messages."""
-        return cls(
-            name="core",
-            argv=argv,
-            environment=environment,
-            kind=ChildKind.CORE,
-            restart=limits.restart,
-            essential=True,
-            handler_deadline_s=limits.deadline_s,
-            may_be_warm=limits.scheduling.compute_threads == SPARE_COMPUTE_THREADS,
-        )
+        core = ModuleSpec("core", "", restart=limits.restart, handler_deadline_s=limits.deadline_s)
+        return cls(core, argv, environment, ChildKind.CORE, may_be_warm=_may_be_warm(limits.scheduling))
+
+
+def _may_be_warm(scheduling: Scheduling) -> bool:
+    return scheduling.compute_threads == SPARE_COMPUTE_THREADS

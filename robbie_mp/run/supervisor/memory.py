@@ -29,7 +29,8 @@ from robbie_mp.bus.transport.wakeup import Wakeup
 from robbie_mp.messages import ModuleState, Time
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
+from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
+from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.supervisor.crash import LastWordsReader, describe_activity
 from robbie_mp.run.supervisor.incarnations import Doing
 from robbie_mp.run.supervisor.states import STATES, ChildState, StateChange
@@ -341,7 +342,7 @@ class RunMemory:
         return self.board.read(self._slots[name])
 
 
-def _bounds(module: PlannedModule) -> SlotBounds:
+def _bounds(module: ModuleSpec) -> SlotBounds:
     return SlotBounds(module.queue.messages, module.queue.bytes, module.memory.limit_bytes)
 
 

@@ -48,9 +48,9 @@ from robbie_mp.module.ticks import (
 )
 from robbie_mp.module.wiring import Wiring
 from robbie_mp.run.lockstep import ClockSource, Lockstep
-from robbie_mp.run.plan import PlannedModule, RunPlan
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.check import load_class
-from robbie_mp.run.profile.model import HANDLER_TIMES, MEASURED
+from robbie_mp.run.profile.model import HANDLER_TIMES, MEASURED, ModuleSpec
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.supervisor.scheduling import apply_scheduling, prefer_new_threads
 
@@ -178,21 +178,20 @@ def charge_of(plan: RunPlan, module: Module) -> Callable[[int], int] | None:
 
 
 def read_settings(
-    plan: RunPlan, planned: PlannedModule, module_class: type[Module], changed: dict[str, object]
+    plan: RunPlan, planned: ModuleSpec, module_class: type[Module], changed: dict[str, object]
 ) -> dict[str, object]:
     """Return a module's settings: those of the profile, with the changes made in this run."""
     workspace = Path(plan.workspace)
-    folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
     try:
         given = {**planned.settings, **changed}
-        return check_settings(module_class, given, folder=workspace, folder_of=folders)
+        return check_settings(module_class, given, folder=workspace, folder_of=planned.folder_of)
     except SettingError:
         if not changed:
             raise
         logging.getLogger(planned.name).exception(
             "the settings changed in this run are no longer valid; the profile's are used"
         )
-    return check_settings(module_class, planned.settings, folder=workspace, folder_of=folders)
+    return check_settings(module_class, planned.settings, folder=workspace, folder_of=planned.folder_of)
 
 
 def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:

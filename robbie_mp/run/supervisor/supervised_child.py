@@ -92,7 +92,7 @@ class SupervisedChild:
         self._leftovers: Leftovers | None = None
         self._run_queue: RunQueueTime | None = None
         self._streams: list[ChildStream] = []
-        self._hang_watch = HangWatch(spec.handler_deadline_s, spec.stop_grace_s)
+        self._hang_watch = HangWatch(spec.module.handler_deadline_s, spec.module.stop_grace_s)
         self._crash_watch = CrashWatch(spec.name, output, surroundings.incarnations, surroundings.clock)
         self._is_opened = False
         self._may_restart = True
@@ -147,7 +147,7 @@ class SupervisedChild:
         self._then = None
         self._stop_reason = self._kill_reason = ""
         self._kill_at_s = self._killed_s = None
-        self._due_s = self._clock() + self.spec.start_deadline_s
+        self._due_s = self._clock() + self.spec.module.start_deadline_s
         self.output.begin(self.incarnation)
         self._move(ChildState.STARTING, f"start {self.incarnation}")
         self._is_opened = False
@@ -181,9 +181,9 @@ class SupervisedChild:
         elif self.state is ChildState.STARTING:
             self._check_ready()
             if self._incarnations.awaits_time(self.spec.name):
-                self._due_s = now_s + self.spec.start_deadline_s  # the delay is not its fault
+                self._due_s = now_s + self.spec.module.start_deadline_s  # the delay is not its fault
             elif self.state is ChildState.STARTING and now_s >= self._due_s + self._starved_s(now_s):
-                self.kill(f"not ready within {self.spec.start_deadline_s:g} s")
+                self.kill(f"not ready within {self.spec.module.start_deadline_s:g} s")
         elif self.state is ChildState.RUNNING:
             self._check_hang(now_s)
         elif self._waits_for_start() and now_s >= self._due_s and self._may_open():
@@ -420,7 +420,7 @@ class SupervisedChild:
                 self.unfinished = reason
             self._move(ChildState.STOPPED, reason, status)
             return
-        if is_clean and self.spec.ends_run:
+        if is_clean and self.spec.module.ends_run:
             self.ended_run = True
             self._move(ChildState.STOPPED, f"{reason}: the run is over", status)
             return

@@ -36,7 +36,7 @@ class Dependencies:
         reached = {child.spec.name}
         grown = True
         while grown:
-            more = {c.spec.name for c in self._children if not reached.isdisjoint(c.spec.depends_on)}
+            more = {c.spec.name for c in self._children if not reached.isdisjoint(c.spec.module.depends_on)}
             grown = not more <= reached
             reached |= more
         return [c for c in self._children if c.spec.name in reached and c is not child]
@@ -47,7 +47,7 @@ class Dependencies:
             (other.state is ChildState.RUNNING and not other.is_stopping)
             or (other.state is not None and other.state.is_final)
             for other in self._children
-            if other.spec.name in child.spec.depends_on
+            if other.spec.name in child.spec.module.depends_on
         )
 
 
@@ -77,11 +77,11 @@ class OrderedStop:
         while self._waiting and self._living() is None:
             self._current = self._waiting.pop()
             if child := self._living():
-                self._kill_at_s = self._clock() + child.spec.stop_grace_s
+                self._kill_at_s = self._clock() + child.spec.module.stop_grace_s
                 child.terminate()
         child = self._living()
         if child and self._clock() >= self._kill_at_s:
-            child.kill(f"did not stop within {child.spec.stop_grace_s:g} s")
+            child.kill(f"did not stop within {child.spec.module.stop_grace_s:g} s")
 
     @property
     def is_over(self) -> bool:
@@ -337,7 +337,7 @@ class Tree:
             self._dependencies.are_settled,
             self._on_change,
         )
-        budget = RestartBudget(spec.restart, self._clock, random.random)
+        budget = RestartBudget(spec.module.restart, self._clock, random.random)
         return SupervisedChild(spec, output.child(spec.name, spec.record), budget, surroundings)
 
     def _known_pids(self) -> set[int]:

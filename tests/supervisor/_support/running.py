@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 
 from robbie_mp.base.linux.proc import read_stat
-from robbie_mp.run.profile.model import RestartPolicy, RestartWhen, TraceSettings
+from robbie_mp.run.profile.model import ModuleSpec, RestartPolicy, RestartWhen, TraceSettings
 from robbie_mp.run.supervisor.child_spec import ChildKind, ChildSpec
 from robbie_mp.run.supervisor.incarnations import Doing
 from robbie_mp.run.supervisor.output import OutputStore
@@ -187,14 +187,18 @@ class Run:
 
 def animal(behaviour: Callable[[zoo.Animal], None], name: str = "", **fields: object) -> ChildSpec:
     """Describe a child of the zoo; its restarts are quick."""
-    settings: dict[str, object] = {"restart": QUICK, "start_deadline_s": 5.0, **fields}
+    settings: dict[str, object] = {
+        "restart": QUICK, "start_deadline_s": 5.0, "handler_deadline_s": 0.0, **fields,
+    }  # fmt: skip
     argv = (sys.executable, "-S", "-P", zoo.__file__, behaviour.__name__)
-    return ChildSpec(name or behaviour.__name__, argv, {"PYTHONPATH": str(PROJECT)}, **settings)  # type: ignore[arg-type]
+    own = {key: settings.pop(key) for key in ("kind", "may_be_warm") if key in settings}
+    module = ModuleSpec(name or behaviour.__name__, "", **settings)  # type: ignore[arg-type]
+    return ChildSpec(module, argv, {"PYTHONPATH": str(PROJECT)}, **own)  # type: ignore[arg-type]
 
 
 def core(behaviour: Callable[[zoo.Animal], None] = zoo.works) -> ChildSpec:
     """Describe a core."""
-    return animal(behaviour, "core", kind=ChildKind.CORE, restart=NEVER, essential=True)
+    return animal(behaviour, "core", kind=ChildKind.CORE, restart=NEVER)
 
 
 def is_gone(pid: int) -> bool:
