@@ -50,9 +50,14 @@ class SeenShape(Message, name="manipulation_msgs/msg/SeenShape", version=1):
     is_round: bool = DEFAULT
 
     def flaw(self) -> Flaw | None:
-        """Return a size that is negative or not finite."""
+        """Return a size that is negative or not finite, or an orientation that was never set."""
         flaw = outside(self.size, 0.0, MAX_POSITION_M, "x", "y", "z")
-        return None if flaw is None else flaw._replace(field=f"size.{flaw.field}")
+        if flaw is not None:
+            return flaw._replace(field=f"size.{flaw.field}")
+        turn = self.pose.orientation
+        if not any((turn.x, turn.y, turn.z, turn.w)):
+            return Flaw("pose.orientation", (0.0, 0.0, 0.0, 0.0), "a unit quaternion (x, y, z, w)")
+        return None
 
 
 class TableObjects(Message, name="manipulation_msgs/msg/TableObjects", version=1):

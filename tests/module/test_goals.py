@@ -134,6 +134,27 @@ def test_ended_goal_cannot_end_again() -> None:
             active.abort("too late")
 
 
+def test_preempting_a_goal_that_has_ended_does_nothing() -> None:
+    with ModuleHarness(Wheels) as harness:
+        harness.cancel_goal(harness.send_goal(DriveTo(x_m=9.0)), "enough")
+        active = harness.module.active
+        assert active is not None
+        active.preempt("another one came")
+        assert [end.outcome for end in harness.take(GoalEnd)] == [GoalEnd.CANCELLED]
+
+
+def test_goal_with_the_number_of_one_that_has_not_ended_is_ignored() -> None:
+    with ModuleHarness(Wheels) as harness:
+        goal = harness.send_goal(DriveTo(x_m=9.0))
+        first = harness.module.active
+        channel = next(one.name for one in harness.bus.subscriptions if one.decoder is DriveTo)
+        harness.bus.deliver(channel, goal.encode(), "client")
+        assert harness.module.active is first
+        assert first is not None
+        assert first.is_active
+        assert not harness.take(GoalEnd)
+
+
 def test_goal_survives_a_restart_of_its_server() -> None:
     with ModuleHarness(Wheels) as harness:
         harness.send_goal(DriveTo(x_m=2.0))

@@ -45,15 +45,7 @@ def inputs(harness: ModuleHarness[Module]) -> list[tuple[ChannelName, type[Messa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "class_path",
-    [
-        pytest.param(one, marks=pytest.mark.xfail(reason="an ended goal is preempted; tables without a pose"))
-        if one == "modules.manipulation.manipulation:Manipulation"
-        else one
-        for one in sorted(modules())
-    ],
-)
+@pytest.mark.parametrize("class_path", sorted(modules()))
 def test_module_survives_every_damaged_field(
     class_path: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

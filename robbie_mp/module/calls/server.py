@@ -111,12 +111,13 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
         self._end(GoalEnd.CANCELLED, reason)
 
     def preempt(self, reason: str) -> None:
-        """End the goal, because another one takes its place; arguments and errors as for `abort`.
+        """End the goal, because another one takes its place. A goal that has ended stays as it is.
 
         Args:
             reason: for people.
         """
-        self._end(GoalEnd.PREEMPTED, reason)
+        if self.is_active:  # who replaces a goal need not know whether its client has cancelled it meanwhile
+            self._end(GoalEnd.PREEMPTED, reason)
 
     def _end(self, outcome: int, reason: str) -> None:
         self._check_active()
@@ -148,6 +149,7 @@ class ServiceCalls:
     Attributes:
         goals: the goals that are being worked on, by client and call.
         refused: number of requests that a handler refused.
+        repeated: number of goals ignored whose number belongs to a goal that has not ended.
         unsent: number of replies for which there was no memory.
     """
 
@@ -159,6 +161,7 @@ class ServiceCalls:
         self.goals: dict[tuple[str, int], ActiveGoal[Any, Any, Any]] = {}
         self._on_cancels: dict[type[Message], Callable[[Any, str], None] | None] = {}
         self.refused = 0
+        self.repeated = 0
         self.unsent = 0
         self.look_again_ns = 0
 
@@ -205,6 +208,18 @@ class ServiceCalls:
         self.refuse(client, request.call, str(ill_formed(request.type_name, flaw)))
         return False
 
+    def _is_repeated(self, active: ActiveGoal[Any, Any, Any]) -> bool:
+        """Whether a client has used the number of a goal that has not ended; then the new goal is ignored.
+
+        Otherwise one of the two would be lost without an end, or a reply would end the other one.
+        """
+        if active.key not in self.goals:
+            return False
+        self.repeated += 1
+        name = type(active.goal).__name__
+        self._log.warning("ignored a %s of %s: its goal %d has not ended", name, *active.key)
+        return True
+
     def listen(
         self,
         request_type: type[Message],
@@ -238,7 +253,7 @@ class ServiceCalls:
 
         def on_message(goal: Goal[FeedbackType, ResultType]) -> None:
             active: ActiveGoal[Any, Any, Any] = ActiveGoal(self, self._bus.sender(), goal, types)
-            if not self._is_well_formed(goal, active.client):
+            if not self._is_well_formed(goal, active.client) or self._is_repeated(active):
                 return
             self.goals[active.key] = active
             try:
