@@ -39,7 +39,7 @@ class BaseReading:
         pressed: the bumper's parts that touch something, of `hw.bumper.PARTS`.
         battery: None if it does not tell.
         charging: whether a charger charges the battery; None if it does not tell.
-        problems: why it may not move, for people, such as "cliff on the left".
+        problems: why it may not move, in plain words, such as "cliff on the left".
         sonar_m: distances by the sonars' numbers; +inf: nothing seen.
     """
 
@@ -152,7 +152,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         return self._guard is not None and self._guard.is_answering
 
     def poll(self, wait_s: float = 0.0) -> list[BaseReading]:
-        """Return what the base has told since the last call; stop it when a command has expired."""
+        """Return what the base has reported since the last call; stop it when a command has expired."""
         if self._valid_until_s is not None:
             wait_s = max(0.0, min(wait_s, self._valid_until_s - self._monotonic()))
         if self._guard is not None:

@@ -32,7 +32,7 @@ class GamepadState:
 class GamepadEvents:
     """Reads `input_event` structures; a state counts only when its report is complete.
 
-    When the kernel has dropped events, nothing counts as held any more until it is pressed anew.
+    When the kernel has dropped events, nothing counts as held any more until it is pressed again.
     """
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ class Gamepad:
     def __init__(self, path: str) -> None:
         self.path = path
         self.reason = "not yet connected"
-        """Why it is not connected, for people; '' while it is."""
+        """Why it is not connected, in plain words; '' while it is."""
         self.connections = 0
         self.losses = 0
         self._events = GamepadEvents()

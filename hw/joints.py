@@ -35,7 +35,7 @@ class JointReading:
         stamp_s: time of the reading.
         positions_rad: positions.
         speeds_rad_per_s: speeds.
-        problems: what the joints report, for people.
+        problems: what the joints report, in plain words.
     """
 
     stamp_s: float

@@ -13,7 +13,7 @@ from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
 
 
 class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
-    """A laser that connects by itself; `poll` returns its sweeps. Its geometry is known once it has told it.
+    """A laser that connects by itself; `poll` returns its sweeps. Its geometry is known once reported.
 
     Args:
         url: the port: see `Port`.

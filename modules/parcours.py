@@ -84,7 +84,7 @@ class Parcours(Module):
             self.count(Pose(*planar(odometry.pose.pose)))
 
     def on_map_pose(self, pose: PoseStamped) -> None:
-        """Count laps. The first pose on the map begins them anew, as it is in another frame."""
+        """Count laps. The first pose on the map begins them again, as it is in another frame."""
         if not self.has_map:
             self.has_map = True
             self.counter = LapCounter()

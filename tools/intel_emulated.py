@@ -99,7 +99,7 @@ def compare(folder: Path, data: Path, rate: float, seconds: float | None) -> dic
 
 
 def as_text(report: dict[str, object]) -> str:
-    """Return the errors for people."""
+    """Return the errors as text."""
     lines = []
     for name in ("direct", "emulated"):
         errors = report[name]

@@ -291,7 +291,7 @@ def _told_by(robot: Robot, module: str) -> dict[str, int]:
 
 
 def as_text(result: Trial) -> str:
-    """Return the times for people."""
+    """Return the times as text."""
     lines = []
     for name, each in result.replugs.items():
         told = [f"{what} {_told(values)}" for what, values in asdict(each).items() if what != "stale"]

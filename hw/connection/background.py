@@ -49,7 +49,7 @@ class BackgroundDevice(ABC, Generic[T]):
         self.dropped = 0
         """Values that were dropped because `poll` was called too seldom, or because the device was lost."""
         self.reason = "not yet connected"
-        """Why it is DISCONNECTED, for people; '' while it is CONNECTED."""
+        """Why it is DISCONNECTED, in plain words; '' while it is CONNECTED."""
         self._monotonic = monotonic
         self._changed = Condition()
         self._values: deque[T] = deque()

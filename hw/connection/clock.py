@@ -62,7 +62,7 @@ class DeviceClock:
         return self._slope
 
     def forget(self) -> None:
-        """Start anew, for example because the device was connected again."""
+        """Start again, for example because the device was connected again."""
         self._wrapped_s = 0.0
         self._device_s: float | None = None
         self._buckets: list[tuple[float, float]] = []
@@ -211,12 +211,12 @@ class RegularClock:
         self.forget()
 
     def set_period(self, period_s: float) -> None:
-        """Start anew with another period, because the device has told it."""
+        """Start again with another period, because the device has reported it."""
         self._period_s = period_s
         self.forget()
 
     def forget(self) -> None:
-        """Start anew, for example because the device was connected again."""
+        """Start again, for example because the device was connected again."""
         self._clock.forget()
         self._count: int | None = None
         self._late: list[int] = []

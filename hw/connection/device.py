@@ -78,7 +78,7 @@ class PluggableDevice(ABC, Generic[T]):
         self.url, self.bit_rate, self.silence_s = url, bit_rate, silence_s
         self.counters = Counters()
         self.reason = "not yet connected"
-        """Why it is DISCONNECTED, for people; '' while it is CONNECTED."""
+        """Why it is DISCONNECTED, in plain words; '' while it is CONNECTED."""
         self._monotonic, self._open_port = monotonic, open_port
         self._port: Port | None = None
         self._backoff_s, self._next_attempt_s = MIN_BACKOFF_S, monotonic()

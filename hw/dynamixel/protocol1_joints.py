@@ -84,7 +84,7 @@ class Protocol1Joint(Joint):
 
 @dataclass
 class _Servo:
-    """A joint, and what its servo has told at the last connection and since.
+    """A joint, and what its servo has reported at the last connection and since.
 
     Attributes:
         joint: the joint.
@@ -132,7 +132,7 @@ class _Servo:
         return -value if speed & BACKWARDS else value
 
     def problems(self, should_have_torque: bool) -> list[str]:
-        """Return what the servo reports, for people."""
+        """Return what the servo reports, in plain words."""
         texts = [text for bit, text in PROBLEMS.items() if self.errors & bit]
         if should_have_torque and not self.has_torque:
             texts.append("has switched its torque off")

@@ -183,7 +183,7 @@ class EmulatedPioneer(EmulatedDevice):
 
     def _shake_hands(self, command: int, body: bytes) -> None:
         if self._synced < 3:
-            # Anything out of order begins the handshake anew.
+            # Anything out of order begins the handshake again.
             self._synced = self._synced + 1 if command == self._synced else int(command == 0)
             if command == 2 and self._synced == 3:
                 self._send(SYNC_ANSWER + self.base.subclass.encode() + b"\0")

@@ -252,7 +252,7 @@ class EmulatedHokuyo(EmulatedDevice):
         return "003" if self.is_on else "000"
 
     def _reboot(self, command: str) -> None:
-        """Begin anew at the second request within a second."""
+        """Begin again at the second request within a second."""
         now_s = self.clock.now_s()
         is_second = now_s - self._asked_to_reboot_s < REBOOT_WITHIN_S
         self._answer(command, "00" if is_second else "01")

@@ -62,7 +62,7 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
     ) -> None:
         super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
         self.limits = PanTiltLimits(rate_rad_per_s=rate_rad_per_s)
-        """The limits of the unit, as it has told them."""
+        """The limits of the unit, as it has reported them."""
         self.refused = 0
         """How many commands the unit has refused."""
         self._clock, self._rate_rad_per_s = clock, rate_rad_per_s
@@ -82,7 +82,7 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
             self._wanted = wanted
 
     def read(self) -> PanTiltState:
-        """Return the last direction that the unit has told."""
+        """Return the last direction that the unit has reported."""
         return self._last
 
     def poll(self, wait_s: float = 0.0) -> list[PanTiltState]:

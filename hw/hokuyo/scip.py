@@ -145,7 +145,7 @@ def measurement(reply: Reply) -> Measurement:
 
 
 def meaning(status: str) -> str:
-    """Return what a status means, for people."""
+    """Return what a status means, in plain words."""
     known = STATUSES.get(status)
     return f"status {status}" + (f" ({known})" if known else "")
 

@@ -83,7 +83,7 @@ class RelayLights(PluggableDevice[RelayAnswer], Lights):
         return tuple(map(float, self._goals)) if self.is_connected else None
 
     def poll(self, wait_s: float = 0.0) -> list[RelayAnswer]:
-        """Return what the board has told since the last call, and ask again."""
+        """Return what the board has reported since the last call, and ask again."""
         now_s = self._monotonic()
         if self.is_connected and self.tells and now_s >= self._asked_s + PERIOD_S:
             self._asked_s = now_s

@@ -23,7 +23,7 @@ PULSE_PERIOD_S = 0.05
 HANDSHAKE_TIMEOUT_S = 0.5
 # A damaged answer is asked for again.
 CONFIGURATION_ATTEMPTS = 2
-# The robot's period of reports before it has told it.
+# The robot's period of reports before it has reported it.
 REPORT_PERIOD_S = 0.1
 # What a stop takes beside watchdog and brakes: the controller's cycles, and the wheels behind its speeds.
 STOP_RESERVE_S = 0.05
@@ -128,7 +128,7 @@ class PioneerBase(ConnectedBase):
         self._pulse_s = -math.inf
 
     def poll(self, wait_s: float = 0.0) -> list[BaseReading]:
-        """Return what the robot has told since the last call; keep its watchdog content."""
+        """Return what the robot has reported since the last call; keep its watchdog content."""
         if self.is_connected and self._monotonic() - self._pulse_s >= PULSE_PERIOD_S:
             self._pulse_s = self._monotonic()
             self.send(p2os.command(Command.PULSE))

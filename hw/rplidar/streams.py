@@ -284,10 +284,10 @@ class CapsuleReader(StreamReader):
 
     def samples(self, frames: Bytes) -> Samples:
         """Return the samples of all capsules that another one follows."""
-        # Where the laser has begun anew, a capsule does not follow the one before it.
-        anew = np.flatnonzero(frames[:, 3] & 0x80)
+        # Where the laser has begun again, a capsule does not follow the one before it.
+        restarts = np.flatnonzero(frames[:, 3] & 0x80)
         parts, begin = [], 0
-        for end in [*anew.tolist(), len(frames)]:
+        for end in [*restarts.tolist(), len(frames)]:
             if end > begin:
                 parts.append(self._run(frames[begin:end]))
             if end < len(frames):
@@ -320,7 +320,7 @@ class CapsuleReader(StreamReader):
         steps = (np.diff(starts) % FULL_TURN_DEG) / self.frame_samples
         swept = starts[:-1, np.newaxis] + steps[:, np.newaxis] * np.arange(self.frame_samples)
         swept = swept.ravel() % FULL_TURN_DEG
-        # A turn is counted by the direction of the mirror, which grows until it begins anew.
+        # A turn is counted by the direction of the mirror, which grows until it begins again.
         firsts = np.diff(swept, prepend=self._last_deg if self._last_deg < FULL_TURN_DEG else swept[0]) < 0
         self._last_deg = float(swept[-1])
         distances, offsets = self.distances_and_offsets(frames)

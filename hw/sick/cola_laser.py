@@ -141,7 +141,7 @@ class SickColaLaser(PluggableLaser):
         """Return how long before its transmission a scan's first beam was measured.
 
         What a laser calls the time of a scan differs: an LMS1xx or LMS5xx tells when the scan began, a TiM
-        when it ended. A scan that was sent sooner than it takes to measure has told its end.
+        when it ended. A scan that was sent sooner than it takes to measure has reported its end.
         """
         told_s = (scan.sent_us - scan.start_us) % 2**32 / 1e6
         field_s = (geometry.beams - 1) * self.time_increment_s

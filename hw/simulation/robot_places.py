@@ -24,7 +24,7 @@ class RobotPlaces:
         places.tell(Pose(1.0, 2.0, 0.0))
         places.others()   # x, y of every other robot
 
-    A robot that has told nothing for 5 s is no longer in the arena.
+    A robot that has sent nothing for 5 s is no longer in the arena.
 
     Args:
         folder: the folder; it is made if it does not exist.

@@ -41,7 +41,7 @@ def portaudio() -> ModuleType:
 class SoundDevice(BackgroundDevice[T]):
     """A stream of PortAudio.
 
-    PortAudio is started anew at each connection, because it does not see new devices otherwise. So a process
+    PortAudio is started again at each connection, because it does not see new devices otherwise. So a process
     can have one stream only.
 
     Args:

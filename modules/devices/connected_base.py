@@ -46,7 +46,7 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
         self.obey()
 
     def tick(self) -> None:
-        """Publish what the base has told, and who controls it."""
+        """Publish what the base has reported, and who controls it."""
         super().tick()
         self.look_after_control()
 
@@ -61,7 +61,7 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
         super().confirm()
 
     def on_value(self, value: BaseReading) -> None:
-        """Publish what the base has told."""
+        """Publish what the base has reported."""
         stamp = Time.from_nanoseconds(round(value.state.stamp_s * 1e9))
         self.publish(odometry(value.state, stamp, "odom", value.covariance), topic="odom")
         header = Header(stamp=stamp, frame_id="base_link")

@@ -39,7 +39,7 @@ class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):
         )
 
     def on_value(self, value: PanTiltState) -> None:
-        """Publish the direction, and the unit's limits once it has told them."""
+        """Publish the direction, and the unit's limits once it has reported them."""
         self.by_hand.offer(self.unit.limits)
         self.by_hand.tick()
         self.publish(

@@ -395,7 +395,7 @@ class Household(Module):
     # -- following -----------------------------------------------------------------------------------------
 
     def _follow(self) -> None:
-        """Have the module that follows begin, or end, what this one has told it."""
+        """Have the module that follows begin, or end, what this one has reported it."""
         if self.work.follows and not self.follows:
             self.goals.cancel("follows a person")
             self._ask(FollowOrder(order="follow"), self._on_follows, self._on_not_followed)

@@ -23,7 +23,7 @@ class Following(Message, name="home_msgs/msg/Following", version=1):
 
     header: Header = DEFAULT  # frame_id: map
     state: str = DEFAULT  # name of a state of workers/home/follow_states.py
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
     person: str = DEFAULT  # as in People; '': nobody
     position: Point = DEFAULT  # where the person is believed to be, or was seen last, m
     unseen_s: float64 = DEFAULT  # time since then
@@ -48,7 +48,7 @@ class WhoIsWhoFeedback(Feedback, name="home_msgs/action/WhoIsWho_Feedback", vers
     """What the robot does; sent on each change."""
 
     state: str = DEFAULT  # name of a state of workers/home/person_tour.py
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
     met: uint32 = DEFAULT  # persons so far
 
 
@@ -69,7 +69,7 @@ class LearnPersonFeedback(Feedback, name="home_msgs/action/LearnPerson_Feedback"
     """What the robot does; sent on each change."""
 
     state: str = DEFAULT  # as in WhoIsWhoFeedback
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
 
 
 class LearnPersonResult(Result, name="home_msgs/action/LearnPerson_Result", version=1):
@@ -99,7 +99,7 @@ class CarryOutFeedback(Feedback, name="home_msgs/action/CarryOut_Feedback", vers
 
     at: uint32 = DEFAULT  # place of the present task among all, from 0
     state: str = DEFAULT  # name of a state of workers/home/household_states.py
-    reason: str = DEFAULT  # why it is in that state, for people
+    reason: str = DEFAULT  # why it is in that state, in plain words
 
 
 class CarryOutResult(Result, name="home_msgs/action/CarryOut_Result", version=1):
@@ -124,7 +124,7 @@ class OrderCancelled(Reply, name="home_msgs/srv/CancelOrder_Response", version=1
 class CancelOrder(Request[OrderCancelled], name="home_msgs/srv/CancelOrder_Request", version=1):
     """End the order, no matter who has given it; the robot stands, and holds what it holds."""
 
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
 
 
 class HouseholdStatus(Message, name="home_msgs/msg/HouseholdStatus", version=1):
@@ -132,7 +132,7 @@ class HouseholdStatus(Message, name="home_msgs/msg/HouseholdStatus", version=1):
 
     header: Header = DEFAULT
     state: str = DEFAULT  # name of a state of workers/home/household_states.py
-    reason: str = DEFAULT  # why it is in that state, for people
+    reason: str = DEFAULT  # why it is in that state, in plain words
     tasks: list[HouseholdTask] = DEFAULT  # of the present order; empty if there is none
     at: uint32 = DEFAULT  # place of the present task among them, from 0
     holds: str = DEFAULT  # what is in the hand; '': nothing

@@ -90,7 +90,7 @@ class PickUpFeedback(Feedback, name="manipulation_msgs/action/PickUp_Feedback", 
     """What the arm does; sent on each change."""
 
     state: str = DEFAULT  # such as LOOK, APPROACH, CLOSE
-    reason: str = DEFAULT  # why it is in that state, for people
+    reason: str = DEFAULT  # why it is in that state, in plain words
 
 
 class PickUpResult(Result, name="manipulation_msgs/action/PickUp_Result", version=1):
@@ -111,7 +111,7 @@ class PutDownFeedback(Feedback, name="manipulation_msgs/action/PutDown_Feedback"
     """What the arm does; sent on each change."""
 
     state: str = DEFAULT  # as in PickUpFeedback
-    reason: str = DEFAULT  # why it is in that state, for people
+    reason: str = DEFAULT  # why it is in that state, in plain words
 
 
 class PutDownResult(Result, name="manipulation_msgs/action/PutDown_Result", version=1):
@@ -130,7 +130,7 @@ class HandOverFeedback(Feedback, name="manipulation_msgs/action/HandOver_Feedbac
     """What the arm does; sent on each change."""
 
     state: str = DEFAULT  # as in PickUpFeedback, or OFFER
-    reason: str = DEFAULT  # why it is in that state, for people
+    reason: str = DEFAULT  # why it is in that state, in plain words
 
 
 class HandOverResult(Result, name="manipulation_msgs/action/HandOver_Result", version=1):
@@ -151,7 +151,7 @@ class StowArmFeedback(Feedback, name="manipulation_msgs/action/StowArm_Feedback"
     """What the arm does; sent on each change."""
 
     state: str = DEFAULT  # as in PickUpFeedback
-    reason: str = DEFAULT  # why it is in that state, for people
+    reason: str = DEFAULT  # why it is in that state, in plain words
 
 
 class StowArmResult(Result, name="manipulation_msgs/action/StowArm_Result", version=1):

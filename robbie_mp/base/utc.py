@@ -1,4 +1,4 @@
-"""Times for people and for names of files: always UTC, in ISO 8601 and with its Z.
+"""Times as text and in names of files: always UTC, in ISO 8601 and with its Z.
 
 A robot, the operator's machine and a log from elsewhere may be in different zones, and a local time is
 ambiguous when summer time ends. So no command, page or file name uses a local time.

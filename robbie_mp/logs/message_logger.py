@@ -6,25 +6,25 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 
+from robbie_mp.bus.observe.channels import ChannelCounters, messages_missed
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.logs.capture.position import Position
 from robbie_mp.logs.capture.recorded_run import RecordedRun
 from robbie_mp.logs.capture.recording_session import RecordingSession
 from robbie_mp.logs.capture.selection import Pair, Selection, type_pattern
 from robbie_mp.logs.capture.tally import Tally, UnendedParts
-from robbie_mp.messages import ModuleState
-from robbie_mp.module.envelope import EncodedMessage
-from robbie_mp.module.module import Module, setting
-from robbie_mp.module.settings import SettingError
-from robbie_mp.bus.observe.channels import ChannelCounters, messages_missed
 from robbie_mp.logs.recording.chunk import Compression
 from robbie_mp.logs.recording.chunk_queue import BufferLimits
 from robbie_mp.logs.recording.disk_budget import DiskBudget
 from robbie_mp.logs.recording.format import ChannelKey
 from robbie_mp.logs.recording.log_writer import LogWriter, Split
 from robbie_mp.logs.recording.recorder import LOGGER_NICE
+from robbie_mp.messages import ModuleState
+from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import SettingError
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.bus.transport import names
-from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 
 WARN_UNMATCHED_AFTER_S = 10.0
 CRASHED = ("BACKOFF", "FAILED")

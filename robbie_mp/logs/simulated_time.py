@@ -40,7 +40,7 @@ class SimulatedTime(ClockSource):
         1, "with `shared`: runs that must be there, this one included, before time passes", minimum=1
     )
     gives_up_s: float = setting(
-        STALE_S, "with `shared`: time goes on without a run that has told nothing for this long", minimum=0.1
+        STALE_S, "with `shared`: time goes on without a run that has sent nothing for this long", minimum=0.1
     )
 
     def setup(self) -> None:
@@ -114,7 +114,7 @@ class SimulatedTime(ClockSource):
             return ""
         for run in shared.missing - self.missing:
             self.log.warning(
-                "run %s, which shares this time, has told nothing for %.1f s; time goes on without it",
+                "run %s, which shares this time, has sent nothing for %.1f s; time goes on without it",
                 run,
                 self.gives_up_s,
             )

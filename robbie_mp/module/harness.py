@@ -242,7 +242,7 @@ class ModuleHarness(Generic[ModuleClass]):
 
         Args:
             goal: the goal that `send_goal` returned.
-            reason: for people.
+            reason: in plain words.
             client: the name of the module that sent it.
         """
         self.send(GoalCancel(call=goal.call, reason=reason), topic=self.module.name, sender=client)

@@ -81,7 +81,7 @@ class Synchronizer:
     Messages that wait stay in shared memory, at most `max_waiting` of each topic; within the limits of a
     module that keeps arrays, further ones are copied. If the stamps go back by more than a second, as when a
     played log jumps or a simulation begins again, everything that waits is left over, and matching begins
-    anew. For smaller jumps, call `forget` in a handler of `TimeJump`. A restarted module begins anew, too.
+    again. For smaller jumps, call `forget` in a handler of `TimeJump`. A restarted module begins again, too.
 
     Args:
         module: the module; create the synchronizer in its `setup()`.
@@ -217,7 +217,7 @@ class Synchronizer:
         return self._matcher.counts
 
     def forget(self) -> None:
-        """Leave over everything that waits, and begin anew; the next stamps may be earlier."""
+        """Leave over everything that waits, and begin again; the next stamps may be earlier."""
         self._matcher.forget()
 
     def _handler_of(self, number: int, one: Input[Any]) -> Callable[[Any], None]:

@@ -16,7 +16,7 @@ LEAD_NS = 10_000_000
 STALE_S = 20.0
 """A run that has written nothing for this long is dead; the others go on without it."""
 AHEAD_S = 1.0
-"""A run that has written in a future further away than this wrote before the machine was started anew."""
+"""A run that has written in a future further away than this wrote before the machine was started again."""
 LOOK_S = 0.1
 READS = 100
 """Attempts to read a file that is just being written."""
@@ -25,7 +25,7 @@ SUFFIX = ".time"
 
 
 class Told(NamedTuple):
-    """The last that a run has told."""
+    """The last that a run has reported."""
 
     at_ns: int
     """The time to which it wants to go."""
@@ -44,7 +44,7 @@ class SharedTime:
         folder: the folder; it is made if it does not exist.
         run: name of this run, as part of a file's name.
         waits_for: number of runs, including this one, that must be present before time passes.
-        stale_s: a run that has told nothing for this long is dead; the others go on without it.
+        stale_s: a run that has sent nothing for this long is dead; the others go on without it.
 
     Attributes:
         has_begun: whether at least `waits_for` runs have been present at the same time.
@@ -127,7 +127,7 @@ class SharedTime:
 
 
 def _read(file: Path) -> Told | None:
-    """Return what a run has told; None if it is gone, or its file is damaged.
+    """Return what a run has reported; None if it is gone, or its file is damaged.
 
     A file that is just being written is read again.
     """

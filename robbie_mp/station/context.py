@@ -48,7 +48,7 @@ class StationContext(MessageSource, Protocol):
         map_marks: the marks on the map and in the 3-D view.
         run_watch: the figures of all processes and channels.
         drivers_seat: the page that drives.
-        robot_command: the operator who holds the command of the robot, here or elsewhere.
+        robot_command: the operator who has control of the robot, here or elsewhere.
         motion: the robot's movement, and what it is commanded.
         cameras: the cameras that have sent an image.
         lights: the robot's lights.

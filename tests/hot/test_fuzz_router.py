@@ -81,6 +81,6 @@ def test_check_that_is_missing_is_found(
 ) -> None:
     old, new = PLANTED[defect]
     text = (HOT / "router.c").read_text()
-    assert text.count(old) == 1, "router.c reads otherwise now; plant this defect anew"
+    assert text.count(old) == 1, "router.c reads otherwise now; plant this defect again"
     program = build(compiler_command, objects, text.replace(old, new), tmp_path)
     assert fuzz(program, INPUTS, 1).returncode != 0

@@ -45,7 +45,7 @@ def test_reference_too_many_is_noticed(defect: str, compiler_command: list[str],
     sources = tmp_path / "hot"
     shutil.copytree(HOT, sources)
     text = (sources / name).read_text()
-    assert text.count(old) == 1, f"{name} reads otherwise now; plant this defect anew"
+    assert text.count(old) == 1, f"{name} reads otherwise now; plant this defect again"
     (sources / name).write_text(text.replace(old, new))
     done = play(tmp_path, sources, played)
     assert done.returncode == 1 and gathers in done.stdout, done.stderr

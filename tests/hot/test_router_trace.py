@@ -130,7 +130,7 @@ def test_store_out_of_order_is_noticed(defect: str, compiler_command: list[str],
     shutil.copytree(HOT, tmp_path / "hot")
     router = tmp_path / "hot" / "router.c"
     text = router.read_text()
-    assert text.count(old) == 1, "router.c reads otherwise now; plant this defect anew"
+    assert text.count(old) == 1, "router.c reads otherwise now; plant this defect again"
     router.write_text(text.replace(old, new))
     built = fused_module(tmp_path, "-O0", hot=tmp_path / "hot")
     assert any(difference(built, partial(history, number)) for number in range(20))

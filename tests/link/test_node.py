@@ -255,7 +255,7 @@ def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed
             network.at(network.now_ns + choose.randrange(1, 800) * MS, victim.start)
         if choose.random() < 0.003:
             network.conditions.is_cut = True
-            network.at(network.now_ns + choose.randrange(1, 1500) * MS, lambda: mend(network))
+            network.at(network.now_ns + choose.randrange(1, 1500) * MS, lambda: restore(network))
         network.run(0.01)
     network.conditions.is_cut = False
     network.run(15.0)
@@ -269,7 +269,7 @@ def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed
     blue.kill()
 
 
-def mend(network: Network) -> None:
+def restore(network: Network) -> None:
     network.conditions.is_cut = False
 
 

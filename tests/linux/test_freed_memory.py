@@ -1,4 +1,4 @@
-"""A process uses memory again that it has freed, and the kernel need not clear it anew."""
+"""A process uses memory again that it has freed, and the kernel need not clear it again."""
 
 import subprocess
 import sys

@@ -380,7 +380,7 @@ def test_goal_ends_when_time_jumps(robot: Robot) -> None:
 def checkpoint_when(
     harness: ModuleHarness[Navigation], ended: type[GoalEnd | NavigationResult]
 ) -> list[object]:
-    """What a new process finds if this one dies right after it has told that the goal has ended."""
+    """What a new process finds if this one dies right after it has said that the goal has ended."""
     kept: list[object] = []
     publish = harness.bus.publish
 

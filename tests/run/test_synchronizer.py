@@ -1,4 +1,4 @@
-"""A synchronizer in a live robot: what waits stays in shared memory, bounded, and a restart begins anew."""
+"""A synchronizer in a live robot: what waits stays in shared memory, bounded, and a restart begins again."""
 
 from tests._support.robot import Robot, kill, wait_until
 

@@ -1,4 +1,4 @@
-"""Two operators at the links of one robot: only the one who holds the command drives."""
+"""Two operators at the links of one robot: only the one who has control drives."""
 
 import json
 from collections.abc import Iterator

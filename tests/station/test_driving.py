@@ -168,7 +168,7 @@ def stopped_server_delivers_nothing_late(robot: Robot, journal: Journal, page: P
 
 
 def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> None:
-    """Nobody loads the page anew but the page itself, and it shows what has happened meanwhile."""
+    """Nobody loads the page again but the page itself, and it shows what has happened meanwhile."""
     page.click("#tab-system")
     page.click("#tab-drive")
     page.evaluate("window.is_the_old_page = true")
@@ -237,6 +237,6 @@ def test_robot_stops_when_the_link_is_cut_and_drives_when_it_is_back(robot: Robo
             page.wait_for_selector("#drive-pad")
             stops(journal, page, link.cut)
             page.keyboard.up("KeyW")
-            link.mend()
+            link.restore()
             page.wait_for_function("document.getElementById('popup').ariaHidden !== 'false'")
             stops(journal, page, lambda: page.keyboard.up("KeyW"))

@@ -191,7 +191,7 @@ def test_dead_writer_is_replaced_and_its_unwritten_output_is_counted(
     assert made.dropped > 20
     assert len(written(tmp_path, "works_busily")) >= made.lines - made.dropped
     assert (tmp_path / "logs" / "trace.html").exists()
-    assert not (tmp_path / "logs" / "trace.1.html").exists(), "a page was begun anew within a run"
+    assert not (tmp_path / "logs" / "trace.1.html").exists(), "a page was begun again within a run"
 
 
 def test_output_passed_to_the_writer_is_written_even_if_the_supervisor_is_killed(tmp_path: Path) -> None:

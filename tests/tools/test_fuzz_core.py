@@ -55,7 +55,7 @@ def plant(defect: str, patch: pytest.MonkeyPatch) -> None:
     """Remove a check from the core."""
     owner, name, old, new = PLANTED[defect]
     source = textwrap.dedent(inspect.getsource(getattr(owner, name)))
-    assert source.count(old) == 1, f"{owner.__name__}.{name} reads otherwise now; plant this defect anew"
+    assert source.count(old) == 1, f"{owner.__name__}.{name} reads otherwise now; plant this defect again"
     namespace = vars(sys.modules[owner.__module__])
     changed: dict[str, object] = {}
     exec(f"from __future__ import annotations\n{source.replace(old, new)}", namespace, changed)

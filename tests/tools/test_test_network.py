@@ -134,7 +134,7 @@ def test_a_tcp_connection_gets_the_bandwidth_and_no_more(network: Network) -> No
 def test_nothing_arrives_while_the_network_is_cut(network: Network) -> None:
     network.cut()
     assert arrivals(network, 20) == []
-    network.mend()
+    network.restore()
     assert len(arrivals(network, 20)) == 20
 
 

@@ -30,7 +30,7 @@ class Trial:
     """One condition.
 
     Attributes:
-        title: for people.
+        title: in plain words.
         conditions: of the network all the time.
         cut_s: time without any network, in the middle.
         flapping_s: times of a network that comes and goes, up and down.
@@ -100,7 +100,7 @@ def run_trial(pair: Pair, trial: Trial, duration_s: float) -> Figures:
             time.sleep(duration_s / 2)
             pair.network.cut()
             time.sleep(trial.cut_s)
-            pair.network.mend()
+            pair.network.restore()
             time.sleep(duration_s / 2)
         elif trial.then is not None:
             time.sleep(duration_s / 2)
@@ -192,7 +192,7 @@ class Stops:
 
 
 def cut_while_driving(pair: Pair, count: int, seed: int = 0) -> Stops:
-    """Cut the network at random moments, and mend it a second later. Meanwhile the operator lets go."""
+    """Cut the network at random moments, and restore it a second later. Meanwhile the operator lets go."""
     random = np.random.default_rng(seed)
     cuts = []
     pair.network.set(GOOD)
@@ -204,7 +204,7 @@ def cut_while_driving(pair: Pair, count: int, seed: int = 0) -> Stops:
         pair.let_go(True)
         time.sleep(max(0.0, cut_s + CUT_S - time.monotonic()))
         mended_s = time.monotonic()
-        pair.network.mend()
+        pair.network.restore()
         pair.wait_until_linked(["state"])
         time.sleep(LINKED_S)
         cuts.append((cut_s, mended_s, time.monotonic()))

@@ -50,13 +50,13 @@ class CutLink:
         _run(*self._enter, "ip", "address", "add", f"{THERE}/30", "dev", "eth0")
         _run(*self._enter, "ip", "link", "set", "lo", "up")
         _run(*self._enter, "ip", "link", "set", "eth0", "up")
-        self.mend()
+        self.restore()
 
     def cut(self) -> None:
         """Take the link down."""
         _run("ip", "link", "set", self._name, "down")
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Bring the link up."""
         _run("ip", "link", "set", self._name, "up")
 

@@ -70,7 +70,7 @@ def until_it_stands(scene: Scene, page: Page, key: str, event: Event) -> float:
 def trials(scene: Scene, browser: Browser, name: str, count: int) -> list[float]:
     """Return how long the robot drove on (s) in each trial of an event."""
     found = []
-    happens, mend = EVENTS[name]
+    happens, restore = EVENTS[name]
     with ExitStack() as pages:
         page = pages.enter_context(scene.page(browser, "127.0.0.1"))
         for number in range(count):
@@ -78,7 +78,7 @@ def trials(scene: Scene, browser: Browser, name: str, count: int) -> list[float]
                 pages.close()
                 page = pages.enter_context(scene.page(browser, "127.0.0.1"))
             found.append(until_it_stands(scene, page, KEYS[number % 2], partial(happens, scene, page)))
-            mend(scene, page)
+            restore(scene, page)
     return found
 
 
@@ -96,5 +96,5 @@ def cut_trials(scene: Scene, browser: Browser, link: CutLink, count: int) -> lis
 
             found.append(until_it_stands(scene, page, key, cut))
             page.keyboard.up(key)
-            link.mend()
+            link.restore()
     return found

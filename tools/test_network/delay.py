@@ -22,7 +22,7 @@ IFF_TAP = 2
 IFF_NO_PI = 0x1000
 MAX_FRAME = 1 << 16
 MAX_WAITING = 20_000
-"""Number of frames under way; others are thrown away. With full frames, 100 Mbit/s for 2.4 s."""
+"""Number of frames under way; others are dropped. With full frames, 100 Mbit/s for 2.4 s."""
 KNOT_JITTERS = 4
 """Slowly varying delay: the number of jitters between two random delays, so that frames stay in order."""
 MIN_KNOT_S = 1e-3

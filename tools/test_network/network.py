@@ -161,20 +161,20 @@ class Network:
         """Have these hosts receive nothing, all hosts by default. They notice only the silence."""
         self._filter("-A", names)
 
-    def mend(self, *names: str) -> None:
+    def restore(self, *names: str) -> None:
         """End cuts of these hosts, of all by default."""
         self._filter("-F", names)
 
     @contextmanager
     def flapping(self, up_s: float, down_s: float) -> Iterator[None]:
-        """Cut and mend the network again and again; at the end it is mended."""
+        """Cut and restore the network again and again; at the end it is fixed."""
         ended = threading.Event()
 
         def flap() -> None:
             while not ended.wait(up_s):
                 self.cut()
                 ended.wait(down_s)
-                self.mend()
+                self.restore()
 
         thread = threading.Thread(target=flap, name="flapping")
         thread.start()

@@ -43,7 +43,7 @@ class TaskEnd:
     Attributes:
         order: the task.
         is_done: whether the robot has done it.
-        reason: why it ended, for people.
+        reason: why it ended, in plain words.
         duration_s: how long it took.
     """
 
@@ -389,7 +389,7 @@ class HouseholdWork:
         """Record that the arm could not do its task.
 
         Args:
-            reason: why, for people.
+            reason: why, in plain words.
             is_refused: whether it did not even begin, because the hand is not what the robot took it for.
         """
         order = self.order

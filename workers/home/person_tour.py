@@ -135,7 +135,7 @@ class TourEnd:
 
     Attributes:
         is_done: whether it was carried out.
-        reason: for people.
+        reason: in plain words.
         duration_s: of the order.
     """
 

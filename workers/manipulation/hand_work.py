@@ -212,7 +212,7 @@ class HandWork:
             self._go(HandState.REST, text)
 
     def _try_again(self, reason: str) -> None:
-        """Begin the order anew, unless it was tried too often."""
+        """Begin the order again, unless it was tried too often."""
         self.tries += 1
         has_nothing = self._gives_away and self.held is None and not self._is_released
         if self.tries >= self.settings.max_tries or has_nothing:
@@ -554,7 +554,7 @@ class HandWork:
         }
 
     def remember(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what `memory` returned: find out what the hand holds, and begin the order anew."""
+        """Go on from what `memory` returned: find out what the hand holds, and begin the order again."""
         self.target, self.tries, self._is_released = memory["target"], memory["tries"], memory["released"]
         self._problem = memory["problem"]
         self._grasp = None if memory["grasp"] is None else _shape(memory["grasp"])

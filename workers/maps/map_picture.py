@@ -1,4 +1,4 @@
-"""A picture of a map for people: free white, occupied black, unknown grey; paths, scale bar and legend."""
+"""A picture of a map to look at: free white, occupied black, unknown grey; paths, scale bar and legend."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -53,7 +53,7 @@ class CollisionGuard:
 
     `near_points` takes the newest sweeps, each with its own geometry; the other methods take those points.
     The body is round, so the robot may always turn on the spot. A robot without a usable sweep has no points
-    either: whoever drives must stop it first.
+    either: the driver must stop it first.
 
     Args:
         settings: The robot's body and brakes.

@@ -369,7 +369,7 @@ class NumbersMission:
         self.machine.go(NumbersState.REACHED, f"number {digit} is {away_m:.2f} m away")
 
     def _give_up(self, reason: str) -> None:
-        """Exclude the current target and plan anew."""
+        """Exclude the current target and plan again."""
         if self._target is not None:
             if self.state is NumbersState.APPROACH:
                 self._avoided = [*self._avoided, self._target.goal][-MAX_ATTEMPTS:]

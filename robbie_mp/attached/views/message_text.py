@@ -1,4 +1,4 @@
-"""Messages as text: YAML for people, JSON and CSV for programs, as a whole or one field."""
+"""Messages as text: YAML to read, JSON and CSV for programs, as a whole or one field."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Numbers for people: short, and of constant width."""
+"""Numbers to read: short, and of constant width."""
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 

@@ -1,4 +1,4 @@
-"""Figures of a run, as a table for people and as plain data for programs (see docs/reference.md)."""
+"""Figures of a run, as a table to read and as plain data for programs (see docs/reference.md)."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence

@@ -49,7 +49,7 @@ struct link *serve_round(struct router *router, uint64_t records_per_turn);
  * modules that got messages.
  *
  * Args:
- *   records: how many to handle; `ring_waiting` has told that they are there.
+ *   records: how many to handle; `ring_waiting` has said that they are there.
  *
  * Returns: how many were handled. */
 uint64_t serve(struct router *router, struct link *link, uint64_t records);

@@ -28,7 +28,7 @@ from robbie_mp.module.module import Module, calls_of
 
 _Read = TypeVar("_Read")
 Done = Callable[[bool, str], None]
-"""Gets whether an order was carried out, and a text for people."""
+"""Gets whether an order was carried out, and a text to read."""
 ORDER = re.compile(
     r"(?P<service>\S+)(?:\s+(?P<topic>[^\s{]+))?(?:\s+(?P<on>\{.*?\}))?(?:\s+or\s+(?P<off>\{.*\}))?"
 )
@@ -159,7 +159,7 @@ class StopSwitch:
 
     Args:
         module: the bridge, in its `setup()`.
-        origin: where the orders come from, for people.
+        origin: where the orders come from, in plain words.
         now_ns: the robot's time; the module's clock by default.
     """
 

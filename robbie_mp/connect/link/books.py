@@ -22,7 +22,7 @@ ADDED_UP = 0
 WORDS = 8
 TAKEN, REPLACED, DROPPED, RECEIVED, REFUSED, LOST, RECEIVED_BEFORE, REFUSED_BEFORE = range(WORDS)
 """Words of a channel that is sent: messages taken from the bus; replaced by newer ones; dropped here;
-published by the other link; thrown away by it; lost. The last two: received and refused by robots of that
+published by the other link; dropped by it; lost. The last two: received and refused by robots of that
 name that have been restarted since."""
 NEXT, HANDLING = range(2)
 """Words of a stream that is received: sequence of the first packet that was not handled; sequence of the last
@@ -238,7 +238,7 @@ class Books:
         return self._place(key)
 
     def _write_keys(self, counts: str, keys: Iterable[Key]) -> None:
-        """Write the file of the keys anew. A process that is killed here leaves the old one or the new one.
+        """Write the file of the keys again. A process that is killed here leaves the old one or the new one.
 
         Args:
             counts: name of the file of the counts that belong to it.

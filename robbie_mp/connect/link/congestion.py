@@ -48,7 +48,7 @@ MAX_WINDOW_BYTES = 1 << 25
 LEAST_LIMIT_BYTES = MIN_PARTS * MIN_PART_BYTES
 """The window is never smaller."""
 PROBE_BYTES = 2_000
-"""Maximum size of the first packet after a late one. It measures the round trip anew."""
+"""Maximum size of the first packet after a late one. It measures the round trip again."""
 
 
 class Watched(Protocol):

@@ -113,7 +113,7 @@ class Report(NamedTuple):
     newest: int
     """The greatest `sending` that has arrived; 0: none has."""
     counts: tuple[tuple[int, int, int], ...]
-    """For each channel: its number, messages received, and messages thrown away by the receiver."""
+    """For each channel: its number, messages received, and messages dropped by the receiver."""
     misses: bool = False
     """Whether packets after `next` have come, so that `next` was lost."""
 

@@ -95,7 +95,7 @@ class Incoming(NamedTuple):
     tells_driver: bool
     """Whether they tell who drives that robot."""
     commands: bool
-    """Whether they are obeyed only from the operator who holds the command."""
+    """Whether they are obeyed only from the operator who has control."""
     framed: type[Message] | None
     """Their type, if the names of their frames get a prefix."""
 
@@ -138,7 +138,7 @@ class Link(Module):
     accept: dict[str, list[str]] = setting({}, "what is accepted, by robot: a type, or a type and a topic")
     commanding: list[str] = setting(
         ["DriveCommand", "JointCommand", "PanTiltCommand", "PoseStamped goal"],
-        "what is obeyed only from the operator who holds the command: a type, or a type and a topic",
+        "what is obeyed only from the operator who has control: a type, or a type and a topic",
     )
     jpeg_quality: int = setting(
         0, "of images in the class bulk, which are sent as JPEG; 0: as they are", minimum=0, maximum=95
@@ -147,7 +147,7 @@ class Link(Module):
     prefix_frames: bool = setting(
         False, "put `red/` before the names of frames in what comes from robot `red`; needs `prefix_topics`"
     )
-    command_expires_s: float = setting(0.3, "age at which a command is thrown away", minimum=0.01)
+    command_expires_s: float = setting(0.3, "age at which a command is dropped", minimum=0.01)
     state_hz: float = setting(20.0, "most states of a channel in a second", minimum=0.01)
     store_messages: int = setting(1000, "messages that may wait, of each robot and class", minimum=1)
     store_bytes: int = setting(64 << 20, "their total size", minimum=1)
@@ -208,7 +208,7 @@ class Link(Module):
         self.operators = Operators(self.robot, self.restored)
         self._orders: deque[SetControl] = deque(maxlen=MAX_ORDERS)
         self._drivers: dict[str, str] = {}
-        """The operators who hold the command of other robots, as far as those have said."""
+        """The operators who have control of other robots, as far as those have said."""
         self.late = 0
         self.mismatched = 0
         self.looped = 0
@@ -493,7 +493,7 @@ class Link(Module):
                 self._follow(self.robot, request)
 
     def _is_obeyed(self, operator: str) -> bool:
-        """Whether a command is from the operator who holds the command."""
+        """Whether a command is from the operator who has control."""
         before = self.operators.holder
         is_obeyed = self.operators.obeys(operator, *self._now())
         if not is_obeyed or before != self.operators.holder:
@@ -534,7 +534,7 @@ class Link(Module):
         return type_name == OperatorState.type_name
 
     def _note_driver(self, robot: str, data: bytes) -> bool:
-        """Say who drives another robot. Return whether that robot itself has told it."""
+        """Say who drives another robot. Return whether that robot itself has reported it."""
         try:
             state = OperatorState.decode(data)
         except MessageError:

@@ -1,6 +1,6 @@
 """The permission to drive this robot: one operator at a time, and another one only after an explicit request.
 
-The emergency stop is not among what an operator must hold the command for: everybody may stop the robot.
+The emergency stop is not among what an operator must have control for: everybody may stop the robot.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from robbie_mp.logs.capture.selection import Pair
 from robbie_mp.messages import ControlState, EmergencyStop, OperatorRequest, OperatorState, Time
 
 FREE_AFTER_NS = 10_000_000_000
-"""An operator of whom nothing has been heard for this long no longer holds the command."""
+"""An operator of whom nothing has been heard for this long no longer has control."""
 REPEAT_NS = 1_000_000_000
 """While commands are refused, the state is published this often."""
 MAX_NAME = 32
@@ -24,7 +24,7 @@ ORDERS = {OperatorRequest.GO_ON: ControlState.AUTO, OperatorRequest.HOLD: Contro
 
 
 def read_commanding(patterns: list[str]) -> list[Pair]:
-    """Return the pairs of type and topic for which an operator must hold the command.
+    """Return the pairs of type and topic for which an operator must have control.
 
     Args:
         patterns: a type, or a type and a topic with a space between.
@@ -40,26 +40,26 @@ def read_commanding(patterns: list[str]) -> list[Pair]:
 
 
 def driver_text(operator: str) -> str:
-    """Return who drives, for people.
+    """Return who drives, in plain words.
 
     Args:
-        operator: who holds the command; '': nobody.
+        operator: who has control; '': nobody.
     """
     return f"{one_line(operator)[:MAX_NAME]} drives" if operator else "nobody drives"
 
 
 class Operators:
-    """Knows who holds the command of this robot.
+    """Knows who has control of this robot.
 
     Args:
-        robot: the name of this robot; its own page holds the command under this name.
+        robot: the name of this robot; its own page has control under this name.
         before: what the last process knew, from `as_data`.
 
     Attributes:
-        holder: who holds the command; '': nobody.
-        refused: commands that were refused because another operator holds the command.
+        holder: who has control; '': nobody.
+        refused: commands that were refused because another operator has control.
         refused_operator: who sent the newest of them.
-        is_news: whether the others do not know yet who holds the command.
+        is_news: whether the others do not know yet who has control.
     """
 
     def __init__(self, robot: str, before: Mapping[str, Any] | None = None):
@@ -84,7 +84,7 @@ class Operators:
         }
 
     def obeys(self, operator: str, now_ns: int, utc_ns: int) -> bool:
-        """Return whether a command is obeyed. While nobody holds the command, a command takes it.
+        """Return whether a command is obeyed. While nobody has control, a command takes it.
 
         Args:
             operator: who has sent it.
@@ -135,7 +135,7 @@ class Operators:
 
     @property
     def text(self) -> str:
-        """The driver's name, for people."""
+        """The driver's name, in plain words."""
         return driver_text(self.holder)
 
     def news(self, now_ns: int) -> OperatorState | None:

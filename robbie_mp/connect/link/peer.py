@@ -89,7 +89,7 @@ class Peer:
 
     Attributes:
         stale: packets of sessions that are over, or that have not begun because another is heard.
-        uncounted: messages thrown away: their session has more channels than a report can tell about.
+        uncounted: messages dropped: their session has more channels than a report can tell about.
         strange: reports of what this link has never sent.
     """
 

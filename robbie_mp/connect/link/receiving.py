@@ -17,7 +17,7 @@ class Fate(Enum):
 
     PUBLISHED = auto()
     REFUSED = auto()
-    """It is thrown away: too late, not allowed, or not a message."""
+    """It is dropped: too late, not allowed, or not a message."""
     NO_ROOM = auto()
     """It cannot be published now."""
 

@@ -131,7 +131,7 @@ class Newest:
     """When it was last sent; 0: send it again at once."""
     repeats: int = 0
     is_lost: bool = False
-    """Whether a report has told that it, or one before it, has not arrived."""
+    """Whether a report has said that it, or one before it, has not arrived."""
 
     @property
     def last(self) -> Packet:

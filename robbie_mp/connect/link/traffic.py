@@ -10,7 +10,7 @@ class TrafficClass(IntEnum):
     URGENT = 0
     """In order, repeated until acknowledged, before everything else: the emergency stop."""
     COMMAND = 1
-    """At once or never: the newest only, and thrown away when it is older than it may be."""
+    """At once or never: the newest only, and dropped when it is older than it may be."""
     STATE = 2
     """The newest only, at a limited rate. What the network loses is counted, not sent again."""
     RELIABLE = 3

@@ -80,14 +80,14 @@ class UnderWay:
         while self._sendings and self._sendings[0].number <= newest:
             sending = self._sendings.popleft()
             self.bytes -= sending.size
-            if sending.sequence >= following:  # lost, or thrown away by the receiver
+            if sending.sequence >= following:  # lost, or dropped by the receiver
                 self._window.given_up(sending.size)
                 if self._is_stream:
                     self._window.measure_lost(sending.sent_ns, sending.delivered_before, sending.load, now_ns)
                 continue
             has_arrived = True
             self._window.acknowledged(sending.size)
-            # Of datagrams, an older one may be lost, and a later one has told so.
+            # Of datagrams, an older one may be lost, and a later one has shown that.
             if self._is_stream or sending.number == newest:
                 self._window.measure(sending.sent_ns, sending.delivered_before, sending.load, now_ns)
         self.oldest_ns = self._sendings[0].sent_ns if self._sendings else 0

@@ -93,7 +93,7 @@ class Endpoints:
 
 
 class InboxLimits(NamedTuple):
-    """How much may wait until the module takes it; what is more is thrown away and counted."""
+    """How much may wait until the module takes it; what is more is dropped and counted."""
 
     packets: int
     bytes: int
@@ -224,10 +224,10 @@ class Wire:
         wake: called in another thread when packets wait.
 
     Attributes:
-        overflowed: packets thrown away because too many waited.
+        overflowed: packets dropped because too many waited.
         oversized: packets that no link sends, because they are too large, or have no header.
         unsent: packets that Zenoh did not take.
-        turns: whoever works with what `take_at_once` works with must have a turn.
+        turns: what works with what `take_at_once` works with must have a turn.
 
     Raises:
         LinkUnavailable: as for `open_session`.
@@ -281,7 +281,7 @@ class Wire:
         """Send a packet; it may be lost without a word. A stream carries datagrams if nothing else does.
 
         Returns:
-            False if there was no room for it at once: it has waited, and may have been thrown away.
+            False if there was no room for it at once: it has waited, and may have been dropped.
         """
         traffic = packet.traffic if isinstance(packet, Data) else -1
         key = (robot, traffic, as_datagram, at_once or traffic <= TrafficClass.STATE)

@@ -79,6 +79,6 @@ class Desk:
             unpadded(request, call.data)
         except MessageError as error:
             self.malformed += 1
-            self._log.warning("a request to %s was thrown away: %s", call.service, one_line(str(error)))
+            self._log.warning("a request to %s was dropped: %s", call.service, one_line(str(error)))
             return None
         return request

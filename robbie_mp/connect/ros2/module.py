@@ -85,7 +85,7 @@ class Ros2Bridge(Module):
         received: messages from ROS 2 that were published here.
         withheld: messages not sent because they came from ROS 2.
         unknown: messages not sent because their type, or that version of it, is not known here.
-        malformed: messages thrown away because they are not what their type declares.
+        malformed: messages dropped because they are not what their type declares.
         late: velocities that were too old when this module came to handle them.
         refused: messages that could not be published here, because memory was full.
     """
@@ -323,7 +323,7 @@ class Ros2Bridge(Module):
             data = unpadded(message, arrived.data)
         except MessageError as error:
             self.malformed += 1
-            self.log.warning("a message on %s was thrown away: %s", incoming.name, one_line(str(error)))
+            self.log.warning("a message on %s was dropped: %s", incoming.name, one_line(str(error)))
             return
         if not self.ill_formed.admits(message, f"on {incoming.name}"):
             self.refused += 1

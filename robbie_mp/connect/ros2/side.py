@@ -96,13 +96,13 @@ class Inbox:
     """Messages and requests that threads of a middleware have received, until the module takes them.
 
     Args:
-        max_messages: messages that may wait; further ones are thrown away and counted.
+        max_messages: messages that may wait; further ones are dropped and counted.
         max_bytes: size of the largest message that is taken.
         wake: called in another thread when messages wait.
 
     Attributes:
-        overflowed: messages thrown away because too many waited.
-        oversized: messages thrown away because they were too large.
+        overflowed: messages dropped because too many waited.
+        oversized: messages dropped because they were too large.
         strangers: messages of a type, or with a type hash, that was not asked for, by what they are.
     """
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from robbie_mp.logs.recording.format import ChannelKey
 from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.logs.recording.format import ChannelKey
 
 
 class QueueDrops:

@@ -6,21 +6,21 @@ import socket
 import time
 from pathlib import Path
 
-from robbie_mp.messages import UnknownType
-from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.base.utc import file_stamp
+from robbie_mp.base.version import installed_version
 from robbie_mp.bus.observe.channels import latched_channels
-from robbie_mp.logs.recording.format import RunMetadata
-from robbie_mp.logs.recording.newest import KeepLimits
-from robbie_mp.run.plan import RunPlan
-from robbie_mp.run.run_clock import RunClock
-from robbie_mp.run.run_directory import PROFILE_FILE
 from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.bus.transport.words import Words
-from robbie_mp.base.utc import file_stamp
-from robbie_mp.base.version import installed_version
+from robbie_mp.logs.recording.format import RunMetadata
+from robbie_mp.logs.recording.newest import KeepLimits
+from robbie_mp.messages import UnknownType
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_clock import RunClock
+from robbie_mp.run.run_directory import PROFILE_FILE
 
 UNSAFE = re.compile(r"[^A-Za-z0-9_.-]+")
 

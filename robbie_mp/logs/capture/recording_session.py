@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.logs.capture.position import Position
 from robbie_mp.logs.capture.queue_drops import QueueDrops, key_of_missing
 from robbie_mp.logs.capture.recorded_run import RecordedRun
@@ -14,7 +15,6 @@ from robbie_mp.logs.recording.chunk_queue import BufferLimits
 from robbie_mp.logs.recording.format import ChannelCount, ChannelKey
 from robbie_mp.logs.recording.log_writer import LogWriter
 from robbie_mp.logs.recording.recorder import Recorder
-from robbie_mp.bus.transport.tables import ChannelName
 
 
 class RecordingSession:

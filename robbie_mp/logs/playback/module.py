@@ -5,24 +5,24 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.messages import MessageError, PlaybackControl, PlaybackState, Time
-from robbie_mp.messages.descriptions import TypeDescription, own_types
-from robbie_mp.module.module import setting
-from robbie_mp.module.settings import REQUIRED, SettingError
 from robbie_mp.bus.observe.unhandled import UnhandledMessages
 from robbie_mp.logs.playback import selection
 from robbie_mp.logs.playback.log_time import LogTime
+from robbie_mp.logs.playback.outlet import LockstepOutlet, PacedOutlet
 from robbie_mp.logs.playback.player import ControlRefused, Outlet, Player
 from robbie_mp.logs.playback.tape import Tape
 from robbie_mp.logs.playback.translation import RunTypes, Translation, translation_of
 from robbie_mp.logs.recording.errors import LogError
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name, open_log
+from robbie_mp.messages import MessageError, PlaybackControl, PlaybackState, Time
+from robbie_mp.messages.descriptions import TypeDescription, own_types
+from robbie_mp.module.module import setting
+from robbie_mp.module.settings import REQUIRED, SettingError
 from robbie_mp.run.lockstep import ClockSource
 from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.run.run_clock import MAX_RATE, ClockWriter
 from robbie_mp.run.run_directory import list_runs
-from robbie_mp.logs.playback.outlet import LockstepOutlet, PacedOutlet
 
 TELL_EVERY_NS = 200_000_000
 MAX_S = 1e9

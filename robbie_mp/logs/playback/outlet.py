@@ -3,13 +3,13 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 
-from robbie_mp.messages import MessageError, Tick, Time, TimeJump
-from robbie_mp.module.module import Module
+from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.logs.playback.player import DueTick
 from robbie_mp.logs.playback.translation import Translation
 from robbie_mp.logs.recording.reader import LoggedMessage
+from robbie_mp.messages import MessageError, Tick, Time, TimeJump
+from robbie_mp.module.module import Module
 from robbie_mp.run.lockstep import Lockstep, TickSchedule
-from robbie_mp.bus.transport.blocks import MessageTooLarge
 
 PATIENCE_NS = 15_000_000_000
 """If no message is handled for this long, the subscriber is stalled, and the player stops waiting."""

@@ -3,9 +3,9 @@
 from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
 
-from robbie_mp.messages import PlaybackControl, PlaybackState, Tick, TimeJump
 from robbie_mp.logs.recording.format import MESSAGE_ENCODING
 from robbie_mp.logs.recording.reader import LogChannel, select
+from robbie_mp.messages import PlaybackControl, PlaybackState, Tick, TimeJump
 
 NEVER = {kind.type_name for kind in (PlaybackControl, PlaybackState, Tick, TimeJump)}
 """The times that an earlier run published; they would contradict the time of the present run."""

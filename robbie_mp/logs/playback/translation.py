@@ -4,9 +4,9 @@ import importlib
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from robbie_mp.logs.recording.reader import LogChannel
 from robbie_mp.messages import Message, VersionDecoder, stock_registry
 from robbie_mp.messages.descriptions import TypeDescription, own_classes
-from robbie_mp.logs.recording.reader import LogChannel
 
 
 class RunTypes:

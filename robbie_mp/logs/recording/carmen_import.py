@@ -2,6 +2,11 @@
 
 from pathlib import Path
 
+from robbie_mp.logs.recording.carmen import LASER_OFFSET, CarmenLog, LaserRecord, OdometryRecord, Record
+from robbie_mp.logs.recording.conversion import Conversion, NewChannel, converted_log
+from robbie_mp.logs.recording.errors import LogUnreadable
+from robbie_mp.logs.recording.format import ChannelKey, TopicNames
+from robbie_mp.logs.recording.repair import Progress
 from robbie_mp.messages import (
     Header,
     LaserScan,
@@ -20,11 +25,6 @@ from robbie_mp.messages import (
     Vector3,
     schema_text,
 )
-from robbie_mp.logs.recording.carmen import LASER_OFFSET, CarmenLog, LaserRecord, OdometryRecord, Record
-from robbie_mp.logs.recording.conversion import Conversion, NewChannel, converted_log
-from robbie_mp.logs.recording.errors import LogUnreadable
-from robbie_mp.logs.recording.format import ChannelKey, TopicNames
-from robbie_mp.logs.recording.repair import Progress
 
 ODOMETRY_TOPIC = "odom"
 PLACE_TOPIC = "tf_static"

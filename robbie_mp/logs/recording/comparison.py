@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robbie_mp.messages import Header, Message
-from robbie_mp.messages.errors import MessageError
-from robbie_mp.messages.field_types import FieldType, Items, Nested
-from robbie_mp.messages.message import fields_of, nested
 from robbie_mp.logs.recording.alignment import align
 from robbie_mp.logs.recording.decoding import logged_type
 from robbie_mp.logs.recording.errors import NotDecodable
 from robbie_mp.logs.recording.reader import Log, LogChannel, LoggedMessage, select
+from robbie_mp.messages import Header, Message
+from robbie_mp.messages.errors import MessageError
+from robbie_mp.messages.field_types import FieldType, Items, Nested
+from robbie_mp.messages.message import fields_of, nested
 
 Digests = list[bytes]
 

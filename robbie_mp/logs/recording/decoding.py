@@ -1,10 +1,10 @@
 """Decodes messages of a log: as they were written, or as this program's present classes."""
 
-from robbie_mp.messages import Message, TypeRegistry, message_type_from_schema, stock_registry
-from robbie_mp.messages.versions import VersionDecoder
 from robbie_mp.logs.recording.errors import NotDecodable
 from robbie_mp.logs.recording.format import MESSAGE_ENCODING
 from robbie_mp.logs.recording.reader import LogChannel, LoggedMessage, version_of_foreign
+from robbie_mp.messages import Message, TypeRegistry, message_type_from_schema, stock_registry
+from robbie_mp.messages.versions import VersionDecoder
 
 
 def logged_type(channel: LogChannel) -> type[Message]:

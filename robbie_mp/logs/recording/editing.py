@@ -204,7 +204,7 @@ class _Editor:
                     yield _Entry(log, source.part, channel, record, message)
 
     def _write_metadata(self, operation: str) -> None:
-        """Write each different record of the sources once; the counts are made anew."""
+        """Write each different record of the sources once; the counts are made again."""
         names = ", ".join(log.path.name for log in self._logs)
         self._writer.add_metadata(EDIT_METADATA, {"operation": operation, "sources": names})
         written: list[tuple[str, dict[str, str]]] = []

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.logs.recording.chunk import Chunk
 from robbie_mp.logs.recording.part_writer import RecordedChannel
-from robbie_mp.bus.transport.tables import ChannelName
 
 CHUNK_BYTES = 1 << 20
 """Size from which on copies begin another chunk."""

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from robbie_mp.messages import CompressedImage, Image, Message
 from robbie_mp.logs.recording.errors import LogError
+from robbie_mp.messages import CompressedImage, Image, Message
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

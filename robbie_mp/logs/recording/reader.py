@@ -13,11 +13,6 @@ from typing import NamedTuple, Self
 
 from mcap.records import Channel
 
-from robbie_mp.messages import Message, TFMessage, message_type_from_schema
-from robbie_mp.messages.errors import MessageError
-from robbie_mp.messages.registry import TypeRegistry, full_name
-from robbie_mp.messages.schema import layout
-from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.logs.recording.contents import Contents
 from robbie_mp.logs.recording.errors import NotALog
 from robbie_mp.logs.recording.format import (
@@ -34,6 +29,11 @@ from robbie_mp.logs.recording.format import (
 )
 from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.part import LogPart
+from robbie_mp.messages import Message, TFMessage, message_type_from_schema
+from robbie_mp.messages.errors import MessageError
+from robbie_mp.messages.registry import TypeRegistry, full_name
+from robbie_mp.messages.schema import layout
+from robbie_mp.messages.stock.registry import stock_registry
 
 FIXED_TRANSFORMS = "tf_static"
 """Last part of the topics whose newest messages hold, even in logs that do not mark them as latched."""

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from robbie_mp.messages import TypeRegistry, schema_text, stock_registry
 from robbie_mp.logs.recording.conversion import Conversion, NewChannel, converted_log
 from robbie_mp.logs.recording.errors import BagUnreadable, LogError
 from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
 from robbie_mp.logs.recording.reader import has_layout, open_log
 from robbie_mp.logs.recording.repair import Progress
+from robbie_mp.messages import TypeRegistry, schema_text, stock_registry
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

@@ -10,7 +10,15 @@ from mcap.records import AttachmentIndex, Channel, Footer, Header, Metadata, Met
 from robbie_mp.logs.recording.contents import Block, Contents
 from robbie_mp.logs.recording.errors import LogDamaged
 from robbie_mp.logs.recording.limits import ReadLimits
-from robbie_mp.logs.recording.mcap_records import MAGIC, RECORD_HEAD, Frame, content, frame_at, frames_in, parse
+from robbie_mp.logs.recording.mcap_records import (
+    MAGIC,
+    RECORD_HEAD,
+    Frame,
+    content,
+    frame_at,
+    frames_in,
+    parse,
+)
 
 FOOTER_BYTES = RECORD_HEAD.size + 20
 CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")

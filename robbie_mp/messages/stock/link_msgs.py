@@ -59,14 +59,14 @@ class LinkState(Message, name="robbie_msgs/msg/LinkState", version=1):
 
 
 class OperatorRequest(Message, name="robbie_msgs/msg/OperatorRequest", version=1):
-    """An operator wants to hold the command of a robot, or gives it up; the link knows which operator.
+    """An operator wants to have control of a robot, or gives it up; the link knows which operator.
 
     The last two are orders to the robot: the link calls `SetControl` for the operator, because calls do not
     pass a link. Only the operator with the command may let the robot go on.
     """
 
     TAKE: ClassVar[uint8] = 0  # if nobody holds it
-    TAKE_OVER: ClassVar[uint8] = 1  # whoever holds it
+    TAKE_OVER: ClassVar[uint8] = 1  # also from another operator
     GIVE_UP: ClassVar[uint8] = 2
     GO_ON: ClassVar[uint8] = 3  # modules drive the robot again
     HOLD: ClassVar[uint8] = 4  # the robot stands until it is told to go on
@@ -75,7 +75,7 @@ class OperatorRequest(Message, name="robbie_msgs/msg/OperatorRequest", version=1
 
 
 class OperatorState(Message, name="robbie_msgs/msg/OperatorState", version=1):
-    """Which operator holds the command of a robot: only this one's commands are obeyed."""
+    """Which operator has control of a robot: only this one's commands are obeyed."""
 
     robot: str = DEFAULT
     operator: str = DEFAULT  # the name of that side of the link, or of the robot for its own page; "": nobody

@@ -31,7 +31,7 @@ class ModuleState(Message, name="robbie_msgs/msg/ModuleState", version=1):
     incarnation: uint64 = DEFAULT  # counts the module's processes, from 1
     pid: uint32 = DEFAULT  # of its process; 0 if it has none
     restarts: uint32 = DEFAULT  # so far in this run
-    reason: str = DEFAULT  # why it changed, for people
+    reason: str = DEFAULT  # why it changed, in plain words
 
 
 class SettingChange(Message, name="robbie_msgs/msg/SettingChange", version=1):
@@ -56,14 +56,14 @@ class CallRefusal(Message, name="robbie_msgs/msg/CallRefusal", version=1):
     """A server answers a request, or a goal, with a reason instead of a reply; the topic names the client."""
 
     call: uint64 = DEFAULT  # that of the request
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
 
 
 class GoalCancel(Message, name="robbie_msgs/msg/GoalCancel", version=1):
     """A client no longer wants its goal; the topic names the server's module."""
 
     call: uint64 = DEFAULT  # that of the goal
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
 
 
 class GoalEnd(Message, name="robbie_msgs/msg/GoalEnd", version=1):
@@ -75,7 +75,7 @@ class GoalEnd(Message, name="robbie_msgs/msg/GoalEnd", version=1):
 
     call: uint64 = DEFAULT  # that of the goal
     outcome: uint8 = CANCELLED
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
 
 
 class CallsQuestion(Message, name="robbie_msgs/msg/CallsQuestion", version=1):
@@ -106,7 +106,7 @@ class DeviceState(Message, name="robbie_msgs/msg/DeviceState", version=1):
     header: Header = DEFAULT
     port: str = DEFAULT  # where the device is, as "/dev/robbie/laser-front"
     state: str = DEFAULT  # CONNECTED or DISCONNECTED
-    reason: str = DEFAULT  # why it is DISCONNECTED, for people
+    reason: str = DEFAULT  # why it is DISCONNECTED, in plain words
     connections: uint64 = DEFAULT  # how often it was found and started since the module started
     losses: uint64 = DEFAULT  # how often it was lost after that
     damaged: uint64 = DEFAULT  # frames that were damaged on the way
@@ -199,7 +199,7 @@ class EmergencyStop(Message, name="robbie_msgs/msg/EmergencyStop", version=1):
 
     header: Header = DEFAULT
     engaged: bool = DEFAULT  # False: commands that come from now on are followed again
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
 
 
 class Bumper(Message, name="robbie_msgs/msg/Bumper", version=1):
@@ -331,7 +331,7 @@ class NavigationFeedback(Feedback, name="robbie_msgs/action/NavigateTo_Feedback"
     """How far the robot is on its way to a goal; sent on each change and at intervals."""
 
     state: str = DEFAULT  # such as DRIVE, ALIGN, BACK_UP, STOPPED_NO_LASER, EMERGENCY_STOP
-    reason: str = DEFAULT  # why it is in that state, for people
+    reason: str = DEFAULT  # why it is in that state, in plain words
     distance_left_m: float64 = DEFAULT  # along the planned path; -1: there is none
 
     def flaw(self) -> Flaw | None:
@@ -376,7 +376,7 @@ class CancelNavigation(
     """Stop, and end the goal, even if another module or an earlier process has sent it."""
 
     client: str = DEFAULT  # the module whose goals are meant; '': all modules
-    reason: str = DEFAULT  # for people
+    reason: str = DEFAULT  # in plain words
 
 
 class Frontiers(Message, name="robbie_msgs/msg/Frontiers", version=1):

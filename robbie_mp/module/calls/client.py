@@ -432,7 +432,7 @@ class SentGoal:
         The module repeats the request until the goal has ended, because a message may be lost with a process.
 
         Args:
-            reason: for people.
+            reason: in plain words.
 
         Returns:
             False if the goal has already ended.

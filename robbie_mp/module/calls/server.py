@@ -95,7 +95,7 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
         """End the goal, because it cannot be reached; the client gets `GoalAborted`.
 
         Args:
-            reason: for people.
+            reason: in plain words.
 
         Raises:
             GoalEnded: the goal has ended.
@@ -106,7 +106,7 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
         """End the goal, because its client cancelled it; arguments and errors as for `abort`.
 
         Args:
-            reason: for people.
+            reason: in plain words.
         """
         self._end(GoalEnd.CANCELLED, reason)
 
@@ -114,7 +114,7 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
         """End the goal, because another one takes its place. A goal that has ended stays as it is.
 
         Args:
-            reason: for people.
+            reason: in plain words.
         """
         if self.is_active:  # who replaces a goal need not know whether its client has cancelled it meanwhile
             self._end(GoalEnd.PREEMPTED, reason)

@@ -43,7 +43,7 @@ def fail(check: str, found: str, advice: str) -> Finding:
 
 
 def size(count: float) -> str:
-    """Format a number of bytes for people, such as 64 MiB."""
+    """Format a number of bytes, such as 64 MiB."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if count < 1024:
             return f"{count:.0f} {unit}" if count >= 10 or unit == "B" else f"{count:.1f} {unit}"

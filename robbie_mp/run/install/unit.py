@@ -32,7 +32,7 @@ User={user}
 {groups}WorkingDirectory={folder}
 EnvironmentFile=-/etc/robbie/{name}.env
 {prepare}ExecStart={command}
-# Exit code 0: the run has ended as it should. 2: the profile is wrong, which another start cannot mend.
+# Exit code 0: the run has ended as it should. 2: the profile is wrong, which another start cannot fix.
 Restart=on-failure
 RestartSec=1
 RestartPreventExitStatus=2

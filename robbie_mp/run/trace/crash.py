@@ -75,7 +75,7 @@ class CrashReport:
         return []
 
     def lines(self) -> list[str]:
-        """Return the report as text for people."""
+        """Return the report as text to read."""
         stamp = time_text(self.time_s)
         words = self.last_words
         made = [

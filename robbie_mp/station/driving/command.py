@@ -1,4 +1,4 @@
-"""Which operator holds the command of the robot, as this station sees it."""
+"""Which operator has control of the robot, as this station sees it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class RobotCommand:
-    """Knows who holds the command of a robot that has a link. Without a link, only the pages share it.
+    """Knows who has control of a robot that has a link. Without a link, only the pages share it.
 
     Args:
         source: receives what the link says.
@@ -43,13 +43,13 @@ class RobotCommand:
 
     @property
     def other(self) -> str:
-        """The operator elsewhere who holds the command; '': nobody, or this station."""
+        """The operator elsewhere who has control; '': nobody, or this station."""
         state = self._state.message
         return "" if state is None or state.operator == self._own else state.operator
 
     @property
     def rival(self) -> str:
-        """The operator elsewhere whose commands are refused, while this station holds the command."""
+        """The operator elsewhere whose commands are refused, while this station has control."""
         state = self._state.message
         return "" if state is None or state.operator != self._own else state.refused_operator
 
@@ -69,7 +69,7 @@ class RobotCommand:
             self.ask(OperatorRequest.TAKE_OVER if over else OperatorRequest.TAKE)
 
     def give_up(self) -> None:
-        """Give the command up, so that the next operator who drives gets it. Any thread may."""
+        """Give up control, so that the next operator who drives gets it. Any thread may."""
         state = self._state.message
         if state is not None and state.operator and not self.other:
             self.ask(OperatorRequest.GIVE_UP)

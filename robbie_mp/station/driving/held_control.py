@@ -21,7 +21,7 @@ class HeldControl:
     """Decides whether a command that a page has sent may move the robot.
 
     Args:
-        station: holds the driving page, and the operator who holds the command of the robot.
+        station: holds the driving page, and the operator who has control of the robot.
         page: the page, whose role is checked.
         what: a name for the action in texts, such as "driving".
 

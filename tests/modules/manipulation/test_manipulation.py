@@ -141,7 +141,7 @@ def test_order_survives_a_restart_and_is_told_to_its_client(hand: ModuleHarness[
         hear_joints(again, 1.0)
         assert again.take(JointCommand, "arm")
         assert again.take(PickUpFeedback, "mission")[-1].state == "FREE"
-        # The same order of its client's next process goes on; it does not begin anew.
+        # The same order of its client's next process goes on; it does not begin again.
         again.send_goal(PickUp(object="soup"), client="next")
         assert again.module.work.machine.state.name == "FREE"
 

@@ -171,7 +171,7 @@ def test_sign_that_is_not_where_it_was_is_not_said_to_be_reached() -> None:
 
 @pytest.mark.parametrize("is_there", [False, True])
 def test_board_that_turns_out_to_face_elsewhere_is_visited_in_its_true_front(is_there: bool) -> None:
-    """The facing seen from afar may be wrong: until the robot says that it is there, it can be mended."""
+    """The facing seen from afar may be wrong: until the robot says that it is there, it can be fixed."""
     world = World([sign(5, 9.0, 6.0)])
     world.sheet = "5"
     world.play(lambda: world.mission.state is NumbersState.LOOK)

@@ -2,7 +2,7 @@
 
     python -m tools.trials follow --seeds 20 [--minutes 2] [--kill] [--hurries] [--profile NAME]
 
-Each seed dresses the four people of `apartment.yaml` anew, lets the first one walk through the lower rooms
+Each seed dresses the four people of `apartment.yaml` again, lets the first one walk through the lower rooms
 (even seeds) or the upper ones (odd seeds) at another speed, and makes other noise. Two people cross her way
 close behind her. A seed is right if the robot never went after another person, touched nobody, and follows
 at the end. With `--kill`, the tool kills every module once, at a random moment; in lockstep,

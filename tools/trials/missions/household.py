@@ -3,7 +3,7 @@
     python -m tools.trials household --seeds 20 [--tasks bring,put,learn,several,door] [--kill]
 
 Each seed puts the three objects on random tables of `apartment.yaml`, and makes other noise. Anna stands
-where she gives the order, and David walks through the rooms. For each seed the robot starts anew for each
+where she gives the order, and David walks through the rooms. For each seed the robot starts again for each
 task:
 
 - bring: "bring me the …". It is right if Anna then has the object.
