@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -27,6 +28,11 @@ def held_by_debugger(pid: int) -> Iterator[None]:
             yield
         finally:
             debugger.stdin.close()
+
+
+def is_held(pid: int) -> bool:
+    """Return whether a debugger holds the process."""
+    return "TracerPid:\t0\n" not in Path(f"/proc/{pid}/status").read_text()
 
 
 def main(pid: int) -> None:

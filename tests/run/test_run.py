@@ -6,6 +6,7 @@ import shutil
 import signal
 import socket
 import stat
+import time
 from pathlib import Path
 
 import psutil
@@ -87,6 +88,24 @@ def test_stopped_supervisor_is_continued_and_its_run_can_be_stopped(robot: Robot
     process.send_signal(signal.SIGINT)
     assert Ended.wait_for(process).exit_code == 0
     assert "the supervisor makes no progress; it is continued (SIGCONT)" in robot.log("core")
+
+
+@pytest.mark.slow
+def test_core_that_a_debugger_holds_is_replaced_and_the_run_goes_on(robot: Robot) -> None:
+    """The debugger is told its end first, and the supervisor nothing: it spun, and ended the run."""
+    robot.write_profile("core: {deadline_s: 0.5}" + ENDLESS)
+    process = robot.start()
+    figures = robot.until(lambda modules: all(one["state"] == "RUNNING" for one in modules.values()))
+    with held_by_debugger(figures["core"]["pid"]):
+        robot.until(
+            lambda modules: modules["core"]["state"] == "RUNNING" and modules["core"]["restarts"] == 1
+        )
+        used_s = sum(psutil.Process(process.pid).cpu_times()[:2])
+        time.sleep(0.5)
+        assert sum(psutil.Process(process.pid).cpu_times()[:2]) - used_s < 0.25, "the supervisor spins"
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from robbie_mp.run.supervisor.child_spec import ChildSpec
 from robbie_mp.run.supervisor.process import ChildProcess
 from robbie_mp.run.supervisor.states import ChildState
 from robbie_mp.run.supervisor.tree import CannotControl
+from tests._support.debugger import held_by_debugger
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, QUICK, Run, Scenario, animal
 from tools.loop_disk import LoopDisk
@@ -137,6 +138,24 @@ def test_process_that_finally_ends_stays_stopped_if_it_was_stopped(
         sigkill_is_lost()
         os.kill(run.incarnations.pids["stuck", 1], signal.SIGKILL)
         yield lambda: run.last("stuck").new is STOPPED
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+@pytest.mark.parametrize("behaviour", [zoo.works, zoo.works_beside_a_thread])
+def test_killed_process_that_a_debugger_holds_counts_as_ended(
+    tmp_path: Path, behaviour: Callable[[zoo.Animal], None]
+) -> None:
+    """With a thread, not even its pidfd tells its end; without one, that told it again and again."""
+    run = Run(tmp_path, animal(behaviour, "held"))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        with held_by_debugger(run.incarnations.pids["held", 1]):
+            run.tree.child("held").kill("test")
+            yield lambda: run.states("held").count(RUNNING) == 2
+        assert FAILED not in run.states("held")
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0

@@ -63,6 +63,15 @@ def read_stat(pid: int) -> ProcessStat | None:
         return None  # gone, or hidden from us
 
 
+def has_ended(pid: int) -> bool:
+    """Return whether all threads of a process have ended: at most its zombie is left."""
+    try:
+        threads = os.listdir(f"/proc/{pid}/task")
+    except OSError:
+        return True
+    return all(stat.is_dead for thread in threads if (stat := read_stat(int(thread))))
+
+
 def _read_stat(pid: int) -> bytes:
     with open(f"/proc/{pid}/stat", "rb") as file:
         return file.read()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from robbie_mp.base.linux.proc import read_stat
+from robbie_mp.base.linux.proc import has_ended, read_stat
 from robbie_mp.run.supervisor.leftovers import MARKER
 from robbie_mp.run.trace.channel import CHANNEL_VARIABLE, open_channel
 
@@ -124,12 +124,17 @@ class ChildProcess:
         return cls(popen, pidfd, out_read, error_read, channel_read, child_marker)
 
     def exit_status(self) -> ExitStatus | None:
-        """Return how it ended, None while it runs. It stays a zombie, so its pid cannot be reused."""
+        """Return how it ended, None while it runs. It stays a zombie, so its pid cannot be reused.
+
+        A debugger that holds it is told first, and us it tells nothing: then it counts as killed.
+        """
         ended = os.waitid(P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-        if ended is None:
+        if ended is None and not has_ended(self.pid):
             return None
         stat = read_stat(self.pid)  # of the zombie
         cpu_s = stat.cpu_ticks / os.sysconf("SC_CLK_TCK") if stat else 0.0
+        if ended is None:
+            return ExitStatus(signal=signal.SIGKILL, cpu_s=cpu_s)
         if ended.si_code == os.CLD_EXITED:
             return ExitStatus(code=ended.si_status, cpu_s=cpu_s)
         return ExitStatus(signal=ended.si_status, cpu_s=cpu_s)

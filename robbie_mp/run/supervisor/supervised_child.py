@@ -174,7 +174,9 @@ class SupervisedChild:
         """Check deadlines and readiness; called every `POLL_S` in STARTING and BACKOFF, else less often."""
         now_s = self._clock()
         if self._killed_s is not None and self._process:
-            if now_s - self._killed_s >= UNKILLABLE_AFTER_S:
+            if self._status is None:
+                self._on_exit()  # while a debugger holds one of its threads, the pidfd does not tell its end
+            if self._process and now_s - self._killed_s >= UNKILLABLE_AFTER_S:
                 self._abandon()
         elif self._kill_at_s is not None and now_s >= self._kill_at_s:
             self.kill(self._kill_reason)

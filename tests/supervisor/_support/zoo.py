@@ -9,6 +9,7 @@ import faulthandler
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -41,6 +42,11 @@ def works(animal: Animal) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     animal.ready()
     animal.wait_for_ever()
+
+
+def works_beside_a_thread(animal: Animal) -> None:
+    threading.Thread(target=threading.Event().wait, daemon=True).start()
+    works(animal)
 
 
 def ends_at_once(animal: Animal) -> None:
