@@ -114,3 +114,15 @@ def test_restarted_base_still_asks_for_the_release(robot: Robot) -> None:
     again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
     assert again.order(AUTO, "page", "")
     assert again.refuses_by_hand("page", True)
+
+
+def test_stick_held_since_the_stop_moves_nothing_after_a_restart_either(robot: Robot) -> None:
+    robot.by_hand()
+    robot.control.see_stop(True, "page", "button")
+    robot.by_hand()
+    robot.release()
+    robot.control = DriveControl(lambda: robot.now_s, before=robot.control.memory())
+    robot.now_s += 0.05
+    assert not robot.by_hand()
+    robot.now_s += 0.6
+    assert robot.by_hand()

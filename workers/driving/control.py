@@ -49,11 +49,17 @@ class DriveControl:
         if before is not None:
             self.mode = ControlMode(before["mode"])
             self.who, self.reason = before["who"], before["reason"]
-            self._stop = self._must_let_go = before["stop"]
+            self._stop, self._must_let_go = before["stop"], before["must_let_go"]
 
     def memory(self) -> dict[str, Any]:
         """Return what the next process must know."""
-        return {"mode": int(self.mode), "who": self.who, "reason": self.reason, "stop": self._stop}
+        return {
+            "mode": int(self.mode),
+            "who": self.who,
+            "reason": self.reason,
+            "stop": self._stop,
+            "must_let_go": self._must_let_go,
+        }
 
     def order(self, mode: ControlMode, who: str, reason: str) -> str:
         """Carry out an order to go on (AUTO) or to stand (HOLD). Return why it is refused, or ''."""
