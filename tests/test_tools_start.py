@@ -30,20 +30,25 @@ for name in sys.argv[1:]:
 """
 
 
+def _files() -> list[Path]:
+    """Return the files that may be programs; those of other rooms are parts of their package."""
+    own = [*(ROOT / "tools").glob("**/__main__.py")]
+    own += [path for room in ("", "docs", "pictures") for path in (ROOT / "tools" / room).glob("*.py")]
+    parts = ("bench/restart", "bench/ros2_overhead", "bench/scene_graph", "kill_campaign/soak")
+    return own + [ROOT / "tools" / f"{part}.py" for part in parts]
+
+
 def programs() -> list[str]:
-    """Return the programs that can be started by themselves; other files are parts of these."""
-    names = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in ROOT.glob("tools/*.py")}
-    names |= {path: f"tools.{path.parent.name}" for path in ROOT.glob("tools/*/__main__.py")}
-    names |= {
-        ROOT / "tools" / "bench" / f"{one}.py": f"tools.bench.{one}" for one in ("restart", "ros2_overhead")
-    }
-    found = [name for path, name in names.items() if '__name__ == "__main__"' in path.read_text()]
-    return sorted(found + [f"tools.trials {name}" for name in subjects()])
+    """Return the programs that can be started by themselves, and each subject of trials."""
+    files = [path for path in _files() if '__name__ == "__main__"' in path.read_text()]
+    dotted = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files]
+    names = {name.removesuffix(".__main__") for name in dotted}
+    return sorted(names | {f"tools.trials {name}" for name in subjects()})
 
 
 def test_every_tool_starts_and_explains_itself(tmp_path: Path) -> None:
     names = programs()
-    assert {"tools.trials rescue", "tools.top_pictures", "tools.bench"} <= set(names)
+    assert {"tools.trials rescue", "tools.pictures.top", "tools.bench"} <= set(names)
     found = subprocess.run(
         [sys.executable, "-W", "error", "-c", START_ALL, *names],
         cwd=tmp_path,  # one that ignores --help does not overwrite a picture of the docs

@@ -6,9 +6,9 @@ import pytest
 
 import robbie_mp
 from tests.docs._support.pages import PAGES, ROOT
-from tools.docs_diagrams import FOLDER, diagrams
-from tools.docs_site import PAGES as PAGES_BESIDE_DOCS
-from tools.docs_site import with_links_for_the_site, with_pictures
+from tools.docs.diagrams import FOLDER, diagrams
+from tools.docs.site import PAGES as PAGES_BESIDE_DOCS
+from tools.docs.site import with_links_for_the_site, with_pictures
 
 pytestmark = pytest.mark.slow
 
@@ -44,7 +44,7 @@ def test_links_lead_to_pages_of_the_site(text: str, expected: str) -> None:
 
 
 def test_each_diagram_has_a_picture_and_each_picture_a_diagram() -> None:
-    assert {file.name for file in FOLDER.iterdir()} == set(diagrams()), "run python -m tools.docs_diagrams"
+    assert {file.name for file in FOLDER.iterdir()} == set(diagrams()), "run python -m tools.docs.diagrams"
 
 
 def test_diagrams_are_shown_as_pictures_and_other_code_as_it_is() -> None:

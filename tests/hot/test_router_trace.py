@@ -22,8 +22,8 @@ from tests.hot._support.build import HOT, fused_module
 from tests.hot._support.histories import history
 from tests.hot._support.many_histories import compare_histories
 from tests.hot._support.trace import difference, played
-from tools.fuzz_core.attack import Attack
-from tools.fuzz_core.plain import inputs
+from tools.fuzz.core.attack import Attack
+from tools.fuzz.core.plain import inputs
 
 HISTORIES = 200
 MANY_HISTORIES = 2_500

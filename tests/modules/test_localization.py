@@ -23,8 +23,8 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from tests._support.present import present
-from tools.localization_trials import RESOLUTION_M, Conditions, Drive
-from tools.random_rooms import drawn_map
+from tools.trials.driving.localization import RESOLUTION_M, Conditions, Drive
+from tools.trials.driving.random_rooms import drawn_map
 from workers.maps.map_file import write_map
 
 Harness = ModuleHarness[MonteCarloLocalization]

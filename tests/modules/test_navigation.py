@@ -48,7 +48,7 @@ from robbie_mp.messages import (
 from robbie_mp.messages import Path as PathMessage
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from tests._support.places import ARENAS
-from tools.random_rooms import drawn_map
+from tools.trials.driving.random_rooms import drawn_map
 
 ARENA = read_arena(ARENAS / "demo.yaml")
 CELLS, CORNER = drawn_map(ARENA, 0.05)

@@ -9,7 +9,7 @@ import pytest
 from modules.taught_recognition import TaughtFaces, TaughtObjects, bounding_box
 from robbie_mp import CallRefused, Header, ModuleHarness, SettingError, Time, replace
 from robbie_mp.messages import Detection2DArray, ForgetRecognition, Image, TaughtNames, TeachRecognition
-from tools.object_trials import SEEN_PX, TAUGHT_PX, drawn_print, scene
+from tools.trials.recognition.objects import SEEN_PX, TAUGHT_PX, drawn_print, scene
 from workers.faces import face_recognition
 from workers.taught import Box, Pixels
 

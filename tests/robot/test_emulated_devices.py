@@ -6,7 +6,7 @@ import pytest
 
 from hw.simulation.arena_file import read_arena
 from tests.robot._support.stock_robot import PROJECT, StockRobot
-from tools.emulation_trial import away_from_walls_m
+from tools.trials.devices.emulation import away_from_walls_m
 
 ARENAS = PROJECT / "hw" / "simulation" / "arenas"
 ROOM = ARENAS / "rescue_small.yaml"

@@ -10,7 +10,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from tests.robot._support.stock_robot import PROJECT, StockRobot
-from tools.intel_lockstep import write_log
+from tools.trials.recordings.intel_lockstep import write_log
 
 pytestmark = pytest.mark.timeout(500)
 RESULTS = ("trajectory.txt", "map.pgm", "map.yaml")

@@ -22,7 +22,7 @@ from robbie_mp.station.panels.teaching import checked_box, pixels_of_box
 from tests._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
-from tools.object_trials import HEIGHT_PX, TAUGHT_PX, WIDTH_PX, drawn_print, scene
+from tools.trials.recognition.objects import HEIGHT_PX, TAUGHT_PX, WIDTH_PX, drawn_print, scene
 from workers.taught import Box
 
 HERE = Path(__file__).parent

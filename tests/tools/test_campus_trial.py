@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tools.campus_trial import MOST_END_ERROR_M, MOST_GRID_MEGABYTES, Campus, Result, grid_trial, trial
+from tools.trials.driving.campus import (
+    MOST_END_ERROR_M,
+    MOST_GRID_MEGABYTES,
+    Campus,
+    Result,
+    grid_trial,
+    trial,
+)
 
 
 @pytest.fixture(scope="module")

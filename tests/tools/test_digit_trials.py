@@ -3,7 +3,7 @@
 from collections import Counter
 
 from tests.workers.numbers.test_board_reader import needs_reader
-from tools.digit_trials import Figures, run_signs, run_trials, summary
+from tools.trials.recognition.digits import Figures, run_signs, run_trials, summary
 
 
 @needs_reader

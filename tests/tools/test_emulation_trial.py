@@ -17,7 +17,7 @@ from modules.devices.laser import SimulatedLaserRangeFinder
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import LaserScan
 from tests.modules.devices.test_simulated_devices import ARENA, drive, tell
-from tools.emulation_trial import (
+from tools.trials.devices.emulation import (
     LASER_TWIN,
     MERGE,
     MISSIONS,

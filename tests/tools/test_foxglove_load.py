@@ -4,9 +4,9 @@ import pytest
 
 from robbie_mp.bus.transport.histogram import middle_s
 from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
-from tools.foxglove_load.__main__ import as_table, ratios_to_without, stop_times
-from tools.foxglove_load.comparison import compare
-from tools.foxglove_load.measure import (
+from tools.load.foxglove.__main__ import as_table, ratios_to_without, stop_times
+from tools.load.foxglove.comparison import compare
+from tools.load.foxglove.measure import (
     BUSY_THREE,
     ELSEWHERE,
     STOPPED,

@@ -12,10 +12,10 @@ import pytest
 from robbie_mp.bus.core.flow import MessageFlow
 from robbie_mp.bus.core.members import Link
 from robbie_mp.bus.core.router import Router
-from tools.fuzz_core.__main__ import main
-from tools.fuzz_core.corpus import mutate, seeds
-from tools.fuzz_core.plain import Hang, finding, inputs
-from tools.fuzz_core.steps import STEP_BYTES, Do, decode, encode, step
+from tools.fuzz.core.__main__ import main
+from tools.fuzz.core.corpus import mutate, seeds
+from tools.fuzz.core.plain import Hang, finding, inputs
+from tools.fuzz.core.steps import STEP_BYTES, Do, decode, encode, step
 
 MAX_INPUTS = 1500
 """Maximum number of inputs until a defect is found."""

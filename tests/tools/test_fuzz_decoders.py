@@ -5,8 +5,8 @@ from random import Random
 
 import pytest
 
-from tools.fuzz_decoders.fuzz import Subject, fuzz
-from tools.fuzz_decoders.subjects import SUBJECTS
+from tools.fuzz.decoders.fuzz import Subject, fuzz
+from tools.fuzz.decoders.subjects import SUBJECTS
 
 DAMAGED_BYTES = 10_000
 

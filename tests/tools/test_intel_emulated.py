@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.robot.test_stock_robot import DATA, needs_intel
-from tools.intel_emulated import beginning, compare, main, with_stamps_of_log
+from tools.trials.__main__ import main
+from tools.trials.recordings.intel_emulated import beginning, compare, with_stamps_of_log
 
 
 def test_poses_get_the_stamps_of_the_log_that_were_played_at_their_time() -> None:
@@ -32,7 +33,9 @@ def test_beginning_of_a_log_keeps_parameters_and_the_records_of_its_time(tmp_pat
 
 
 def test_missing_log_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--data", str(tmp_path)]) == 2
+    with pytest.raises(SystemExit) as end:
+        main(["intel_emulated", "--data", str(tmp_path)])
+    assert end.value.code == 2
     assert "has no intel.clf" in capsys.readouterr().err
 
 

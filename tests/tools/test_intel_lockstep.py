@@ -8,7 +8,7 @@ import pytest
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import LaserScan, Odometry
 from tests.recording._support.logs import LogFile
-from tools.intel_lockstep import Outcome, violations, without_lost, write_log
+from tools.trials.recordings.intel_lockstep import Outcome, violations, without_lost, write_log
 
 CALM = Outcome(10.0, b"1 2 3 4\n", odometry=12, scans=3, dropped=0, restarts=0, restored=None)
 KILLED = replace(CALM, trajectory=b"1 2 3\n", odometry=9, scans=2, restarts=1, restored=(5, 1))

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from tools.intel_under_fire import Outcome, spread, violations
+from tools.trials.recordings.intel_under_fire import Outcome, spread, violations
 
 CALM = Outcome(0, 30.0, 14541, 910, 910, 0, 0, 0, 0.0406, 1.58, 2984)
 KILLS = {"mapping": 5, "core": 3}

@@ -8,11 +8,12 @@ import pytest
 
 from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
-from tools import kidnap_trials
-from tools.kidnap_trials import MOST_M, Building, main, run_trial
-from tools.localization_trials import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
-from tools.random_rooms import drawn_map, random_rooms
-from tools.swept import swept
+from tools.trials.__main__ import main
+from tools.trials.driving import kidnap
+from tools.trials.driving.kidnap import MOST_M, Building, run_trial
+from tools.trials.driving.localization import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
+from tools.trials.driving.random_rooms import drawn_map, random_rooms
+from tools.trials.driving.swept import swept
 from workers.maps.navigation_grid import NavigationGrid
 
 STEPS, STEPS_PER_SCAN = 1000, 8
@@ -43,7 +44,7 @@ def write_log(file: Path, seed: int, steps: int = STEPS) -> None:
 
 
 def test_lifted_robot_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kidnap_trials, "AFTER_M", 15.0)
+    monkeypatch.setattr(kidnap, "AFTER_M", 15.0)
     write_log(tmp_path / "rooms.clf", seed=2)
     building = Building(tmp_path / "rooms.clf")
     assert sum(step.scan is not None for step in building.steps) == pytest.approx(
@@ -62,11 +63,11 @@ def test_lifted_robot_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_log_that_is_too_short_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_log(tmp_path / "short.clf", seed=2, steps=20)
     with pytest.raises(SystemExit):
-        main(["--log", str(tmp_path / "short.clf")])
+        main(["kidnap", "--log", str(tmp_path / "short.clf")])
     assert "too short to lift the robot" in capsys.readouterr().err
 
 
 def test_missing_log_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["--log", str(tmp_path / "none.clf")])
+        main(["kidnap", "--log", str(tmp_path / "none.clf")])
     assert "there is no log" in capsys.readouterr().err

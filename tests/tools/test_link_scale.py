@@ -1,6 +1,6 @@
 """The table of the measurement of many robots at one router."""
 
-from tools.link_scale.__main__ import Figures, row
+from tools.link.scale.__main__ import Figures, row
 
 
 def test_row_has_a_cell_for_each_figure() -> None:

@@ -3,8 +3,8 @@
 import math
 from pathlib import Path
 
-from tools.link_trial.__main__ import MAX_STOP_S
-from tools.link_trial.conditions import (
+from tools.link.trial.__main__ import MAX_STOP_S
+from tools.link.trial.conditions import (
     TRIALS,
     Figures,
     Trial,
@@ -13,7 +13,7 @@ from tools.link_trial.conditions import (
     cut_while_driving,
     run_trial,
 )
-from tools.link_trial.pair import Received, linked_pair
+from tools.link.trial.pair import Received, linked_pair
 from tools.test_network.network import Conditions, Network
 
 GOOD = Figures("good", 1.0, 5.0, 20.0, 30.0, 20.0, 150.0, 100.0, 0, 15.0)

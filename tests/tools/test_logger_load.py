@@ -1,7 +1,7 @@
 """The evaluation of the measurement of the logger's load, and one session."""
 
-from tools.logger_load.__main__ import as_table, ratios_to_without
-from tools.logger_load.measure import PAIRS, PATIENT, WITHOUT, Result, measure, profile
+from tools.load.logger.__main__ import as_table, ratios_to_without
+from tools.load.logger.measure import PAIRS, PATIENT, WITHOUT, Result, measure, profile
 
 
 def session(recorder: str, round_number: int, p50_us: float) -> Result:

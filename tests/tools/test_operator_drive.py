@@ -7,9 +7,9 @@ import pytest
 
 pytest.importorskip("playwright", reason="the operator uses a browser")
 
-from tools.operator_drive.__main__ import TOUR, places
-from tools.operator_drive.eyes import CELL_M, Sight
-from tools.operator_drive.hands import NoWay, keys_for, way_on
+from tools.operator.drive.__main__ import TOUR, places
+from tools.operator.drive.eyes import CELL_M, Sight
+from tools.operator.drive.hands import NoWay, keys_for, way_on
 
 EAST = np.array([[x / 10, 0.0] for x in range(20)])
 

@@ -5,9 +5,9 @@ from contextlib import closing
 
 import pytest
 
-from tools.operator_load.__main__ import HEADINGS, row
-from tools.operator_load.measure import Session, drawn, measure, own_mb, profile
-from tools.operator_load.narrow_link import narrow_link
+from tools.load.operator.__main__ import HEADINGS, row
+from tools.load.operator.measure import Session, drawn, measure, own_mb, profile
+from tools.load.operator.narrow_link import narrow_link
 
 LIMIT_S = 60.0
 
@@ -33,7 +33,7 @@ def test_robot_without_station_has_all_other_modules() -> None:
 
 
 def test_light_pages_receive_everything_and_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.operator_load.measure.PAIRS", 1)
+    monkeypatch.setattr("tools.load.operator.measure.PAIRS", 1)
     session = Session("pages", tabs=("view", "map", "cameras"), slow_bytes_per_s=1e6)
     result = measure(session, seconds=1.0, cells=100, points=500, settle_s=0.0)
     assert [page["tab"] for page in result["pages"]] == ["view", "map", "cameras"]

@@ -5,10 +5,10 @@ from pathlib import Path
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import EmergencyStop, Odometry, Twist, TwistWithCovariance, Vector3
 from robbie_mp.station.layouts.layout import DEFAULTS
-from tools.operator_trials.__main__ import summary
-from tools.operator_trials.journal import Journal
-from tools.operator_trials.scene import CANNOT_DRIVE, LAYOUTS
-from tools.operator_trials.witness import Witness
+from tools.operator.stops.__main__ import summary
+from tools.operator.stops.journal import Journal
+from tools.operator.stops.scene import CANNOT_DRIVE, LAYOUTS
+from tools.operator.stops.witness import Witness
 
 
 def odometry(speed_m_per_s: float) -> Odometry:

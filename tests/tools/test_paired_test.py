@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tools.paired_test import MAX_EXACT, SignFlips, TooFewPairs
+from tools.trials.devices.paired_test import MAX_EXACT, SignFlips, TooFewPairs
 
 
 def test_p_value_counts_the_choices_of_signs_that_are_at_least_as_far_from_zero() -> None:

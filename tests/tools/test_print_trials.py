@@ -6,7 +6,7 @@ from hw.pose import Pose
 from hw.simulation.arena_contents import StandingObject
 from hw.simulation.solid import pose_at
 from modules.manipulation.robot_shapes import on_floor
-from tools.print_trials import STANDS, Count, Figures, Look, judge
+from tools.trials.recognition.prints import STANDS, Count, Figures, Look, judge
 from workers.manipulation.collisions import Shape
 from workers.manipulation.table_view import TableView
 

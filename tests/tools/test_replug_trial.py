@@ -12,7 +12,7 @@ import pytest
 from robbie_mp.bus.observe import ModuleFigures
 from robbie_mp.bus.transport.histogram import Histogram
 from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
-from tools.replug_trial import WITNESSES, Replugs, Trial, Waits, as_text, violations
+from tools.trials.devices.replug import WITNESSES, Replugs, Trial, Waits, as_text, violations
 
 
 def test_what_took_too_long_is_a_violation() -> None:

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tools.robots_page import PAGE, figures, own_files, page, robots
+from tools.docs.robots_page import PAGE, figures, own_files, page, robots
 
-AGAIN = "write it again with `python -m tools.robots_page`"
+AGAIN = "write it again with `python -m tools.docs.robots_page`"
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from robbie_mp.logs.capture.recorded_run import RecordedRun
 from tests.ros1._support.ros import needs_ros1
 from tools.kill_campaign.journal import read_journal
 from tools.kill_campaign.robot import Robot
-from tools.ros1_trial.ros import Ros
-from tools.ros1_trial.trial import ALL, SCAN, robot_beside, run_trial
+from tools.ros1.ros import Ros
+from tools.ros1.trial import ALL, SCAN, robot_beside, run_trial
 
 pytestmark = [pytest.mark.slow, needs_ros1]
 SPEED_M_PER_S, VALID_S = 0.25, 0.3

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from robbie_mp.scene import SceneGraph
-from tools.scene_graph_bench import main, row, world_of_robots
+from tools.bench.scene_graph import main, row, world_of_robots
 
 
 def test_worlds_are_trees_of_200_nodes() -> None:

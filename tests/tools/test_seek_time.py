@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tools.seek_time import measure, write_scans
+from tools.trials.recordings.seek import measure, write_scans
 
 
 def test_seeks_in_a_small_log_reach_the_right_messages(tmp_path: Path) -> None:

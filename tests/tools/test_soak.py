@@ -2,7 +2,7 @@
 
 import pytest
 
-from tools.soak import MEGABYTE, SAMPLE_S, Sample, Watch
+from tools.kill_campaign.soak import MEGABYTE, SAMPLE_S, Sample, Watch
 
 
 def samples(growth_mb_per_h: float, pids: list[int]) -> list[Sample]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hw.emulation.faults import Faults
-from tools.stamp_trial import LATE, STAMP_S, SUBJECTS, stamp_errors, told
+from tools.trials.devices.stamps import LATE, STAMP_S, SUBJECTS, stamp_errors
 
 
 @pytest.mark.parametrize("name", SUBJECTS)
@@ -13,7 +13,7 @@ def test_stamps_are_within_a_millisecond(name: str) -> None:
     assert len(errors) >= 20
     # Two scans a second: the filter has heard few of them.
     limit_s = 2 * STAMP_S if "9600" in name else STAMP_S
-    assert np.abs(errors).max() <= limit_s, told(name, errors)
+    assert np.abs(errors).max() <= limit_s, name
 
 
 def test_damaged_telegrams_spoil_the_stamps_of_hardly_any_others() -> None:

@@ -4,7 +4,7 @@ import argparse
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -70,6 +70,17 @@ class CannotTry(ValueError):
         - `python -m tools.trials intel_lockstep` without the Intel log
         - `python -m tools.trials household --tasks dance`
     """
+
+
+def names_of(chosen: Sequence[str], known: Collection[str]) -> list[str]:
+    """Return the chosen names, or all if none is chosen.
+
+    Raises:
+        CannotTry: one of them is not known.
+    """
+    if unknown := [name for name in chosen if name not in known]:
+        raise CannotTry(f"there is no {unknown[0]!r}; there are {'; '.join(known)}")
+    return list(chosen or known)
 
 
 def command_line(subject: Subject[Any], name: str, description: str | None) -> argparse.ArgumentParser:

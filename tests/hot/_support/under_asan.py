@@ -3,7 +3,7 @@
     python -m tests.hot._support.under_asan FOLDER FIRST COUNT
 
 The interpreter must have the sanitizer's library preloaded; `environment` says how. It plays histories,
-robots drawn at random, and hostile modules made up by `tools.fuzz_core`, and ends with the sanitizer's report
+robots drawn at random, and hostile modules made up by `tools.fuzz.core`, and ends with the sanitizer's report
 if there is one.
 """
 
@@ -18,8 +18,8 @@ from tests.core._support.simulated_run import SimulatedRun
 from tests.hot._support.build import fused_module
 from tests.hot._support.histories import crowd, history
 from tests.hot._support.memory import FusedMemory
-from tools.fuzz_core.attack import Attack, Finding
-from tools.fuzz_core.plain import inputs
+from tools.fuzz.core.attack import Attack, Finding
+from tools.fuzz.core.plain import inputs
 
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-fno-omit-frame-pointer")
 

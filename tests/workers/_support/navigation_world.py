@@ -10,8 +10,8 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
 from tests._support.places import ARENAS
-from tools.random_rooms import drawn_map
-from tools.swept import swept
+from tools.trials.driving.random_rooms import drawn_map
+from tools.trials.driving.swept import swept
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.navigator import Navigator
 from workers.navigation.navigator_states import RESTING, NavigatorSettings

@@ -11,7 +11,7 @@ from hw.simulation.laser import SimulatedLaser
 from tests._support.places import ARENAS
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, TruePoseMap
-from tools.swept import swept
+from tools.trials.driving.swept import swept
 from workers.exploration.explorer import Explorer
 from workers.exploration.explorer_states import ExplorerState
 from workers.navigation.collision_guard import CollisionGuard

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tools.face_trials import trial
+from tools.trials.recognition.faces import trial
 from workers.faces import face_recognition
 from workers.faces.face_recognition import NUMBERS, FaceRecognizer, FacesMissing, confidence_of
 from workers.taught import Box, Pixels, TeachingError

@@ -8,9 +8,9 @@ import pytest
 from hw.pose import Pose
 from hw.simulation.arena import Arena
 from tests._support.present import present
-from tools import localization_trials
-from tools.localization_trials import Conditions, Drive, run_trial
-from tools.random_rooms import drawn_map, random_rooms
+from tools.trials.driving import localization
+from tools.trials.driving.localization import Conditions, Drive, run_trial
+from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from workers.laser.laser_sweep import LaserSweep
 from workers.localization.likelihood_field import LikelihoodField, MapWithoutRoom
 from workers.localization.localizer import Localizer
@@ -37,7 +37,7 @@ def test_pose_is_never_certain_in_a_room_with_fourfold_symmetry(
 ) -> None:
     walls = np.array([(0, 0, 6, 0), (6, 0, 6, 6), (0, 0, 0, 6), (0, 6, 6, 6)], float)
     square = Arena(walls, np.empty((0, 3)), Pose(2.0, 2.5, 0.3), 6.0, 6.0)
-    monkeypatch.setattr(localization_trials, "random_rooms", lambda *_: square)
+    monkeypatch.setattr(localization, "random_rooms", lambda *_: square)
     drive = Drive(0, Conditions(6.0, 6.0))
     for _ in drive.steps(4.0):
         assert not present(drive.localizer.newest).converged

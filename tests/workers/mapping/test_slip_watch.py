@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
-from tools.slip_trials import SLIP_M, SLIP_RAD, trial
+from tools.trials.driving.slips import SLIP_M, SLIP_RAD, trial
 from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper
 from workers.mapping.key_sweeps import KeySweeps

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tools.object_trials import SEEN_PX, TAUGHT_PX, drawn_print, scene, trial
+from tools.trials.recognition.objects import SEEN_PX, TAUGHT_PX, drawn_print, scene, trial
 from workers.objects import object_recognition
 from workers.objects.object_recognition import ObjectRecognizer, ObjectsMissing
 from workers.taught import MAX_EXAMPLES, MAX_NAMES, Box, Pixels, TeachingError, as_json, read_taught

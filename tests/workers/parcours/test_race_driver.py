@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hw.simulation.arena_file import read_arena
 from hw.simulation.course import as_yaml, random_course
-from tools.parcours_trials import race
+from tools.trials.driving.parcours import race
 from workers.laser.laser_sweep import LaserSweep
 from workers.parcours.race_driver import RaceDriver, RaceLimits, free_ways, moved
 

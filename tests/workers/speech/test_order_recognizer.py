@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tools.speech_trials import CAFE, HOME, read_sound
+from tools.trials.recognition.speech import CAFE, HOME, read_sound
 from workers.speech.order_grammar import OrderGrammar, WrongGrammar
 from workers.speech.order_recognizer import RATE_HZ, OrderRecognizer
 from workers.speech.utterances import UtteranceFinder, silero

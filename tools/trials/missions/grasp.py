@@ -23,9 +23,9 @@ import numpy as np
 
 from hw.simulation.arena_file import read_arena
 from hw.simulation.table_room import TWINS, generate_room
-from tools.print_trials import PICTURE_WIDTH, Camera, teach
 from tools.trials.harness import Case, Subject
 from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
+from tools.trials.recognition.prints import PICTURE_WIDTH, Camera, teach
 from workers.objects.object_recognition import ObjectRecognizer
 from workers.taught import as_json
 

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from tools.kill_campaign.robot import REPOSITORY
-from tools.trials.harness import CannotTry, Case, Subject
+from tools.trials.harness import Case, Subject, names_of
 from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
 from workers.maps.map_annotations import read_annotations
 
@@ -214,18 +214,6 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tasks", default=",".join(TASKS), help="the tasks, joined by commas")
 
 
-def tasks(chosen: argparse.Namespace) -> list[str]:
-    """Return the tasks of the command line.
-
-    Raises:
-        CannotTry: there is no such task.
-    """
-    names: list[str] = chosen.tasks.split(",")
-    if unknown := [name for name in names if name not in TASKS]:
-        raise CannotTry(f"there is no task {unknown[0]!r}; there are {', '.join(TASKS)}")
-    return names
-
-
 MISSION = Mission(
     outcome=Outcome,
     set_up=set_up,
@@ -238,7 +226,7 @@ MISSION = Mission(
 SUBJECT = Subject(
     play=MISSION.play,
     options=MISSION.options,
-    kinds=tasks,
+    kinds=lambda chosen: names_of(chosen.tasks.split(","), TASKS),
     summary=summary,
     is_good=all_right,
     results="orders",

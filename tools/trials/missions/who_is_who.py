@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 
-from tools.face_trials import changed
 from tools.trials.harness import CannotTry, Case, Subject
 from tools.trials.missions.follow import APARTMENT, SHIRTS, TROUSERS
 from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
+from tools.trials.recognition.faces import changed
 from workers.faces.face_recognition import FaceRecognizer
 from workers.taught import Pixels
 

@@ -1,0 +1,1 @@
+"""What makes the documentation: its website, its diagrams, and the page of robots."""

@@ -1,0 +1,297 @@
+"""Plays a campaign and judges it."""
+
+import random
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robbie_mp.messages import LinkChannel, LinkState
+from tools.link.campaign.modules import CLASSES, PAUSE_FILE
+from tools.link.campaign.robots import ROUTER, Robots, wait_until
+
+ROBOT_SHARE = 0.1
+"""Share of the kills that kill a whole robot."""
+ROUTER_SHARE = 0.2
+"""And one that kills the router, if there is one."""
+FLOW_SHARE = 0.5
+"""Share of the kills after which messages must flow again; the others may hit what is just starting."""
+MAX_PAUSE_S = 1.0
+DEATH_MESSAGES = 100
+"""Messages of each topic that a killed receiver may have taken, but not yet given to its modules: 2 s."""
+
+
+@dataclass
+class Report:
+    """The result of a campaign."""
+
+    links_killed: int = 0
+    robots_killed: int = 0
+    routers_killed: int = 0
+    duration_s: float = 0.0
+    sent: dict[str, int] = field(default_factory=dict)
+    received: dict[str, int] = field(default_factory=dict)
+    not_taken: dict[str, int] = field(default_factory=dict)
+    """Messages that red's core could not give to the link, because it was dead for too long."""
+    books: dict[str, str] = field(default_factory=dict)
+    violations: list[str] = field(default_factory=list)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.links_killed} links, {self.robots_killed} robots and {self.routers_killed} routers "
+            f"killed in {self.duration_s:.0f} s",
+            *(
+                f"{one}: {self.books.get(one, '-')}; not taken: {self.not_taken.get(one, 0)}"
+                for one in CLASSES
+            ),
+            f"{len(self.violations)} violations",
+            *self.violations,
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """One life of the robot that sends.
+
+    Attributes:
+        first: the numbers of its messages begin here.
+        last: and end here.
+        books: sent, received and not received of each topic, as its link last told them.
+        links_killed: in this life.
+        receivers_killed: in this life.
+    """
+
+    first: int
+    last: int
+    books: Mapping[str, tuple[int, int, int]]
+    links_killed: int
+    receivers_killed: int
+
+
+class Campaign:
+    """Two robots whose links, and whole runs, are killed at random.
+
+    Args:
+        folder: an empty folder.
+        seed: of the moments and the victims.
+        kills_robots: whether whole robots are killed, too.
+        has_router: whether the robots are linked through a router, which is killed, too.
+    """
+
+    def __init__(self, folder: Path, seed: int, *, kills_robots: bool = False, has_router: bool = False):
+        self._robots = Robots(folder, has_router=has_router)
+        self._random = random.Random(seed)
+        self._kills_robots = kills_robots
+        self.report = Report()
+        self._epochs: list[Epoch] = []
+        """Those of the sender's lives that are over."""
+        self._first = 1
+        self._links_killed = self._receivers_killed = 0
+        """In the sender's present life."""
+
+    def play(self, kills: int) -> Report:
+        """Play the campaign.
+
+        Args:
+            kills: how many.
+        """
+        began_s = time.monotonic()
+        robots, report = self._robots, self.report
+        try:
+            if robots.has_router:
+                robots.start_router()
+            for name in ("red", "blue"):
+                robots.start(name)
+            wait_until(lambda: bool(robots.numbers("blue", "got-urgent")), "the first message")
+            while report.links_killed + report.robots_killed + report.routers_killed < kills:
+                self._kill()
+                if self._random.random() < FLOW_SHARE:
+                    self._wait_for_news()
+                time.sleep(self._random.uniform(0.0, MAX_PAUSE_S))
+            self._wait_for_news()
+            self._come_to_rest()
+        finally:
+            robots.stop()
+        report.duration_s = time.monotonic() - began_s
+        self._judge()
+        return report
+
+    def _kill(self) -> None:
+        if self._robots.has_router and self._random.random() < ROUTER_SHARE:
+            self._robots.kill(ROUTER)
+            self._robots.start_router()
+            self.report.routers_killed += 1
+            return
+        name = self._random.choice(["red", "blue"])
+        if self._kills_robots and self._random.random() < ROBOT_SHARE:
+            self._robots.kill(name)
+            if name == "red":
+                self._close_epoch()
+            else:
+                self._receivers_killed += 1
+            self._robots.start(name)
+            self.report.robots_killed += 1
+            return
+        if self._robots.kill_link(name):
+            self.report.links_killed += 1
+            self._links_killed += 1
+
+    def _close_epoch(self) -> None:
+        """Keep the books of the sender, which has been killed: its next life begins with new ones."""
+        last = max(max(self._robots.numbers("red", f"sent-{one}"), default=0) for one in CLASSES)
+        state = self._robots.state("red")
+        books = books_of(state) if state is not None else {}
+        self._epochs.append(Epoch(self._first, last, books, self._links_killed, self._receivers_killed))
+        self._robots.forget_state("red")
+        self._first, self._links_killed, self._receivers_killed = last + 1, 0, 0
+
+    def _wait_for_news(self) -> None:
+        """Wait until blue receives something new."""
+        before = len(self._robots.numbers("blue", "got-urgent"))
+        wait_until(lambda: len(self._robots.numbers("blue", "got-urgent")) > before, "a new message")
+
+    def _come_to_rest(self) -> None:
+        """Have red send nothing more, and wait until nothing is under way."""
+        self._robots.output("red").joinpath(PAUSE_FILE).touch()
+
+        last: LinkState | None = None
+
+        def is_at_rest() -> bool:
+            nonlocal last
+            before, last = last, self._robots.state("red")
+            return (
+                before is not None
+                and last is not None
+                and before.stamp != last.stamp
+                and before.channels == last.channels
+                and all(one.under_way == 0 for one in last.channels)
+                and len({one.topic for one in last.channels} & set(CLASSES)) == len(CLASSES)
+            )
+
+        wait_until(is_at_rest, "nothing under way", pause_s=1.5)
+        self.report.not_taken = self._robots.core_counts("red")
+
+    def _judge(self) -> None:
+        state = self._robots.state("red")
+        assert state is not None
+        sent = {one: self._robots.numbers("red", f"sent-{one}") for one in CLASSES}
+        received = {one: self._robots.numbers("blue", f"got-{one}") for one in CLASSES}
+        self.report.sent = {one: len(numbers) for one, numbers in sent.items()}
+        self.report.received = {one: len(numbers) for one, numbers in received.items()}
+        self.report.books = {one.topic: describe(one) for one in state.channels if one.topic in CLASSES}
+        self.report.violations = judge(sent, received, {}, {}, 0)
+        for epoch in self._epochs:
+            self.report.violations += judge_closed(sent, received, epoch)
+        self.report.violations += judge(
+            since(sent, self._first),
+            since(received, self._first),
+            books_of(state),
+            self.report.not_taken,
+            self._links_killed,
+            self._receivers_killed * DEATH_MESSAGES,
+        )
+
+
+def books_of(state: LinkState) -> dict[str, tuple[int, int, int]]:
+    """Return sent, received and not received of each topic."""
+    return {
+        one.topic: (one.sent, one.received, one.replaced + one.dropped + one.lost)
+        for one in state.channels
+        if one.is_sent
+    }
+
+
+def describe(channel: LinkChannel) -> str:
+    """Return the books of a channel as text."""
+    return (
+        f"sent {channel.sent} = received {channel.received} + replaced {channel.replaced} + dropped "
+        f"{channel.dropped} + lost {channel.lost} + under way {channel.under_way}"
+    )
+
+
+def judge(
+    sent: Mapping[str, Sequence[int]],
+    received: Mapping[str, Sequence[int]],
+    books: Mapping[str, tuple[int, int, int]],
+    not_taken: Mapping[str, int],
+    kills: int,
+    excused: int = 0,
+) -> list[str]:
+    """Return what was violated.
+
+    A link that is killed between taking a message from the bus and counting it leaves one message that the
+    core counts as lost in its handler; one that is killed between publishing and counting leaves one that was
+    received and not counted. So each kill makes a topic's books uncertain by at most one message.
+
+    Args:
+        sent: numbers that red published, by topic.
+        received: numbers that blue received.
+        books: sent, received and not received by the books of red's link; empty: they are not judged.
+        not_taken: messages that red's core could not give to the link, by the core's own count.
+        kills: links that were killed.
+        excused: messages of each topic that killed receivers may have taken with them.
+    """
+    violations: list[str] = []
+    for topic, numbers in received.items():
+        if len(set(numbers)) != len(numbers):
+            violations.append(f"{topic}: {len(numbers) - len(set(numbers))} duplicates")
+        if list(numbers) != sorted(numbers):
+            violations.append(f"{topic}: not in order")
+        if not set(numbers) <= set(sent[topic]):
+            violations.append(f"{topic}: received what was never sent")
+        if topic not in books:
+            continue
+        counted, arrived, missing = books[topic]
+        if counted != arrived + missing:
+            violations.append(f"{topic}: {counted} sent, but {arrived} + {missing} accounted for")
+        if not -kills <= arrived - len(numbers) <= kills + excused:
+            violations.append(f"{topic}: {len(numbers)} received, but {arrived} in the books")
+        counted_missing = missing + not_taken.get(topic, 0)
+        if len(sent[topic]) - len(numbers) > counted_missing + 2 * kills + excused:
+            violations.append(
+                f"{topic}: {len(sent[topic]) - len(numbers)} missing, but {counted_missing} counted"
+            )
+    return violations
+
+
+def since(journals: Mapping[str, Sequence[int]], first: int, last: int | None = None) -> dict[str, list[int]]:
+    """Return the numbers of each topic from one to another, both included."""
+    return {
+        topic: [one for one in numbers if first <= one and (last is None or one <= last)]
+        for topic, numbers in journals.items()
+    }
+
+
+def judge_closed(
+    sent: Mapping[str, Sequence[int]], received: Mapping[str, Sequence[int]], epoch: Epoch
+) -> list[str]:
+    """Return where more is missing of a killed sender's messages than its last books explain.
+
+    What it sent after it last told its books, and what was under way then, is in doubt: nobody counts it.
+
+    Args:
+        sent: numbers that red published, by topic, in all its lives.
+        received: numbers that blue received.
+        epoch: the life of the sender that is judged.
+    """
+    violations: list[str] = []
+    all_sent, all_received = (since(one, epoch.first, epoch.last) for one in (sent, received))
+    for topic, (counted, arrived, missing) in epoch.books.items():
+        if topic not in all_sent:
+            continue
+        gone = len(all_sent[topic]) - len(all_received[topic])
+        untold = max(0, len(all_sent[topic]) - counted)
+        under_way = counted - arrived - missing
+        excused = 2 * epoch.links_killed + DEATH_MESSAGES * epoch.receivers_killed
+        if gone > missing + untold + under_way + excused:
+            violations.append(
+                f"{topic}, {epoch.first} to {epoch.last}: {gone} missing, but {missing} counted, {under_way} "
+                f"under way, and {untold} sent since the books were told"
+            )
+    return violations

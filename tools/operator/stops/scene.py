@@ -1,0 +1,203 @@
+"""The robot of the trials, in a long hall, and a record of what its base does."""
+
+import re
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+
+import psutil
+import yaml
+from playwright.sync_api import Browser, Page
+
+from robbie_mp.attached.tool.tool import Tool
+from robbie_mp.messages import EmergencyStop
+from robbie_mp.run.run_directory import list_runs
+from tools.kill_campaign.robot import Robot, RobotTrouble
+from tools.operator.stops.journal import Journal
+
+TOKEN = "an-operator-on-trial"
+LENGTH_CELLS = 57
+LAYOUTS = ("Drive", "Mission", "Engineer", "Tablet", "Playback")
+CANNOT_DRIVE = ("Engineer",)
+"""Layouts without pad and camera, in which keys do not drive."""
+OFTEN = {"policy": "always", "max_restarts": 100_000, "stable_after_s": 1.0}
+"""The trials kill modules far more often than failures do."""
+LIMIT_S = 60.0
+SPARE_LIMIT_S = 10.0
+"""If modules die often, a spare interpreter may never be ready."""
+POLL_S = 0.002
+NO_OTHERS: Mapping[str, object] = MappingProxyType({})
+
+
+def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) -> dict[str, object]:
+    """Return the profile of a robot with mapping, an operator station, and a witness of its base."""
+    settings = {"arena": str(arena)}
+    station = {
+        "host": "0.0.0.0",
+        "port": 0,
+        "operator_token": "file:operator.token",
+        "max_linear_m_per_s": linear_m_per_s,
+    }
+    return {
+        "modules": {
+            "mapping": {"class": "modules.mapping:Mapping", "restart": OFTEN},
+            "base": {
+                "class": "modules.devices.base:SimulatedBase",
+                "settings": settings | {"period_s": 0.01},
+            },
+            "laser": {"class": "modules.devices.laser:SimulatedLaserRangeFinder", "settings": settings},
+            "witness": {"class": "tools.operator.stops.witness:Witness"},
+            "operator": {
+                "class": "robbie_mp.station:OperatorStation",
+                "settings": station,
+                "restart": OFTEN,
+            },
+            **others,
+        },
+        "spares": {"imports": ["modules.mapping", "robbie_mp.station.website"]},
+    }
+
+
+class Scene:
+    """A running robot and its journal.
+
+    Args:
+        folder: an empty folder for everything the robot writes.
+        arena: its arena; None: a long hall.
+        others: more modules of the robot.
+        linear_m_per_s: maximum speed.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        arena: Path | None = None,
+        others: Mapping[str, object] = NO_OTHERS,
+        linear_m_per_s: float = 0.4,
+    ):
+        workspace = folder / "workspace"
+        (workspace / "profiles").mkdir(parents=True)
+        wall, floor = "#" * (LENGTH_CELLS + 3), "." * LENGTH_CELLS
+        (workspace / "operator.token").touch(mode=0o600)
+        (workspace / "operator.token").write_text(TOKEN)
+        if arena is None:
+            arena = workspace / "arena.yaml"
+            arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
+        made = yaml.safe_dump(profile(arena, others, linear_m_per_s), sort_keys=False)
+        (workspace / "profiles" / "trial.yaml").write_text(made)
+        self.robot = Robot(folder / "run", workspace, "trial")
+        self.journal = Journal(self.robot.output / "witness.txt")
+        self._bases = [folder / "run" / "runtime" / "robbie"]
+        self.layout = LAYOUTS[0]
+        """The layout of the pages that are opened."""
+
+    def begin(self) -> None:
+        """Wait until all modules run."""
+        self.robot.wait_until_running()
+        (run,) = list_runs(self._bases)
+        self._tool = Tool(run, "operator trials")
+        self._tool.ready()
+
+    def close(self) -> None:
+        """End the robot."""
+        self.robot.close()
+
+    def pid(self, module: str) -> int:
+        """Return the pid of a module."""
+        return self.robot.figures()[module].pid
+
+    def send(self, module: str, number: signal.Signals) -> int:
+        """Send a signal to a module's process. Return the time of it (ns, monotonic clock)."""
+        pid = self.pid(module)
+        at_ns = time.monotonic_ns()
+        if not self.robot.send(pid, number):
+            raise RobotTrouble(f"{module} ended before {number.name} was sent")
+        return at_ns
+
+    def address(self, host: str) -> str:
+        """Return the page's address, with the given name for this host."""
+
+        def is_there() -> bool:
+            return "http://" in self.robot.figures()["operator"].status
+
+        self.robot.wait_for(is_there, "there is no page")
+        found = re.search(r":(\d+)/", self.robot.figures()["operator"].status)
+        assert found
+        return f"http://{host}:{found[1]}/"
+
+    def wait_for_spare(self) -> None:
+        """Wait until a spare interpreter is ready, but not for ever."""
+        supervisor = psutil.Process(self.robot.supervisor.pid)
+        until_s = time.monotonic() + SPARE_LIMIT_S
+        while time.monotonic() < until_s and "spare" not in map(_name, supervisor.children()):
+            time.sleep(POLL_S)
+
+    def stop(self, *, engaged: bool) -> None:
+        """Engage or release the emergency stop by a message, without the page."""
+        self._tool.publish(EmergencyStop(engaged=engaged, reason="a trial"), "emergency_stop")
+        self.wait_for("stopped", float(engaged))
+
+    def wait_for(self, what: str, number: float, since_ns: int = 0) -> int:
+        """Wait until the base publishes a number. Return when (ns) it first did so after a time (0: now)."""
+        since_ns = since_ns or time.monotonic_ns()
+        until_s = time.monotonic() + LIMIT_S
+        while (at_ns := self.journal.first_after(what, since_ns, number)) is None:
+            if time.monotonic() > until_s:
+                raise RobotTrouble(f"the base did not report {what} {number}")
+            time.sleep(POLL_S)
+        return at_ns
+
+    def drive(self, page: Page, key: str) -> None:
+        """Hold a key down until the robot drives at full speed."""
+        page.bring_to_front()
+        page.keyboard.down(key)
+        self.robot.wait_for(lambda: abs(self.journal.newest("speed")) > 0.19, "the robot does not drive")
+
+    @contextmanager
+    def page(self, browser: Browser, host: str) -> Iterator[Page]:
+        """Open the page and log in."""
+        context = browser.new_context(viewport={"width": 1280, "height": 800})
+        page = context.new_page()
+        page.set_default_timeout(LIMIT_S * 1e3)
+        page.goto(self.address(host))
+        page.fill("#token", TOKEN)
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#layouts")
+        page.goto(f"{self.address(host)}?layout={self.layout}")
+        self.wait_for_page(page)
+        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+        try:
+            yield page
+        finally:
+            context.close()
+
+    def wait_for_page(self, page: Page) -> None:
+        """Wait until a page shows its layout, and can drive if the layout can."""
+        page.wait_for_selector(f"#layouts:has-text('{self.layout}')")
+        if self.layout not in CANNOT_DRIVE:
+            page.wait_for_selector(".drives >> visible=true")
+
+
+def _name(process: psutil.Process) -> str:
+    try:
+        return process.name()
+    except psutil.NoSuchProcess:
+        return ""
+
+
+@contextmanager
+def scene(folder: Path) -> Iterator[Scene]:
+    """Start a robot. At the end, end it."""
+    made = Scene(folder)
+    try:
+        made.begin()
+        yield made
+    finally:
+        made.close()
+
+
+Event = Callable[[], int]
+"""Causes an event, and returns the time of it (ns, monotonic clock)."""

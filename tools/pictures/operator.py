@@ -1,0 +1,261 @@
+"""Takes the pictures of the operator's page in docs/images: `python -m tools.pictures.operator [--layouts]`.
+
+The tool runs the rescue robot, and crashes a module to have a crash report. It opens each panel in Chromium
+and records a log meanwhile. Then it plays the log beside virtual devices. With `--layouts`, it takes only the
+pictures of the layouts, of each at three sizes. It needs playwright and Chromium.
+"""
+
+import argparse
+import io
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, ViewportSize
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
+
+from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport.segment import SegmentMissing
+from robbie_mp.run.operator_link import read_link
+from robbie_mp.run.run_directory import KnownRun, list_runs
+from tools.operator.stops.chromium import chromium
+
+FOLDER = Path("docs/images")
+SIZE: ViewportSize = {"width": 1280, "height": 800}
+COLOURS = 256
+ROBBIE = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
+SETTINGS = (
+    "operator.port=0",
+    "operator.speech_commands=[come back, stop, look around]",
+    "operator.persons=[Anna, Ben]",
+    "operator.objects=[red bag, helmet]",
+    "victims.confirms_by_itself=false",
+    "victims.answer_s=600",
+)
+CRASHES = "imu"
+QUESTION = "#victim-question:visible"
+VICTIMS_BEFORE = 2
+"""Number of confirmed victims when the tool takes the picture of the map."""
+LIMIT_S = 300.0
+NAMES = ("Drive", "Mission", "Engineer", "Tablet", "Playback")
+"""The layouts in the order of their keys."""
+LARGE: ViewportSize = {"width": 1920, "height": 1080}
+UPRIGHT: ViewportSize = {"width": 800, "height": 1280}
+SIZES = (LARGE, UPRIGHT, SIZE)
+SETTLED_S = 5.0
+"""Time for which a panel is open before the tool takes its picture."""
+LAYOUT_SETTLED_S = 5.0
+KEY_LIMIT_MS = 5000
+PLOTS = (
+    ("odom: nav_msgs/Odometry", "twist.twist.linear.x"),
+    ("odom: nav_msgs/Odometry", "twist.twist.angular.z"),
+)
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.pictures.operator")
+    parser.add_argument("--layouts", action="store_true", help="take only the pictures of the layouts")
+    only_layouts = parser.parse_args().layouts
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
+        (Path(folder) / "runtime").mkdir(mode=0o700)
+        os.environ["XDG_RUNTIME_DIR"] = f"{folder}/runtime"
+        settings = [word for setting in SETTINGS for word in ("--set", setting)]
+        with running("run", "rescue", *settings, output=f"{folder}/rescue"):
+            page = new_page(browser)
+            page.goto(wait_for(address))
+            with recording(f"{folder}/log"):
+                if only_layouts:
+                    wait_for_victims(page, 1)
+                    take_layouts(page, NAMES[:-1])
+                    take_light(page)
+                else:
+                    take_panels(page)
+        play = ("play", f"{folder}/log", "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
+        with running(*play, output=f"{folder}/play"):
+            page = new_page(browser)
+            page.goto(wait_for(address))
+            take_playback(page, only_layouts=only_layouts)
+
+
+def new_page(browser: Browser) -> Page:
+    """Open a page that waits long enough for a robot that uses all processors."""
+    page = browser.new_page(viewport=SIZE)
+    page.set_default_timeout(1000 * LIMIT_S)
+    return page
+
+
+@contextmanager
+def running(*words: str, output: str) -> Iterator[None]:
+    """Run a robot."""
+    process = subprocess.Popen([*ROBBIE, *words, "--quiet", "--output", output], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
+
+
+@contextmanager
+def recording(folder: str) -> Iterator[None]:
+    """Record the running robot."""
+    (run,) = own_runs()
+    words = ["record", "--run", run.run_id, "--output", folder]
+    process = subprocess.Popen([*ROBBIE, *words], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
+
+
+def own_runs() -> list[KnownRun]:
+    """Return the live runs of this program, not those of the same user elsewhere on the machine."""
+    return [run for run in list_runs([Path(os.environ["XDG_RUNTIME_DIR"], "robbie")]) if run.is_live]
+
+
+def address() -> str:
+    """Return the link to the page, or '' while there is none."""
+    return next((link for run in own_runs() if (link := read_link(run.folder))), "")
+
+
+def status(module: str) -> tuple[int, str]:
+    """Return the pid and status line of a module, or 0 and '' while it does not run."""
+    for run in own_runs():
+        with suppress(SegmentMissing), closing(RunObserver(run.run_id)) as observer:
+            for figures in observer.modules():
+                if figures.name == module:
+                    return figures.pid, figures.status
+    return 0, ""
+
+
+def wait_for(condition: Callable[[], str]) -> str:
+    """Wait until a function returns something, and return it."""
+    until_s = time.monotonic() + LIMIT_S
+    while not (found := condition()):
+        if time.monotonic() > until_s:
+            raise SystemExit(f"{condition.__name__}: nothing within {LIMIT_S:g} s")
+        time.sleep(0.2)
+    return found
+
+
+def take_panels(page: Page) -> None:
+    """Take a picture of each panel of the running robot."""
+    turn_to(page, "plots")
+    for channel, field in PLOTS:
+        page.wait_for_selector(f"#plot-channel-offered option[value='{channel}']", state="attached")
+        page.fill("#plot-channel", channel)
+        page.fill("#plot-field", field)
+        page.click("#plot-add")
+    turn_to(page, "cameras")
+    box, is_seen = page.locator(".detection-boxes > div"), False
+    while not is_seen:  # it must also be there after the picture
+        box.first.wait_for()
+        take(page, "cameras", settled_s=0.0)
+        is_seen = box.first.is_visible()
+    turn_to(page, "map")
+    wait_for_victims(page, VICTIMS_BEFORE)
+    page.wait_for_selector(QUESTION)
+    take(page, "map")
+    answer(page)
+    os.kill(status(CRASHES)[0], signal.SIGSEGV)
+    page.click("#mark")
+    take_layouts(page, NAMES[:-1])
+    take_light(page)
+    turn_to(page, "speech")
+    page.click("#speech-commands >> text=look around")
+    for name in ("drive", "view", "mission", "speech", "system", "parameters", "devices", "plots"):
+        turn_to(page, name)
+        take(page, name)
+    turn_to(page, "trace")
+    page.click("#trace-crashes .q-item >> nth=0")
+    take(page, "trace")
+    turn_to(page, "messages")
+    page.click("#messages-topics tr:has-text('sensor_msgs/msg/LaserScan')")
+    take(page, "messages")
+
+
+def wait_for_victims(page: Page, count: int) -> None:
+    """Confirm victims until a number of them is known."""
+    for _ in range(count):
+        page.wait_for_selector(QUESTION)
+        answer(page)
+
+
+def take_layouts(page: Page, layouts: Sequence[str]) -> None:
+    """Take a picture of each layout at each size, as an operator's screen shows it."""
+    for size in SIZES:
+        page.set_viewport_size(size)
+        for layout in layouts:
+            choose(page, layout)
+            wide = "" if size is SIZE else f"-{size['width']}"
+            take(page, f"layout-{layout.lower()}{wide}", LAYOUT_SETTLED_S)
+    page.set_viewport_size(SIZE)
+
+
+def choose(page: Page, layout: str) -> None:
+    """Show a layout. A page that is just being loaded again on a busy machine does not hear the key."""
+
+    def is_shown() -> str:
+        page.keyboard.press(f"{1 + NAMES.index(layout)}")
+        with suppress(PlaywrightTimeout):
+            page.wait_for_selector(f"#layouts:has-text('{layout}')", timeout=KEY_LIMIT_MS)
+            return layout
+        return ""
+
+    wait_for(is_shown)
+
+
+def take_light(page: Page) -> None:
+    """Take a picture of the first layout in the light look."""
+    choose(page, NAMES[0])
+    page.click("#look")
+    take(page, "light", LAYOUT_SETTLED_S)
+    page.click("#look")
+
+
+def turn_to(page: Page, name: str) -> None:
+    """Open a panel, and close questions that hide it."""
+    if page.locator(QUESTION).is_visible():
+        answer(page)
+    page.click(f"#tab-{name}")
+    page.wait_for_selector(f"#panel-{name}", state="visible")
+
+
+def answer(page: Page) -> None:
+    """Confirm the victim that the page asks about."""
+    page.click("#victim-yes")
+    page.wait_for_selector(QUESTION, state="hidden")
+
+
+def take_playback(page: Page, *, only_layouts: bool) -> None:
+    """Take pictures of the playback: the layout for it, and virtual devices."""
+    page.wait_for_selector("#playback-events [data-at]")
+    take_layouts(page, NAMES[-1:])
+    if only_layouts:
+        return
+    page.click("#tab-devices")
+    page.wait_for_selector("#playback-events [data-at]")
+    page.wait_for_selector("#device-bumper")
+    take(page, "playback")
+
+
+def take(page: Page, name: str, settled_s: float = SETTLED_S) -> None:
+    """Take a picture of the page, small enough for a repository."""
+    page.wait_for_selector("#emergency-stop-state:has-text('ready')")  # on a busy machine, a link may be lost
+    page.wait_for_timeout(1000 * settled_s)
+    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    path = FOLDER / f"operator-{name}.png"
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    print(path, path.stat().st_size)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Drivers on emulated devices, alone and in whole robots."""

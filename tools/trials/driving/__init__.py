@@ -1,0 +1,1 @@
+"""Driving, mapping and localization alone, in simulated time, judged by the truth."""

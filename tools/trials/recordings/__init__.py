@@ -1,0 +1,1 @@
+"""Recordings: what modules make of them, and how fast one can move in them."""
