@@ -63,6 +63,7 @@ from robbie_mp.messages.stock.geometry_msgs import (
 from robbie_mp.messages.stock.link_msgs import (
     LinkChannel,
     LinkPeer,
+    LinkRefusal,
     LinkState,
     OperatorRequest,
     OperatorState,
@@ -202,6 +203,7 @@ __all__ = [
     "LightsState",
     "LinkChannel",
     "LinkPeer",
+    "LinkRefusal",
     "LinkState",
     "LocalizationState",
     "Log",

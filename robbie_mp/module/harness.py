@@ -504,8 +504,11 @@ class HarnessBus:
             if (by_pattern and matched_pattern) or not subscription.name.takes(name):
                 continue
             matched_pattern |= by_pattern
+            before_ns, refused = self.newest_stamp_ns(subscription.name), self.subscriptions.refusals.total
             self._newest_ns[subscription.name] = self._clock.monotonic_ns()
             subscription.handler(subscription.decoder.decode(memoryview(data)))
+            if self.subscriptions.refusals.total != refused:
+                self._newest_ns[subscription.name] = before_ns  # no handler got it
         self._current = None
 
     def advertise(self, message_type: type[Message], topic: str) -> None:

@@ -136,7 +136,10 @@ class Inbox:
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message; then release the message, or pin it while anything refers to it."""
         self._current = delivery
-        self._words[layout.newest_at(delivery.declaration)] = delivery.stamp_ns
+        newest_at = layout.newest_at(delivery.declaration)
+        newest_before_ns, ill_formed_before = self._words[newest_at], self._words[layout.OUT_ILL_FORMED]
+        self._words[newest_at] = delivery.stamp_ns
+        is_lost = False
         _, _, decoder, handler, *_ = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         whole: Any = None
@@ -158,11 +161,14 @@ class Inbox:
                 message = decoder.decode(view)
         except RobbieError as error:
             whole = None
+            is_lost = True
             self.tell_lost(error)
         else:
             handler(message)
             del message
         self._current = None
+        if is_lost or self._words[layout.OUT_ILL_FORMED] != ill_formed_before:
+            self._words[newest_at] = newest_before_ns  # no handler got it
         self._words[layout.OUT_HANDLED] = self._words[layout.OUT_HANDLED] + 1 & WORD_MAX
         if self.before_release is not None:
             self.before_release()

@@ -158,7 +158,9 @@ class StateStrip:
         age = "" if math.isnan(worst.newest_state_age_s) else f", data {worst.newest_state_age_s:.1f} s old"
         loss = 0.0 if math.isnan(worst.loss) else worst.loss
         trip = "" if math.isnan(worst.round_trip_s) else f"{1000 * worst.round_trip_s:.0f} ms "
-        detail = f"link with {worst.robot}: round trip, loss{age}"
+        refused = sum(one.refused for one in state.ill_formed)
+        ill = f"; {refused} ill-formed messages refused" if refused else ""
+        detail = f"link with {worst.robot}: round trip, loss{age}{ill}"
         return StateItem("link", "link", f"{trip}{loss:.0%} lost", ALERT if loss > MAX_LOSS else GOOD, detail)
 
     def _restarts_item(self, modules: tuple[ModuleFigures, ...]) -> StateItem:

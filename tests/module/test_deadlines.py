@@ -1,6 +1,7 @@
 """Input that must keep coming: a module is told once when it does not, by its own clock."""
 
 import logging
+import math
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -63,6 +64,25 @@ def test_messages_of_other_subscriptions_do_not_count() -> None:
             harness.send(Odometry())
             harness.advance(0.1)
         assert harness.module.late == [round(0.4 * S)]
+
+
+def test_ill_formed_messages_do_not_count() -> None:
+    with ModuleHarness(Driver) as harness:
+        for _ in range(10):
+            harness.send(LaserScan(angle_min=math.nan), topic="front")
+            harness.advance(0.1)
+        assert harness.module.late == [round(0.4 * S)]
+        assert harness.module.ill_formed.total == 10
+
+
+def test_ill_formed_message_hides_no_good_one() -> None:
+    with ModuleHarness(Driver) as harness:
+        for _ in range(10):
+            harness.advance(0.15)
+            harness.send(LaserScan(), topic="front")
+            harness.advance(0.15)
+            harness.send(LaserScan(angle_min=math.nan), topic="front")
+        assert not harness.module.late
 
 
 def test_first_message_may_be_late_unless_it_is_optional() -> None:

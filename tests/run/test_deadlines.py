@@ -9,6 +9,8 @@ import pytest
 from tests._support.robot import Robot, wait_until
 
 MODULES = """
+import math
+
 from robbie_mp import MessageHandling, Module
 from robbie_mp.messages import LaserScan
 from zoo.modules import Journal
@@ -19,6 +21,16 @@ class Laser(Module):
 
     def tick(self):
         self.publish(LaserScan())
+
+
+class Blinded(Module):
+    """Its sweeps become ill-formed when a file is there."""
+
+    period_s = 0.02
+
+    def tick(self):
+        is_blind = (self.output_directory / "blind").exists()
+        self.publish(LaserScan(angle_min=math.nan if is_blind else 0.0))
 
 
 class Dying(Module):
@@ -94,6 +106,25 @@ def test_stopped_publisher_is_noticed_and_shown(
     robot.until(lambda top: not top["driver"]["health"])
     wait_until(lambda: "OK again: LaserScan comes again" in robot.log("driver"))
     assert "DEGRADED: no LaserScan for 0.3 s" in robot.log("driver")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pure_python", ["0", "1"])
+def test_input_that_is_only_ill_formed_is_late(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch, pure_python: str
+) -> None:
+    monkeypatch.setenv("ROBBIE_PURE_PYTHON", pure_python)
+    (robot.folder / "lasers.py").write_text(MODULES)
+    robot.write_profile(PROFILE.replace("lasers:Laser", "lasers:Blinded"))
+    robot.start()
+    robot.until(lambda top: top["driver"]["handled"] > 20 and not top["driver"]["health"])
+    blind = robot.output / "blind"
+    blind.touch()
+    figures = robot.until(lambda top: top["driver"]["health"].startswith("no LaserScan for"))
+    assert figures["driver"]["ill_formed"]
+    assert subscription(figures)["latenesses"]
+    blind.unlink()
+    robot.until(lambda top: not top["driver"]["health"])
 
 
 @pytest.mark.slow

@@ -21,6 +21,8 @@ from robbie_mp.logs.recording.reader import LoggedMessage
 from robbie_mp.messages import (
     DriveCommand,
     Duration,
+    LinkRefusal,
+    LinkState,
     MapMetaData,
     Message,
     OccupancyGrid,
@@ -66,6 +68,8 @@ def test_link_refuses_an_ill_formed_message(message: Message, field: str) -> Non
         assert link.ill_formed.by_kind == {(message.type_name, field): 1}
         harness.advance(1.1)
         assert "1 ill-formed refused" in link.status
+        state = harness.take(LinkState)[-1]
+        assert state.ill_formed == [LinkRefusal(message_type=message.type_name, field=field, refused=1)]
 
 
 @pytest.mark.parametrize(("message", "field"), WRONG[:2], ids=lambda one: str(one)[:20])

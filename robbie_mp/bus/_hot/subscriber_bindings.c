@@ -30,6 +30,8 @@ struct handled_message {
     struct mapped_segment_object *segment;
     struct message_bytes_object *bytes;
     uint64_t begun_ns;
+    uint64_t newest_before_ns, ill_formed_before; /* what is in the words of the module without this message */
+    bool is_lost;
 };
 
 static PyObject *subscriber_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
@@ -152,7 +154,10 @@ static int begin(struct subscriber_object *self, struct handled_message *message
     message->begun_ns = monotonic_ns();
     store(words + OUT_ACTIVITY_SINCE_NS, message->begun_ns);
     store(words + OUT_ACTIVITY, ACTIVITY_HANDLER | message->delivery.declaration << 8);
-    store(newest_of(words, message->delivery.declaration), message->delivery.stamp_ns);
+    shared_word *newest = newest_of(words, message->delivery.declaration);
+    message->newest_before_ns = load(newest);
+    message->ill_formed_before = load(words + OUT_ILL_FORMED);
+    store(newest, message->delivery.stamp_ns);
     self->current = message->delivery;
     self->is_handling = true;
     return 1;
@@ -209,6 +214,7 @@ static int run_handler(struct subscriber_object *self, PyObject *inbox, struct h
     if (decoded == NULL) {
         if (!PyErr_ExceptionMatches(self->robbie_error) || tell_lost(inbox) < 0)
             return -1;
+        message->is_lost = true;
     } else {
         PyObject *result = PyObject_CallOneArg(PyTuple_GET_ITEM(message->subscription, AT_HANDLER), decoded);
         Py_DECREF(decoded);
@@ -219,10 +225,12 @@ static int run_handler(struct subscriber_object *self, PyObject *inbox, struct h
     return subscriber_check(self);
 }
 
-static int count_handled(struct subscriber_object *self)
+static int count_handled(struct subscriber_object *self, const struct handled_message *message)
 {
-    shared_word *handled = self->words.words + OUT_HANDLED;
+    shared_word *words = self->words.words, *handled = words + OUT_HANDLED;
     self->is_handling = false;
+    if (message->is_lost || load(words + OUT_ILL_FORMED) != message->ill_formed_before)
+        store(newest_of(words, message->delivery.declaration), message->newest_before_ns); /* no handler got it */
     MAY_DIE(return -1);
     store(handled, load(handled) + 1);
     return 1;
@@ -270,6 +278,7 @@ static int finish(struct subscriber_object *self, const struct handled_message *
 enum handled subscriber_handle_next(struct subscriber_object *self, PyObject *inbox)
 {
     struct handled_message message;
+    message.is_lost = false;
     if (self->words.words == NULL || !endpoint_is_mine(self->endpoint))
         return HANDLED_NOT_MINE;
     int done = release_unreferenced(self);
@@ -294,7 +303,7 @@ enum handled subscriber_handle_next(struct subscriber_object *self, PyObject *in
     if (done > 0)
         done = run_handler(self, inbox, &message);
     if (done > 0)
-        done = count_handled(self);
+        done = count_handled(self, &message);
     if (done > 0)
         done = release_or_pin(self, inbox, &message);
     Py_DECREF(message.subscription);

@@ -46,6 +46,7 @@ from robbie_mp.messages import (
     Image,
     LinkChannel,
     LinkPeer,
+    LinkRefusal,
     LinkState,
     Message,
     MessageError,
@@ -613,6 +614,10 @@ class Link(Module):
             mismatched=self.mismatched,
             peers=[_peer_state(peer, now_ns) for peer in node.peers.values()],
             channels=list(_channels(self.books)),
+            ill_formed=[
+                LinkRefusal(message_type=type_name, field=field, refused=count)
+                for (type_name, field), count in self.ill_formed.by_kind.most_common()
+            ],
         )
 
 

@@ -1,7 +1,8 @@
 """Messages of the link between robots."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import float32, float64, uint8, uint32, uint64
@@ -42,7 +43,22 @@ class LinkPeer(Message, name="robbie_msgs/msg/LinkPeer", version=1):
     stale: uint64 = DEFAULT  # packets of sessions that are over
 
 
-class LinkState(Message, name="robbie_msgs/msg/LinkState", version=1):
+class LinkRefusal(Message, name="robbie_msgs/msg/LinkRefusal", version=1):
+    """How many messages of a kind were refused where they came in, because they were ill-formed."""
+
+    message_type: str = DEFAULT  # full name; "other types" for those of which there were too many kinds
+    field: str = DEFAULT  # the field that was wrong, such as info.origin.position.x
+    refused: uint64 = DEFAULT  # since the link's last start
+
+
+def _without_refusals(fields: dict[str, Any]) -> dict[str, Any]:
+    """Name no ill-formed messages: version 1 did not tell them."""
+    return {**fields, "ill_formed": []}
+
+
+class LinkState(
+    Message, name="robbie_msgs/msg/LinkState", version=2, upgrades={1: Upgrade(_without_refusals)}
+):
     """How the link of one robot is doing."""
 
     stamp: Time = DEFAULT
@@ -56,6 +72,7 @@ class LinkState(Message, name="robbie_msgs/msg/LinkState", version=1):
     mismatched: uint64 = DEFAULT  # messages of types that are declared differently here
     peers: list[LinkPeer] = DEFAULT
     channels: list[LinkChannel] = DEFAULT
+    ill_formed: list[LinkRefusal] = DEFAULT  # the most frequent kinds first
 
 
 class OperatorRequest(Message, name="robbie_msgs/msg/OperatorRequest", version=1):

@@ -27,6 +27,7 @@ def stock_registry() -> TypeRegistry:
             geometry_msgs.PoseStamped,
             geometry_msgs.PoseWithCovarianceStamped,
             geometry_msgs.TwistStamped,
+            link_msgs.LinkRefusal,
             link_msgs.LinkState,
             link_msgs.OperatorRequest,
             link_msgs.OperatorState,
