@@ -24,7 +24,7 @@ class Laser(Module):
 
 
 class Blinded(Module):
-    """Its sweeps become ill-formed when a file is there."""
+    # its sweeps become ill-formed when a file is there
 
     period_s = 0.02
 
