@@ -31,7 +31,6 @@ class MonteCarloLocalization(Module):
 
     map_file: Path | None = setting(None, "map (YAML of ROS's map_server); null: use OccupancyGrid messages")
     max_particles: int = setting(5_000, "maximum number of particles", minimum=100, maximum=100_000)
-    candidates: int = setting(200_000, "poses tried when the robot may be anywhere", minimum=1_000)
     scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")
     seed: int = setting(0, "random seed")
 
@@ -102,7 +101,7 @@ class MonteCarloLocalization(Module):
         if self.localizer is not None:
             self.localizer.field = field
             return
-        settings = LocalizationSettings(max_particles=self.max_particles, candidates=self.candidates)
+        settings = LocalizationSettings(max_particles=self.max_particles)
         self.localizer = Localizer(field, settings, self.laser_pose, self.seed)
         if self.restored is not None:
             self.localizer.restore(self.restored)

@@ -22,6 +22,9 @@ from robbie_mp.messages import (
 from workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged, without_robot
 from workers.planar_pose import transform_points
 
+ALIGN_PERIOD_S = 5.0
+"""Time between searches for the place of a map."""
+
 TRAIL_STEP_M = 0.1
 MAX_TRAIL = 4000
 """Places kept of each robot; when there are more, every second one is forgotten."""
@@ -51,7 +54,6 @@ class MapMerger(Module):
     )
     map_topic: str = setting("own", "topic of this robot's own map")
     period_s: float = setting(1.0, "time between maps of the team", minimum=0.05)
-    align_period_s: float = setting(5.0, "time between searches for the place of a map", minimum=0.1)
     least_walls_m: float = setting(
         Trust.least_walls_m, "length of wall that must be on both maps", minimum=0.1
     )
@@ -155,7 +157,7 @@ class MapMerger(Module):
         robot = min(self.others, key=lambda one: self.next_s[one], default=None)
         if robot is None or now_s < self.next_s[robot]:
             return
-        self.next_s[robot] = now_s + self.align_period_s
+        self.next_s[robot] = now_s + ALIGN_PERIOD_S
         alignment = align(own, self.others[robot], self.places.get(robot), self.trust)
         self.found[robot] = alignment
         self.is_unsaved = True

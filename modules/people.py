@@ -51,12 +51,11 @@ class PeopleFinder(Module):
 
     period_s: float = setting(0.1, "time between looks at new scans and pictures", minimum=0.02)
     max_range_m: float = setting(6.0, "farther legs are not looked for", minimum=1.0)
-    max_persons: int = setting(40, "tracks kept; beyond that, the least likely end", minimum=1, maximum=500)
 
     def setup(self) -> None:
         """Create the workers; subscribe to laser, camera and map."""
         self.classifier = LegClassifier.from_file()
-        self.tracker = PersonTracker(TrackerSettings(max_tracks=self.max_persons))
+        self.tracker = PersonTracker(TrackerSettings())
         if self.restored is not None:
             self.tracker.remember(self.restored)
         self.things: MapThings | None = None

@@ -7,6 +7,9 @@ from modules.speech_messages import Say
 from robbie_mp import CallError, setting
 from workers.home.household import OPEN_DOOR
 
+HEARS_M = 2.0
+"""The robot is heard this far from a door."""
+
 REPEAT_S = 1.0
 
 
@@ -18,7 +21,6 @@ class SimulatedDoorkeeper(SimulatedDevice):
     """
 
     period_s: float = setting(0.2, "time between looks at the clock", minimum=0.02)
-    hears_m: float = setting(2.0, "the robot is heard this far from a door", minimum=0.0)
     answer_s: float = setting(3.0, "time until the door begins to turn", minimum=0.0)
 
     def setup(self) -> None:
@@ -36,7 +38,7 @@ class SimulatedDoorkeeper(SimulatedDevice):
         if truth is None or self.door or not say.text.startswith(OPEN_DOOR.format("").rstrip(".")):
             return
         away = {math.dist(door.middle_m, truth.pose[:2]): door.name for door in self.doors}
-        if away and min(away) <= self.hears_m:
+        if away and min(away) <= HEARS_M:
             self.door, self.due_s = away[min(away)], truth.stamp_s + self.answer_s
             self.checkpoint((self.door, self.due_s))
 

@@ -20,6 +20,9 @@ from workers.home.follow_states import FollowSettings, FollowState
 from workers.people.clothes import PART_BINS, PARTS_M
 from workers.rescue.look_around import LookAround
 
+TELL_PERIOD_S = 0.2
+"""Time between messages about what it does."""
+
 BINS = len(PARTS_M) * PART_BINS
 TILT_RAD = 0.1
 """The camera looks a little down, so that it sees clothes from shoulders to knees."""
@@ -37,7 +40,6 @@ class FollowMe(Module):
 
     period_s: float = setting(0.1, "time between decisions", minimum=0.02)
     behind_m: float = setting(1.0, "distance behind the person, on the person's way", minimum=0.6)
-    tell_period_s: float = setting(0.2, "time between messages about what it does", minimum=0.05)
 
     def setup(self) -> None:
         """Create the task; subscribe to orders, people and pose."""
@@ -122,7 +124,7 @@ class FollowMe(Module):
             ahead = task.state is FollowState.CHOOSE
             pan_rad = self.look.pan_rad(self._time_s(), self.pose, orders.look_at_xy_m)
             self._turn_camera(0.0 if ahead else pan_rad)
-        if self._time_s() - self.told_s >= self.tell_period_s:
+        if self._time_s() - self.told_s >= TELL_PERIOD_S:
             self.told_s = self._time_s()
             self._tell()
         self.status = task.status

@@ -11,6 +11,15 @@ from modules.speech_messages import Say, SpokenOrder, SpokenSlot
 from robbie_mp import CallError, Header, SentGoal, Time, setting
 from workers.planar_pose import relative
 
+ASK_AGAIN_S = 10.0
+"""Time after which a question that got lost is asked again."""
+
+AGAIN_S = 12.0
+"""A guest who was not understood speaks again."""
+
+FRONT_M = 2.0
+"""Guests speak to a robot that is at most this far away."""
+
 
 class SimulatedGuests(SimulatedDevice):
     """Speaks for the people of the arena who tell the robot their names; then asks who is who.
@@ -22,12 +31,7 @@ class SimulatedGuests(SimulatedDevice):
 
     period_s: float = setting(0.2, "time between looks at the people", minimum=0.02)
     introduce: list[str] = setting([], "names of those who tell their names")
-    front_m: float = setting(2.0, "guests speak to a robot that is at most this far away", minimum=0.5)
-    again_s: float = setting(12.0, "a guest who was not understood speaks again", minimum=1.0)
     asks_s: float = setting(55.0, "time of the run at which somebody asks who is who", minimum=0.0)
-    ask_again_s: float = setting(
-        10.0, "time after which a question that got lost is asked again", minimum=1.0
-    )
 
     def setup(self) -> None:
         """Enter the world; listen to the robot."""
@@ -69,8 +73,8 @@ class SimulatedGuests(SimulatedDevice):
         for name, (x, y, _, _, stride) in ((person.name, shown) for person, shown in people):
             if name not in self.introduce or name in self.known or stride > 0.0:
                 continue
-            is_due = now_s - self.spoke_s.get(name, -math.inf) >= self.again_s
-            if is_due and math.dist((x, y), robot[:2]) <= self.front_m:
+            is_due = now_s - self.spoke_s.get(name, -math.inf) >= AGAIN_S
+            if is_due and math.dist((x, y), robot[:2]) <= FRONT_M:
                 self.spoke_s[name] = now_s
                 self._keep()
                 self._speak(name)
@@ -84,7 +88,7 @@ class SimulatedGuests(SimulatedDevice):
 
     def _ask(self, now_s: float) -> None:
         """Ask who is who, and again if the question got lost."""
-        if self.goal is not None or self.answer is not None or now_s - self.asked_s < self.ask_again_s:
+        if self.goal is not None or self.answer is not None or now_s - self.asked_s < ASK_AGAIN_S:
             return
         self.asked_s = now_s
         self.goal = self.send_goal(WhoIsWho(), self._on_answer, self._on_no_answer)

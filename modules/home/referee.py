@@ -12,6 +12,12 @@ from robbie_mp import Header, MessageHandling, Time, setting
 from workers.home.follow import ARE_YOU_THERE, STAND_IN_FRONT
 from workers.home.follow_states import FOLLOWS
 
+HEARS_M = 3.5
+"""The person hears the robot up to this distance."""
+
+AGAIN_S = 9.0
+"""When the person says it again, until the robot follows."""
+
 
 class Referee(SimulatedDevice):
     """Judges by the ground truth whether the robot follows the first person of the arena.
@@ -73,8 +79,6 @@ class SimulatedVoice(SimulatedDevice):
 
     period_s: float = setting(0.2, "time between looks at the clock", minimum=0.02)
     order_s: float = setting(6.0, "when the person tells the robot to follow", minimum=0.0)
-    again_s: float = setting(9.0, "when the person says it again, until the robot follows", minimum=1.0)
-    hears_m: float = setting(3.5, "the person hears the robot up to this distance", minimum=0.0)
     answer_s: float = setting(1.5, "time until the person answers", minimum=0.0)
 
     def setup(self) -> None:
@@ -100,7 +104,7 @@ class SimulatedVoice(SimulatedDevice):
         """Hear a question."""
         if say.text in (ARE_YOU_THERE, STAND_IN_FRONT) and self.world.truth is not None:
             away_m = math.dist(self.world.truth.pose[:2], self.world.people[0, :2])
-            if away_m <= self.hears_m:
+            if away_m <= HEARS_M:
                 self.answers_at_s = self.world.truth.stamp_s + self.answer_s
 
     def tick(self) -> None:
@@ -113,7 +117,7 @@ class SimulatedVoice(SimulatedDevice):
             self.began_s = truth.stamp_s
             self.checkpoint({"is_followed": self.is_followed, "began_s": self.began_s})
         is_due = truth.stamp_s - self.began_s >= self.order_s
-        if not self.is_followed and is_due and truth.stamp_s - self.ordered_s >= self.again_s:
+        if not self.is_followed and is_due and truth.stamp_s - self.ordered_s >= AGAIN_S:
             self.ordered_s = truth.stamp_s
             self._speak("follow", "follow me")
         if truth.stamp_s >= self.answers_at_s:

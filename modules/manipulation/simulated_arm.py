@@ -22,6 +22,15 @@ from robbie_mp.scene import RigidTransform, SceneGraphError
 from robbie_mp.scene.conversion import to_pose
 from workers.manipulation.rotations import quaternion_of
 
+PULL_N = 10.0
+"""Force with which a person pulls at what the hand holds out."""
+
+TAKES_M = 1.0
+"""A person this near to the hand, seen from above, takes what it holds out."""
+
+GRIP_N = 15.0
+"""Force of the fingers on what they hold."""
+
 GRIPPER = "gripper"
 GRASP_POINT = "grasp_point"
 DEFAULT_SPEED = 1.0
@@ -43,11 +52,6 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
 
     robot: Path = setting(REQUIRED, "the robot's URDF", must_exist=True)
     period_s: float = setting(0.04, "time between messages", minimum=0.005)
-    grip_n: float = setting(15.0, "force of the fingers on what they hold", minimum=0.0)
-    takes_m: float = setting(
-        1.0, "a person this near to the hand, seen from above, takes what it holds out", minimum=0.0
-    )
-    pull_n: float = setting(10.0, "force with which a person pulls at what the hand holds out", minimum=0.0)
     rest: list[float] = setting([], "where the joints are at the start; default 0")
 
     @classmethod
@@ -93,7 +97,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
             table_solids(self.world.arena),
             state=None if self.restored is None else self.restored["objects"],
         )
-        self.person = TakingPerson(self.takes_m, self.pull_n)
+        self.person = TakingPerson(TAKES_M, PULL_N)
         self.obey()
 
     def limits(self, place: int) -> dict[str, float]:
@@ -153,7 +157,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
 
     def _publish(self, reading: JointReading, efforts: NDArray[np.float64], now: Time) -> None:
         """Publish the joints, with the force of the gripper, and the truth."""
-        efforts[self.names.index(GRIPPER)] = -self.grip_n if self.simulated.is_pushing(GRIPPER) else 0.0
+        efforts[self.names.index(GRIPPER)] = -GRIP_N if self.simulated.is_pushing(GRIPPER) else 0.0
         self.publish(
             JointState(
                 header=Header(stamp=now),

@@ -35,6 +35,9 @@ from workers.numbers.sign_map import SheetVotes, Sign, SignMap
 from workers.numbers.sign_placing import View, distances_m, posts_on
 from workers.planar_pose import transform_points
 
+TELL_PERIOD_S = 0.5
+"""Time between messages about signs."""
+
 TURNED_S, TURNED_RAD = 0.1, 0.03
 """An image is not used if the camera has turned by more than this angle in this time: its direction is not
 known exactly, so a board might be placed on another post; and images of real cameras are blurred then."""
@@ -54,7 +57,6 @@ class NumberSignFinder(Module):
         1.6, "a look at a nearer post does not count: its board may be cut off", minimum=0.2
     )
     far_m: float = setting(3.2, "a look at a farther post does not count", minimum=0.5)
-    tell_period_s: float = setting(0.5, "time between messages about signs", minimum=0.1)
     scan_topic: str = setting("", "topic of the laser to use, if the robot has several; '' for any")
     max_range_m: float = setting(10.0, "farther ends of beams are not used", minimum=1.0)
 
@@ -103,7 +105,7 @@ class NumberSignFinder(Module):
         """Read the newest image, and tell what is known."""
         if self.image is not None and self.camera is not None and self.scans:
             self._look(self.image, self.camera)
-        if self._now_s() - self.told_s >= self.tell_period_s:
+        if self._now_s() - self.told_s >= TELL_PERIOD_S:
             self.told_s = self._now_s()
             self._tell()
 

@@ -55,6 +55,9 @@ from workers.rescue.mission_victims import VictimReport
 from workers.rescue.rescue_report import MissionFigures, known_m2, travelled_m, write_report
 from workers.rescue.victim_map import VictimState
 
+CLAIM_VALID_S = 3.0
+"""How long the others leave this robot's target alone when it falls silent."""
+
 HOLDS = (MissionState.PAUSE, MissionState.DONE)
 SETTLED = (VictimState.CONFIRMED, VictimState.REJECTED)
 TELL_S = 1.0
@@ -87,9 +90,6 @@ class RescueMission(Module):
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
     team: list[str] = setting([], "other robots, with which this one shares the work")
     gives_way_to: list[str] = setting([], "robots of the team that go first where their way meets this one's")
-    claim_valid_s: float = setting(
-        3.0, "how long the others leave this robot's target alone when it falls silent", minimum=1.0
-    )
     devices: list[str] = setting(
         [],
         "modules of devices that may be pulled out: status and report say which are away, and which were",
@@ -364,7 +364,7 @@ class RescueMission(Module):
                 home=_point(claim.home_xy_m),
                 vain_frontiers=_points(claim.seen_in_vain, MissionState.EXPLORE),
                 vain_walls=_points(claim.seen_in_vain, MissionState.SEARCH),
-                valid_for=Duration.from_nanoseconds(round(self.claim_valid_s * 1e9)),
+                valid_for=Duration.from_nanoseconds(round(CLAIM_VALID_S * 1e9)),
             )
         )
 

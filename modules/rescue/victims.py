@@ -30,6 +30,15 @@ from workers.rescue.searched_walls import CameraView, WallFronts, WallMemory
 from workers.rescue.victim_detection import Projection, TagSighting, VictimDetector, VisionMissing
 from workers.rescue.victim_map import Victim, VictimMap, VictimState
 
+ASK_AGAIN_S = 60.0
+"""Time before the same question is asked again."""
+
+REPEAT_S = 5.0
+"""Each victim is published again after this time."""
+
+SEARCHED_PERIOD_S = 0.5
+"""Time between messages about searched walls."""
+
 TURNED_S, TURNED_RAD = 0.1, 0.02
 """An image is not used if the camera has turned by more than this angle in this time before it."""
 
@@ -49,15 +58,12 @@ class Victims(Module):
         False, "confirm victims that are known well without asking the operator"
     )
     answer_s: float = setting(20.0, "time that the operator has for an answer", minimum=0.1)
-    ask_again_s: float = setting(60.0, "time before the same question is asked again", minimum=0.0)
     max_questions: int = setting(2, "maximum number of questions about one victim", minimum=1)
     near_m: float = setting(1.8, "a victim must have been seen from at most this distance", minimum=0.1)
     far_m: float = setting(2.4, "maximum distance at which a wall counts as searched", minimum=0.5)
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
     camera_frame: str = setting("base_link", "frame that the pan-tilt unit is mounted on")
     period_s: float = setting(0.1, "time between searches of new images", minimum=0.01)
-    searched_period_s: float = setting(0.5, "time between messages about searched walls", minimum=0.1)
-    repeat_s: float = setting(5.0, "each victim is published again after this time", minimum=0.1)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -132,11 +138,11 @@ class Victims(Module):
         for victim in self.victims.victims.values():
             self._ask(victim, now_s)
         if now_s >= self.next_s["repeat"]:
-            self.next_s["repeat"] = now_s + self.repeat_s
+            self.next_s["repeat"] = now_s + REPEAT_S
             for victim in self.victims.victims.values():
                 self._tell(victim)
         if now_s >= self.next_s["searched"] and self.fronts is not None:
-            self.next_s["searched"] = now_s + self.searched_period_s
+            self.next_s["searched"] = now_s + SEARCHED_PERIOD_S
             self._tell_searched()
         states = [victim.state for victim in self.victims.victims.values()]
         self.status = (
@@ -210,7 +216,7 @@ class Victims(Module):
 
     def _ask_later(self, victim: Victim) -> None:
         victim.state = VictimState.SUSPECTED
-        victim.not_before_s = self._now_s() + self.ask_again_s
+        victim.not_before_s = self._now_s() + ASK_AGAIN_S
 
     def _tell(self, victim: Victim) -> None:
         """Publish and checkpoint what is known about a victim."""
