@@ -131,12 +131,6 @@ class NmeaFraming(Framing[Sentence]):
         return Sentence(talker, kind, tuple(text.decode().split(",")))
 
 
-class AisFraming(NmeaFraming):
-    """Sentences between `!` and the line's end, as ships' identification systems send them."""
-
-    start = b"!"
-
-
 def position_fix(sent: Sentence) -> PositionFix:
     """Return what a GGA sentence tells.
 

@@ -143,11 +143,6 @@ def full() -> bytes:
     return b"\x84"
 
 
-def stop_interface() -> bytes:
-    """Return the command that closes the interface; the robot stops its wheels."""
-    return b"\xad"
-
-
 def reset() -> bytes:
     """Return the command that restarts the robot's computer."""
     return b"\x07"
@@ -240,11 +235,6 @@ def stream(numbers: Sequence[int]) -> bytes:
 def pause_stream() -> bytes:
     """Return the command that pauses the stream."""
     return b"\x96\x00"
-
-
-def resume_stream() -> bytes:
-    """Return the command that resumes the stream."""
-    return b"\x96\x01"
 
 
 def query(numbers: Sequence[int]) -> bytes:

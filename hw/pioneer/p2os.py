@@ -15,8 +15,6 @@ MAX_PACKET_BYTES = 200
 # Header, length, number and checksum.
 PACKET_BYTES = 6
 MAX_TEXT_BYTES = 190
-# A sonar's distance when it has seen nothing.
-SONAR_NOTHING_MM = 5_000
 
 
 class P2osError(ValueError):

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 SAY_MISSED_EVERY_S = 1.0
-Printer = Callable[[Received, Any], str]
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -134,10 +134,6 @@ class KnownTypes:
             return message_type_from_schema(own.name, own.schema, own.version)
         return self._stock.get(found)
 
-    def is_stock(self, name: str) -> bool:
-        """Whether a type comes with Robbie-MP."""
-        return self.find(name) in self._stock
-
 
 def _short(base: str) -> str:
     return base.replace("/srv/", "/").replace("/action/", "/")

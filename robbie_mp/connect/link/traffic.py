@@ -51,12 +51,3 @@ MANNERS = {
 }
 
 CLASSES = tuple(TrafficClass)
-
-
-def class_named(name: str) -> TrafficClass:
-    """Return the class of a name in lower case, such as "state".
-
-    Raises:
-        KeyError: there is none.
-    """
-    return TrafficClass[name.upper()] if name.islower() else TrafficClass[name]
