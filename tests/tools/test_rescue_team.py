@@ -9,7 +9,7 @@ import numpy as np
 from hw.simulation.arena_file import read_arena
 from robbie_mp.run.profile.load import load_profile
 from tests._support.places import ARENAS
-from tools.kill_campaign.robot import REPOSITORY
+from tools.robot import REPOSITORY
 from tools.trials.missions.rescue import Outcome
 from tools.trials.missions.rescue_team import (
     PROFILE,

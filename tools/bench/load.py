@@ -18,7 +18,7 @@ from tools.bench.processes import family, measure_cpu_ns, process_ns
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_rounds
 from tools.bench.work import Work
-from tools.kill_campaign.robot import Robot
+from tools.robot import Robot
 
 Result = dict[str, Any]
 

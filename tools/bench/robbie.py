@@ -13,7 +13,7 @@ import yaml
 from tools.bench.contender import Outcome, Trouble, last_words, outcome, work_folder
 from tools.bench.watching import watched
 from tools.bench.work import Work
-from tools.kill_campaign.robot import Robot, RobotTrouble
+from tools.robot import Robot, RobotTrouble
 
 MODULES = "tools.bench.robbie_modules"
 LIMIT_S = 90.0

@@ -6,7 +6,7 @@ import subprocess
 import threading
 from collections.abc import Iterator
 
-from tools.kill_campaign.robot import COMMAND, Robot
+from tools.robot import COMMAND, Robot
 
 BETWEEN_LOOKS_S = 1.0
 END_LIMIT_S = 5.0

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tools.kill_campaign.campaign import Plan, run_campaign
-from tools.kill_campaign.robot import RobotTrouble
 from tools.kill_campaign.stop_latency import measure_stop_latency
+from tools.robot import RobotTrouble
 
 VIOLATED = 1
 

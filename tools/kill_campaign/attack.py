@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from tools.kill_campaign.robot import Robot
+from tools.robot import Robot
 
 CORE = "core"
 RECOVERY_S = 0.5

@@ -20,10 +20,10 @@ from tools.kill_campaign.neighbours import measure_neighbours
 from tools.kill_campaign.profile import RESTART, publishers, roles, write_workspace
 from tools.kill_campaign.records import ModuleRecord
 from tools.kill_campaign.recovery import recovery_times
-from tools.kill_campaign.robot import Robot
 from tools.kill_campaign.traces import Traces
 from tools.kill_campaign.verdict import causes, judge, read_records
 from tools.kill_campaign.visitor import Visitors
+from tools.robot import Robot
 
 CALM_S = 1.0
 """Time without kills before the pause, so that all modules handle their last messages."""

@@ -11,8 +11,8 @@ from typing import Any
 
 from robbie_mp.run.trace.reader import LOG_FOLDER
 from tools.kill_campaign.attack import Signalled
-from tools.kill_campaign.robot import Robot
 from tools.loop_disk import LoopDisk, NoLoopDisk
+from tools.robot import Robot
 
 MEAN_PAUSE_S = 8.0
 SHORTEST_S = 1.0

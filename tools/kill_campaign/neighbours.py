@@ -8,7 +8,7 @@ from typing import Any
 
 from tools.kill_campaign.modules import HOARD_FILE
 from tools.kill_campaign.profile import CAMERA, HOARDER, STOPPED_VIEWER, VIEWER
-from tools.kill_campaign.robot import Robot
+from tools.robot import Robot
 
 WINDOW_S = 3.0
 """Time for which a rate is measured. With the time before it, too short for a stopped module to be hung."""

@@ -24,7 +24,7 @@ import psutil
 from tools.kill_campaign.__main__ import as_text
 from tools.kill_campaign.attack import CORE
 from tools.kill_campaign.campaign import Plan, run_campaign
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.robot import REPOSITORY, Robot, RobotTrouble
 
 LOG = REPOSITORY.parent / "shared" / "data" / "intel.clf"
 SPARED = frozenset(

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from tools.kill_campaign.profile import roles, write_workspace
-from tools.kill_campaign.robot import Robot
 from tools.kill_campaign.verdict import read_records
+from tools.robot import Robot
 
 VICTIMS = ("sink_all", "holder", "sink_large")
 STOP_S = 8.0

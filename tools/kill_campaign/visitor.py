@@ -17,7 +17,7 @@ from robbie_mp.run.live_runs import choose_run
 from robbie_mp.run.run_directory import KnownRun
 from tools.kill_campaign.journal import Journal, read_journal
 from tools.kill_campaign.latched import LATCHED, VISITOR, Painting, note_painting
-from tools.kill_campaign.robot import REPOSITORY, Robot
+from tools.robot import REPOSITORY, Robot
 
 VISITS_S = (0.2, 1.0, 3.0)
 """How long the tool stays, in turn."""

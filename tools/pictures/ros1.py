@@ -23,7 +23,7 @@ from pathlib import Path
 import yaml
 from PIL import Image, ImageGrab
 
-from tools.kill_campaign.robot import COMMAND, REPOSITORY, Robot
+from tools.robot import COMMAND, REPOSITORY, Robot
 from tools.ros1.ros import Ros
 
 SCREEN = "1280x800x24"

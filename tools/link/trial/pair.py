@@ -10,8 +10,8 @@ import yaml
 
 from robbie_mp.messages import LinkState
 from tools.kill_campaign.journal import read_journal
-from tools.kill_campaign.robot import Robot, RobotTrouble
 from tools.link.trial.modules import LET_GO_FILE, RECEIVED, SENT
+from tools.robot import Robot, RobotTrouble
 from tools.test_network.network import Network
 
 PORT = 7447

@@ -10,11 +10,7 @@ three`), one of which presses the emergency stop again and again; the tool takes
 stopped. It needs the extra `foxglove`.
 """
 
-import argparse
-import json
 import random
-import sys
-from pathlib import Path
 from statistics import mean
 
 import numpy as np
@@ -22,6 +18,7 @@ import yaml
 
 from tools.bench.machine import describe_machine
 from tools.bench.table import render, short_number
+from tools.load.command import command_line, run, write
 from tools.load.foxglove.comparison import Ratio, compare, quantile_us
 from tools.load.foxglove.measure import SESSIONS, Result, measure, robot_with_server
 
@@ -35,36 +32,23 @@ QUANTILES = {"p50": 0.5, "p99": 0.99}
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line."""
-    given = sys.argv[1:] if arguments is None else arguments
-    parser = argparse.ArgumentParser(
-        prog="python -m tools.load.foxglove",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--seconds", type=float, default=3.0, help="duration of each session")
-    parser.add_argument("--rounds", type=int, default=12, help="number of rounds")
-    parser.add_argument("--only", default=";".join(SESSIONS), help="sessions to measure, separated by ;")
-    parser.add_argument(
-        "--scheduling", type=yaml.safe_load, default={}, metavar="YAML", help="of the server, as in a profile"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the results to this file")
-    parsed = parser.parse_args(given)
-    sessions, order = parsed.only.split(";"), random.Random(0)
+    parser = command_line("foxglove", __doc__, SESSIONS, seconds=3.0, rounds=12)
+    scheduling = "of the server, as in a profile"
+    parser.add_argument("--scheduling", type=yaml.safe_load, default={}, metavar="YAML", help=scheduling)
+    parsed = parser.parse_args(arguments)
+    order = random.Random(0)
     results: list[Result] = []
     machine = describe_machine()
     with robot_with_server(parsed.scheduling) as (robot, link):
         for number in range(parsed.rounds):
-            for session in order.sample(sessions, len(sessions)):
+            for session in order.sample(parsed.only, len(parsed.only)):
                 results.append(measure(robot, link, session, parsed.seconds) | {"round": number})
-    ratios = ratios_to_without(results)
-    stops = stop_times(results)
+    ratios, stops = ratios_to_without(results), stop_times(results)
     print(
         f"{parsed.rounds} rounds of {parsed.seconds:g} s, load before: {machine['load_before']}\n\n"
         f"{as_table(results, ratios, stops)}"
     )
-    if parsed.json:
-        report = {"machine": machine, "results": results, "ratios": ratios, "stops": stops}
-        parsed.json.write_text(json.dumps(report))
+    write(parsed.json, machine, results=results, ratios=ratios, stops=stops)
     return 0
 
 
@@ -133,4 +117,4 @@ def _as_text(ratio: Ratio) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

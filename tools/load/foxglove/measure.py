@@ -20,9 +20,9 @@ from robbie_mp.bus.observe.rates import rates_between
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.run.run_directory import list_runs
 from tools.bench.contender import work_folder
-from tools.kill_campaign.robot import COMMAND, LIMIT_S, Robot, RobotTrouble
 from tools.load.foxglove.modules import NAME
 from tools.load.logger.measure import histogram_of
+from tools.robot import COMMAND, LIMIT_S, Robot, RobotTrouble
 from tools.trials.devices.drivers import load
 
 Result = dict[str, Any]

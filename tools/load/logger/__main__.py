@@ -11,12 +11,9 @@ the tool measures them in turn without a recorder (`without`) and with each of t
   logger     the logger, writing to the disk.
 """
 
-import argparse
 import json
-import signal
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -24,6 +21,7 @@ import yaml
 
 from tools.bench.machine import describe_machine
 from tools.bench.table import render, short_number
+from tools.load.command import command_line, run, write
 from tools.load.logger.measure import CLASSES, WITHOUT, Result, measure
 
 GOAL = 1.2
@@ -47,22 +45,27 @@ COLUMNS: dict[str, Callable[[Result], float | None]] = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line."""
-    given = sys.argv[1:] if arguments is None else arguments
-    parsed = _parser().parse_args(given)
-    settings = dict(parsed.set)
+    parser = command_line("logger", __doc__, [WITHOUT, *CLASSES])
+    setting = "setting of the logger"
+    parser.add_argument(
+        "--set", type=_setting, action="append", default=[], metavar="KEY=VALUE", help=setting
+    )
+    parsed = parser.parse_args(arguments)
     results: list[Result] = []
     machine = describe_machine()
     for round_number in range(parsed.rounds):
-        for recorder in parsed.only.split(","):
-            results.append(measure(recorder, settings, parsed.seconds) | {"round": round_number})
+        for recorder in parsed.only:
+            results.append(measure(recorder, dict(parsed.set), parsed.seconds) | {"round": round_number})
             print(json.dumps(results[-1]), file=sys.stderr, flush=True)
     ratios = ratios_to_without(results)
     print(f"\n{parsed.seconds:g} s, {parsed.rounds} rounds\n\n{as_table(results, ratios)}")
-    if parsed.json:
-        command = " ".join(["python -m tools.load.logger", *given])
-        report = {"machine": machine, "command": command, "results": results, "ratios": ratios}
-        parsed.json.write_text(json.dumps(report, indent=1))
+    write(parsed.json, machine, results=results, ratios=ratios)
     return 0
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    key, _, value = text.partition("=")
+    return key, yaml.safe_load(value)
 
 
 def ratios_to_without(results: list[Result]) -> dict[str, dict[str, float]]:
@@ -98,33 +101,5 @@ def as_table(results: list[Result], ratios: dict[str, dict[str, float]]) -> str:
     return "\n".join(lines)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m tools.load.logger",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add = parser.add_argument
-    add("--seconds", type=float, default=60.0, help="duration of each session")
-    add("--rounds", type=int, default=1, help="number of rounds")
-    add("--only", default=",".join([WITHOUT, *CLASSES]), help="recorders to measure, in this order")
-    add(
-        "--set", type=_setting, action="append", default=[], metavar="KEY=VALUE", help="setting of the logger"
-    )
-    add("--json", type=Path, metavar="FILE", help="also write the results to this file")
-    return parser
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    key, _, value = text.partition("=")
-    return key, yaml.safe_load(value)
-
-
 if __name__ == "__main__":
-    signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # the processes that it started must not outlive it
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        sys.exit(130)
+    run(main)

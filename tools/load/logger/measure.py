@@ -17,7 +17,7 @@ from robbie_mp.bus.transport.histogram import Histogram
 from robbie_mp.logs.recording.info import last_counts
 from robbie_mp.logs.recording.reader import open_log
 from tools.bench.contender import work_folder
-from tools.kill_campaign.robot import Robot
+from tools.robot import Robot
 
 Result = dict[str, Any]
 

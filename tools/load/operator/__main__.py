@@ -12,12 +12,11 @@ if it ran on another machine.
 
 import argparse
 import json
-import signal
 import sys
-from pathlib import Path
 
 from tools.bench.machine import describe_machine
 from tools.bench.table import render, short_number
+from tools.load.command import command_line, run, write
 from tools.load.operator import HIDDEN, TILES
 from tools.load.operator.measure import KINDS, Result, Session, measure, own_mb, updates_hz
 
@@ -31,13 +30,12 @@ HEADINGS = (
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line."""
-    given = sys.argv[1:] if arguments is None else arguments
-    parsed = _parser().parse_args(given)
+    parsed = _parser().parse_args(arguments)
     sessions = sessions_of(parsed.kind, tuple(parsed.tabs.split(",")))
     machine = describe_machine()
     results: list[Result] = []
     for _ in range(parsed.rounds):
-        for name in parsed.only.split(","):
+        for name in parsed.only:
             results.append(measure(sessions[name], parsed.seconds, parsed.cells, parsed.points))
             print(json.dumps(results[-1]), file=sys.stderr, flush=True)
     print(f"\n{machine['date']}, {parsed.kind} pages: {parsed.tabs}; {parsed.seconds:g} s each\n")
@@ -49,10 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
         for dragged in result.get("dragged", ()):
             page, scene = dragged["page"], dragged["scene"]
             print(f"{result['session']}: drawn {page:.1f} times a second, the scene {scene:.1f} times")
-    if parsed.json:
-        command = " ".join(["python -m tools.load.operator", *given])
-        report = {"machine": machine, "command": command, "results": results}
-        parsed.json.write_text(json.dumps(report, indent=1))
+    write(parsed.json, machine, results=results)
     return 0
 
 
@@ -86,37 +81,15 @@ def row(result: Result) -> list[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m tools.load.operator",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add = parser.add_argument
-    add("--seconds", type=float, default=60.0, help="duration of each session")
-    add("--rounds", type=int, default=1, help="number of rounds")
-    add(
-        "--kind",
-        choices=KINDS,
-        default="browser",
-        help="pages in Chromium, in one that takes only what the robot leaves, or that draw nothing",
-    )
-    add(
-        "--tabs",
-        default=",".join(TABS),
-        help="tab of each page; the first page is the operator's, the others are observers'",
-    )
-    add("--only", default=",".join(sessions_of("light", ())), help="sessions to measure, in this order")
-    add("--cells", type=int, default=1000, help="cells along each edge of the map")
-    add("--points", type=int, default=50_000, help="points in each cloud")
-    add("--json", type=Path, metavar="FILE", help="also write the results to this file")
+    parser = command_line("operator", __doc__, sessions_of("light", ()))
+    kind = "pages in Chromium, in one that takes only what the robot leaves, or that draw nothing"
+    parser.add_argument("--kind", choices=KINDS, default="browser", help=kind)
+    tabs = "tab of each page; the first page is the operator's, the others are observers'"
+    parser.add_argument("--tabs", default=",".join(TABS), help=tabs)
+    parser.add_argument("--cells", type=int, default=1000, help="cells along each edge of the map")
+    parser.add_argument("--points", type=int, default=50_000, help="points in each cloud")
     return parser
 
 
 if __name__ == "__main__":
-    signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # the processes that it started must not outlive it
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        sys.exit(130)
+    run(main)

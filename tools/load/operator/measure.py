@@ -18,10 +18,10 @@ from robbie_mp.bus.observe.figures import RunReading
 from robbie_mp.bus.observe.rates import rates_between
 from tools.bench.contender import work_folder
 from tools.bench.processes import family
-from tools.kill_campaign.robot import REPOSITORY, Robot
 from tools.load.logger.measure import latency_of
 from tools.load.operator import HIDDEN, LIVE, ROLES, TILES, token_of
 from tools.load.operator.narrow_link import NarrowLink, narrow_link
+from tools.robot import REPOSITORY, Robot
 
 Result = dict[str, Any]
 Counts = list[dict[str, float]]

@@ -26,12 +26,12 @@ from playwright.sync_api import Browser, Page
 
 from hw.simulation.arena_file import read_arena
 from tools.bench.machine import describe_machine
-from tools.kill_campaign.robot import REPOSITORY
 from tools.operator.drive.eyes import look
 from tools.operator.drive.hands import Place, drive_to
 from tools.operator.stops.__main__ import summary
 from tools.operator.stops.chromium import chromium
 from tools.operator.stops.scene import Scene
+from tools.robot import REPOSITORY
 
 ARENA = REPOSITORY / "hw" / "simulation" / "arenas" / "rescue_maze.yaml"
 SPEED_M_PER_S = 0.5

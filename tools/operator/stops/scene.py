@@ -15,8 +15,8 @@ from playwright.sync_api import Browser, Page
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.run.run_directory import list_runs
-from tools.kill_campaign.robot import Robot, RobotTrouble
 from tools.operator.stops.journal import Journal
+from tools.robot import Robot, RobotTrouble
 
 TOKEN = "an-operator-on-trial"
 LENGTH_CELLS = 57

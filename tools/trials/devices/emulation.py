@@ -27,7 +27,7 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes
 from hw.simulation.generate_arena import generate_arena
 from robbie_mp.run.profile.load import load_profile
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.devices.paired_test import SignFlips, TooFewPairs
 from tools.trials.harness import Case, Subject, names_of
 from tools.trials.missions.rescue import NOISY, judge, mapped_share

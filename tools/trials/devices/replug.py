@@ -30,7 +30,7 @@ from robbie_mp.bus.observe import ModuleFigures
 from robbie_mp.bus.transport.histogram import quantile_s
 from robbie_mp.messages import DeviceState, Imu, LaserScan, Message, Odometry, SettingChange
 from robbie_mp.run.run_directory import list_runs
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.devices.drivers import load
 from tools.trials.harness import Case, Subject
 

@@ -20,9 +20,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tools.kill_campaign.robot import REPOSITORY
-from tools.trials.harness import Case, Subject
-from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
+from tools.robot import REPOSITORY
+from tools.trials.harness import Case
+from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "rear_laser", "camera")
@@ -158,7 +158,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hurries", action="store_true", help="the person is faster than the robot")
 
 
-MISSION = Mission(
+SUBJECT = Mission(
     outcome=Outcome,
     set_up=set_up,
     profile="home-fast",
@@ -166,12 +166,7 @@ MISSION = Mission(
     limit_s=3600.0,
     kills_s=(BEGIN_S, 120.0 * KILL_SHARE),
     more_options=options,
-)
-SUBJECT = Subject(
-    play=MISSION.play,
-    options=MISSION.options,
     summary=summary,
-    is_good=all_right,
     results="runs",
     seed_makes="clothes, ways, speeds and noise",
-)
+).subject

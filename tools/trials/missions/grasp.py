@@ -23,8 +23,8 @@ import numpy as np
 
 from hw.simulation.arena_file import read_arena
 from hw.simulation.table_room import TWINS, generate_room
-from tools.trials.harness import Case, Subject
-from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
+from tools.trials.harness import Case
+from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 from tools.trials.recognition.prints import PICTURE_WIDTH, Camera, teach
 from workers.objects.object_recognition import ObjectRecognizer
 from workers.taught import as_json
@@ -125,7 +125,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--twins", action="store_true", help=text)
 
 
-MISSION = Mission(
+SUBJECT = Mission(
     outcome=Outcome,
     set_up=set_up,
     profile="arm-fast",
@@ -133,12 +133,7 @@ MISSION = Mission(
     limit_s=1500.0,
     kills_s=(2.0, 110.0),
     more_options=options,
-)
-SUBJECT = Subject(
-    play=MISSION.play,
-    options=MISSION.options,
     summary=summary,
-    is_good=all_right,
     results="rooms",
     seed_makes="a room",
-)
+).subject

@@ -31,9 +31,9 @@ from typing import Any
 
 import numpy as np
 
-from tools.kill_campaign.robot import REPOSITORY
-from tools.trials.harness import Case, Subject, names_of
-from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
+from tools.robot import REPOSITORY
+from tools.trials.harness import Case, names_of
+from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 from workers.maps.map_annotations import read_annotations
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
@@ -214,7 +214,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tasks", default=",".join(TASKS), help="the tasks, joined by commas")
 
 
-MISSION = Mission(
+SUBJECT = Mission(
     outcome=Outcome,
     set_up=set_up,
     profile="household-fast",
@@ -222,13 +222,8 @@ MISSION = Mission(
     limit_s=3000.0,
     kills_s=(2.0, 45.0),
     more_options=options,
-)
-SUBJECT = Subject(
-    play=MISSION.play,
-    options=MISSION.options,
     kinds=lambda chosen: names_of(chosen.tasks.split(","), TASKS),
     summary=summary,
-    is_good=all_right,
     results="orders",
     seed_makes="an apartment, with an order of each task",
-)
+).subject

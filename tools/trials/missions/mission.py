@@ -14,8 +14,8 @@ from typing import Any, Generic, TypeVar
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.run_clock import RunClock
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from tools.trials.harness import Case, no_options
+from tools.robot import REPOSITORY, Robot, RobotTrouble
+from tools.trials.harness import Case, Subject, no_options
 
 START_LIMIT_S = 300.0
 
@@ -38,6 +38,16 @@ class Trial:
 
 
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
+
+
+def all_in_order(outcomes: Sequence[Any]) -> bool:
+    """Return whether every run itself ended in order."""
+    return not any(outcome.trouble for outcome in outcomes)
+
+
+def all_right(outcomes: Sequence[Any]) -> bool:
+    """Return whether every outcome is right."""
+    return all(outcome.is_right for outcome in outcomes)
 
 
 @dataclass
@@ -68,7 +78,13 @@ class Mission(Generic[AnyTrial]):
         noisy: names of the modules that make noise.
         limit_s: maximum duration of a run in real time.
         kills_s: with `--kill`, every module is killed once, at a random moment between these times.
-        more_options: adds the options of the subject.
+        summary: returns the figures of all results together.
+        is_good: whether the results are as they should be.
+        results: what the results are called, such as "rooms".
+        seed_makes: what each seed makes, such as "a room".
+        more_options: adds the options of the mission.
+        kinds: what is played for each seed, one after the other.
+        prepare: makes what all cases share.
     """
 
     outcome: Callable[[int], AnyTrial]
@@ -77,7 +93,27 @@ class Mission(Generic[AnyTrial]):
     noisy: Sequence[str]
     limit_s: float
     kills_s: tuple[float, float]
+    summary: Callable[[list[AnyTrial]], dict[str, Any]]
+    is_good: Callable[[list[AnyTrial]], bool] = all_right
+    results: str
+    seed_makes: str
     more_options: Callable[[argparse.ArgumentParser], None] = no_options
+    kinds: Callable[[argparse.Namespace], Sequence[str]] = lambda _: ("",)
+    prepare: Callable[[argparse.Namespace], Any] = lambda _: None
+
+    @property
+    def subject(self) -> Subject[AnyTrial]:
+        """The mission for the harness."""
+        return Subject(
+            play=self.play,
+            options=self.options,
+            summary=self.summary,
+            is_good=self.is_good,
+            results=self.results,
+            seed_makes=self.seed_makes,
+            kinds=self.kinds,
+            prepare=self.prepare,
+        )
 
     def options(self, parser: argparse.ArgumentParser) -> None:
         """Add the options of all missions, and those of this one."""
@@ -97,16 +133,6 @@ class Mission(Generic[AnyTrial]):
         words = [word for setting in settings + setup.settings for word in ("--set", setting)]
         run_once(outcome, case.folder / "run", [options.profile, *words], setup.judge, self.limit_s, kills_s)
         return outcome
-
-
-def all_in_order(outcomes: Sequence[Any]) -> bool:
-    """Return whether every run itself ended in order."""
-    return not any(outcome.trouble for outcome in outcomes)
-
-
-def all_right(outcomes: Sequence[Any]) -> bool:
-    """Return whether every outcome is right."""
-    return all(outcome.is_right for outcome in outcomes)
 
 
 def totals(outcomes: Sequence[Any], *names: str) -> dict[str, Any]:
@@ -169,9 +195,8 @@ def run_once(
     robot = Robot(folder, REPOSITORY, *words)
     try:
         robot.wait_until_running(limit_s=START_LIMIT_S)
-        watch(robot, Kills(robot, trial.seed, *kills_s) if kills_s else None, limit_s)
-        summary = robot.wait_for_end()
-        trial.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
+        watch([robot], [Kills(robot, trial.seed, *kills_s)] if kills_s else [], limit_s)
+        trial.restarts = restarts_in(robot.wait_for_end())
         judge(robot.output)
     except (RobotTrouble, OSError) as trouble:
         trial.trouble = str(trouble)
@@ -201,7 +226,11 @@ class Kills:
 
     def do_what_is_due(self) -> None:
         """Kill the module whose moment has come, if it runs."""
-        if self._left and (self._clock.now_ns() - self._began_ns) / 1e9 >= self._left[0][0]:
+        if (
+            self._robot.is_up
+            and self._left
+            and (self._clock.now_ns() - self._began_ns) / 1e9 >= self._left[0][0]
+        ):
             figures = self._robot.figures()[self._left[0][1]]
             if figures.pid and self._robot.send(figures.pid, signal.SIGKILL):
                 self._left.pop(0)
@@ -211,22 +240,29 @@ class Kills:
         self._run_clock.close()
 
 
-def watch(robot: Robot, kills: Kills | None, limit_s: float) -> None:
-    """Kill the modules at their times, and wait for the end of the mission.
+def watch(robots: Sequence[Robot], kills: Sequence[Kills], limit_s: float) -> None:
+    """Kill modules at their times, and wait for the end of all missions.
 
     Args:
-        robot: it runs.
-        kills: closed at the end; None: nothing is killed.
+        robots: they run.
+        kills: closed at the end.
         limit_s: maximum duration in real time.
 
     Raises:
-        RobotTrouble: the mission did not end in time.
+        RobotTrouble: a mission did not end in time.
     """
     end_s = time.monotonic() + limit_s
-    with contextlib.closing(kills) if kills is not None else contextlib.nullcontext():
-        while robot.is_up and time.monotonic() < end_s:
-            if kills is not None:
-                kills.do_what_is_due()
+    with contextlib.ExitStack() as kept:
+        for one in kills:
+            kept.callback(one.close)
+        while any(robot.is_up for robot in robots) and time.monotonic() < end_s:
+            for one in kills:
+                one.do_what_is_due()
             time.sleep(0.02)
-    if robot.is_up:
+    if any(robot.is_up for robot in robots):
         raise RobotTrouble(f"the mission did not end in {limit_s:g} s")
+
+
+def restarts_in(summary: dict[str, Any]) -> dict[str, int]:
+    """Return how often each module of a run was restarted, by its summary."""
+    return {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}

@@ -21,8 +21,8 @@ from hw.pose import Pose
 from hw.simulation.arena import Arena
 from hw.simulation.arena_file import read_arena
 from hw.simulation.number_ground import generate_ground
-from tools.trials.harness import Case, Subject
-from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
+from tools.trials.harness import Case
+from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 
 NOISY = ("base", "laser", "camera")
 SAME_M = 0.6
@@ -134,7 +134,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sheet", action="store_true", help="a sheet at the start shows the order")
 
 
-MISSION = Mission(
+SUBJECT = Mission(
     outcome=Outcome,
     set_up=set_up,
     profile="numbers-fast",
@@ -142,12 +142,7 @@ MISSION = Mission(
     limit_s=2400.0,
     kills_s=(2.0, 150.0),
     more_options=options,
-)
-SUBJECT = Subject(
-    play=MISSION.play,
-    options=MISSION.options,
     summary=summary,
-    is_good=all_right,
     results="grounds",
     seed_makes="a ground",
-)
+).subject

@@ -24,7 +24,7 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes
 from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case
 from tools.trials.missions.mission import Mission, Setup, Trial, all_in_order, mean, totals
 from workers.maps.map_file import read_map
 from workers.planar_pose import relative, transform_points
@@ -141,7 +141,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--appearing", type=int, default=0, help=text)
 
 
-MISSION = Mission(
+SUBJECT = Mission(
     outcome=Outcome,
     set_up=set_up,
     profile="rescue-fast",
@@ -149,12 +149,8 @@ MISSION = Mission(
     limit_s=RUN_LIMIT_S,
     kills_s=(BEGIN_S, KILL_END_S),
     more_options=options,
-)
-SUBJECT = Subject(
-    play=MISSION.play,
-    options=MISSION.options,
     summary=summary,
     is_good=all_in_order,
     results="missions",
     seed_makes="an arena",
-)
+).subject

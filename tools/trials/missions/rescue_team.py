@@ -15,10 +15,8 @@ with one.
 """
 
 import argparse
-import contextlib
 import json
 import socket
-import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -31,9 +29,9 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
 from robbie_mp.run.profile.load import load_profile
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.harness import Case, Subject
-from tools.trials.missions.mission import Kills, all_in_order, mean, totals
+from tools.trials.missions.mission import Kills, all_in_order, mean, restarts_in, totals, watch
 from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
 from workers.planar_pose import relative
 
@@ -162,24 +160,13 @@ def wait_for_ends(robots: dict[str, Robot], kill_seed: int | None = None) -> dic
     """
     for robot in robots.values():
         robot.wait_until_running()
-    limit_s = time.monotonic() + RUN_LIMIT_S
-    with contextlib.ExitStack() as kept:
-        kills = {}
-        for index, (name, robot) in enumerate(robots.items() if kill_seed is not None else ()):
-            kills[name] = Kills(robot, 100 * (kill_seed or 0) + index, BEGIN_S, KILL_END_S)
-            kept.callback(kills[name].close)
-        while any(robot.is_up for robot in robots.values()):
-            if time.monotonic() > limit_s:
-                raise RobotTrouble(f"the missions did not end in {RUN_LIMIT_S} s")
-            for name, one in kills.items():
-                if robots[name].is_up:
-                    one.do_what_is_due()
-            time.sleep(0.02)
-    ends = {name: robot.wait_for_end()["modules"] for name, robot in robots.items()}
-    return {
-        name: {one["name"]: one["restarts"] for one in modules if one["restarts"]}
-        for name, modules in ends.items()
-    }
+    kills = [
+        Kills(robot, 100 * kill_seed + index, BEGIN_S, KILL_END_S)
+        for index, robot in enumerate(robots.values())
+        if kill_seed is not None
+    ]
+    watch(list(robots.values()), kills, RUN_LIMIT_S)
+    return {name: restarts_in(robot.wait_for_end()) for name, robot in robots.items()}
 
 
 def compare(team: TeamOutcome, alone: TeamOutcome) -> None:

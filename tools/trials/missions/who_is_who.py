@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from tools.trials.harness import CannotTry, Case, Subject
+from tools.trials.harness import CannotTry, Case
 from tools.trials.missions.follow import APARTMENT, SHIRTS, TROUSERS
-from tools.trials.missions.mission import Mission, Setup, Trial, all_right, mean, totals
+from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 from tools.trials.recognition.faces import changed
 from workers.faces.face_recognition import FaceRecognizer
 from workers.taught import Pixels
@@ -219,7 +219,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--faces", type=Path, required=True, help="with pictures PERSON_NUMBER.jpg")
 
 
-MISSION = Mission(
+SUBJECT = Mission(
     outcome=Outcome,
     set_up=set_up,
     profile="home-faces",
@@ -227,13 +227,8 @@ MISSION = Mission(
     limit_s=1200.0,
     kills_s=(6.0, 80.0),
     more_options=options,
-)
-SUBJECT = Subject(
-    play=MISSION.play,
-    options=MISSION.options,
     prepare=lambda chosen: heads_in(chosen.faces),
     summary=summary,
-    is_good=all_right,
     results="runs",
     seed_makes="guests",
-)
+).subject

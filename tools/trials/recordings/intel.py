@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.harness import CannotTry
 
 DATA = REPOSITORY.parent / "shared" / "data"

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.kill_campaign.robot import REPOSITORY, Robot
+from tools.robot import REPOSITORY, Robot
 from tools.slam_metric import measure, read_table
 from tools.trials.harness import Case, Subject
 from tools.trials.recordings import intel

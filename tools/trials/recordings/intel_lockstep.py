@@ -24,7 +24,7 @@ from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.format import ChannelKey, TopicNames
 from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from robbie_mp.messages import LaserScan, Odometry
-from tools.kill_campaign.robot import REPOSITORY, Robot
+from tools.robot import REPOSITORY, Robot
 from tools.trials.devices.drivers import load
 from tools.trials.harness import Case, Subject
 from tools.trials.recordings import intel

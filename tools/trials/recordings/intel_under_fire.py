@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tools.kill_campaign.robot import REPOSITORY, Robot
+from tools.robot import REPOSITORY, Robot
 from tools.slam_metric import measure, read_table
 from tools.trials.harness import Case, Subject
 from tools.trials.recordings import intel

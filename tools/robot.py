@@ -19,7 +19,7 @@ from robbie_mp.bus.transport.board import TOOL_PREFIX
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.run.supervisor.states import ChildState
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 LIMIT_S = 60.0
 POLL_S = 0.02
