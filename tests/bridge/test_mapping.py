@@ -4,7 +4,16 @@ import pytest
 
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.mapping import MAX_NAMES, BridgeMap, Incoming, MappingError, Quality, SentAs
-from robbie_mp.messages import DriveCommand, NavigateTo, PoseStamped, Time, Twist, TwistStamped, Vector3
+from robbie_mp.messages import (
+    DriveCommand,
+    Header,
+    NavigateTo,
+    PoseStamped,
+    Time,
+    Twist,
+    TwistStamped,
+    Vector3,
+)
 
 SCAN = "sensor_msgs/msg/LaserScan"
 IMAGE = "sensor_msgs/msg/Image"
@@ -110,6 +119,19 @@ def test_velocity_becomes_a_command_that_expires() -> None:
         assert (command.linear_m_per_s, command.angular_rad_per_s) == (0.5, -1.0)
         assert command.valid_for.nanoseconds == 300_000_000
         assert command.header.stamp == Time(sec=7)
+
+
+def test_stamp_of_a_velocity_bounds_its_age() -> None:
+    stamped = TwistStamped(header=Header(stamp=Time(sec=7)))
+    later = Time(sec=7, nanosec=200_000_000)
+    command = drive_command(stamped, later, valid_for_s=0.5)
+    assert command is not None
+    assert command.valid_for.nanoseconds == 300_000_000
+    assert command.based_on == Time(sec=7)
+    assert drive_command(stamped, Time(sec=8), valid_for_s=0.5) is None
+    ahead = drive_command(stamped, Time(sec=5), valid_for_s=0.5, waited_s=0.1)
+    assert ahead is not None
+    assert ahead.valid_for.nanoseconds == 400_000_000, "a clock that is ahead makes nothing younger"
 
 
 def test_velocity_that_has_waited_too_long_or_is_not_finite_moves_nothing() -> None:

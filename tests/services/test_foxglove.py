@@ -289,6 +289,8 @@ def test_velocity_becomes_a_drive_command_that_expires(
     harness: ModuleHarness[FoxgloveServer], client: Client
 ) -> None:
     client.advertise(1, "/cmd_vel", "geometry_msgs/msg/Twist")
+    (passage,) = harness.module.door.passages.values()
+    wait_until(lambda: passage.greatest_age_s < 0.2)
     client.publish(1, Twist(linear=Vector3(x=0.3), angular=Vector3(z=-0.2)).encode())
     tick_until(harness, lambda: harness.published)
     (command,) = harness.take(DriveCommand, "manual")

@@ -13,16 +13,20 @@ def drive_command(
     Only the velocity forward (linear x) and about the vertical (angular z) count.
 
     Args:
-        velocity: the velocity, in the robot's frame. The time in a `TwistStamped` is ignored, because the
-            clock of another machine may be wrong.
+        velocity: the velocity, in the robot's frame. A `TwistStamped` is as old as its stamp says, or older;
+            without a stamp, or with one in the future, it tells nothing.
         stamp: the robot's time now.
         valid_for_s: how long it is followed after it has arrived, unless a newer one comes, s.
-        waited_s: how long it has waited since it arrived, s.
+        waited_s: how long it has waited since it arrived, or since it was sent if that is known, s.
 
     Returns:
         The command; None if the velocity is not finite, or its time is over.
     """
-    twist = velocity.twist if isinstance(velocity, TwistStamped) else velocity
+    twist = velocity
+    if isinstance(velocity, TwistStamped):
+        twist, sent_ns = velocity.twist, velocity.header.stamp.nanoseconds
+        waited_s = max(waited_s, (stamp.nanoseconds - sent_ns) / 1e9) if sent_ns else waited_s
+    assert isinstance(twist, Twist)
     left_s = valid_for_s - waited_s
     if left_s <= 0.0 or not (math.isfinite(twist.linear.x) and math.isfinite(twist.angular.z)):
         return None

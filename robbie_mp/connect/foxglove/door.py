@@ -4,6 +4,9 @@ Foxglove's SDK asks no client for a password. So its server listens on a port of
 with each start, and clients come through this door, which listens where the profile says. The door
 reads the head of a client's request, compares the token in its address, and from then on passes bytes in
 both directions. It also tells the server that the client came through the door (see `frames.greeting`).
+
+Where clients may drive the robot, the door pings them. What a client sends after its answer to a ping was
+sent after that ping. This bounds its age, whatever the client's clock says and however slow the network is.
 """
 
 import asyncio
@@ -12,14 +15,18 @@ import hashlib
 import hmac
 import itertools
 import logging
+import math
 import os
+import secrets
 import socket
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Coroutine, Iterator
 from urllib.parse import parse_qs, urlsplit
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.connect.foxglove.frames import FrameCounter, greeting
+from robbie_mp.connect.foxglove.frames import FrameCounter, PongReader, greeting, ping
 
 PIECE_BYTES = 1 << 16
 """Most bytes that are passed on at once: many kernels let nobody interrupt them meanwhile."""
@@ -37,6 +44,11 @@ ACCEPT_PAUSE_S = 0.5
 START_LIMIT_S = 10.0
 STOP_LIMIT_S = 3.0
 BACKLOG = 16
+PING_PERIOD_S = 0.05
+MIN_WAIT_S = 0.005
+SETTLES_S = 0.05
+"""An answer to a ping counts after this time: then the server has taken what the client sent before it."""
+MAX_PINGS = 256
 _END = b"\r\n\r\n"
 _SWITCHED = b"HTTP/1.1 101"
 
@@ -57,13 +69,59 @@ class Passage:
         number: the client's number at the door, counted from 1.
         address: where the client is.
         bytes: bytes passed on to it.
+
+    Args:
+        is_pinged: whether the age of what it sends is to be known.
     """
 
-    def __init__(self, number: int, address: str):
+    def __init__(self, number: int, address: str, is_pinged: bool):
         self.number = number
         self.address = address
         self.bytes = 0
         self._frames = FrameCounter()
+        self._pongs = PongReader()
+        self._is_pinged = is_pinged
+        self._ping_at_s = 0.0
+        self._sent_s: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS)
+        """Number and time of the pings without an answer."""
+        self._answered_s: deque[tuple[float, float]] = deque(maxlen=MAX_PINGS)
+        """From when on answers count, and when their pings were sent."""
+        self._follows_s = -math.inf
+
+    @property
+    def greatest_age_s(self) -> float:
+        """How old what comes from the client now can be at most; infinite if that is not known."""
+        now_s = time.monotonic()
+        while self._answered_s and self._answered_s[0][0] <= now_s:
+            self._follows_s = self._answered_s.popleft()[1]
+        return now_s - self._follows_s
+
+    @property
+    def ping_in_s(self) -> float | None:
+        """When the next ping is due; None if there are none."""
+        return self._ping_at_s - time.monotonic() if self._is_pinged else None
+
+    @property
+    def is_between_frames(self) -> bool:
+        """Whether a ping can be sent now."""
+        return self._frames.is_between_frames
+
+    def ping(self) -> bytes:
+        """Return a ping, which is sent now."""
+        number, now_s = secrets.randbits(64), time.monotonic()
+        self._sent_s.append((number, now_s))
+        self._ping_at_s = now_s + PING_PERIOD_S
+        return ping(number)
+
+    def hear(self, data: bytes) -> None:
+        """Note the answers to pings in what the client sends."""
+        if not self._is_pinged:
+            return
+        for number in self._pongs.feed(data):
+            if any(number == one for one, _ in self._sent_s):
+                while (sent := self._sent_s.popleft())[0] != number:
+                    pass  # clients may answer only the newest of several pings
+                self._answered_s.append((time.monotonic() + SETTLES_S, sent[1]))
 
     @property
     def messages(self) -> int:
@@ -95,6 +153,7 @@ class Door:
         token: what clients must have in their address, as `?token=…`.
         greeting_topic: begins the topic in the greeting; the number of the client ends it.
         max_clients: most clients at a time.
+        pings: whether the age of what clients send is to be known.
 
     Raises:
         DoorClosed: the address cannot be used.
@@ -105,7 +164,9 @@ class Door:
         refused: clients that had a wrong token, or none, or were too many.
     """
 
-    def __init__(self, host: str, port: int, token: str, greeting_topic: str, max_clients: int):
+    def __init__(
+        self, host: str, port: int, token: str, greeting_topic: str, max_clients: int, *, pings: bool = False
+    ):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             self._listener = socket.create_server((host, port), family=family, backlog=BACKLOG)
@@ -124,6 +185,7 @@ class Door:
         self._token = hashlib.sha256(token.encode()).digest()
         self._greeting_topic = greeting_topic
         self._max_clients = max_clients
+        self._pings = pings
         self._numbers = itertools.count(1)
         self._opened = threading.Event()
         self._stop: Callable[[], object] = lambda: None
@@ -222,7 +284,7 @@ class Door:
 
     async def _let_pass(self, head: bytes, rest: bytes, client: socket.socket, address: str) -> None:
         loop, number = asyncio.get_running_loop(), next(self._numbers)
-        passage = Passage(number, address)
+        passage = Passage(number, address, self._pings)
         self.passages[number] = passage
         try:
             with socket.socket() as inner:
@@ -235,7 +297,8 @@ class Door:
                 if answer.startswith(_SWITCHED):
                     greets = greeting(f"{self._greeting_topic}{number}")
                     await _first_of(
-                        _pass_in(client, inner, greets + rest), _pass_out(inner, client, passage, first)
+                        _pass_in(client, inner, passage, greets, rest),
+                        _pass_out(inner, client, passage, first),
                     )
         finally:
             del self.passages[number]
@@ -257,10 +320,15 @@ async def _head_from(sender: socket.socket) -> tuple[bytes, bytes]:
     return head + end, rest
 
 
-async def _pass_in(client: socket.socket, inner: socket.socket, data: bytes) -> None:
-    """Pass on what the client sends, behind some data, until its end."""
+async def _pass_in(
+    client: socket.socket, inner: socket.socket, passage: Passage, greets: bytes, data: bytes
+) -> None:
+    """Pass on what the client sends, behind the greeting and what has come already, until its end."""
     loop = asyncio.get_running_loop()
+    await loop.sock_sendall(inner, greets)
+    data = data or await loop.sock_recv(client, PIECE_BYTES)
     while data:
+        passage.hear(data)
         await loop.sock_sendall(inner, data)
         data = await loop.sock_recv(client, PIECE_BYTES)
 
@@ -282,9 +350,28 @@ async def _pass_out(inner: socket.socket, client: socket.socket, passage: Passag
                     turn_ends_at = passage.bytes + TURN_BYTES
                     await asyncio.sleep(0)
             await asyncio.sleep(0)
-            data = await loop.sock_recv(inner, SMALL_BYTES)
+            data = await _from_server(inner, client, passage)
             if not data:
                 return
+
+
+async def _from_server(inner: socket.socket, client: socket.socket, passage: Passage) -> bytes:
+    """Wait for what the server sends next, and ping the client meanwhile, between two frames."""
+    loop = asyncio.get_running_loop()
+    while True:
+        wait_s, size = passage.ping_in_s, SMALL_BYTES
+        if wait_s is not None and wait_s <= 0.0:
+            if passage.is_between_frames:
+                await loop.sock_sendall(client, passage.ping())
+            else:
+                size = passage.left or 1  # up to the end of the frame
+        try:
+            return inner.recv(size)
+        except BlockingIOError:
+            limit_s = None if wait_s is None else max(wait_s, MIN_WAIT_S)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(limit_s):
+                    await _ready(inner, loop.add_reader, loop.remove_reader)
 
 
 async def _splice(inner: socket.socket, client: socket.socket, pipe: tuple[int, int], size: int) -> int:

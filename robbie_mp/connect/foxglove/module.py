@@ -1,6 +1,7 @@
 """Shows a run in Foxglove, live, and takes messages, settings and the emergency stop from there."""
 
 import json
+import math
 import secrets
 from collections import Counter
 from collections.abc import Callable
@@ -153,7 +154,7 @@ class FoxgloveServer(Module):
     )
     frames: dict[str, str] = setting({}, "names of the robot's frames for clients; `*` stands for all others")
     drive_valid_for_s: float = setting(
-        0.5,
+        0.4,
         "how long a velocity of a client drives the robot unless another follows",
         minimum=0.01,
         maximum=MAX_VALID_FOR_S,
@@ -207,6 +208,7 @@ class FoxgloveServer(Module):
         self._look_at_ns = 0
         self._is_open = False
         self.refused: Counter[str] = Counter()
+        self._is_too_slow = False
         self._dropped: dict[int, int] = {}
         self._dropped_before = 0
         self.strangers = 0
@@ -245,7 +247,8 @@ class FoxgloveServer(Module):
             key = token_of_run(self._folder, FOXGLOVE_TOKEN_FILE)
         key = key or secrets.token_urlsafe(32)
         self._greeting_topic = f"/{secrets.token_urlsafe(24)}/"
-        self.door = Door(self.host, self.port, key, self._greeting_topic, self.max_clients)
+        drives = any(one.drives for one in self._map.incoming)
+        self.door = Door(self.host, self.port, key, self._greeting_topic, self.max_clients, pings=drives)
         try:
             self.server = self._start_server()
         except BaseException:
@@ -274,7 +277,12 @@ class FoxgloveServer(Module):
                 form for one in self._map.incoming if one.is_foreign for form in _forms(one.name)
             },
         )
-        return Server(options, self.tick_soon, self.clock.monotonic_ns)
+        return Server(options, self.tick_soon, self.clock.monotonic_ns, self._age_s)
+
+    def _age_s(self, client: int) -> float:
+        """Return how old what comes now from a client can be at most; the SDK's threads call this."""
+        passage = self.door.passages.get(client)
+        return math.inf if passage is None else passage.greatest_age_s
 
     def teardown(self) -> None:
         """Disconnect all clients."""
@@ -473,17 +481,30 @@ class FoxgloveServer(Module):
             self._refuse(f"{type_name:.200} on {name:.200}: {error}")
             return
         if accepted.drives:
-            waited_s = max(0, self.clock.monotonic_ns() - arrived.arrived_ns) / 1e9
             assert isinstance(message, Twist | TwistStamped)
-            command = drive_command(message, self._now(), self.drive_valid_for_s, waited_s)
+            command = self._drive(name, message, arrived)
             if command is None:
-                self._refuse(f"{accepted.type_name} on {name}: not finite, or too late")
                 return
             message = command
         if accepted.is_foreign:
             self.publish_encoded(message.type_name, message.version, message.encode(), topic=accepted.topic)
         else:
             self.publish(message, topic=accepted.topic)
+
+    def _drive(self, name: str, velocity: Twist | TwistStamped, arrived: FromClient) -> DriveCommand | None:
+        """Return the command that a velocity stands for; None if it is too old, which its sender is told."""
+        waited_s = arrived.age_s + max(0, self.clock.monotonic_ns() - arrived.arrived_ns) / 1e9
+        command = drive_command(velocity, self._now(), self.drive_valid_for_s, waited_s)
+        was_too_slow, self._is_too_slow = self._is_too_slow, command is None
+        if command is None:
+            limit = f"older than {self.drive_valid_for_s:g} s"
+            what = f"velocities on {name:.200}: they are not finite, or may be {limit} when they arrive"
+            self.refused[what] += 1
+            if not was_too_slow:
+                delay = f"{waited_s:.1f} s" if math.isfinite(waited_s) else "not known yet"
+                self.log.warning("refused %s; the delay of the network is %s", what, delay)
+                self.server.show_problem(f"refused {what}; the delay of the network is {delay}")
+        return command
 
     def _decode(self, accepted: Incoming, arrived: FromClient) -> Message:
         if accepted.is_foreign:

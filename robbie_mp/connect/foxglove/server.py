@@ -70,6 +70,8 @@ class FromClient(NamedTuple):
     data: bytes
     arrived_ns: int
     """Monotonic time of the module."""
+    age_s: float
+    """How old it was then at most; infinite if that is not known."""
 
 
 class ParameterWish(NamedTuple):
@@ -142,6 +144,7 @@ class Server:
         options: how it behaves.
         wake: wakes the module; any thread may call it.
         now_ns: the module's monotonic time; any thread may call it.
+        age_s: how old what comes now from a client, as numbered by the door, can be at most.
 
     Attributes:
         parameters: the parameters by name; replaced as a whole.
@@ -150,7 +153,13 @@ class Server:
         oversized: messages of clients that were too large.
     """
 
-    def __init__(self, options: ServerOptions, wake: Callable[[], None], now_ns: Callable[[], int]):
+    def __init__(
+        self,
+        options: ServerOptions,
+        wake: Callable[[], None],
+        now_ns: Callable[[], int],
+        age_s: Callable[[int], float],
+    ):
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ImportError as error:
@@ -158,7 +167,7 @@ class Server:
                 "Foxglove needs the extra `foxglove`: run `pip install 'robbie-mp[foxglove]'`"
             ) from error
         self._foxglove = foxglove
-        self._options, self._wake, self._now_ns = options, wake, now_ns
+        self._options, self._wake, self._now_ns, self._age_s = options, wake, now_ns, age_s
         self._lock = threading.Lock()
         self._waiting: deque[Arrived] = deque()
         self._waiting_bytes = 0
@@ -286,7 +295,8 @@ class Server:
         if len(data) > self._options.max_message_bytes:
             self.oversized += 1
         else:
-            self._put(FromClient(announced, data, self._now_ns()))
+            age_s = self._age_s(self._clients.get(client.id, 0))
+            self._put(FromClient(announced, data, self._now_ns(), age_s))
 
     def on_get_parameters(self, client: Any, names: list[str], _request: str | None = None) -> list[Any]:
         """Return parameters; without names, all."""
