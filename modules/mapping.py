@@ -4,6 +4,7 @@ import json
 import math
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,11 @@ from robbie_mp.messages import (
 from workers.laser.laser_sweep import LaserSweep
 from workers.mapping.grid_mapper import GridMapper, Limits
 from workers.maps.map_file import write_large_map
-from workers.maps.map_picture import draw_map
+from workers.maps.map_picture import map_picture
 from workers.row_log import RowLog
 
 MOST_REDRAWN = 1000  # sweeps drawn or moved between two maps; the rest follows with the next ones
+MAP_FILE = Path("map.yaml")
 BAND_ROWS = 1024
 MOST_PICTURE_CELLS = 25_000_000
 
@@ -191,21 +193,22 @@ class Mapping(Module):
     def teardown(self) -> None:
         """Write the results."""
         trajectory = self.mapper.trajectory()
-        np.savetxt(self.output_directory / "trajectory.txt", trajectory, fmt=["%.6f", "%.6f", "%.6f", "%.8f"])
+        with self.result_file("trajectory.txt") as file:
+            np.savetxt(file, trajectory, ["%.6f", "%.6f", "%.6f", "%.8f"])
         grid = self.mapper.drawn()
         known = grid.known()
         bands = (grid.cells(band)[0] for band in known.bands(BAND_ROWS))
-        yaml, corner_m = self.output_directory / "map.yaml", known.low * grid.resolution_m
-        write_large_map(yaml, known.shape, bands, grid.resolution_m, corner_m)
+        corner_m = known.low * grid.resolution_m
+        write_large_map(MAP_FILE, known.shape, bands, grid.resolution_m, corner_m, self.result_file)
         cells, corner_m, resolution_m = grid.overview(MOST_PICTURE_CELLS)
-        draw_map(
-            self.output_directory / "map.png",
+        picture = map_picture(
             cells,
             corner_m,
             resolution_m,
             estimated_path=trajectory[:, 1:3],
             true_path=self.true_path.rows if len(self.true_path) else None,
         )
+        self.write_result("map.png", picture)
         counted = {
             "odometry_messages": self.odometry_messages,
             "scans": self.scans,
@@ -222,4 +225,4 @@ class Mapping(Module):
                 "grid_bytes": grid.bytes,
             },
         }
-        (self.output_directory / "mapping.json").write_text(json.dumps(counted, indent=2) + "\n")
+        self.write_result("mapping.json", json.dumps(counted, indent=2) + "\n")

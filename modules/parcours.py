@@ -113,7 +113,7 @@ class Parcours(Module):
         self._command(0.0, 0.0)
         ends_s = [self.began_s, *self.counter.state.ends_s]
         times_s = [round(end - begin, 3) for begin, end in itertools.pairwise(ends_s)]
-        (self.output_directory / "laps.json").write_text(json.dumps({"laps_s": times_s}) + "\n")
+        self.write_result("laps.json", json.dumps({"laps_s": times_s}) + "\n")
         self.status = f"{self.laps} laps, the fastest in {min(times_s):.2f} s"
         self.show_state("FINISHED")
         self.log.info("%s", self.status)

@@ -2,6 +2,7 @@
 
 import wave
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,16 +64,17 @@ class WavSpeaker:
     """Records what it plays, with the silence between, into a WAV file.
 
     Args:
-        file: the file; it is overwritten.
+        file: the file, open for writing; `close` closes it.
         wanted: rate and channels.
         start_s: time of the file's first sample.
         longest_s: the file is no longer than this.
     """
 
-    def __init__(self, file: Path, wanted: SoundFormat, start_s: float, longest_s: float = 600.0) -> None:
+    def __init__(self, file: BinaryIO, wanted: SoundFormat, start_s: float, longest_s: float = 600.0) -> None:
         self.wanted, self.recorded_samples, self.dropped_samples = wanted, 0, 0
         self._start_s, self._most = start_s, round(longest_s * wanted.rate_hz)
-        self._file = wave.open(str(file), "wb")  # noqa: SIM115 - `close` closes it
+        self._opened = file
+        self._file = wave.open(file, "wb")  # noqa: SIM115 - `close` closes it
         self._file.setnchannels(wanted.channels)
         self._file.setsampwidth(2)
         self._file.setframerate(wanted.rate_hz)
@@ -94,3 +96,4 @@ class WavSpeaker:
     def close(self) -> None:
         """Finish the file."""
         self._file.close()
+        self._opened.close()

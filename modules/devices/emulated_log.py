@@ -120,9 +120,10 @@ class EmulatedLog(Module):
                 for played_s, record in zip(self.drive.times_s, self.records, strict=True)
                 if isinstance(record, OdometryRecord)
             ]
-            np.savetxt(self.output_directory / "played.txt", np.array(rows), "%.6f")
+            with self.result_file("played.txt") as file:
+                np.savetxt(file, np.array(rows), "%.6f")
             counts = {"scans": len(self.drive.sweeps), "sent": len(self.sent)}
-            (self.output_directory / "played.json").write_text(json.dumps(counts) + "\n")
+            self.write_result("played.json", json.dumps(counts) + "\n")
 
 
 def drive_of(records: list[Record], rate: float) -> RecordedDrive:

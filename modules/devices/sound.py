@@ -10,6 +10,7 @@ from hw.sound.portaudio import Microphone, Speaker
 from hw.sound.sound import SoundBlock, SoundFormat
 from modules.devices.pluggable import ReconnectingDeviceModule
 from robbie_mp import REQUIRED, Module, SettingError, Time, setting
+from robbie_mp.base.linux.private_files import make_private_file
 from robbie_mp.messages import RawAudio
 
 PCM = "pcm-s16"
@@ -194,7 +195,9 @@ class SimulatedSpeakerModule(HearingModule):
         """Begin the file."""
         self.listen()
         self.output_directory.mkdir(parents=True, exist_ok=True)
-        file = self.output_directory / f"{self.name}.wav"
+        path = self.output_directory / f"{self.name}.wav"
+        path.unlink(missing_ok=True)  # a link is not followed
+        file = make_private_file(path)  # not `result_file`: what was recorded stays if this process is killed
         self.speaker = WavSpeaker(file, self.sound, self.clock.now_ns() / 1e9, self.longest_s)
 
     def play(self, samples: NDArray[np.int16]) -> None:

@@ -109,8 +109,9 @@ class TrueBase(SimulatedDevice):
         if self.places is not None:
             self.places.leave()
         if self.true_path:
-            np.savetxt(self.output_directory / "truth.txt", self.path.rows, "%.6f")
-        (self.output_directory / "base.json").write_text(json.dumps(counted) + "\n")
+            with self.result_file("truth.txt") as file:
+                np.savetxt(file, self.path.rows, "%.6f")
+        self.write_result("base.json", json.dumps(counted) + "\n")
 
 
 def state_of(world: WorldState) -> dict[str, object]:

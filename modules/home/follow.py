@@ -133,7 +133,7 @@ class FollowMe(Module):
         """Write what was counted."""
         task = self.task
         counted = {"state": task.state.name, "losses": task.losses, "questions": task.questions}
-        (self.output_directory / "follow.json").write_text(json.dumps(counted) + "\n")
+        self.write_result("follow.json", json.dumps(counted) + "\n")
 
     def _tell(self) -> None:
         task = self.task

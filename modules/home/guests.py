@@ -130,4 +130,4 @@ class SimulatedGuests(SimulatedDevice):
             "truth": [],
             "known": self.known,
         }
-        (self.output_directory / "guests.json").write_text(json.dumps(told) + "\n")
+        self.write_result("guests.json", json.dumps(told) + "\n")

@@ -342,7 +342,7 @@ class Household(Module):
             }
             for end in self.work.ends
         ]
-        (self.output_directory / "household.json").write_text(json.dumps(ends) + "\n")
+        self.write_result("household.json", json.dumps(ends) + "\n")
 
     def _begin_own(self, text: str) -> None:
         """Begin an order of the start; what it needs may still be starting."""

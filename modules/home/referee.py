@@ -67,7 +67,7 @@ class Referee(SimulatedDevice):
         """Write the judgement."""
         counts = self.referee.counts
         judgement = asdict(counts) | {"near_share": counts.near_share, "state": self.following.state}
-        (self.output_directory / "referee.json").write_text(json.dumps(judgement) + "\n")
+        self.write_result("referee.json", json.dumps(judgement) + "\n")
 
 
 class SimulatedVoice(SimulatedDevice):

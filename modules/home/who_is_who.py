@@ -283,7 +283,7 @@ class WhoIsWhoTask(Module):
             for one in self.tour.met
         ]
         counted = {"done": self.done, "failed": self.failed, "persons": persons}
-        (self.output_directory / "who_is_who.json").write_text(json.dumps(counted) + "\n")
+        self.write_result("who_is_who.json", json.dumps(counted) + "\n")
 
     def _see_faces(self) -> None:
         """Pass on the newest faces with their directions, as soon as the camera's pose is known."""

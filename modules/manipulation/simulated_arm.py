@@ -141,7 +141,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
             "contacts": objects.contacts,
             "expired_commands": self.simulated.expired_commands,
         }
-        (self.output_directory / "arm.json").write_text(json.dumps(result) + "\n")
+        self.write_result("arm.json", json.dumps(result) + "\n")
 
     def _below(self, name: str) -> str:
         """Return where an object is: the name of a table, 'hand', 'person' or 'floor'."""

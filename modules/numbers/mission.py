@@ -123,7 +123,7 @@ class Numbers(Module):
                 if sign.digit is not None
             ],
         }
-        (self.output_directory / "numbers.json").write_text(json.dumps(results) + "\n")
+        self.write_result("numbers.json", json.dumps(results) + "\n")
 
     def _turn_camera(self, pan_rad: float) -> None:
         if not abs(pan_rad - self.pan_rad) < 0.02:

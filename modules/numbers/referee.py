@@ -57,4 +57,4 @@ class Referee(SimulatedDevice):
             "visits": [asdict(visit) | {"counts": visit.counts} for visit in self.visits],
             "is_right": len(self.visits) == len(order) and all(visit.counts for visit in self.visits),
         }
-        (self.output_directory / "referee.json").write_text(json.dumps(judgement) + "\n")
+        self.write_result("referee.json", json.dumps(judgement) + "\n")

@@ -121,7 +121,7 @@ class NumberSignFinder(Module):
             }
             for sign in self.signs.signs
         ]
-        (self.output_directory / "signs.json").write_text(json.dumps(signs) + "\n")
+        self.write_result("signs.json", json.dumps(signs) + "\n")
 
     def _look(self, image: Image, camera: CameraInfo) -> None:
         """Read an image, as soon as the camera's pose is known."""

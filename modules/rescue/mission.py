@@ -305,7 +305,7 @@ class RescueMission(Module):
             collisions=mission.collisions,
         )
         write_report(
-            self.output_directory,
+            self.write_result,
             self.report_name,
             figures,
             None if self.map is None else map_cells(self.map),

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.private_files import private_opener
 
 
 class HandlerTimesMissing(RobbieError, FileNotFoundError):
@@ -29,7 +30,7 @@ class HandlerTimes:
     def __init__(self, file: Path, recorded: Sequence[int] | None, log: logging.Logger):
         file.parent.mkdir(exist_ok=True)
         self._count = len(read_times(file)) if file.exists() else 0
-        self._file = file.open("a", buffering=1)
+        self._file = open(file, "a", buffering=1, opener=private_opener)  # noqa: SIM115 - open as long as the module
         self._recorded = recorded
         self._log = log
 

@@ -1,14 +1,15 @@
 """The base class of every module."""
 
 import logging
-from collections.abc import Callable, Collection, Iterable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar, cast
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.private_files import replacing
 from robbie_mp.bus.checkpoint.keeper import Checkpoints
 from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.messages import Message
@@ -50,6 +51,16 @@ class InvalidPeriod(RobbieError, ValueError):
     Example scenarios:
       - it is 0 or negative
       - the module has a `tick()`, but nothing sets `period_s`, so `tick()` would never run
+    """
+
+
+class ResultNotWritten(RobbieError, OSError):
+    """A module cannot write a file into the folder for results.
+
+    Example scenarios:
+      - the disk is full
+      - there is a folder of the file's name
+      - the folder for results was removed during the run
     """
 
 
@@ -589,6 +600,38 @@ class Module:
             CheckpointTooLarge: the state is larger than the profile's `memory.checkpoint_bytes`.
         """
         return self._checkpoints.save(state)
+
+    @contextmanager
+    def result_file(self, name: str | Path) -> Iterator[BinaryIO]:
+        """Yield a new file, which at the end takes the place of a file or link in the folder for results.
+
+        Other users cannot read it. If it does not get complete, the earlier file stays.
+
+        Args:
+            name: its name in `output_directory`.
+
+        Raises:
+            ResultNotWritten: the system does not let it be written.
+        """
+        path = self.output_directory / name
+        try:
+            with replacing(path) as file:
+                yield file
+        except OSError as error:
+            raise ResultNotWritten(f"cannot write the result {path}: {error.strerror or error}") from error
+
+    def write_result(self, name: str, content: str | bytes) -> None:
+        """Write a file into the folder for results, as `result_file` does.
+
+        Args:
+            name: its name in `output_directory`.
+            content: what it will hold.
+
+        Raises:
+            ResultNotWritten: the system does not let it be written.
+        """
+        with self.result_file(name) as file:
+            file.write(content.encode() if isinstance(content, str) else content)
 
     @property
     def envelope(self) -> Envelope:

@@ -12,7 +12,6 @@ not run takes a change at its next start: then the value waits in a file of its 
 
 import json
 import logging
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -108,9 +107,7 @@ class SettingsFile:
             text: its value in YAML.
         """
         make_private_folder(self._waiting)
-        unfinished = self._waiting / f".{setting}.{os.getpid()}"
-        write_private(unfinished, text)
-        unfinished.rename(self._waiting / setting)
+        write_private(self._waiting / setting, text)
 
     def withdraw(self, setting: str) -> bool:
         """Remove a value that waits for the module's next start; False if there is none any more."""
@@ -135,9 +132,7 @@ class SettingsFile:
             OSError: the file cannot be written.
         """
         make_private_folder(self._path.parent)
-        unfinished = self._path.with_suffix(f".{os.getpid()}")
-        write_private(unfinished, json.dumps(settings, default=str))
-        unfinished.rename(self._path)
+        write_private(self._path, json.dumps(settings, default=str))
 
 
 class SettingChanges:

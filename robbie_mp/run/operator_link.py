@@ -7,16 +7,16 @@ a recording, which observers can read.
 """
 
 import contextlib
-import os
 import secrets
 from pathlib import Path
+
+from robbie_mp.base.linux.private_files import write_private
 
 LINK_FILE = "operator-link"
 TOKEN_FILE = "operator-token"
 FOXGLOVE_LINK_FILE = "foxglove-link"
 FOXGLOVE_TOKEN_FILE = "foxglove-token"
 TOKEN_BYTES = 32
-OWN = 0o600
 
 
 def token_of_run(folder: Path, name: str = TOKEN_FILE) -> str:
@@ -30,13 +30,13 @@ def token_of_run(folder: Path, name: str = TOKEN_FILE) -> str:
     with contextlib.suppress(FileNotFoundError):
         return file.read_text()
     token = secrets.token_urlsafe(TOKEN_BYTES)
-    _write(file, token)
+    write_private(file, token)
     return token
 
 
 def write_link(folder: Path, link: str, name: str = LINK_FILE) -> None:
     """Write the link to the file that commands read."""
-    _write(folder / name, link)
+    write_private(folder / name, link)
 
 
 def read_link(folder: Path, name: str = LINK_FILE) -> str:
@@ -49,12 +49,3 @@ def read_link(folder: Path, name: str = LINK_FILE) -> str:
 def remove_link(folder: Path, name: str = LINK_FILE) -> None:
     """Remove the link: its page is no longer served."""
     (folder / name).unlink(missing_ok=True)
-
-
-def _write(file: Path, text: str) -> None:
-    """Write a file atomically; it is private from the moment it is created."""
-    new = file.with_name(f"{file.name}.{os.getpid()}")
-    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, OWN)
-    with open(descriptor, "w") as opened:
-        opened.write(text)
-    new.replace(file)

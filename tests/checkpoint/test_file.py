@@ -93,7 +93,7 @@ def test_content_and_every_new_folder_are_synced(path: Path, monkeypatch: pytest
 
     monkeypatch.setattr(os, "fsync", note)
     write_file(path, encode([1]))
-    unfinished = f"mapping.checkpoint.{os.getpid()}.new"
+    unfinished = f".mapping.checkpoint.{os.getpid()}.new"
     assert synced == [path.parents[3].name, "state", "sim", unfinished, "arena"]
     synced.clear()
     write_file(path, encode([2]))
@@ -115,12 +115,12 @@ def test_file_set_aside_replaces_the_one_set_aside_before(path: Path) -> None:
 def test_only_unfinished_files_of_dead_writers_of_this_module_are_removed(path: Path) -> None:
     path.parent.mkdir(parents=True)
     kept = {
-        f"mapping.checkpoint.{os.getpid()}.new",  # a second run of the profile writes it
-        f"other.checkpoint.{DEAD_PID}.new",
-        "mapping.checkpoint.mine.new",
+        f".mapping.checkpoint.{os.getpid()}.new",  # a second run of the profile writes it
+        f".other.checkpoint.{DEAD_PID}.new",
+        ".mapping.checkpoint.mine.new",
         "mapping.checkpoint.damaged",
     }
-    for name in kept | {f"mapping.checkpoint.{DEAD_PID}.new"}:
+    for name in kept | {f".mapping.checkpoint.{DEAD_PID}.new"}:
         (path.parent / name).write_bytes(b"")
     remove_unfinished(path)
     assert {left.name for left in path.parent.iterdir()} == kept

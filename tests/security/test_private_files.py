@@ -103,7 +103,7 @@ def test_pipe_in_place_of_a_checkpoint_is_refused_without_blocking(checkpoint: P
 def test_link_at_the_path_of_a_checkpoint_is_not_followed(checkpoint: Path, tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("precious")
-    checkpoint.with_name(f"{checkpoint.name}.{os.getpid()}.new").symlink_to(victim)
+    checkpoint.with_name(f".{checkpoint.name}.{os.getpid()}.new").symlink_to(victim)
     write_file(checkpoint, encode({"count": 4}))
     assert victim.read_text() == "precious"
     assert not checkpoint.is_symlink()

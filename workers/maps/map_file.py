@@ -1,10 +1,11 @@
 """Maps as files: the YAML file and image of ROS's map_server (https://wiki.ros.org/map_server, trinary)."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import yaml
@@ -39,13 +40,15 @@ class MapFile:
 def write_map(path: Path, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
     """Write a map: the YAML file `path`, and beside it an image with the same name and the suffix `.pgm`.
 
+    Not for the results of a run: links are followed.
+
     Args:
         path: Path of the YAML file.
         cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
     """
-    write_large_map(path, cells.shape, [cells], resolution_m, corner_xy_m)
+    write_large_map(path, cells.shape, [cells], resolution_m, corner_xy_m, lambda file: file.open("wb"))
 
 
 def write_large_map(
@@ -54,6 +57,7 @@ def write_large_map(
     bands: Iterable[NDArray[np.int8]],
     resolution_m: float,
     corner_xy_m: ArrayLike,
+    opened: Callable[[Path], AbstractContextManager[BinaryIO]],
 ) -> None:
     """Write a map as `write_map` does, without the need to hold all of it in memory.
 
@@ -63,12 +67,13 @@ def write_large_map(
         bands: Bands of the map from the largest y down, each `(h, W) int8` as the cells of `write_map`.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+        opened: Opens a file for writing.
     """
     height, width = shape
     if height * width == 0:  # an image needs at least one pixel
         height, width, bands = 1, 1, [np.full((1, 1), -1, dtype=np.int8)]
     image = path.with_suffix(".pgm")
-    with image.open("wb") as file:
+    with opened(image) as file:
         file.write(f"P5\n{width} {height}\n255\n".encode())
         for cells in bands:
             shades = np.where(cells >= OCCUPIED_PERCENT, np.uint8(OCCUPIED_SHADE), np.uint8(FREE_SHADE))
@@ -83,7 +88,8 @@ def write_large_map(
         "occupied_thresh": OCCUPIED_ABOVE,
         "free_thresh": FREE_BELOW,
     }
-    path.write_text(yaml.safe_dump(described, sort_keys=False), encoding="utf-8")
+    with opened(path) as file:
+        file.write(yaml.safe_dump(described, sort_keys=False).encode())
 
 
 def read_map(path: Path) -> MapFile:

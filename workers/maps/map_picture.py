@@ -1,7 +1,7 @@
 """A picture of a map to look at: free white, occupied black, unknown grey; paths, scale bar and legend."""
 
+import io
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,18 +18,16 @@ BAR_LENGTHS_M = (0.5, 1, 2, 5, 10, 20, 50, 100, 200)
 WIDEST_BAR = 0.2  # share of the picture's width
 
 
-def draw_map(
-    path: Path,
+def map_picture(
     cells: NDArray[np.int8],
     corner_xy_m: ArrayLike,
     resolution_m: float,
     estimated_path: ArrayLike | None = None,
     true_path: ArrayLike | None = None,
-) -> None:
-    """Write a picture of a map. The file's suffix chooses the format.
+) -> bytes:
+    """Return a picture of a map, as PNG.
 
     Args:
-        path: The file to write.
         cells: Occupancy in percent `(H, W)`, row 0 at the smallest y, -1 for unknown.
         corner_xy_m: The corner of cell (0, 0), m, map frame.
         resolution_m: Edge of a cell.
@@ -53,7 +51,9 @@ def draw_map(
     if paths:
         _mark_start(draw, view.pixels(paths[-1][0][:1]))
     _footer(draw, view, [(colour, name) for _, colour, name in paths])
-    picture.save(path)
+    encoded = io.BytesIO()
+    picture.save(encoded, "PNG")
+    return encoded.getvalue()
 
 
 @dataclass(frozen=True)

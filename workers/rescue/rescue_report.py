@@ -5,13 +5,13 @@ The map is a PNG file in the colours of the RoboCup Rescue League's rule for Geo
 """
 
 import csv
+import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,7 +59,7 @@ Map = tuple[NDArray[np.int8], float, ArrayLike]
 
 
 def write_report(
-    directory: Path,
+    write: Callable[[str, str | bytes], None],
     name: str,
     figures: MissionFigures,
     made_map: Map | None,
@@ -71,7 +71,7 @@ def write_report(
     """Write `NAME_map.png` (if there is a map), `NAME_victims.csv` and `mission.json`.
 
     Args:
-        directory: where to write the files.
+        write: writes a file, given its name and content.
         name: prefix of the files' names.
         figures: the mission's figures.
         made_map: the newest map.
@@ -89,8 +89,8 @@ def write_report(
             picture.draw_start(home)
         for victim in victims:
             picture.draw_victim(victim)
-        picture.save(directory / f"{name}_map.png", f"{name}_map.png")
-    _write_victims(directory / f"{name}_victims.csv", victims)
+        write(f"{name}_map.png", picture.png(f"{name}_map.png"))
+    write(f"{name}_victims.csv", _victims_csv(victims))
     described = {
         **asdict(figures),
         "notes": list(figures.notes),
@@ -98,7 +98,7 @@ def write_report(
         "mapped_m2": None if made_map is None else round(known_m2(*made_map[:2]), 2),
         "victims": [{**asdict(victim), "state": victim.state.name} for victim in victims],
     }
-    (directory / "mission.json").write_text(json.dumps(described, indent=2) + "\n")
+    write("mission.json", json.dumps(described, indent=2) + "\n")
 
 
 def travelled_m(path_m: Sequence[tuple[float, float]]) -> float:
@@ -111,17 +111,18 @@ def known_m2(cells: NDArray[np.int8], resolution_m: float) -> float:
     return float((cells >= 0).sum()) * resolution_m**2
 
 
-def _write_victims(path: Path, victims: Sequence[VictimReport]) -> None:
-    """Write the victims that the operator has not rejected."""
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("id", "time", "name", "x", "y", "z", "confirmed"))
-        for victim in sorted(victims, key=lambda victim: victim.found_s):
-            if victim.state is not VictimState.REJECTED:
-                time = datetime.fromtimestamp(victim.found_s, UTC).strftime("%H:%M:%S")
-                place = [f"{value:.3f}" for value in (victim.x_m, victim.y_m, victim.z_m)]
-                confirmed = "yes" if victim.state is VictimState.CONFIRMED else "no"
-                writer.writerow((victim.id, time, victim.name, *place, confirmed))
+def _victims_csv(victims: Sequence[VictimReport]) -> str:
+    """Return a table of the victims that the operator has not rejected."""
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(("id", "time", "name", "x", "y", "z", "confirmed"))
+    for victim in sorted(victims, key=lambda victim: victim.found_s):
+        if victim.state is not VictimState.REJECTED:
+            time = datetime.fromtimestamp(victim.found_s, UTC).strftime("%H:%M:%S")
+            place = [f"{value:.3f}" for value in (victim.x_m, victim.y_m, victim.z_m)]
+            confirmed = "yes" if victim.state is VictimState.CONFIRMED else "no"
+            writer.writerow((victim.id, time, victim.name, *place, confirmed))
+    return table.getvalue()
 
 
 class RescuePicture:
@@ -181,8 +182,8 @@ class RescuePicture:
         self._draw.ellipse((x - half, y - half, x + half, y + half), fill=fill)
         self._draw.text((x, y), str(victim.id), fill="white", anchor="mm", font=ImageFont.load_default())
 
-    def save(self, path: Path, title: str) -> None:
-        """Write the picture, with scale, directions and a title."""
+    def png(self, title: str) -> bytes:
+        """Return the picture as PNG, with scale, directions and a title."""
         font = ImageFont.load_default()
         self._draw.text((6, 4), title, fill=INK, font=font)
         self._draw.line((10, 26, 10 + PX_PER_M, 26), fill=INK, width=2)
@@ -192,7 +193,9 @@ class RescuePicture:
         self._draw.line((right, 40, right + 30, 40), fill=INK, width=2)
         self._draw.text((right - 12, 6), "y", fill=INK, font=font)
         self._draw.text((right + 34, 34), "x", fill=INK, font=font)
-        self._image.save(path)
+        encoded = io.BytesIO()
+        self._image.save(encoded, "PNG")
+        return encoded.getvalue()
 
     def _set(self, colours: NDArray[np.uint8]) -> None:
         self._image = Image.fromarray(colours)

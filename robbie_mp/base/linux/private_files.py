@@ -3,13 +3,17 @@
 A robot may write more than other users should read. And what another user could have written is not trusted.
 """
 
+import contextlib
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 PRIVATE_FOLDER = 0o700
 PRIVATE_FILE = 0o600
+UNFINISHED = ".new"
+"""How the names of files end that are still being written; before it stands the writer's pid."""
 
 
 def make_private_folder(folder: Path) -> None:
@@ -24,8 +28,8 @@ def make_private_folder(folder: Path) -> None:
 
 
 def private_opener(path: str, flags: int) -> int:
-    """Open a file; if that creates it, others cannot read it. For `open(…, opener=…)`."""
-    return os.open(path, flags | os.O_CLOEXEC, PRIVATE_FILE)
+    """Open a file, not a link; if that creates it, others cannot read it. For `open(…, opener=…)`."""
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, PRIVATE_FILE)
 
 
 def make_private_file(path: Path) -> BinaryIO:
@@ -37,14 +41,42 @@ def make_private_file(path: Path) -> BinaryIO:
     return os.fdopen(private_opener(str(path), os.O_RDWR | os.O_CREAT | os.O_EXCL), "w+b")
 
 
-def write_private(path: Path, text: str) -> None:
-    """Write a text file that others cannot read.
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Yield a new file that others cannot read; at the end it takes the place of what is at `path`.
+
+    So a link there is not followed, an earlier file's mode does not stay, and no reader sees half a file.
 
     Raises:
-        OSError: there is no space, or no permission to write into the folder.
+        OSError: there is no space, no permission to write into the folder, or `path` is a folder.
     """
-    with open(path, "w", opener=private_opener) as file:
-        file.write(text)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
+    unfinished.unlink(missing_ok=True)  # left by a killed process of the same pid, or a planted link
+    try:
+        with make_private_file(unfinished) as file:
+            yield file
+        unfinished.replace(path)
+    except BaseException:
+        unfinished.unlink(missing_ok=True)
+        raise
+
+
+def write_private(path: Path, content: str | bytes | memoryview, *, durably: bool = False) -> None:
+    """Write a file as `replacing` does.
+
+    Args:
+        path: the file.
+        content: what it will hold.
+        durably: return when the content is on the disk.
+
+    Raises:
+        OSError: as for `replacing`.
+    """
+    with replacing(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+        if durably:
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def ownership_problem(found: os.stat_result, *, folder: bool = False, readable: bool = False) -> str:

@@ -13,13 +13,12 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.base.linux.private_files import PRIVATE_FOLDER, ownership_problem, private_opener
+from robbie_mp.base.linux.private_files import PRIVATE_FOLDER, UNFINISHED, ownership_problem, write_private
 from robbie_mp.bus.checkpoint.errors import CheckpointForeign
 from robbie_mp.bus.checkpoint.image import HEADER, Checkpoint, check_crc, decode, read_header
 
 STATE_FOLDER = "state"
 SUFFIX = ".checkpoint"
-UNFINISHED = ".new"
 
 
 class CheckpointFileError(RobbieError, OSError):
@@ -60,19 +59,7 @@ def write_file(path: Path, image: memoryview | bytes) -> None:
         OSError: the disk is full or refuses to write; the old file stays.
     """
     _make_folder(path.parent)
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}{UNFINISHED}")
-    unfinished.unlink(
-        missing_ok=True
-    )  # left by a process with the same pid, or a symbolic link placed by an attacker
-    try:
-        with open(unfinished, "xb", opener=private_opener) as file:
-            file.write(image)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    except OSError:
-        unfinished.unlink(missing_ok=True)
-        raise
+    write_private(path, image, durably=True)
     _sync_folder(path.parent)
 
 
@@ -98,8 +85,8 @@ def set_aside(path: Path, why: str) -> Path | None:
 
 def remove_unfinished(path: Path) -> None:
     """Remove the partial files of processes that were killed while they wrote this checkpoint."""
-    for unfinished in path.parent.glob(f"{path.name}.*{UNFINISHED}"):
-        pid = unfinished.name.removeprefix(f"{path.name}.").removesuffix(UNFINISHED)
+    for unfinished in path.parent.glob(f".{path.name}.*{UNFINISHED}"):
+        pid = unfinished.name.removeprefix(f".{path.name}.").removesuffix(UNFINISHED)
         if pid.isdigit() and not Path("/proc", pid).exists():
             with contextlib.suppress(OSError):
                 unfinished.unlink()

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from robbie_mp.base.linux.private_files import write_private
 from robbie_mp.connect.link.header import MAX_COUNTS, ChannelId
 from robbie_mp.connect.link.traffic import TrafficClass
 
@@ -245,11 +246,7 @@ class Books:
             keys: the keys in the order of their rows.
         """
         assert self._keys is not None
-        new = self._keys.with_suffix(".link-new")
-        new.unlink(missing_ok=True)
-        new.touch(mode=0o600)
-        new.write_text("".join(json.dumps(line) + "\n" for line in (counts, *keys)))
-        new.replace(self._keys)
+        write_private(self._keys, "".join(json.dumps(line) + "\n" for line in (counts, *keys)))
 
     def _add_up(self) -> None:
         """Give back the rows of sessions that ended long ago; the sums of their channels stay."""

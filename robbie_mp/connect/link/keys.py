@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.base.linux.private_files import make_private_file, make_private_folder, ownership_problem
+from robbie_mp.base.linux.private_files import make_private_folder, ownership_problem, write_private
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.connect.link.header import ROBOT_NAME
 
@@ -225,15 +225,9 @@ class Keys:
 
     def _write(self, file: Path, text: str) -> None:
         """Replace a file at once, so that no reader sees half of it."""
-        new = file.with_name(f".{file.name}.new")
         try:
             make_private_folder(file.parent)
-            new.unlink(missing_ok=True)
-            with make_private_file(new) as opened:
-                opened.write(text.encode())
-                opened.flush()
-                os.fsync(opened.fileno())
-            new.replace(file)
+            write_private(file, text, durably=True)
         except OSError as error:
             raise KeysError(f"cannot write {file}: {error.strerror}") from error
 

@@ -5,7 +5,6 @@ Source: rosbag2's `rosbag2_storage/bag_metadata.hpp`, version 5 of the format (R
 """
 
 import contextlib
-import os
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -54,9 +53,7 @@ def write_bag_metadata(folder: Path) -> str:
             path.unlink(missing_ok=True)
             return f"{file} has no end"
         contents[file] = found
-    waiting = folder / f".{BAG_METADATA}.new"
-    write_private(waiting, OURS + yaml.safe_dump(_metadata(contents), sort_keys=False))
-    os.replace(waiting, path)
+    write_private(path, OURS + yaml.safe_dump(_metadata(contents), sort_keys=False))
     return ""
 
 

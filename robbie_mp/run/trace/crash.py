@@ -1,7 +1,6 @@
 """Crash reports: one JSON file for each abnormal end of a process, in a folder of the trace."""
 
 import json
-import os
 import re
 import time
 from dataclasses import asdict, dataclass, field
@@ -135,9 +134,7 @@ class CrashFolder:
         path = self._folder / name
         try:
             make_private_folder(self._folder)
-            unfinished = path.with_suffix(".new")
-            write_private(unfinished, data.decode())
-            os.replace(unfinished, path)
+            write_private(path, data)
             for old in report_files(self._folder.parent, module)[: -self._keep]:
                 old.unlink()
         except OSError:

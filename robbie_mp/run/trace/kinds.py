@@ -7,7 +7,6 @@ it may be sent to any child at any time.
 
 import json
 import logging
-import os
 import signal
 from collections.abc import Collection, Mapping
 from enum import StrEnum
@@ -56,9 +55,7 @@ RECORDED_FILE = "recorded_kinds.json"
 
 def write_recorded(run_folder: Path, recorded: Mapping[str, Collection[Kind]]) -> None:
     """Write which kinds are recorded of each child and of the supervisor's remarks."""
-    unfinished = run_folder / f"{RECORDED_FILE}.new"
-    write_private(unfinished, recorded_as_json(recorded).decode())
-    os.replace(unfinished, run_folder / RECORDED_FILE)
+    write_private(run_folder / RECORDED_FILE, recorded_as_json(recorded))
 
 
 def recorded_as_json(recorded: Mapping[str, Collection[Kind]]) -> bytes:

@@ -4,7 +4,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from robbie_mp.base.linux.private_files import PRIVATE_FILE
+from robbie_mp.base.linux.private_files import private_opener
 
 
 class RotatingFile:
@@ -54,7 +54,7 @@ class RotatingFile:
             self._fd = None
 
     def _open(self) -> int:
-        self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, PRIVATE_FILE)
+        self._fd = private_opener(str(self.path), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         self._size = os.fstat(self._fd).st_size
         if not self._size:
             self._size = os.write(self._fd, self._head)

@@ -78,9 +78,7 @@ class Writer:
         return self._crashes is not None and self._crashes.keep(module, name, data)
 
     def _replace(self, data: bytes, path: str) -> bool:
-        unfinished = f"{path}.new"
-        write_private(Path(unfinished), data.decode())
-        os.replace(unfinished, path)
+        write_private(Path(path), data)
         return True
 
     def _remove(self, _data: bytes, path: str) -> bool:

@@ -27,7 +27,11 @@ from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.segment import unlink_segment
 from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 
-TRACED = ("robbie_mp/bus/checkpoint/", "robbie_mp/bus/transport/segment.py")
+TRACED = (
+    "robbie_mp/bus/checkpoint/",
+    "robbie_mp/bus/transport/segment.py",
+    "robbie_mp/base/linux/private_files.py",
+)
 
 
 def run_of(pid: int) -> str:

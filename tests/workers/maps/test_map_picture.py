@@ -1,18 +1,17 @@
 """The picture shows free, occupied and unknown, and the paths where they are."""
 
-from pathlib import Path
+import io
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from workers.maps.map_picture import ESTIMATED, TRUE, UNKNOWN, draw_map
+from workers.maps.map_picture import ESTIMATED, TRUE, UNKNOWN, map_picture
 
 
-def picture(tmp_path: Path, cells: NDArray[np.int8], **paths: ArrayLike) -> NDArray[np.uint8]:
-    draw_map(tmp_path / "map.png", cells, (0.0, 0.0), 0.1, **paths)
-    with Image.open(tmp_path / "map.png") as image:
+def picture(cells: NDArray[np.int8], **paths: ArrayLike) -> NDArray[np.uint8]:
+    with Image.open(io.BytesIO(map_picture(cells, (0.0, 0.0), 0.1, **paths))) as image:
         return np.array(image.convert("RGB"))
 
 
@@ -25,32 +24,30 @@ def cells() -> NDArray[np.int8]:
     return cells
 
 
-def test_free_is_white_occupied_black_unknown_grey(tmp_path: Path, cells: NDArray[np.int8]) -> None:
-    image = picture(tmp_path, cells)
+def test_free_is_white_occupied_black_unknown_grey(cells: NDArray[np.int8]) -> None:
+    image = picture(cells)
     px_per_m = image.shape[1] / 5.0  # 4 m are known, and 0.5 m on each side
     shade = {name: image[int(y * px_per_m), int(x * px_per_m)].tolist() for name, x, y in
              (("wall", 2.0, 0.75), ("free", 2.0, 3.0), ("unknown", 4.8, 2.0))}  # fmt: skip
     assert shade == {"wall": [0, 0, 0], "free": [255] * 3, "unknown": [UNKNOWN] * 3}
 
 
-def test_paths_are_drawn_in_their_colours_and_the_estimate_on_top(
-    tmp_path: Path, cells: NDArray[np.int8]
-) -> None:
-    image = picture(tmp_path, cells, estimated_path=[(1, 1), (1, 3)], true_path=[(0.5, 2), (3, 2)])
+def test_paths_are_drawn_in_their_colours_and_the_estimate_on_top(cells: NDArray[np.int8]) -> None:
+    image = picture(cells, estimated_path=[(1, 1), (1, 3)], true_path=[(0.5, 2), (3, 2)])
     px_per_m = image.shape[1] / 5.0
     row = image[int((0.5 + 4.0 - 2.0) * px_per_m)]
     assert tuple(row[int(1.5 * px_per_m)]) == ESTIMATED
     assert tuple(row[int(2.5 * px_per_m)]) == TRUE
 
 
-def test_empty_map_can_be_drawn(tmp_path: Path) -> None:
-    assert picture(tmp_path, np.zeros((0, 0), np.int8)).shape[2] == 3
-    assert picture(tmp_path, np.full((5, 5), -1, np.int8), estimated_path=[(0, 0)]).shape[2] == 3
+def test_empty_map_can_be_drawn() -> None:
+    assert picture(np.zeros((0, 0), np.int8)).shape[2] == 3
+    assert picture(np.full((5, 5), -1, np.int8), estimated_path=[(0, 0)]).shape[2] == 3
 
 
-def test_thin_wall_of_a_large_map_stays_visible(tmp_path: Path) -> None:
+def test_thin_wall_of_a_large_map_stays_visible() -> None:
     cells = np.zeros((200, 6000), np.int8)
     cells[100] = 100
-    image = picture(tmp_path, cells)
+    image = picture(cells)
     assert image[:-40, image.shape[1] // 2].min() < 160
     assert max(image.shape) < 2600
