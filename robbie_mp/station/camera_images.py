@@ -30,8 +30,10 @@ class Box(NamedTuple):
 
 
 def boxes_of(found: Detection2DArray, width: int, height: int) -> list[Box]:
-    """Return the boxes of detections in an image of `width` columns and `height` rows."""
-    boxes = []
+    """Return the boxes of detections in an image of `width` x `height` pixels; none if it is empty."""
+    boxes: list[Box] = []
+    if not width or not height:
+        return boxes
     for one in found.detections[:MAX_BOXES]:
         box, middle = one.bbox, one.bbox.center.position
         likely = max((result.hypothesis for result in one.results), key=lambda h: h.score, default=None)
