@@ -3,7 +3,7 @@
 import re
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -69,6 +69,7 @@ class Scene:
         arena: its arena; None: a long hall.
         others: more modules of the robot.
         linear_m_per_s: maximum speed.
+        on_host: the beginning of a command that runs it on another host of a test network.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class Scene:
         arena: Path | None = None,
         others: Mapping[str, object] = NO_OTHERS,
         linear_m_per_s: float = 0.4,
+        on_host: Sequence[str] = (),
     ):
         workspace = folder / "workspace"
         (workspace / "profiles").mkdir(parents=True)
@@ -88,7 +90,7 @@ class Scene:
             arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
         made = yaml.safe_dump(profile(arena, others, linear_m_per_s), sort_keys=False)
         (workspace / "profiles" / "trial.yaml").write_text(made)
-        self.robot = Robot(folder / "run", workspace, "trial")
+        self.robot = Robot(folder / "run", workspace, "trial", on_host=on_host)
         self.journal = Journal(self.robot.output / "witness.txt")
         self._bases = [folder / "run" / "runtime" / "robbie"]
         self.layout = LAYOUTS[0]

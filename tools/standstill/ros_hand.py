@@ -1,0 +1,24 @@
+"""A ROS node that drives a robot by /cmd_vel. It is run by the Python that has rospy."""
+
+from importlib import import_module
+from typing import Any
+
+LINEAR_M_PER_S, ANGULAR_RAD_PER_S = 0.3, 0.3
+RATE_HZ = 20
+
+
+def main() -> None:
+    """Publish until this process is ended."""
+    rospy: Any = import_module("rospy")
+    twist_class: Any = import_module("geometry_msgs.msg").Twist
+    rospy.init_node("hand", argv=[], disable_rosout=True, disable_signals=True)
+    velocities = rospy.Publisher("/cmd_vel", twist_class, queue_size=1)
+    velocity = twist_class()
+    velocity.linear.x, velocity.angular.z = LINEAR_M_PER_S, ANGULAR_RAD_PER_S
+    while not rospy.is_shutdown():
+        velocities.publish(velocity)
+        rospy.rostime.wallsleep(1 / RATE_HZ)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""A robot that drives, what is seen of it, and the processes on which its motion rests."""
+
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from playwright.sync_api import Page
+
+from robbie_mp import RobbieError
+from robbie_mp.attached.tool.script import AttachedRun
+from robbie_mp.messages import DriveCommand, LaserScan, Message, Odometry, PoseStamped
+from robbie_mp.run.run_directory import list_runs
+from tools.kill_campaign.robot import Robot
+from tools.test_network.network import Network
+
+DRIVES_M_PER_S = 0.15
+STEADY_S = 0.4
+"""A failure comes when the robot has driven for this time."""
+IN_FLIGHT_S = 0.06
+"""What arrives within this time after a failure may have been sent before it."""
+START_LIMIT_S = 40.0
+OUTPUTS: dict[str, type[Message]] = {"laser": LaserScan, "rear_laser": LaserScan, "mapping": PoseStamped}
+"""What a process gives; all others: drive commands."""
+
+
+class NotDriving(RuntimeError):
+    """The robot does not drive, so that nothing can be measured."""
+
+
+class Seen:
+    """Collects messages of a run: rows of publication and arrival (monotonic, s), and of odometry the motion.
+
+    Args:
+        run: the run.
+        message_type: of the messages.
+        topic: of them; '' for all.
+        sender: only those of this module; '' for all.
+    """
+
+    def __init__(self, run: AttachedRun, message_type: type[Message], topic: str = "", sender: str = ""):
+        self._run, self._type, self._topic, self._sender = run, message_type, topic, sender
+        self.rows: list[tuple[float, ...]] = []
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """See no more."""
+        self._ended.set()
+
+    def _listen(self) -> None:
+        while not self._ended.wait(0.05):
+            with suppress(RobbieError):  # the run is starting, or over
+                listener = self._run.listen(self._type, self._topic, max_waiting=2000)
+                with listener:
+                    for message in listener:
+                        if self._ended.is_set():
+                            return
+                        envelope = listener.envelope
+                        if self._sender in ("", envelope.sender):
+                            times_s = envelope.published_ns / 1e9, time.monotonic()
+                            self.rows.append((*times_s, *_motion(message)))
+
+    def first_after(self, time_s: float, *, arrived: bool = False) -> float:
+        """Return when the first message after a time was published, or has arrived; infinite: none."""
+        return next((row[arrived] for row in list(self.rows) if row[arrived] > time_s), math.inf)
+
+
+def _motion(message: Any) -> tuple[float, ...]:
+    if not isinstance(message, Odometry):
+        return ()
+    twist, place = message.twist.twist, message.pose.pose.position
+    return twist.linear.x, twist.angular.z, place.x, place.y
+
+
+class Scene:
+    """A robot on its way.
+
+    Args:
+        robot: its run.
+        network: between the robot and its operator; None: they are on one machine.
+    """
+
+    def __init__(self, robot: Robot, network: Network | None = None):
+        self.robot = robot
+        self.network = network
+        self.page: Page | None = None
+        self.others: dict[str, Callable[[], Sequence[int]]] = {}
+        """The pids of what is not a process of the run, by role."""
+        self.revivals: dict[str, Callable[[], object]] = {}
+        """What starts such a process again, which nobody else does."""
+        (known,) = list_runs(robot.bases)
+        self.run = AttachedRun(known)
+        self.truth = Seen(self.run, Odometry, "ground_truth")
+
+    def close(self) -> None:
+        """See no more of it."""
+        self.truth.close()
+
+    def pids(self, role: str) -> Sequence[int]:
+        """Return the processes of a role."""
+        return self.others[role]() if role in self.others else [self.robot.figures()[role].pid]
+
+    def send(self, role: str, number: int) -> None:
+        """Send a signal to the processes of a role."""
+        for pid in self.pids(role):
+            with suppress(ProcessLookupError):
+                os.kill(pid, number)
+
+    def revive(self, role: str) -> None:
+        """Have a killed process back."""
+        self.revivals.get(role, lambda: None)()
+
+    def output_of(self, role: str) -> Seen:
+        """Begin to look at what a role gives."""
+        sender = "" if role in self.others else role
+        return Seen(self.run, OUTPUTS.get(role, DriveCommand), sender=sender)
+
+    def wait_until_it_drives(self) -> None:
+        """Wait until the robot has driven for a while.
+
+        Raises:
+            NotDriving: it does not.
+        """
+        until_s = time.monotonic() + START_LIMIT_S
+        while time.monotonic() < until_s and self.robot.is_up:
+            now_s = time.monotonic()
+            last = [row for row in self.truth.rows[-40:] if now_s - row[0] < STEADY_S]
+            if len(last) >= 4 and all(row[2] > DRIVES_M_PER_S for row in last):
+                return
+            time.sleep(0.01)
+        raise NotDriving(
+            "the robot does not drive"
+            if self.robot.is_up
+            else f"the run has ended: {self.robot.said()[-300:]}"
+        )
+
+    def motion(self) -> NDArray[np.float64]:
+        """Return time (s), speed (m/s), turn rate (rad/s), x and y (m) of the true motion."""
+        rows = np.array([(row[0], *row[2:]) for row in list(self.truth.rows)]).reshape(-1, 5)
+        return rows[np.argsort(rows[:, 0], kind="stable")]
