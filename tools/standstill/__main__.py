@@ -27,13 +27,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from fnmatch import fnmatch
 from itertools import groupby
 from pathlib import Path
-
-import psutil
 
 from robbie_mp import RobbieError
 from tools.kill_campaign.robot import RobotTrouble
@@ -49,8 +47,6 @@ SETTLES_S = 1.5
 """After this time of a failure that the robot may drive through, somebody lets go."""
 ARRIVES_S = 1.0
 """After the watch, for what a stopped core has held back."""
-SPINS_SHARE = 0.1
-"""A process that spins uses more than this share of a processor, even of a busy one."""
 TROUBLES = (NotDriving, RobotTrouble, NoTestNetwork, RobbieError, OSError, subprocess.SubprocessError)
 HOOK = Path(__file__).parent / "hook"
 
@@ -59,38 +55,25 @@ def measure(scene: Scene, way: Way, failure: Failure) -> Motion:
     """Let something fail while the robot drives."""
     scene.wait_until_it_drives()
     output = scene.output_of(failure.role) if failure.role else None
-    pids = scene.pids(failure.role) if failure.role else []
-    used_s = _used_s(pids)
     failed_s = time.monotonic()
     failure.begins(scene)
     if failure.lets_go:
         time.sleep(SETTLES_S)
         scene.wait_until_it_drives()
-        failed_s = time.monotonic()
         scene.send(way.dead_man, signal.SIGSTOP)
+    if failure.lets_go or failure.role:
+        failed_s = scene.sent_s
     time.sleep(failure.watch_s)
     until_s = time.monotonic()
-    if failure.spins and _used_s(pids) - used_s < SPINS_SHARE * failure.watch_s:
-        raise NotDriving("the process did not spin")
     if failure.lets_go:
         scene.send(way.dead_man, signal.SIGCONT)
     failure.ends(scene)
     time.sleep(ARRIVES_S)
     fresh_s = math.inf
-    if failure.role == "core":
-        fresh_s = scene.truth.first_after(failed_s + IN_FLIGHT_S, arrived=True)
-    elif output:
-        fresh_s = output.first_after(failed_s + IN_FLIGHT_S)
+    if output:
+        fresh_s = output.first_after(scene.done_s + IN_FLIGHT_S)
         output.close()
     return judge(scene.motion(), failed_s, fresh_s if fresh_s < until_s else math.inf, until_s)
-
-
-def _used_s(pids: Sequence[int]) -> float:
-    used = 0.0
-    for pid in pids:
-        with suppress(psutil.NoSuchProcess):
-            used += sum(psutil.Process(pid).cpu_times()[:2])
-    return used
 
 
 def measure_way(name: str, failures: Mapping[str, Failure], limit_s: float) -> Iterator[Cell]:

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from tools.standstill.hook.sitecustomize import SPIN
 from tools.standstill.scene import Scene
-from tools.standstill.ways import Way
-from tools.test_network.network import PERFECT, Conditions
+from tools.standstill.ways import NEAR, Way
+from tools.test_network.network import Conditions
 
 DISK_BYTES = 64 << 20
 HOUR_S = 3600
@@ -34,7 +33,6 @@ class Failure:
         watch_s: how long the robot is watched.
         prepared: a context for the robot's folder, in which the robot must be started.
         is_final: the robot does not drive again.
-        spins: the process must use a processor from then on.
     """
 
     begins: Act
@@ -44,7 +42,6 @@ class Failure:
     watch_s: float = 2.0
     prepared: "Callable[[Path], Any]" = nullcontext
     is_final: bool = False
-    spins: bool = False
 
 
 def process_failures(role: str) -> dict[str, Failure]:
@@ -65,7 +62,7 @@ def process_failures(role: str) -> dict[str, Failure]:
             lambda scene: scene.send(role, signal.SIGCONT),
             role,
         ),
-        f"{role} spinning": Failure(lambda scene: scene.send(role, SPIN), revived, role, spins=True),
+        f"{role} spinning": Failure(lambda scene: scene.spin(role), revived, role),
     }
     if is_final:
         del found[f"{role} spinning"]  # only Python is made to spin
@@ -75,8 +72,8 @@ def process_failures(role: str) -> dict[str, Failure]:
 def network(conditions: Conditions, *, lets_go: bool = False) -> Failure:
     """Return a failure of the network."""
     return Failure(
-        lambda scene: scene.network and scene.network.set(conditions),
-        lambda scene: scene.network and scene.network.set(PERFECT),
+        lambda scene: scene.network and scene.network.delay(conditions),
+        lambda scene: scene.network and scene.network.delay(NEAR),
         lets_go=lets_go,
         watch_s=2.0 + 2 * conditions.delay_s,
     )

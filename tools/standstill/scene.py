@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from robbie_mp.attached.tool.script import AttachedRun
 from robbie_mp.messages import DriveCommand, LaserScan, Message, Odometry, PoseStamped
 from robbie_mp.run.run_directory import list_runs
 from tools.kill_campaign.robot import Robot
+from tools.standstill.hook.sitecustomize import NAME, SPIN
 from tools.test_network.network import Network
 
 DRIVES_M_PER_S = 0.15
@@ -24,7 +26,7 @@ STEADY_S = 0.4
 """A failure comes when the robot has driven for this time."""
 IN_FLIGHT_S = 0.06
 """What arrives within this time after a failure may have been sent before it."""
-START_LIMIT_S = 40.0
+START_LIMIT_S, SPINS_LIMIT_S = 40.0, 2.0
 OUTPUTS: dict[str, type[Message]] = {"laser": LaserScan, "rear_laser": LaserScan, "mapping": PoseStamped}
 """What a process gives; all others: drive commands."""
 
@@ -34,7 +36,7 @@ class NotDriving(RuntimeError):
 
 
 class Seen:
-    """Collects messages of a run: rows of publication and arrival (monotonic, s), and of odometry the motion.
+    """Collects messages of a run: rows of their time (monotonic, s), and of odometry the motion.
 
     Args:
         run: the run.
@@ -64,12 +66,47 @@ class Seen:
                             return
                         envelope = listener.envelope
                         if self._sender in ("", envelope.sender):
-                            times_s = envelope.published_ns / 1e9, time.monotonic()
-                            self.rows.append((*times_s, *_motion(message)))
+                            self.rows.append((envelope.published_ns / 1e9, *_motion(message)))
 
-    def first_after(self, time_s: float, *, arrived: bool = False) -> float:
-        """Return when the first message after a time was published, or has arrived; infinite: none."""
-        return next((row[arrived] for row in list(self.rows) if row[arrived] > time_s), math.inf)
+    def first_after(self, time_s: float) -> float:
+        """Return when the first message after a time was published; infinite: none."""
+        return min((row[0] for row in list(self.rows) if row[0] > time_s), default=math.inf)
+
+
+class CoreSeen:
+    """Sees by the shared counters when another core than the present one delivers to the base.
+
+    Args:
+        robot: the run.
+    """
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+        self._before = robot.figures()["core"].incarnation
+        self._fresh_s = math.inf
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """See no more."""
+        self._ended.set()
+        self._thread.join()
+
+    def _look(self) -> None:
+        handled: int | None = None
+        while not self._ended.wait(0.005):
+            figures = self._robot.figures()
+            if figures["core"].incarnation == self._before:
+                continue
+            handled = figures["base"].handled if handled is None else handled
+            if figures["base"].handled > handled:
+                self._fresh_s = time.monotonic()
+                return
+
+    def first_after(self, _time_s: float) -> float:
+        """Return when it first did; infinite: never."""
+        return self._fresh_s
 
 
 def _motion(message: Any) -> tuple[float, ...]:
@@ -93,6 +130,7 @@ class Scene:
         self.page: Page | None = None
         self.others: dict[str, Callable[[], Sequence[int]]] = {}
         """The pids of what is not a process of the run, by role."""
+        self.sent_s = self.done_s = 0.0
         self.revivals: dict[str, Callable[[], object]] = {}
         """What starts such a process again, which nobody else does."""
         (known,) = list_runs(robot.bases)
@@ -108,17 +146,38 @@ class Scene:
         return self.others[role]() if role in self.others else [self.robot.figures()[role].pid]
 
     def send(self, role: str, number: int) -> None:
-        """Send a signal to the processes of a role."""
-        for pid in self.pids(role):
+        """Send a signal to the processes of a role, and note when."""
+        pids = self.pids(role)
+        self.sent_s = time.monotonic()
+        for pid in pids:
             with suppress(ProcessLookupError):
                 os.kill(pid, number)
+        self.done_s = time.monotonic()
+
+    def spin(self, role: str) -> None:
+        """Have the processes of a role spin.
+
+        Raises:
+            NotDriving: one does not.
+        """
+        self.send(role, SPIN)
+        until_s = time.monotonic() + SPINS_LIMIT_S
+        names = [""]
+        while not all(name.startswith(NAME) for name in names):
+            if time.monotonic() > until_s:
+                raise NotDriving(f"{role} does not spin")
+            time.sleep(0.002)
+            names = [Path(f"/proc/{pid}/comm").read_text() for pid in self.pids(role)]
+        self.sent_s = self.done_s = max(int(name[len(NAME) :]) for name in names) / 1e6
 
     def revive(self, role: str) -> None:
         """Have a killed process back."""
         self.revivals.get(role, lambda: None)()
 
-    def output_of(self, role: str) -> Seen:
+    def output_of(self, role: str) -> Seen | CoreSeen:
         """Begin to look at what a role gives."""
+        if role == "core":
+            return CoreSeen(self.robot)
         sender = "" if role in self.others else role
         return Seen(self.run, OUTPUTS.get(role, DriveCommand), sender=sender)
 
@@ -132,7 +191,7 @@ class Scene:
         while time.monotonic() < until_s and self.robot.is_up:
             now_s = time.monotonic()
             last = [row for row in self.truth.rows[-40:] if now_s - row[0] < STEADY_S]
-            if len(last) >= 4 and all(row[2] > DRIVES_M_PER_S for row in last):
+            if len(last) >= 4 and all(row[1] > DRIVES_M_PER_S for row in last):
                 return
             time.sleep(0.01)
         raise NotDriving(
@@ -143,5 +202,5 @@ class Scene:
 
     def motion(self) -> NDArray[np.float64]:
         """Return time (s), speed (m/s), turn rate (rad/s), x and y (m) of the true motion."""
-        rows = np.array([(row[0], *row[2:]) for row in list(self.truth.rows)]).reshape(-1, 5)
+        rows = np.array(list(self.truth.rows)).reshape(-1, 5)
         return rows[np.argsort(rows[:, 0], kind="stable")]

@@ -20,7 +20,7 @@ from tools.operator_trials import scene as page_scene
 from tools.operator_trials.chromium import CHROMIUM, chromium
 from tools.ros1_trial.ros import ROSCORE, SYSTEM_PYTHON
 from tools.standstill.scene import Scene
-from tools.test_network.network import Host, Network
+from tools.test_network.network import Conditions, Host, Network
 
 WALL, FLOOR = "#" * 14, "#............#"
 HALL = "cell_m: 1.0\ndrawing: |\n" + "".join(
@@ -30,6 +30,7 @@ OFTEN = {"policy": "always", "max_restarts": 1000, "stable_after_s": 1.0}
 HANDS = (sys.executable, "-m", "tools.standstill.hands")
 OWN_CLOCK = ("env", "--unset=LD_PRELOAD")
 LINK = "robbie_mp.connect.link.module:Link"
+NEAR = Conditions(delay_s=0.001)
 PORT, ROS_PORT = 7447, 11311
 TOKEN = "an-operator-of-foxglove"
 
@@ -152,11 +153,18 @@ def by_hand(folder: Path) -> Iterator[Scene]:
         yield scene
 
 
+def far(stack: ExitStack) -> Network:
+    """Make a network between the robot and a laptop, whose delay can be changed at once."""
+    network = stack.enter_context(Network("robot", "laptop"))
+    network.set(NEAR)
+    return network
+
+
 @contextmanager
 def over_link(folder: Path) -> Iterator[Scene]:
     """A laptop with a link drives."""
     with ExitStack() as stack:
-        network = stack.enter_context(Network("robot", "laptop"))
+        network = far(stack)
         robot_host, laptop_host = network.host("robot"), network.host("laptop")
         address = f"tcp/{robot_host.address}:{PORT}"
         ours = {"robot": "robot", "listen": [address], "send": {"state": ["Odometry odom"]},
@@ -185,7 +193,7 @@ def _module(path: str, settings: dict[str, Any] | None = None) -> dict[str, Any]
 def by_foxglove(folder: Path) -> Iterator[Scene]:
     """A client of Foxglove drives."""
     with ExitStack() as stack:
-        network = stack.enter_context(Network("robot", "laptop"))
+        network = far(stack)
         (folder / "foxglove.token").touch(mode=0o600)
         (folder / "foxglove.token").write_text(TOKEN)
         settings = {"host": "0.0.0.0", "token": f"file:{folder}/foxglove.token"}
@@ -202,7 +210,7 @@ def by_foxglove(folder: Path) -> Iterator[Scene]:
 def by_ros(folder: Path) -> Iterator[Scene]:
     """A node of ROS 1 drives, on another host than the bridge and the master."""
     with ExitStack() as stack:
-        network = stack.enter_context(Network("robot", "laptop"))
+        network = far(stack)
         here, there = network.host("robot"), network.host("laptop")
         ros = {"ROS_MASTER_URI": f"http://{here.address}:{ROS_PORT}", "ROS_HOME": str(folder / "ros")}
         master = here.popen(
@@ -237,7 +245,7 @@ def _end_all(process: "subprocess.Popen[Any]") -> None:
 def by_page(folder: Path) -> Iterator[Scene]:
     """A real browser on another host drives by the operator's page."""
     with ExitStack() as stack:
-        network = stack.enter_context(Network("robot", "laptop"))
+        network = far(stack)
         (folder / "hall.yaml").write_text(HALL)
         base = {"class": "modules.devices.base:SimulatedBase",
                 "settings": {"arena": str(folder / "hall.yaml"), "guard_topics": [""]}}  # fmt: skip

@@ -155,7 +155,18 @@ class Network:
             rule = f"-A loss -m statistic --mode random --probability {conditions.loss:.6f} -j DROP\n"
             rules = f"*filter\n:loss - [0:0]\n{rule * (conditions.loss > 0)}COMMIT\n"
             _run(host.command("iptables-restore", "--noflush"), rules)
-        self._delay(conditions)
+        self.delay(conditions)
+
+    def delay(self, conditions: Conditions) -> None:
+        """Set the delay alone; from one delay to another, this takes effect at once."""
+        if not conditions.delay_s:
+            _batch(self._switch, *(f"link set port{i} master hub" for i in range(len(self._names))))
+            return
+        if self._forwarder is None:
+            self._forwarder = self._start_forwarder()
+        names = ("delay_s", "jitter_s", "reorders")
+        self._tell(self._forwarder, json.dumps({name: getattr(conditions, name) for name in names}))
+        _batch(self._switch, *(f"link set port{i} master delay{i}" for i in range(len(self._names))))
 
     def cut(self, *names: str) -> None:
         """Have these hosts receive nothing, all hosts by default. They notice only the silence."""
@@ -224,16 +235,6 @@ class Network:
         limit = burst + int(rate / 8 * conditions.queue_s)
         bucket = ["tbf", "rate", f"{rate:.0f}bit", "burst", f"{burst}", "limit", f"{limit}"]
         _run([*tc, "replace", "dev", port, "root", *bucket])
-
-    def _delay(self, conditions: Conditions) -> None:
-        if not conditions.delay_s:
-            _batch(self._switch, *(f"link set port{i} master hub" for i in range(len(self._names))))
-            return
-        if self._forwarder is None:
-            self._forwarder = self._start_forwarder()
-        names = ("delay_s", "jitter_s", "reorders")
-        self._tell(self._forwarder, json.dumps({name: getattr(conditions, name) for name in names}))
-        _batch(self._switch, *(f"link set port{i} master delay{i}" for i in range(len(self._names))))
 
     def _start_forwarder(self) -> "subprocess.Popen[str]":
         if not TUN.exists():
