@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tools.standstill.__main__ import measure_way
 from tools.standstill.failures import failures_of
 from tools.standstill.judgement import Motion, judge
 from tools.standstill.table import Cell, summary, table
@@ -121,3 +122,14 @@ def test_every_process_that_a_way_needs_is_killed_stopped_and_spins() -> None:
         for role in way.needed:
             assert {f"{role} killed", f"{role} stopped"} <= set(found)
         assert ("network cut" in found) == way.is_far
+
+
+@pytest.mark.alone
+def test_robot_driven_by_hand_is_measured() -> None:
+    (stopped,) = measure_way(
+        "by hand", {"hand stopped": failures_of("by hand", WAYS["by hand"])["hand stopped"]}, 1.0
+    )
+    assert stopped.motion, stopped.trouble
+    assert stopped.motion.speed_m_per_s > 0.15
+    assert 0.0 < stopped.motion.driven_m < 0.2
+    assert stopped.keeps

@@ -72,8 +72,8 @@ def process_failures(role: str) -> dict[str, Failure]:
 def network(conditions: Conditions, *, lets_go: bool = False) -> Failure:
     """Return a failure of the network."""
     return Failure(
-        lambda scene: scene.network and scene.network.delay(conditions),
-        lambda scene: scene.network and scene.network.delay(NEAR),
+        lambda scene: scene.network.delay(conditions),
+        lambda scene: scene.network.delay(NEAR),
         lets_go=lets_go,
         watch_s=2.0 + 2 * conditions.delay_s,
     )
@@ -129,7 +129,6 @@ def clock_set(ahead_s: int) -> Failure:
 
 def spin_page(scene: Scene) -> None:
     """Have the page's script run for ever."""
-    assert scene.page
     scene.page.evaluate("setTimeout(() => { for (;;); }, 0)")
 
 
@@ -140,8 +139,8 @@ MACHINE = {
 }
 NETWORK = {
     "network cut": Failure(
-        lambda scene: scene.network and scene.network.cut(),
-        lambda scene: scene.network and scene.network.mend(),
+        lambda scene: scene.network.cut(),
+        lambda scene: scene.network.mend(),
     ),
     "network 0.1 s": network(Conditions(delay_s=0.1), lets_go=True),
     "network 0.3 s": network(Conditions(delay_s=0.3)),
@@ -150,9 +149,7 @@ NETWORK = {
     "network reordered": network(Conditions(delay_s=0.05, jitter_s=0.05, reorders=True), lets_go=True),
 }
 PAGE = {
-    "page closed": Failure(
-        lambda scene: scene.page and scene.page.close(), lambda _scene: None, is_final=True
-    ),
+    "page closed": Failure(lambda scene: scene.page.close(), lambda _scene: None, is_final=True),
     "page spinning": Failure(spin_page, lambda _scene: None, is_final=True),
 }
 

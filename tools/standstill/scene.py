@@ -26,7 +26,7 @@ STEADY_S = 0.4
 """A failure comes when the robot has driven for this time."""
 IN_FLIGHT_S = 0.06
 """What arrives within this time after a failure may have been sent before it."""
-START_LIMIT_S, SPINS_LIMIT_S = 40.0, 2.0
+START_LIMIT_S, SPINS_LIMIT_S, URGE_S = 40.0, 2.0, 2.0
 OUTPUTS: dict[str, type[Message]] = {"laser": LaserScan, "rear_laser": LaserScan, "mapping": PoseStamped}
 """What a process gives; all others: drive commands."""
 
@@ -126,11 +126,13 @@ class Scene:
 
     def __init__(self, robot: Robot, network: Network | None = None):
         self.robot = robot
-        self.network = network
-        self.page: Page | None = None
+        self._network = network
+        self._page: Page | None = None
         self.others: dict[str, Callable[[], Sequence[int]]] = {}
         """The pids of what is not a process of the run, by role."""
         self.sent_s = self.done_s = 0.0
+        self.urge: Callable[[], object] = lambda: None
+        """What an operator does when the robot does not drive."""
         self.revivals: dict[str, Callable[[], object]] = {}
         """What starts such a process again, which nobody else does."""
         (known,) = list_runs(robot.bases)
@@ -140,6 +142,22 @@ class Scene:
     def close(self) -> None:
         """See no more of it."""
         self.truth.close()
+
+    @property
+    def network(self) -> Network:
+        """The network between the robot and its operator."""
+        assert self._network is not None, "the operator is on the robot's machine"
+        return self._network
+
+    @property
+    def page(self) -> Page:
+        """The operator's page."""
+        assert self._page is not None, "nobody drives by a page"
+        return self._page
+
+    @page.setter
+    def page(self, page: Page) -> None:
+        self._page = page
 
     def pids(self, role: str) -> Sequence[int]:
         """Return the processes of a role."""
@@ -187,12 +205,15 @@ class Scene:
         Raises:
             NotDriving: it does not.
         """
-        until_s = time.monotonic() + START_LIMIT_S
+        until_s, urge_s = time.monotonic() + START_LIMIT_S, time.monotonic() + URGE_S
         while time.monotonic() < until_s and self.robot.is_up:
             now_s = time.monotonic()
             last = [row for row in self.truth.rows[-40:] if now_s - row[0] < STEADY_S]
             if len(last) >= 4 and all(row[1] > DRIVES_M_PER_S for row in last):
                 return
+            if now_s > urge_s:
+                self.urge()
+                urge_s = time.monotonic() + URGE_S
             time.sleep(0.01)
         raise NotDriving(
             "the robot does not drive"

@@ -13,6 +13,7 @@ from typing import Any
 
 import psutil
 import yaml
+from playwright.sync_api import Page
 
 from robbie_mp.connect.ros1 import ros_node
 from tools.kill_campaign.robot import COMMAND, REPOSITORY, Robot
@@ -30,6 +31,7 @@ OFTEN = {"policy": "always", "max_restarts": 1000, "stable_after_s": 1.0}
 HANDS = (sys.executable, "-m", "tools.standstill.hands")
 OWN_CLOCK = ("env", "--unset=LD_PRELOAD")
 LINK = "robbie_mp.connect.link.module:Link"
+DRIVE_KEYS = ("KeyW", "KeyA")
 NEAR = Conditions(delay_s=0.001)
 PORT, ROS_PORT = 7447, 11311
 TOKEN = "an-operator-of-foxglove"
@@ -264,9 +266,15 @@ def by_page(folder: Path) -> Iterator[Scene]:
         scene.others["browser"] = lambda: [
             one.pid for one in psutil.Process().children(recursive=True) if "chrom" in one.name()
         ]
-        for key in ("KeyW", "KeyA"):
-            scene.page.keyboard.down(key)
+        scene.urge = lambda: _hold_keys(scene.page)
+        scene.urge()
         yield scene
+
+
+def _hold_keys(page: Page) -> None:
+    for key in DRIVE_KEYS:
+        page.keyboard.up(key)
+        page.keyboard.down(key)
 
 
 LIGHT = dict.fromkeys(["operator", "camera", "depth_camera", "objects", "table_objects", "manipulation"])
@@ -280,7 +288,7 @@ WAYS = {
     "rescue": Way(by_itself({"parents": ["rescue"], "modules": {"operator": None}}), ("laser", *DRIVER)),
     "household": Way(
         by_itself({"parents": ["home"], "modules": {**LIGHT}}, (5.875, 0.275)),
-        ("laser", "rear_laser", *DRIVER),
+        ("laser", *DRIVER),  # without the rear laser, it only does not back up
     ),
     "link": Way(
         over_link,
