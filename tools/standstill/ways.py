@@ -2,11 +2,12 @@
 
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ OFTEN = {"policy": "always", "max_restarts": 1000, "stable_after_s": 1.0}
 HANDS = (sys.executable, "-m", "tools.standstill.hands")
 OWN_CLOCK = ("env", "--unset=LD_PRELOAD")
 LINK = "robbie_mp.connect.link.module:Link"
+END_LIMIT_S = 20.0
 DRIVE_KEYS = ("KeyW", "KeyA")
 NEAR = Conditions(delay_s=0.001)
 PORT, ROS_PORT = 7447, 11311
@@ -69,8 +71,18 @@ def start(
     (folder / "profiles" / "way.yaml").write_text(yaml.safe_dump(profile, sort_keys=False))
     on_host = host.command() if host else []
     robot = Robot(folder / "run", folder, "way", on_host=[*on_host, *shell])
-    stack.callback(robot.close)
+    stack.callback(_stop, robot)
     return robot
+
+
+def _stop(robot: Robot) -> None:
+    """End a run, and leave nothing behind, even if its supervisor was killed."""
+    with suppress(subprocess.TimeoutExpired):
+        robot.supervisor.send_signal(signal.SIGINT)
+        robot.supervisor.wait(END_LIMIT_S)
+    robot.close()
+    if robot.supervisor.returncode < 0:
+        subprocess.run([*COMMAND, "clean"], env=robot.environment, capture_output=True, check=False)
 
 
 def scene_of(stack: ExitStack, robot: Robot, network: Network | None = None) -> Scene:
