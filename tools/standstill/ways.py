@@ -266,7 +266,7 @@ def by_page(folder: Path) -> Iterator[Scene]:
         page = page_scene.Scene(
             folder / "page", folder / "hall.yaml", {"base": base}, on_host=network.host("robot").command()
         )
-        stack.callback(page.close)
+        stack.callback(_stop, page.robot)
         page.begin()
         scene = scene_of(stack, page.robot, network)
         starter = folder / "chromium"
