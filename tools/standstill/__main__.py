@@ -34,7 +34,7 @@ from itertools import groupby
 from pathlib import Path
 
 from robbie_mp import RobbieError
-from tools.kill_campaign.robot import RobotTrouble
+from tools.robot import RobotTrouble
 from tools.standstill.failures import Failure, failures_of
 from tools.standstill.judgement import Motion, judge
 from tools.standstill.scene import IN_FLIGHT_S, NotDriving, Scene

@@ -17,7 +17,7 @@ from robbie_mp import RobbieError
 from robbie_mp.attached.tool.script import AttachedRun
 from robbie_mp.messages import DriveCommand, LaserScan, Message, Odometry, PoseStamped
 from robbie_mp.run.run_directory import list_runs
-from tools.kill_campaign.robot import Robot
+from tools.robot import Robot
 from tools.standstill.hook.sitecustomize import NAME, SPIN
 from tools.test_network.network import Network
 

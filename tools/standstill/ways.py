@@ -17,10 +17,10 @@ import yaml
 from playwright.sync_api import Page
 
 from robbie_mp.connect.ros1 import ros_node
-from tools.kill_campaign.robot import COMMAND, REPOSITORY, Robot
-from tools.operator_trials import scene as page_scene
-from tools.operator_trials.chromium import CHROMIUM, chromium
-from tools.ros1_trial.ros import ROSCORE, SYSTEM_PYTHON
+from tools.operator.stops import scene as page_scene
+from tools.operator.stops.chromium import CHROMIUM, chromium
+from tools.robot import COMMAND, REPOSITORY, Robot
+from tools.ros1.ros import ROSCORE, SYSTEM_PYTHON
 from tools.standstill.scene import Scene
 from tools.test_network.network import Conditions, Host, Network
 
