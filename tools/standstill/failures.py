@@ -140,7 +140,7 @@ MACHINE = {
 NETWORK = {
     "network cut": Failure(
         lambda scene: scene.network.cut(),
-        lambda scene: scene.network.mend(),
+        lambda scene: scene.network.restore(),
     ),
     "network 0.1 s": network(Conditions(delay_s=0.1), lets_go=True),
     "network 0.3 s": network(Conditions(delay_s=0.3)),
