@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -49,8 +50,10 @@ class BadMap(Module):
     def setup(self):
         import math
         from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose
-        nowhere = MapMetaData(resolution=0.05, origin=Pose(position=Point(x=math.nan)))
-        grid = OccupancyGrid(info=nowhere)
+        import numpy as np
+        origin = Pose(position=Point(x=math.nan))
+        nowhere = MapMetaData(resolution=0.05, width=40, height=40, origin=origin)
+        grid = OccupancyGrid(info=nowhere, data=np.zeros(1600, np.int8))
         self.publish_encoded(grid.type_name, grid.version, grid.encode(), topic="", latched=True)
 """
 PROFILE = """
@@ -62,12 +65,12 @@ modules:
 """
 
 
-def start(robot: Robot, name: str) -> Attacker:
-    """Start a robot with a station that has all panels; return a visitor with its token."""
+def start(robot: Robot, name: str, panels: Iterable[str]) -> Attacker:
+    """Start a robot with a station that has some panels; return a visitor with its token."""
     (robot.folder / "zoo" / "damage.py").write_text(Path(damage.__file__).read_text())
     (robot.folder / "zoo" / "damager.py").write_text(MODULES)
     robot.write_secret("operator.token", TOKEN)
-    tabs = json.dumps(dict.fromkeys(FRAMEWORK_PANELS, ""))
+    tabs = json.dumps(dict.fromkeys(panels, ""))
     robot.write_profile(PROFILE.replace("CLASS", name).replace("TABS", tabs))
     robot.start()
     address_of(robot)
@@ -81,7 +84,7 @@ def start(robot: Robot, name: str) -> Attacker:
 def test_station_and_its_panels_survive_every_damaged_field(
     robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    visitor = start(robot, "Damager")
+    visitor = start(robot, "Damager", FRAMEWORK_PANELS)
     document = visitor.open()
     with visitor.connect(document.query) as socket:
         before = robot.top()["operator"]
@@ -105,7 +108,7 @@ def test_station_and_its_panels_survive_every_damaged_field(
 
 @pytest.mark.slow
 def test_page_stays_up_with_a_latched_map_whose_origin_is_nowhere(robot: Robot) -> None:
-    visitor = start(robot, "BadMap")
+    visitor = start(robot, "BadMap", ["map"])
     figures = robot.until(lambda modules: bool(modules["operator"]["ill_formed"]))
     document = visitor.open()
     with visitor.connect(document.query) as socket:
