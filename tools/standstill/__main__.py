@@ -43,7 +43,7 @@ from tools.standstill.ways import WAYS, Way
 from tools.test_network.network import NoTestNetwork
 
 LIMIT_S, BUSY_LIMIT_S = 0.4, 0.5
-SETTLES_S = 1.5
+SETTLES_S, SETTLES_LIMIT_S = 1.5, 8.0
 """After this time of a failure that the robot may drive through, somebody lets go."""
 ARRIVES_S = 1.0
 """After the watch, for what a stopped core has held back."""
@@ -59,7 +59,12 @@ def measure(scene: Scene, way: Way, failure: Failure) -> Motion:
     failure.begins(scene)
     if failure.lets_go:
         time.sleep(SETTLES_S)
-        scene.wait_until_it_drives()
+        stood_s = time.monotonic()
+        try:
+            scene.wait_until_it_drives(SETTLES_LIMIT_S)
+        except NotDriving:  # the failure itself stopped it, which is fine
+            failure.ends(scene)
+            return judge(scene.motion(), failed_s, math.inf, stood_s)
         scene.send(way.dead_man, signal.SIGSTOP)
     if failure.lets_go or failure.role:
         failed_s = scene.sent_s

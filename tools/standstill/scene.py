@@ -199,13 +199,13 @@ class Scene:
         sender = "" if role in self.others else role
         return Seen(self.run, OUTPUTS.get(role, DriveCommand), sender=sender)
 
-    def wait_until_it_drives(self) -> None:
+    def wait_until_it_drives(self, limit_s: float = START_LIMIT_S) -> None:
         """Wait until the robot has driven for a while.
 
         Raises:
             NotDriving: it does not.
         """
-        until_s, urge_s = time.monotonic() + START_LIMIT_S, time.monotonic() + URGE_S
+        until_s, urge_s = time.monotonic() + limit_s, time.monotonic() + URGE_S
         while time.monotonic() < until_s and self.robot.is_up:
             now_s = time.monotonic()
             last = [row for row in self.truth.rows[-40:] if now_s - row[0] < STEADY_S]
