@@ -10,7 +10,10 @@ from contextlib import contextmanager
 from importlib import import_module
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.bus_error import surviving_truncation
 from robbie_mp.base.version import installed_version
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.interrupts import interrupts_end_at_once
 from robbie_mp.cli.output import plain_output
 from robbie_mp.cli.parser import BAD_USAGE, Parser
@@ -81,7 +84,8 @@ def _run_command(arguments: Sequence[str] | None) -> int:
         return 0
     parsed = parser.parse_args(argv)
     try:
-        code: int = parsed.command(parsed)
+        with surviving_truncation(f"{SHARED_MEMORY / names.folder('')}"):  # of a run that it looks at
+            code: int = parsed.command(parsed)
         sys.stdout.flush()
     except BrokenPipeError:  # as in `robbie profile show demo | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -333,6 +333,19 @@ class Viewing(Module):
         self.status = f"{len(image.data)} bytes"
 
 
+class Staring(Viewing):
+    """Looks at the newest image again and again."""
+
+    period_s = 0.005
+
+    def on_image(self, image: Image) -> None:
+        self.image = image
+
+    def tick(self) -> None:
+        if hasattr(self, "image"):
+            self.status = f"sum {self.image.data.sum()}"
+
+
 class Truncator(Module):
     """Cuts off segments of the run, by their names."""
 

@@ -10,12 +10,12 @@ PREFIX = f"{SHARED_MEMORY}/robbie-{RUN}/"
 CUT = """
 import mmap, os, sys
 from robbie_mp.base.linux.bus_error import surviving_truncation
-path, prefix = sys.argv[1:]
+path, prefix, but = sys.argv[1:]
 with open(path, "r+b") as file:
     file.truncate(3 * mmap.PAGESIZE)
     memory = memoryview(mmap.mmap(file.fileno(), 0))
 memory[:] = b"x" * len(memory)
-with surviving_truncation(prefix) as truncated:
+with surviving_truncation(prefix, but) as truncated:
     os.truncate(path, mmap.PAGESIZE)
     memory[-1] = 1
     print(bytes(memory[mmap.PAGESIZE - 1 : mmap.PAGESIZE + 2]), memory[-1], memory[-2])
@@ -23,9 +23,9 @@ print(len(truncated), {*truncated} == {path})
 """
 
 
-def run(path: Path, prefix: str) -> "subprocess.CompletedProcess[str]":
+def run(path: Path, prefix: str, but: str = "") -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        [sys.executable, "-c", CUT, str(path), prefix],
+        [sys.executable, "-c", CUT, str(path), prefix, but],
         check=False,
         capture_output=True,
         text=True,
@@ -44,3 +44,4 @@ def test_other_files_are_left_to_the_system(tmp_path: Path) -> None:
     path = tmp_path / "memory"
     path.touch()
     assert run(path, "/elsewhere/").returncode == -7
+    assert run(path, str(tmp_path), but=str(path)).returncode == -7

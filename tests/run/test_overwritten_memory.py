@@ -1,6 +1,8 @@
 """A module that overwrites all memory that it may write costs the run that module alone."""
 
+import os
 import signal
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -67,4 +69,39 @@ def test_module_that_truncates_its_memory_costs_nobody_else(robot: Robot, names:
         figures = robot.until(lambda top: all(top[name]["state"] == "RUNNING" for name in others))
         pids = {name: figures[name]["pid"] for name in others}
         robot.until(lambda top: top["wild"]["state"] == "FAILED")
+        check_end(robot, process, pids)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["board", "core", "clock", "wakeup-core", "out-0-1", "in-0-1", "wakeup-0-1"])
+def test_run_whose_own_memory_is_truncated_ends_with_the_reason(robot: Robot, name: str) -> None:
+    """It went on without its core, and said nothing."""
+    robot.write_profile(PROFILE.format(wild="Truncator", settings="{names: none}", restarts=2))
+    process = robot.start()
+    robot.until(lambda top: top["listener"]["handled"] > 20)
+    run = robot.known_run()
+    path = Path(f"/dev/shm/robbie-{run.run_id}/{name}")
+    os.truncate(path, 0)
+    assert Ended.wait_for(process).exit_code == 1
+    assert f"the run stops: {path} was truncated, and no process can start without it" in robot.log(
+        "supervisor"
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("pure_python")
+@pytest.mark.parametrize("kind", ["out", "in", "wakeup", "data"])
+def test_module_whose_memory_is_truncated_is_killed_alone(robot: Robot, kind: str) -> None:
+    """A subscriber that read a message just then got SIGBUS from its publisher's memory."""
+    profile = PROFILE.format(wild="Scribbler", settings='{only: "nothing"}', restarts=2)
+    robot.write_profile(profile.replace("Viewing", "Staring"))
+    process = robot.start()
+    others = ("pulse", "listener", "viewer")
+    figures = robot.until(lambda top: top["viewer"]["handled"] > 5)
+    pids = {name: figures[name]["pid"] for name in others}
+    run = robot.known_run()
+    with surviving_truncation("/dev/shm/robbie-"):  # this process looks, too
+        for path in Path(f"/dev/shm/robbie-{run.run_id}").glob(f"{kind}-4-1*"):
+            os.truncate(path, 0)
+        robot.until(lambda top: top["wild"]["incarnation"] == 2 and top["wild"]["state"] == "RUNNING")
         check_end(robot, process, pids)

@@ -34,13 +34,14 @@ class _Action(ctypes.Structure):
 
 
 @contextlib.contextmanager
-def surviving_truncation(prefix: str) -> Iterator[list[str]]:
+def surviving_truncation(prefix: str, but: str = "") -> Iterator[list[str]]:
     """Replace by zeros what is cut off some mapped files; yield their paths, once for each page.
 
     Every other bus error has the effect that it had before.
 
     Args:
         prefix: how the paths of the files begin.
+        but: how the paths of the exceptions begin; '': there are none.
     """
     truncated: list[str] = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -51,7 +52,7 @@ def surviving_truncation(prefix: str) -> Iterator[list[str]]:
     def on_bus_error(_signal: int, information: int, _context: int) -> None:
         try:
             address = ctypes.c_size_t.from_address(information + _ADDRESS_AT).value
-            truncated.append(_replace(libc, address, prefix))
+            truncated.append(_replace(libc, address, prefix, but))
         except BaseException:
             libc.sigaction(signal.SIGBUS, ctypes.byref(before), None)
 
@@ -63,7 +64,7 @@ def surviving_truncation(prefix: str) -> Iterator[list[str]]:
         libc.sigaction(signal.SIGBUS, ctypes.byref(before), None)
 
 
-def _replace(libc: ctypes.CDLL, address: int, prefix: str) -> str:
+def _replace(libc: ctypes.CDLL, address: int, prefix: str, but: str) -> str:
     """Map a page of zeros in the place of the one at an address; return the path of the file that it was of.
 
     Raises:
@@ -71,7 +72,7 @@ def _replace(libc: ctypes.CDLL, address: int, prefix: str) -> str:
         OSError: there is no memory.
     """
     path = _file_at(address)
-    if not path.startswith(prefix):
+    if not path.startswith(prefix) or (but and path.startswith(but)):
         raise LookupError(path)
     at = ctypes.c_void_p(address // mmap.PAGESIZE * mmap.PAGESIZE)
     flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_FIXED

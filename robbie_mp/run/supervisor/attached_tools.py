@@ -111,11 +111,11 @@ class AttachedTools:
             elif now_s - tool.since_s >= STALLED_AFTER_S:
                 self._eject(tool, f"it has not taken its messages for {STALLED_AFTER_S:g} s")
 
-    def fault(self, name: str, incarnation: int) -> bool:
-        """Detach a tool whose records the core refused; return False if the name is not a tool's."""
+    def fault(self, name: str, incarnation: int, why: str) -> bool:
+        """Detach a tool that has done wrong; return False if the name is not a tool's."""
         tool = self._attached.get(name)
         if tool is not None and tool.incarnation == incarnation:
-            self._eject(tool, "the core refused its records; core.log says why")
+            self._eject(tool, why)
         return name in self._last_incarnation
 
     def close(self) -> None:

@@ -32,6 +32,7 @@ from robbie_mp.module.outbox import Outbox
 from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.supervisor.crash import LastWordsReader, describe_activity
+from robbie_mp.run.supervisor.files_watch import Files, Owner
 from robbie_mp.run.supervisor.incarnations import Doing
 from robbie_mp.run.supervisor.states import STATES, ChildState, StateChange
 from robbie_mp.run.trace.crash import LastWords
@@ -304,12 +305,30 @@ class RunMemory:
             if slot != SUPERVISOR_SLOT:
                 memory.wakeup.post()
 
-    def files(self) -> list[Path]:
-        """Return the files that the supervisor has made and not removed."""
-        memory = [made for _, made in self._incarnations.values()]
-        segments = [segment.name for made in memory for segment in (made.out, made.into)]
-        run = [names.board(self._run_id), names.clock(self._run_id), names.core(self._run_id)]
-        return [SHARED_MEMORY / name for name in (*run, *segments)]
+    def files(self) -> Files:
+        """Return the files that the supervisor has made and not removed, without those of dead modules."""
+        run = (names.board, names.clock, names.core, names.core_wakeup)
+        found: dict[Path, Owner | None] = {SHARED_MEMORY / name(self._run_id): None for name in run}
+        for slot, (incarnation, _) in self._incarnations.items():
+            if slot not in self._dying:
+                for name in (names.outbound, names.inbound, names.wakeup):
+                    path = SHARED_MEMORY / name(self._run_id, slot, incarnation)
+                    found[path] = self._owner(slot, incarnation)
+        return found
+
+    def data_files(self) -> Files:
+        """Return the data segments of all live modules and tools."""
+        folder = SHARED_MEMORY / names.folder(self._run_id)
+        found: dict[Path, Owner | None] = {}
+        for slot, (incarnation, _) in self._incarnations.items():
+            if slot not in self._dying:
+                prefix = (SHARED_MEMORY / names.data_prefix(self._run_id, slot, incarnation)).name
+                files = folder.glob(f"{prefix}*")
+                found |= dict.fromkeys(files, self._owner(slot, incarnation))
+        return found
+
+    def _owner(self, slot: int, incarnation: int) -> Owner | None:
+        return (self._plan.names[slot], incarnation) if slot != SUPERVISOR_SLOT else None
 
     def close(self) -> None:
         """Unmap and unlink everything of this run."""

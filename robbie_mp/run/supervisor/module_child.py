@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from robbie_mp.base.linux.bus_error import surviving_truncation
 from robbie_mp.bus._hot import choice
 from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.bus.checkpoint.file import checkpoint_file
@@ -27,6 +28,7 @@ from robbie_mp.bus.transport.run_memory import (
     make_views,
 )
 from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.bus.transport.words import Words, write_text
 from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.clock import SystemClock
@@ -131,8 +133,16 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
     gc.freeze()  # imported objects stay, so the collector need not scan them again
-    runner.run()
+    _run(runner, plan.run_id, slot, incarnation)
     checkpoints.close()
+
+
+def _run(runner: ModuleRunner, run_id: str, slot: int, incarnation: int) -> None:
+    """Run a module; it survives truncated data of others, but not its own, or memory of the run."""
+    others = SHARED_MEMORY / names.folder(run_id) / "data-"
+    own = SHARED_MEMORY / names.data_prefix(run_id, slot, incarnation)
+    with surviving_truncation(str(others), but=str(own)):
+        runner.run()
 
 
 def line_writer(endpoint: Endpoint, words: Words, at: int) -> Callable[[str], None]:

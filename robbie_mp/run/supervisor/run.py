@@ -174,7 +174,7 @@ def _run(
         watch = ConnectionWatch(
             observer, tree.say, {module.name: list(module.topics) for module in plan.modules}
         )
-        files = FilesWatch(lambda: [run_folder / PLAN_FILE, *memory.files()])
+        files = FilesWatch(lambda: {run_folder / PLAN_FILE: None, **memory.files()}, memory.data_files)
         tools = AttachedTools(tree, memory, plan.tool_names)
         control = ControlServer(run_folder, tree, tools=tools)
         connections.callback(control.close)
@@ -224,8 +224,11 @@ def _each_turn(
 ) -> None:
     memory.beat()
     service.turn(is_ready=tree.has_started, stop_reason=tree.stop_reason)
-    if missing := files.missing():
-        tree.stop(f"{missing} was removed, and no process can start without it", has_failed=True)
+    for path, what, owner in files.look():
+        if owner is None:
+            tree.stop(f"{path} was {what}, and no process can start without it", has_failed=True)
+        else:
+            _kill(tree, tools, *owner, f"its shared memory {path} was {what}")
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
@@ -233,14 +236,19 @@ def _each_turn(
             # No module could be restarted. A new core recovers, or fails repeatedly and thereby ends the run.
             tree.child(CORE).kill("it refused the supervisor's own records; core.log says why")
             continue
-        if tools.fault(name, incarnation):
-            continue
-        child = tree.child(name)
-        if child.incarnation == incarnation:
-            child.kill("the core refused its records; the core's log says why")
+        _kill(tree, tools, name, incarnation, "the core refused its records; core.log says why")
     control.turn()
     tools.turn()
     watch.turn()
+
+
+def _kill(tree: Tree, tools: AttachedTools, name: str, incarnation: int, why: str) -> None:
+    """Kill a module, or detach a tool, unless it has ended since."""
+    if tools.fault(name, incarnation, why):
+        return
+    child = tree.child(name)
+    if child.incarnation == incarnation:
+        child.kill(why)
 
 
 def _children(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> list[ChildSpec]:

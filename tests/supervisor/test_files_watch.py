@@ -1,0 +1,56 @@
+"""Removed and truncated files are noticed; those that grow or end in order are not."""
+
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.run.supervisor.files_watch import CHECK_PERIOD_S, Damage, Files, FilesWatch
+
+OWNER = ("laser", 3)
+
+
+class Watched:
+    """A watch over files in a folder, with a clock that always says that it is time."""
+
+    def __init__(self, folder: Path):
+        self.now_s = 0.0
+        self.core, self.data = folder / "core", folder / "data"
+        for path in (self.core, self.data):
+            path.write_bytes(bytes(100))
+        self.passing: Files = {self.data: OWNER}
+        self.watch = FilesWatch(lambda: {self.core: None}, lambda: self.passing, lambda: self.now_s)
+
+    def look(self) -> list[Damage]:
+        self.now_s += CHECK_PERIOD_S
+        return self.watch.look()
+
+
+@pytest.fixture
+def watched(tmp_path: Path) -> Watched:
+    return Watched(tmp_path)
+
+
+def test_truncated_files_are_damage_of_their_owners(watched: Watched) -> None:
+    watched.core.write_bytes(bytes(99))
+    watched.data.write_bytes(b"")
+    expected = {Damage(watched.core, "truncated", None), Damage(watched.data, "truncated", OWNER)}
+    assert set(watched.look()) == expected
+    assert watched.watch.look() == []  # it is not yet time
+    assert set(watched.look()) == expected
+
+
+def test_grown_or_removed_data_is_no_damage(watched: Watched) -> None:
+    watched.data.write_bytes(bytes(200))
+    assert watched.look() == []
+    watched.data.unlink()
+    assert watched.look() == []
+    watched.passing = {}
+    assert watched.look() == []
+    watched.data.write_bytes(bytes(10))  # of that name, a new one
+    watched.passing = {watched.data: OWNER}
+    assert watched.look() == []
+
+
+def test_file_that_everybody_needs_is_missed(watched: Watched) -> None:
+    watched.core.unlink()
+    assert watched.look() == [Damage(watched.core, "removed", None)]
