@@ -2,13 +2,14 @@
 
 import os
 import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from robbie_mp.base.linux.bus_error import surviving_truncation
-from tests._support.robot import Ended, Robot
+from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot
 
 PROFILE = """
 modules:
@@ -86,6 +87,26 @@ def test_run_whose_own_memory_is_truncated_ends_with_the_reason(robot: Robot, na
     assert f"the run stops: {path} was truncated, and no process can start without it" in robot.log(
         "supervisor"
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["board", "core"])
+def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot: Robot, name: str) -> None:
+    """It ended by SIGBUS."""
+    robot.write_profile(PROFILE.format(wild="Truncator", settings="{names: none}", restarts=2))
+    process = robot.start()
+    robot.until(lambda top: top["listener"]["handled"] > 20)
+    command = [*COMMAND, "top", "--csv", "-"]
+    with subprocess.Popen(command, cwd=robot.folder, stdout=subprocess.PIPE, text=True) as watching:
+        try:
+            assert watching.stdout is not None
+            assert watching.stdout.readline()  # it has mapped the run's memory
+            os.truncate(f"/dev/shm/robbie-{robot.known_run().run_id}/{name}", 0)
+            watching.communicate(timeout=LIMIT_S)
+        finally:
+            watching.kill()
+    assert watching.returncode == 0
+    assert Ended.wait_for(process).exit_code == 1
 
 
 @pytest.mark.slow
