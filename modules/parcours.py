@@ -39,7 +39,7 @@ class Parcours(Module):
         self.driver: RaceDriver | None = None
         self.unusable = UnusableSweeps()
         self.speeds = (0.0, 0.0)
-        self.scan_stamp = Time()
+        self.scan_stamp = self.odometry_stamp = Time()
         self.holds = False
         self.speed_m_per_s = 0.0
         self.counter = LapCounter(self.restored and LapState.from_plain(self.restored["laps"]))
@@ -80,6 +80,7 @@ class Parcours(Module):
     def on_odometry(self, odometry: Odometry) -> None:
         """Take the speed; count laps as long as there is no map."""
         self.speed_m_per_s = odometry.twist.twist.linear.x
+        self.odometry_stamp = odometry.header.stamp
         if not self.has_map:
             self.count(Pose(*planar(odometry.pose.pose)))
 
@@ -126,7 +127,8 @@ class Parcours(Module):
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
-                based_on=self.scan_stamp,
+                # How early it brakes before a corner rests on its speed.
+                based_on=min(self.scan_stamp, self.odometry_stamp, key=lambda stamp: stamp.nanoseconds),
             )
         )
 

@@ -127,10 +127,10 @@ class Manipulation(Module):
 
     def on_joints(self, state: JointState) -> None:
         """Pass the joints to the worker."""
-        self.joints_stamp = state.header.stamp
         at = dict(zip(state.name, state.position.tolist(), strict=False))
         wanted = [*self.joints, self.fingers[0]]
         if all(name in at for name in wanted):
+            self.joints_stamp = state.header.stamp
             positions = np.array([at[name] for name in self.joints])
             self.work.see_joints(positions, at[self.fingers[0]], self._stamp_s(state.header))
             if len(state.effort) == len(state.name):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from modules.parcours import Parcours
-from robbie_mp import ModuleHarness
+from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
     DriveCommand,
     LaserScan,
@@ -17,6 +17,7 @@ from robbie_mp.messages import (
     PoseStamped,
     PoseWithCovariance,
     Quaternion,
+    replace,
 )
 
 BEAMS = 90
@@ -94,3 +95,15 @@ def test_command_expires_by_itself() -> None:
         race.send(SCAN)
         race.advance(0.1)
         assert race.take(DriveCommand)[-1].valid_for.nanoseconds == 250_000_000
+
+
+def test_command_rests_on_the_older_of_scan_and_speed() -> None:
+    with ModuleHarness(Parcours) as race:
+        race.advance(1.0)
+        now_ns = race.clock.now_ns()
+        for odometry_s, scan_s in ((0.0, 0.1), (0.2, 0.0)):
+            stamps = [Time.from_nanoseconds(now_ns - round(one * 1e9)) for one in (odometry_s, scan_s)]
+            race.send(Odometry(header=Header(stamp=stamps[0])), topic="odom")
+            race.send(replace(SCAN, header=Header(stamp=stamps[1])))
+            race.advance(0.05)
+            assert race.take(DriveCommand)[-1].based_on == min(stamps, key=lambda one: one.nanoseconds)

@@ -44,10 +44,11 @@ DETOUR_M = 1.0  # a path that is longer than the previous one by this much count
 
 
 class _Seen(NamedTuple):
-    """What a laser has seen last, and when the sweep was published, in the clock's time."""
+    """What a laser has seen last, when the sweep was published, in the clock's time, and its stamp."""
 
     mounted: MountedSweep
     told_s: float
+    stamp_s: float
 
 
 class _Situation(NamedTuple):
@@ -186,7 +187,7 @@ class Navigator:
             told_s: When the sweep was published, in the clock's time.
         """
         if self.unusable.passes(sweep):
-            self._sweep = _Seen(MountedSweep(sweep, self.laser_pose), told_s)
+            self._sweep = _Seen(MountedSweep(sweep, self.laser_pose), told_s, stamp_s)
             self._stamps_s[1] = stamp_s
             self._waiting[""] = self.laser_pose, sweep, stamp_s
             self._place_sweep()
@@ -205,7 +206,7 @@ class Navigator:
         """
         if self.unusable.passes(sweep):
             mount = np.asarray(laser_pose, float)
-            self._further[name] = _Seen(MountedSweep(sweep, mount), told_s)
+            self._further[name] = _Seen(MountedSweep(sweep, mount), told_s, stamp_s)
             self._waiting[name] = mount, sweep, stamp_s
             self._place_sweep()
 
@@ -229,9 +230,12 @@ class Navigator:
     def rests_on_s(self) -> float:
         """Return the stamp of the oldest input on which the speeds of `drive` rest, s; -inf before the first.
 
-        The map is not among them: what has come into the robot's way since is in the sweep.
+        The map is not among them: what has come into the robot's way since is in the sweep. Further lasers
+        are while the robot backs up, which it does only by what they see.
         """
-        return min(self._stamps_s)
+        backs_up = self.state is NavigatorState.BACK_UP
+        further = [one.stamp_s for one in self._further.values() if one is not None and backs_up]
+        return min(*self._stamps_s, *further)
 
     def drive(self) -> Velocity | None:
         """Return forward speed (m/s) and turn rate (rad/s); None if there is no goal to drive to."""

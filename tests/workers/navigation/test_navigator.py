@@ -267,6 +267,19 @@ def test_robot_backs_up_only_where_a_fresh_sweep_of_its_rear_laser_shows_free_gr
     assert ("no fresh scan of rear_scan" in navigator.status) is is_silent
 
 
+def test_backing_up_rests_on_the_stamp_of_the_rear_laser_and_not_on_when_it_was_told() -> None:
+    now_s, half = 10.0, np.full(180, 3.0)
+    sweep = LaserSweep.from_ranges(half, -np.pi / 2, np.pi / 180, 0.05, 10.0)
+    navigator = Navigator(lambda: now_s, CollisionGuard(), further_lasers=["rear_scan"])
+    navigator.see_pose((0, 0, 0), now_s, now_s)
+    navigator.see_sweep(sweep, now_s - 0.1, now_s)
+    navigator.see_further_sweep("rear_scan", (-0.175, 0.0, np.pi), sweep, now_s - 5.0, now_s)
+    navigator.go_to((1.5, 0.0, 0.0))
+    assert navigator.rests_on_s == pytest.approx(9.9)
+    navigator.machine.go(NavigatorState.BACK_UP, "for a test")
+    assert navigator.rests_on_s == pytest.approx(5.0)
+
+
 def test_live_obstacles_are_bounded() -> None:
     obstacles = LiveObstacles(most=500)
     for number in range(20):
