@@ -29,6 +29,18 @@ def test_only_an_explicit_take_over_moves_the_command() -> None:
     assert operators.obeys("ben", 1, 1)
 
 
+def test_stick_that_was_refused_drives_only_after_it_was_let_go() -> None:
+    operators = Operators("red")
+    operators.obeys("anna", 0, 0)
+    for tick in range(20):
+        assert not operators.obeys("ben", tick * S // 20, 0)
+    wish(operators, "anna", OperatorRequest.GIVE_UP, S)
+    for tick in range(20, 40):
+        assert not operators.obeys("ben", tick * S // 20, 0)
+    assert operators.holder == ""
+    assert operators.obeys("ben", 3 * S, 0)
+
+
 def test_only_its_holder_gives_the_command_up() -> None:
     operators = Operators("red")
     operators.obeys("anna", 0, 0)

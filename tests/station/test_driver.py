@@ -123,6 +123,20 @@ def test_drive_that_was_lost_goes_on_only_when_the_operator_takes_hold_again(
     assert len(scene.commands()) == 2
 
 
+def test_stick_that_is_held_while_another_page_drives_does_not_drive_when_that_one_leaves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = Scene(monkeypatch)
+    scene.hold(1.0)
+    scene.seat.take("ben", over=True)
+    scene.hold(1.0, begins=False)
+    scene.seat.leave("ben")
+    scene.hold(1.0, begins=False)
+    assert len(scene.commands()) == 1
+    scene.hold(1.0)
+    assert len(scene.commands()) == 2
+
+
 def test_command_rests_on_the_operators_input_and_not_on_its_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(monkeypatch)
     scene.delay_s = 0.05

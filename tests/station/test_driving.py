@@ -70,6 +70,7 @@ def stops(
     page.bring_to_front()
     for left in reversed(range(ATTEMPTS)):
         if begin is None:
+            page.keyboard.up("KeyW")  # a key that is still held from before does not count
             page.keyboard.down("KeyW")
         else:
             begin()
@@ -113,6 +114,7 @@ def test_robot_stops_when_key_page_or_server_fails_and_the_page_reconnects(
             assert all(row[1] >= 0 for row in journal.rows("command"))
             page.wait_for_selector("#drivers-seat:has-text('this page drives')")
             stops(journal, page, lambda: hold(page, []), lambda: hold(page, [DEAD_MAN_BUTTON]))
+            what_is_held_since_before_does_not_drive(journal, page)
             with page_of(started, address) as other:
                 other.wait_for_selector("#take-over:visible")
                 commands = len(journal.rows("command"))
@@ -147,6 +149,22 @@ def let_go_elsewhere(page: Page) -> None:
     page.focus("body > input")
     page.keyboard.up("KeyW")
     page.evaluate("document.querySelector('body > input').remove()")
+
+
+def what_is_held_since_before_does_not_drive(journal: Journal, page: Page) -> None:
+    """Key and button are held while the window loses the focus, and when it is back."""
+    stops(journal, page, lambda: page.evaluate("dispatchEvent(new Event('blur'))"))
+    page.keyboard.down("KeyW")  # it was not released: a repeat
+    stops(
+        journal,
+        page,
+        lambda: page.evaluate("dispatchEvent(new Event('blur'))"),
+        lambda: hold(page, [DEAD_MAN_BUTTON]),
+    )
+    page.wait_for_timeout(300)
+    assert (journal.speed(), journal.rows("command")[-1][1]) == (0, 0)
+    hold(page, [])
+    page.keyboard.up("KeyW")
 
 
 def server(robot: Robot) -> int:

@@ -14,6 +14,8 @@ from robbie_mp.messages import ControlState, EmergencyStop, OperatorRequest, Ope
 
 FREE_AFTER_NS = 10_000_000_000
 """An operator of whom nothing has been heard for this long no longer has control."""
+LET_GO_NS = 500_000_000
+"""An operator whose commands are refused has let go when none has come for this time."""
 REPEAT_NS = 1_000_000_000
 """While commands are refused, the state is published this often."""
 MAX_NAME = 32
@@ -70,6 +72,8 @@ class Operators:
         self.refused_operator: str = known["refused_operator"]
         self.is_news = True
         self._since_ns: int = known["since_ns"]
+        self._refused_ns: dict[str, int] = {}
+        """When each operator's last refused command came."""
         self._heard_ns = 0
         self._told_ns = 0
         self._told_refused: int = self.refused
@@ -86,18 +90,26 @@ class Operators:
     def obeys(self, operator: str, now_ns: int, utc_ns: int) -> bool:
         """Return whether a command is obeyed. While nobody has control, a command takes it.
 
+        But not of an operator who was refused and holds the control on: that is no order to move now.
+
         Args:
             operator: who has sent it.
             now_ns: the module's time.
             utc_ns: the clock's time.
         """
-        if not self.holder:
+        holds_on = now_ns - self._refused_ns.get(operator, -LET_GO_NS) < LET_GO_NS
+        if not self.holder and not holds_on:
             self._give(operator, now_ns, utc_ns)
         if self.holder == operator:
             return True
+        self._note_refusal(operator, now_ns)
+        return False
+
+    def _note_refusal(self, operator: str, now_ns: int) -> None:
+        recent = {one: at_ns for one, at_ns in self._refused_ns.items() if now_ns - at_ns < LET_GO_NS}
+        self._refused_ns = {**recent, operator: now_ns}
         self.refused += 1
         self.refused_operator = operator
-        return False
 
     def request(self, operator: str, request: OperatorRequest, now_ns: int, utc_ns: int) -> None:
         """Follow a request of an operator.

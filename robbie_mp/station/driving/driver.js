@@ -11,6 +11,7 @@ export default {
   mounted() {
     this.keys = new Set();
     this.pointer = null;
+    this.may_hold_gamepad = false;
     this.held = false;
     this.unguarded = false;
     this.on_key = (event) => {
@@ -22,8 +23,9 @@ export default {
         this.beat();
       } else if (this.is_shown() && !is_meant_for_another(event)) {
         event.preventDefault();
+        if (event.repeat) return; // held since before it counted, if not known: the operator takes hold again
         this.keys.add(event.code);
-        if (!event.repeat) this.beat();
+        this.beat();
       }
     };
     this.on_pad = (event) => {
@@ -69,10 +71,11 @@ export default {
         }
         return wish;
       }
-      for (const pad of navigator.getGamepads ? navigator.getGamepads() : [])
-        if (pad && pad.buttons[DEAD_MAN_BUTTON] && pad.buttons[DEAD_MAN_BUTTON].pressed)
-          return { linear: -pad.axes[1], angular: -pad.axes[0] };
-      return null;
+      const pads = navigator.getGamepads ? [...navigator.getGamepads()] : [];
+      const pad = pads.find((one) => one?.buttons[DEAD_MAN_BUTTON]?.pressed);
+      // One that is held while the page opens, or since the operator was taken to have let go, must be let go first.
+      this.may_hold_gamepad ||= !pad;
+      return pad && this.may_hold_gamepad ? { linear: -pad.axes[1], angular: -pad.axes[0] } : null;
     },
     beat() {
       const wish = this.wish();
@@ -82,6 +85,7 @@ export default {
     let_go() {
       this.unguarded = false;
       this.pointer = null;
+      this.may_hold_gamepad = false;
       this.keys.clear();
       if (this.held) this.send(false, 0, 0);
     },

@@ -65,10 +65,12 @@ class HeldControl:
 
     def _may_move(self, *, begins: bool, age_s: float) -> bool:
         """Return whether the page is in control and the command is fresh."""
-        switch, seat = self._page.dead_man, self._station.drivers_seat
+        switch = self._page.dead_man
         if begins:
             self._drive = switch.losses
-        if not switch.is_too_slow and not seat.take(self._page.key):
+        if not switch.is_too_slow and not self._takes(begins=begins):
+            self._drive = None  # control that comes free is not for a page that still holds on
+            self.stale += self._station.drivers_seat.holder is None
             return False
         if begins:
             self._begin()
@@ -76,6 +78,11 @@ class HeldControl:
             self.stale += 1
             return False
         return True
+
+    def _takes(self, *, begins: bool) -> bool:
+        """Return whether the page has the seat; only taking hold takes it."""
+        seat, page = self._station.drivers_seat, self._page.key
+        return seat.take(page) if begins else seat.holder == page
 
     def _is_refused(self) -> bool:
         """Count a command that the link of this robot refuses, and return whether it does."""

@@ -155,6 +155,7 @@ class Scene:
     def drive(self, page: Page, key: str) -> None:
         """Hold a key down until the robot drives at full speed."""
         page.bring_to_front()
+        page.keyboard.up(key)  # a key that is still held from before does not count
         page.keyboard.down(key)
         self.robot.wait_for(lambda: abs(self.journal.newest("speed")) > 0.19, "the robot does not drive")
 
