@@ -92,6 +92,8 @@ def test_accepted_messages_have_a_type_and_a_topic() -> None:
             "is a pattern; this bridge accepts only types that the robot knows",
         ),
         ({}, {"/goal": "PoseStamped as DriveCommand"}, "can become a DriveCommand"),
+        ({}, {"/goal": "PoseStamped as NavigateTo latched"}, "cannot be latched"),
+        ({}, {"/cmd_vel": "Twist as DriveCommand latched"}, "cannot be latched"),
         ({}, {"/goal": "PoseStamped goal other"}, "'other' is not a quality of service"),
     ],
 )

@@ -224,6 +224,35 @@ def test_node_ignores_what_it_has_published_itself(monkeypatch: pytest.MonkeyPat
     assert pushed == [b"/other"]
 
 
+@pytest.mark.parametrize("takes_kept", [True, False])
+def test_order_that_ros_has_kept_from_before_is_not_given_again(
+    monkeypatch: pytest.MonkeyPatch, takes_kept: bool
+) -> None:
+    subscribed: dict[str, Any] = {}
+    rospy = SimpleNamespace(
+        AnyMsg=object,
+        get_name=lambda: "/robbie",
+        get_node_uri=lambda: NOWHERE,
+        Subscriber=lambda topic, _kind, take, **_options: subscribed.update({topic: take}),
+    )
+    now_s = [10.0]
+    monkeypatch.setattr(ros_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    pushed: list[bytes] = []
+    outbox = SimpleNamespace(push=lambda _kind, _channel, data: pushed.append(data), dropped=0)
+    monkeypatch.setenv("ROS_MASTER_URI", NOWHERE)
+    near, far = socket.socketpair()
+    wish = {"topic": "/cmd_vel", "md5": "", "type": "", "definition": "", "depth": 1, "latched": takes_kept}
+    with near, far:
+        node = ros_node._Node(rospy, near, outbox)  # type: ignore[arg-type]
+        node._open_subscriber(1, wish)
+        for latching, at_s, data in (("1", 10.1, b"old"), ("0", 10.2, b"stream"), ("1", 13.0, b"later")):
+            now_s[0] = at_s
+            header = {"callerid": "/other", "latching": latching}
+            subscribed["/cmd_vel"](SimpleNamespace(_connection_header=header, _buff=data))
+    assert pushed == [b"old"] * takes_kept + [b"stream", b"later"]
+    assert outbox.dropped == (not takes_kept)
+
+
 def test_node_announces_the_type_of_each_connection_once(monkeypatch: pytest.MonkeyPatch) -> None:
     subscribed: dict[str, Any] = {}
     rospy = SimpleNamespace(

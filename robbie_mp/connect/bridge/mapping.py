@@ -150,6 +150,11 @@ class Incoming(NamedTuple):
         return self.becomes is DriveCommand
 
     @property
+    def lets_move(self) -> bool:
+        """Whether they become orders that let the robot move."""
+        return self.becomes in (DriveCommand, NavigateTo)
+
+    @property
     def is_foreign(self) -> bool:
         """Whether they are of types that the robot does not know."""
         return not WILDCARDS.isdisjoint(self.type_name)
@@ -294,7 +299,10 @@ class BridgeMap:
             topic = "" if becomes is NavigateTo else key.strip("/")
             if words and not _is_quality(words[0]):
                 topic = words.pop(0)
-            return Incoming(self.absolute(key), type_name, topic, becomes, Quality.of(words))
+            found = Incoming(self.absolute(key), type_name, topic, becomes, Quality.of(words))
+            if found.lets_move and found.quality.is_latched:
+                raise MappingError("an order to move cannot be latched: each restart would give it again")
+            return found
         except (MappingError, MessageError) as error:
             problems.append(f"{key!r}: {error}")
             return None

@@ -128,7 +128,7 @@ class Ros1Bridge(Module):
             kind = ANY_TYPE if one.is_foreign else ros1_type(self.surroundings.types.get(one.type_name))
             number = self._next_number()
             self._incoming[number] = one, kind
-            self.ros.subscribe_to(number, Wish(one.name, kind, False, one.quality.depth))
+            self.ros.subscribe_to(number, Wish(one.name, kind, not one.lets_move, one.quality.depth))
         for out in self.map.outgoing:
             self.subscribe_encoded(out.pair.type, self.on_message, topic=out.pair.topic)
         self._observe()

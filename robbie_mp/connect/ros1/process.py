@@ -50,7 +50,8 @@ class Wish(NamedTuple):
     Attributes:
         topic: its name in ROS.
         kind: the type of its messages.
-        is_latched: whether ROS keeps the newest message for later subscribers.
+        is_latched: whether ROS keeps the newest message for later subscribers; of a subscriber, whether
+            it gets what ROS has kept from before.
         depth: messages that may wait for each subscriber.
     """
 

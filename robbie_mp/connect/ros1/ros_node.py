@@ -61,6 +61,8 @@ MASTER_TIMEOUT_S = 2.0
 BUFFER_BYTES = 16 << 20
 NO_MASTER = (ValueError, TypeError, IndexError, SyntaxError, HTTPException)
 """The errors of calls to a server that is no ROS master."""
+KEPT_S = 2.0
+"""Latched messages that come this soon after the node has subscribed may be from before."""
 MAX_WAITING = 1000
 MAX_WAITING_BYTES = 64 << 20
 
@@ -200,9 +202,18 @@ class _Node:
         )
 
     def _open_subscriber(self, channel: int, wish: dict[str, Any]) -> None:
+        opened_s = time.monotonic()
+
+        def is_old(header: dict[str, str]) -> bool:
+            """Whether it may be an order from before that its publisher has kept."""
+            is_kept = header.get("latching") == "1" and time.monotonic() - opened_s < KEPT_S
+            return is_kept and not wish["latched"]
+
         def take(message: Any) -> None:
             header = message._connection_header
-            if header.get("callerid") != self._name:
+            if is_old(header):
+                self._outbox.dropped += 1
+            elif header.get("callerid") != self._name:
                 number = self._number(channel, header) if wish["type"] == ANY else channel
                 self._outbox.push(MESSAGE, number, message._buff)
 
