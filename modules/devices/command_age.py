@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from robbie_mp import Duration, Module, Time, setting
+from robbie_mp import CallRefused, Duration, Module, Time, setting
 
 AHEAD_S = 0.1
 """A stamp may lie this far in the future: clocks of devices are estimated."""
@@ -20,6 +20,8 @@ LOOK_AGE_S: float = setting(
     1.0, "age of what a direction rests on at which the unit no longer turns to it", minimum=0.02
 )
 """The setting of all modules that only turn a camera; its direction is sent once."""
+ORDER_WITHIN_S = 1.0
+"""An order that lets the robot move is refused when it has waited longer: its client has given it up."""
 
 
 class MotionCommand(Protocol):
@@ -56,7 +58,7 @@ def left_s(module: Module, command: MotionCommand, max_age_s: float) -> float:
         StaleCommand: no longer.
     """
     # The age counts from publication: this module may have been stopped while the command waited.
-    waited_s = max(0.0, (module.clock.monotonic_ns() - module.envelope.published_ns) / 1e9)
+    waited_s = waiting_s(module)
     valid_s = command.valid_for.nanoseconds / 1e9
     if waited_s >= valid_s > 0.0:
         raise StaleCommand(f"it waited {waited_s:.2f} s and is valid for {valid_s:g} s")
@@ -69,6 +71,22 @@ def left_s(module: Module, command: MotionCommand, max_age_s: float) -> float:
         )
         raise StaleCommand(f"it rests on what {known}; at most {max_age_s:g} s are allowed")
     return min(valid_s - waited_s, max_age_s - age_s)
+
+
+def waiting_s(module: Module) -> float:
+    """Return how long the message that a module is handling has waited since it was published, in s."""
+    return max(0.0, (module.clock.monotonic_ns() - module.envelope.published_ns) / 1e9)
+
+
+def check_order(module: Module) -> None:
+    """Check that the order that a module is handling, by which the robot may move, is not late.
+
+    Raises:
+        CallRefused: it is. Its client may have been told that nobody answers.
+    """
+    waited_s = waiting_s(module)
+    if waited_s > ORDER_WITHIN_S:
+        raise CallRefused(f"the order has waited {waited_s:.1f} s, which is too long; give it again")
 
 
 def age_of(module: Module, stamp: Time) -> float:

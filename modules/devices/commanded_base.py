@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.drive import Drive, DriveCommandError, DriveState
-from modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
+from modules.devices.command_age import (
+    MAX_AGE_S,
+    ORDER_WITHIN_S,
+    StaleCommand,
+    check_order,
+    left_s,
+    waiting_s,
+)
 from modules.devices.hand_guard import HandGuard
 from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
@@ -127,6 +134,8 @@ class CommandedBase(Module):
         """Go on, or hold, as ordered."""
         if request.mode not in list(ControlMode):
             raise CallRefused(f"there is no mode {request.mode}; 0 is AUTO and 2 is HOLD")
+        if request.mode == ControlMode.AUTO:
+            check_order(self)
         refusal = self.control.order(ControlMode(request.mode), self.envelope.sender, request.reason)
         if refusal:
             raise CallRefused(refusal)
@@ -165,7 +174,11 @@ class CommandedBase(Module):
         return f"{self.control.mode.name}{f' (refused commands: {kinds})' if kinds else ''}, "
 
     def on_emergency_stop(self, request: EmergencyStop) -> None:
-        """Engage the emergency stop, or release it."""
+        """Engage the emergency stop, or release it; a late release does nothing."""
+        if not request.engaged and waiting_s(self) > ORDER_WITHIN_S:
+            self.log.warning("refused a late release of the emergency stop by %s", self.envelope.sender)
+            self.confirm()
+            return
         self.stop_reason = request.reason if request.engaged else ""
         self.control.see_stop(request.engaged, self.envelope.sender, request.reason)
         if request.engaged:

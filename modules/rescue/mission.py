@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.connection.device import ConnectionState
-from modules.devices.command_age import LOOK_FOR
+from modules.devices.command_age import LOOK_FOR, check_order
 from modules.navigation_goals import NavigationGoals
 from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
 from modules.rescue.messages import (
@@ -259,6 +259,8 @@ class RescueMission(Module):
 
     def on_order(self, order: OrderMission) -> OrderAccepted:
         """Carry out the operator's order at once, or say why it is refused."""
+        if order.order in (OperatorOrder.START, OperatorOrder.RETURN):
+            check_order(self)
         refusal = self.mission.order(order.order)
         if refusal is not None:
             self.log.warning("refused an order of %s: %s", self.envelope.sender, refusal)

@@ -13,10 +13,22 @@ from typing import Any
 import pytest
 
 from robbie_mp import ModuleHarness, SettingError
+from robbie_mp.connect.bridge.arrivals import hand_over
+from robbie_mp.connect.bridge.mapping import Incoming, Quality
+from robbie_mp.connect.bridge.orders import carry_out, orders_of
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.service_types import SET_BOOL as SET_BOOL_TYPE
 from robbie_mp.connect.ros2.service_types import TRIGGER as TRIGGER_TYPE
-from robbie_mp.messages import CancelNavigation, EmergencyStop, NavigationCancelled
+from robbie_mp.messages import (
+    CancelNavigation,
+    EmergencyStop,
+    Message,
+    NavigateTo,
+    NavigationCancelled,
+    PoseStamped,
+    SetControl,
+)
+from robbie_mp.messages.descriptions import KnownTypes
 from tests._support.robot import wait_until
 from tests.ros2.test_zenoh import SET_BOOL, TRIGGER, Bridge, Node, network, until, zenoh_has_started
 
@@ -125,6 +137,43 @@ def test_late_release_does_nothing() -> None:
         stop.release(0.6, lambda *answer: answers.append(answer))
         assert [success for success, _ in answers] == [False]
         assert not bridge.take(EmergencyStop)
+
+
+LATE_ORDERS = {
+    "/go_on": "SetControl {mode: 0}",
+    "/hold": "SetControl {mode: 2}",
+    "/run": "SetControl {mode: 0} or {mode: 2}",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "is_on", "is_given"), [("/go_on", True, False), ("/hold", True, True), ("/run", False, True)]
+)
+def test_late_order_to_move_does_nothing_and_one_to_stop_does(name: str, is_on: bool, is_given: bool) -> None:
+    with ModuleHarness(Ros2Bridge, {"connect": [], "emergency_stop": "none"}) as bridge:
+        bridge.advance(0.1)
+        (order,) = (one for one in orders_of(LATE_ORDERS, KnownTypes()) if one.name == name)
+        answers: list[tuple[bool, str]] = []
+        carry_out(bridge.module, order, is_on, 10.0, lambda *answer: answers.append(answer))
+        bridge.advance(0.1)
+        assert (len(bridge.take(SetControl)), len(answers)) == ((1, 0) if is_given else (0, 1))
+
+
+def test_late_goal_and_late_release_are_not_handed_over() -> None:
+    goal = Incoming("/goal", PoseStamped.type_name, "", NavigateTo, Quality())
+    stop = Incoming("/stop", EmergencyStop.type_name, "emergency_stop", None, Quality())
+    released, engaged = EmergencyStop().encode(), EmergencyStop(engaged=True).encode()
+    with ModuleHarness(Ros2Bridge, {"connect": [], "emergency_stop": "none"}) as bridge:
+        bridge.advance(0.1)
+
+        def is_taken(incoming: Incoming, kind: type[Message], data: bytes, waited_s: float) -> bool:
+            return hand_over(bridge.module, incoming, kind, data, 0.3, waited_s)
+
+        assert is_taken(goal, PoseStamped, PoseStamped().encode(), 0.1)
+        assert not is_taken(goal, PoseStamped, PoseStamped().encode(), 10.0)
+        assert is_taken(stop, EmergencyStop, released, 0.1)
+        assert not is_taken(stop, EmergencyStop, released, 10.0)
+        assert is_taken(stop, EmergencyStop, engaged, 10.0)
 
 
 def test_wrong_requests_are_counted_and_reach_nobody(ros: Ros) -> None:

@@ -17,6 +17,7 @@ from robbie_mp.connect.bridge.surroundings import Surroundings
 from robbie_mp.connect.foxglove import door, server
 from robbie_mp.connect.foxglove import module as services_foxglove
 from robbie_mp.connect.foxglove.module import FoxgloveServer
+from robbie_mp.connect.foxglove.server import ServiceCall
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
@@ -328,6 +329,20 @@ def test_service_stops_the_robot(
     assert stop.engaged is engaged
     assert response[4] == 1
     assert String.decode(response[:4] + response[8:]).data.startswith("sent")
+
+
+def test_release_that_has_waited_does_nothing(harness: ModuleHarness[FoxgloveServer]) -> None:
+    harness.advance(5.0)
+    call = ServiceCall("/emergency_stop", b"\x00\x01\x00\x00\x00", harness.clock.monotonic_ns())
+    harness.advance(1.0)
+    harness.module._serve(call)
+    assert not harness.take(EmergencyStop)
+    response = call.wait()
+    assert response[4] == 0
+    assert "has waited 1.0 s" in String.decode(response[:4] + response[8:]).data
+    stop = ServiceCall("/emergency_stop", b"\x00\x01\x00\x00\x01", 0)
+    harness.module._serve(stop)
+    assert [one.engaged for one in harness.take(EmergencyStop)] == [True]
 
 
 def test_client_reads_only_files_of_the_profiles_folders(

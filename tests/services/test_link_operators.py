@@ -82,6 +82,12 @@ def red() -> Iterator[RedRobot]:
         yield RedRobot(harness)
 
 
+def waits(harness: ModuleHarness[Link], monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
+    """Let all messages wait from now on before they are handled, as in a process that was stopped."""
+    envelope, published_ns = harness.bus.envelope, harness.clock.monotonic_ns() - round(seconds * 1e9)
+    monkeypatch.setattr(harness.bus, "envelope", lambda: envelope()._replace(published_ns=published_ns))
+
+
 def test_commands_of_a_second_operator_are_refused_counted_and_told(red: RedRobot) -> None:
     assert red.told().operator == ""
     assert red.drives("anna")
@@ -124,6 +130,37 @@ def test_late_command_takes_nothing_and_late_take_over_is_thrown_away(red: RedRo
     red.drives("anna")
     assert not red.arrives("ben", TAKE_OVER, "operator_request", age_s=0.5)
     assert red.told().operator == "anna"
+
+
+def test_wish_to_hold_never_comes_too_late_and_the_order_to_go_on_does(red: RedRobot) -> None:
+    go_on, hold = OperatorRequest(wish=OperatorRequest.GO_ON), OperatorRequest(wish=OperatorRequest.HOLD)
+    assert not red.arrives("anna", go_on, "operator_request", age_s=0.5)
+    assert red.arrives("anna", hold, "operator_request", age_s=5.0)
+    red.harness.advance(0.1)
+    assert [one.mode for one in red.harness.take(SetControl)] == [ControlState.HOLD]
+
+
+def test_wish_of_the_own_page_that_waited_in_a_stopped_link_is_late(
+    red: RedRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits(red.harness, monkeypatch, 1.0)
+    for wish in (OperatorRequest.GO_ON, OperatorRequest.TAKE_OVER, OperatorRequest.HOLD):
+        red.harness.send(OperatorRequest(wish=wish), topic="operator_request", sender="operator")
+    red.harness.advance(0.1)
+    assert [one.mode for one in red.harness.take(SetControl)] == [ControlState.HOLD]
+    assert (red.told().operator, red.link.late) == ("", 2)
+
+
+def test_wish_is_sent_with_the_time_at_which_the_page_published_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = {"robot": "anna", "listen": [], "send": {"command": ["DriveCommand manual"]}}
+    with ModuleHarness(Link, settings) as harness:
+        harness.advance(2.0)
+        waits(harness, monkeypatch, 1.0)
+        offered: list[int] = []
+        monkeypatch.setattr(harness.module.node, "offer", lambda one, _now_ns: offered.append(one.stamp_ns))
+        request = OperatorRequest(wish=OperatorRequest.GO_ON)
+        harness.send(request, topic="operator_request", sender="operator")
+        assert offered == [harness.clock.monotonic_ns() - 1_000_000_000]
 
 
 def test_who_may_not_drive_cannot_take_over(red: RedRobot) -> None:

@@ -4,8 +4,10 @@ from typing import Any, cast
 
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.mapping import Incoming
+from robbie_mp.connect.bridge.orders import RELEASE_WITHIN_S
 from robbie_mp.messages import (
     DriveCommand,
+    EmergencyStop,
     Message,
     NavigateTo,
     NavigationResult,
@@ -38,11 +40,14 @@ def hand_over(
         waited_s: how long the message has waited since it arrived on this machine, s.
 
     Returns:
-        Whether it was handed over. It is not if the robot has no room for it, or if a velocity is too old.
+        Whether it was handed over. It is not if the robot has no room for it, or if a velocity, a goal or the
+        release of an emergency stop is too old.
 
     Raises:
         MessageTooLarge: the message does not fit into the module's memory.
     """
+    if waited_s > RELEASE_WITHIN_S and _lets_move(incoming, message_type, data):
+        return False
     topic, is_latched = incoming.topic, incoming.quality.is_latched
     if incoming.becomes is None:
         return module.publish_encoded(
@@ -58,6 +63,13 @@ def hand_over(
     if incoming.becomes is PoseStamped:
         return module.publish(stamped, topic=topic, latched=is_latched)
     return _send_goal(module, stamped, topic)
+
+
+def _lets_move(incoming: Incoming, message_type: type[Message], data: bytes | memoryview) -> bool:
+    """Whether a message is a goal, or releases the emergency stop."""
+    if message_type.type_name == EmergencyStop.type_name:
+        return not cast("EmergencyStop", message_type.decode(data)).engaged
+    return incoming.becomes is NavigateTo
 
 
 def _send_goal(module: Module, pose: PoseStamped, topic: str) -> bool:

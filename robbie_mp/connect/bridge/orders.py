@@ -20,7 +20,7 @@ from typing import NamedTuple, TypeVar
 from robbie_mp.attached.views.message_text import message_of_yaml
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.connect.bridge.mapping import MAX_ACCEPTED, NAME, MappingError
-from robbie_mp.messages import EmergencyStop, Header, Message, Time, as_dict
+from robbie_mp.messages import ControlState, EmergencyStop, Header, Message, SetControl, Time, as_dict
 from robbie_mp.messages.calls import REQUEST_SUFFIX, response_name
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.module.calls.errors import CallError, TooManyCalls
@@ -39,7 +39,7 @@ CONFIRM_S = 1.0
 REPEAT_S = 0.2
 """A stop that no base has confirmed is sent again after this time. A release is not repeated."""
 RELEASE_WITHIN_S = 0.5
-"""A release that has waited longer is refused: somebody may have stopped the robot since."""
+"""A release, or another order to move, that has waited longer is refused: much may have happened since."""
 MAX_STOPS = 64
 
 
@@ -119,15 +119,22 @@ def _order(name: str, parts: re.Match[str], types: KnownTypes) -> Order:
     return Order(name, on, off, types.get(response_name(full)), parts["topic"] or "")
 
 
-def carry_out(module: Module, order: Order, is_on: bool, done: Done) -> None:
+def carry_out(module: Module, order: Order, is_on: bool, waited_s: float, done: Done) -> None:
     """Call the robot's service in the name of a bridge.
 
     Args:
         module: the bridge; not in its `setup()`.
         order: what to call.
         is_on: whether the first request is meant.
+        waited_s: how long ago the order arrived on this machine, s.
         done: called once, now or later.
     """
+    request = order.on if is_on or order.off is None else order.off
+    # What only stops never comes too late.
+    stops = request is order.off or (isinstance(request, SetControl) and request.mode == ControlState.HOLD)
+    if waited_s > RELEASE_WITHIN_S and not stops:
+        done(False, f"the order has waited {waited_s:.1f} s, which is too long; send it again")
+        return
 
     def on_reply(reply: Message) -> None:
         fields = {name: value for name, value in as_dict(reply).items() if name != "call"}
@@ -137,7 +144,6 @@ def carry_out(module: Module, order: Order, is_on: bool, done: Done) -> None:
         done(False, str(error))
 
     # The client sets the call's number in the request, which is sent once, so each call gets its own.
-    request = order.on if is_on or order.off is None else order.off
     copy = type(request).decode(request.encode())
     try:
         calls_of(module).client.call(copy, order.replies, on_reply, on_error, CALL_TIMEOUT_S, order.topic)

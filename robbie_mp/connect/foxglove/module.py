@@ -22,6 +22,7 @@ from robbie_mp.connect.bridge.foreign import (
 )
 from robbie_mp.connect.bridge.frames import FrameMap, Rename, renamed
 from robbie_mp.connect.bridge.mapping import BridgeMap, Incoming, MappingError, other_name, snake_case
+from robbie_mp.connect.bridge.orders import RELEASE_WITHIN_S
 from robbie_mp.connect.bridge.surroundings import Surroundings
 from robbie_mp.connect.foxglove.door import Door
 from robbie_mp.connect.foxglove.server import (
@@ -592,16 +593,22 @@ class FoxgloveServer(Module):
         self.server.show_parameters(values)
 
     def _serve(self, call: ServiceCall) -> None:
-        """Press or release the emergency stop."""
+        """Press or release the emergency stop; a late release is refused."""
         engaged = call.name == STOP or call.data[4:5] == b"\x01"
         if call.name == STOP_OR_RELEASE and len(call.data) < 5:
             self._refuse(f"a call of {call.name}: the request is too short")
             return
+        waited_s = (self.clock.monotonic_ns() - call.arrived_ns) / 1e9
+        is_late = not engaged and waited_s > RELEASE_WITHIN_S
         header = Header(stamp=self._now())
-        is_sent = self.publish(
+        is_sent = not is_late and self.publish(
             EmergencyStop(header=header, engaged=engaged, reason="Foxglove"), topic=STOP_TOPIC
         )
         text = "sent; emergency_stop_state says what the base does" if is_sent else "refused: no memory"
+        if is_late:
+            text = (
+                f"refused: the order to release has waited {waited_s:.1f} s, which is too long; send it again"
+            )
         encoded = String(data=text).encode()
         # The bool before the text stands where CDR puts it: at the beginning, then three bytes of padding.
         call.answer(encoded[:4] + bytes([is_sent, 0, 0, 0]) + encoded[4:])

@@ -87,11 +87,13 @@ class ServiceCall:
     Attributes:
         name: the service.
         data: the encoded request.
+        arrived_ns: monotonic time of the module.
     """
 
-    def __init__(self, name: str, data: bytes):
+    def __init__(self, name: str, data: bytes, arrived_ns: int):
         self.name = name
         self.data = data
+        self.arrived_ns = arrived_ns
         self._answered = threading.Event()
         self._answer = b""
 
@@ -355,7 +357,7 @@ class Server:
         if request.client_id not in self._clients:
             self.is_breached = True
             raise PermissionError("connect with the robot's token")
-        call = ServiceCall(request.service_name, request.payload)
+        call = ServiceCall(request.service_name, request.payload, self._now_ns())
         if not self._put(call):
             raise OverflowError("too much waits for the robot")
         return call.wait()

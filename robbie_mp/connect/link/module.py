@@ -488,10 +488,14 @@ class Link(Module):
         if self.envelope.sender in self._links:
             return
         with self.wire.turns:
+            # A wish is as old as its publication: this module may have been stopped while it waited.
+            waited_ns = self.clock.monotonic_ns() - self.envelope.published_ns
             if self._is_operators:
-                self._offer(request, REQUEST_TOPIC, TrafficClass.URGENT)
-            else:
+                self._offer(request, REQUEST_TOPIC, TrafficClass.URGENT, waited_ns=waited_ns)
+            elif waited_ns <= self.command_expires_s / NS or request.wish == OperatorRequest.HOLD:
                 self._follow(self.robot, request)
+            else:
+                self.late += 1
 
     def _is_obeyed(self, operator: str) -> bool:
         """Whether a command is from the operator who has control."""
@@ -570,13 +574,21 @@ class Link(Module):
         self._offer(state, STATE_TOPIC, TrafficClass.RELIABLE, is_latched=True)
 
     def _offer(
-        self, message: Message, topic: str, traffic: TrafficClass, *, is_latched: bool = False
+        self,
+        message: Message,
+        topic: str,
+        traffic: TrafficClass,
+        *,
+        is_latched: bool = False,
+        waited_ns: int = 0,
     ) -> None:
-        """Send a message of the link itself."""
+        """Send a message of the link itself, or one that has waited for it."""
         name = ChannelId(message.type_name, message.version, topic)
         now_ns = self.clock.monotonic_ns()
         type_hash = self._hash(message.type_name, message.version)
-        self.node.offer(Offered(name, traffic, message.encode(), now_ns, is_latched, type_hash), now_ns)
+        self.node.offer(
+            Offered(name, traffic, message.encode(), now_ns - waited_ns, is_latched, type_hash), now_ns
+        )
 
     def _now(self) -> tuple[int, int]:
         """Return the module's time, and the clock's."""

@@ -37,18 +37,28 @@ def expires(message: Arrived) -> bool:
     """Whether a message must not be obeyed when it is late.
 
     Commands are, and the release of an emergency stop: somebody may have stopped the robot again since. So is
-    the wish to drive: another operator may have taken over since. The emergency stop itself never comes too
-    late.
+    the wish to drive: another operator may have taken over since. The emergency stop itself, and the
+    wish that the robot holds, never come too late.
 
     Args:
         message: a message that has arrived.
     """
-    if message.name.type_name == EmergencyStop.type_name:
-        try:
-            return not EmergencyStop.decode(message.data).engaged
-        except MessageError:
-            return True
-    return message.traffic is TrafficClass.COMMAND or message.name.type_name == OperatorRequest.type_name
+    return not _stops(message) and (
+        message.traffic is TrafficClass.COMMAND
+        or message.name.type_name in (EmergencyStop.type_name, OperatorRequest.type_name)
+    )
+
+
+def _stops(message: Arrived) -> bool:
+    """Whether a message lets the robot stand, by an emergency stop or a wish."""
+    try:
+        if message.name.type_name == EmergencyStop.type_name:
+            return EmergencyStop.decode(message.data).engaged
+        if message.name.type_name == OperatorRequest.type_name:
+            return OperatorRequest.decode(message.data).wish == OperatorRequest.HOLD
+    except MessageError:
+        return False
+    return False
 
 
 def shortened(message: Arrived, ages: Ages, now_ns: int, max_age_ns: int) -> bytes | None:

@@ -333,7 +333,8 @@ class Ros2Bridge(Module):
                 assert isinstance(message, Twist | TwistStamped)
                 done = self._drive(incoming, message, arrived.at_ns)
             else:
-                done = hand_over(self, incoming, message_type, rename(data), self.drive_for_s, 0.0)
+                waited_s = (time.monotonic_ns() - arrived.at_ns) * 1e-9
+                done = hand_over(self, incoming, message_type, rename(data), self.drive_for_s, waited_s)
         except (ForeignFrame, MessageError, MessageTooLarge) as error:
             self.log.warning("a message on %s cannot be published: %s", incoming.name, error)
             done = False
@@ -354,7 +355,12 @@ class Ros2Bridge(Module):
     def _order(self, order: Order, asked: Asked) -> None:
         """Call a service of this robot; the response to ROS says what came of it."""
         is_on = order.off is None or asked.request.data
-        carry_out(self, order, is_on, lambda success, message: asked.answer(success=success, message=message))
+        waited_s = (time.monotonic_ns() - asked.at_ns) * 1e-9
+
+        def done(success: bool, message: str) -> None:
+            asked.answer(success=success, message=message)
+
+        carry_out(self, order, is_on, waited_s, done)
 
     def _stop_or_release(self, stop: StopSwitch, asked: Asked) -> None:
         def done(success: bool, message: str) -> None:

@@ -195,3 +195,28 @@ def test_wrong_order_is_refused(base: Base) -> None:
     for wrong in (ControlState.MANUAL, 7):
         with pytest.raises(CallRefused):
             base.call(SetControl(mode=wrong))
+
+
+def waits(base: Base, monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
+    """Let all messages wait from now on before they are handled, as in a process that was stopped."""
+    envelope, published_ns = base.bus.envelope, base.clock.monotonic_ns() - round(seconds * 1e9)
+    monkeypatch.setattr(base.bus, "envelope", lambda: envelope()._replace(published_ns=published_ns))
+
+
+def test_order_to_go_on_that_waited_in_a_stopped_base_is_refused(
+    base: Base, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base.call(SetControl(mode=ControlState.HOLD))
+    waits(base, monkeypatch, 5.0)
+    with pytest.raises(CallRefused, match="has waited"):
+        base.call(SetControl(mode=ControlState.AUTO))
+    assert base.call(SetControl(mode=ControlState.HOLD)).mode == ControlState.HOLD
+
+
+def test_release_that_waited_or_was_kept_for_a_restart_does_nothing(
+    base: Base, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base.send(EmergencyStop(engaged=True), topic="emergency_stop")
+    waits(base, monkeypatch, 5.0)
+    base.send(EmergencyStop(engaged=False), topic="emergency_stop")
+    assert base.take(EmergencyStop, "emergency_stop_state")[-1].engaged

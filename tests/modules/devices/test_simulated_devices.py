@@ -21,6 +21,7 @@ from modules.devices.camera import (
     SimulatedThermalCameraModule,
 )
 from modules.devices.imu import SimulatedImuModule
+from modules.devices.joints import SimulatedJointsModule
 from modules.devices.laser import SimulatedLaserRangeFinder
 from modules.devices.pan_tilt import SimulatedPanTiltModule
 from modules.devices.simulated_world import MoveDoor, SimulatedDoors
@@ -42,6 +43,7 @@ from robbie_mp.messages import (
     PanTiltCommand,
     SetControl,
     SimulatedWorld,
+    replace,
 )
 from tests._support.commands import fresh
 
@@ -358,6 +360,27 @@ def test_pan_tilt_unit_is_moved_by_hand_and_stops_when_the_command_expires() -> 
         unit.send(fresh(unit, unknown), topic="pan_tilt")
         unit.advance(2.0)
         assert unit.take(JointState, "pan_tilt")[-1].position.tolist() == pytest.approx([-0.5, 0.3])
+
+
+HOUR = Duration(sec=3600)
+
+
+@pytest.mark.parametrize(
+    ("device", "topic", "long"),
+    [
+        (SimulatedJointsModule, "arm", JointCommand(name=["pan"], position=np.ones(1), valid_for=HOUR)),
+        (SimulatedPanTiltModule, "pan_tilt", JointCommand(name=["pan"], position=np.ones(1), valid_for=HOUR)),
+        (SimulatedPanTiltModule, "", PanTiltCommand(pan_rad=1.0, valid_for=HOUR)),
+    ],
+)
+def test_command_of_an_hour_is_refused_and_counted_where_the_motors_are(
+    device: type[Module], topic: str, long: JointCommand | PanTiltCommand
+) -> None:
+    settings = {"names": ["pan"]} if device is SimulatedJointsModule else {}
+    with ModuleHarness(device, settings, name=topic or "pan_tilt") as harness:
+        harness.send(fresh(harness, long), topic=topic)
+        harness.send(fresh(harness, replace(long, valid_for=Duration(sec=1))), topic=topic)
+        assert harness.bus.subscriptions.refusals.total == 1
 
 
 def command(base: ModuleHarness[SimulatedBase], linear: float, topic: str = "", valid_s: float = 0.3) -> None:

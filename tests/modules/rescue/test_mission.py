@@ -33,6 +33,7 @@ from robbie_mp.messages import (
     Bumper,
     CameraInfo,
     CancelNavigation,
+    ControlState,
     DeviceState,
     Frontiers,
     MapMetaData,
@@ -47,6 +48,7 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
+    SetControl,
     decode_version,
     replace,
     schema_text,
@@ -507,3 +509,17 @@ def test_each_robot_claims_its_goal_and_knows_where_that_of_another_lies() -> No
 def test_only_robots_of_the_team_go_first() -> None:
     with pytest.raises(SettingError, match="'green' is none of the team: blue"):
         RescueMission.check({**TEAM, "gives_way_to": ["green"]})
+
+
+def test_start_that_waited_in_a_stopped_mission_is_refused(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    harness = robot.harness
+    robot.go_on(1.0)
+    robot.order(OrderMission.PAUSE)
+    harness.send(ControlState(mode=ControlState.HOLD), topic="control")
+    envelope, published_ns = harness.bus.envelope, harness.clock.monotonic_ns() - 10**10
+    monkeypatch.setattr(harness.bus, "envelope", lambda: envelope()._replace(published_ns=published_ns))
+    with pytest.raises(CallRefused, match="has waited"):
+        robot.order(OrderMission.START)
+    assert not harness.take(SetControl)
