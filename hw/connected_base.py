@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.battery import BatteryReading
-from hw.connection.clock import RegularClock
-from hw.connection.device import PluggableDevice
-from hw.connection.port import Port
-from hw.connection.stop_guard import PING_PERIOD_S, StopGuard
-from hw.drive import Drive, DriveState, capped_validity_s
-from hw.odometry import Odometer, OdometryNoise
+from robbie_robots.hw.battery import BatteryReading
+from robbie_robots.hw.connection.clock import RegularClock
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuard
+from robbie_robots.hw.drive import Drive, DriveState, capped_validity_s
+from robbie_robots.hw.odometry import Odometer, OdometryNoise
 
 # Start bit, eight data bits, stop bit.
 BITS_PER_BYTE = 10
@@ -36,7 +36,7 @@ class BaseReading:
     Attributes:
         state: its motion by wheel odometry.
         covariance: (3, 3), of the pose's x, y and heading.
-        pressed: the bumper's parts that touch something, of `hw.bumper.PARTS`.
+        pressed: the bumper's parts that touch something, of `robbie_robots.hw.bumper.PARTS`.
         battery: None if it does not tell.
         charging: whether a charger charges the battery; None if it does not tell.
         problems: why it may not move, in plain words, such as "cliff on the left".
@@ -65,7 +65,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
     `RegularClock`, without the time that a report takes on the line.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         bit_rate: bit/s at the start, on a serial line.
         limits: faster commands are clamped to these.
         noise: how much the wheels slip.

@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from hw.pose import Pose
+from robbie_robots.hw.pose import Pose
 
 MAX_VALID_FOR_S = 1.0
 """No command moves a robot for longer, whatever it says."""

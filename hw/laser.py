@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import ORIGIN, Pose
+from robbie_robots.hw.pose import ORIGIN, Pose
 
 
 @dataclass(frozen=True)

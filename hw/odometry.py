@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import ORIGIN
+from robbie_robots.hw.pose import ORIGIN
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceSilent
-from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceSilent
+from robbie_robots.hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
 
 
 class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):

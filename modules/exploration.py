@@ -2,14 +2,14 @@
 
 import math
 
-from modules.planar_messages import sweep_of
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, OccupancyGrid, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from workers.exploration.explorer import Explorer
-from workers.exploration.explorer_states import ExplorerSettings
-from workers.navigation.collision_guard import CollisionGuard
-from workers.navigation.path_follower import FollowerSettings, PathFollower
+from robbie_robots.modules.planar_messages import sweep_of
+from robbie_robots.workers.exploration.explorer import Explorer
+from robbie_robots.workers.exploration.explorer_states import ExplorerSettings
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
+from robbie_robots.workers.navigation.path_follower import FollowerSettings, PathFollower
 
 LATE_S = 0.4
 """Pose and laser must keep coming at least this often."""

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from modules.planar_messages import laser_mount, map_cells, planar, pose_stamped, sweep_of
-from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     LaserScan,
@@ -16,9 +14,11 @@ from robbie_mp.messages import (
     TFMessage,
     TimeJump,
 )
-from workers.localization.likelihood_field import LikelihoodField
-from workers.localization.localizer import Localization, LocalizationSettings, Localizer
-from workers.maps.map_file import read_map
+from robbie_robots.modules.planar_messages import laser_mount, map_cells, planar, pose_stamped, sweep_of
+from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
+from robbie_robots.workers.localization.likelihood_field import LikelihoodField
+from robbie_robots.workers.localization.localizer import Localization, LocalizationSettings, Localizer
+from robbie_robots.workers.maps.map_file import read_map
 
 
 class MonteCarloLocalization(Module):

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from modules.planar_messages import planar, pose_stamped
 from robbie_mp import CallRefused, Header, Module, SettingError, Time, setting
 from robbie_mp.bus.checkpoint.file import write_file
 from robbie_mp.messages import (
@@ -16,7 +15,8 @@ from robbie_mp.messages import (
     TimeJump,
     UndoMapAnnotation,
 )
-from workers.maps.map_annotations import (
+from robbie_robots.modules.planar_messages import planar, pose_stamped
+from robbie_robots.workers.maps.map_annotations import (
     AnnotatedMap,
     AnnotationError,
     AnnotationFileError,

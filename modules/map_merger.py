@@ -5,8 +5,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.planar_messages import map_cells, planar, pose_stamped
-from modules.team_messages import MapAlignment
 from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     MapMetaData,
@@ -19,8 +17,10 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
-from workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged, without_robot
-from workers.planar_pose import transform_points
+from robbie_robots.modules.planar_messages import map_cells, planar, pose_stamped
+from robbie_robots.modules.team_messages import MapAlignment
+from robbie_robots.workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged, without_robot
+from robbie_robots.workers.planar_pose import transform_points
 
 ALIGN_PERIOD_S = 5.0
 """Time between searches for the place of a map."""
@@ -44,7 +44,7 @@ class MapMerger(Module):
     `prefix_topics` publishes them so. This robot's map has the topic `own`: set `map_topic` of mapping.
 
         map_merger:
-          class: modules.map_merger:MapMerger
+          class: robbie_robots.modules.map_merger:MapMerger
           settings: {robots: [blue], starts: {blue: [0.0, 1.0, 0.0]}}
     """
 

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from modules.planar_messages import laser_mount, planar, pose_stamped, sweep_of
-from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
@@ -23,11 +21,13 @@ from robbie_mp.messages import (
     TFMessage,
     TimeJump,
 )
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.grid_mapper import GridMapper, Limits
-from workers.maps.map_file import write_large_map
-from workers.maps.map_picture import map_picture
-from workers.row_log import RowLog
+from robbie_robots.modules.planar_messages import laser_mount, planar, pose_stamped, sweep_of
+from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.grid_mapper import GridMapper, Limits
+from robbie_robots.workers.maps.map_file import write_large_map
+from robbie_robots.workers.maps.map_picture import map_picture
+from robbie_robots.workers.row_log import RowLog
 
 MOST_REDRAWN = 1000  # sweeps drawn or moved between two maps; the rest follows with the next ones
 MAP_FILE = Path("map.yaml")

@@ -5,7 +5,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.planar_messages import LASER, map_cells, planar, planar_mounts, pose_stamped, sweep_of
 from robbie_mp import (
     ActiveGoal,
     CallRefused,
@@ -40,13 +39,21 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from workers.maps.map_annotations import forbid
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.collision_guard import CollisionGuard
-from workers.navigation.navigator import Navigator
-from workers.navigation.navigator_states import RESTING, NavigatorSettings, NavigatorState
-from workers.navigation.path_follower import FollowerSettings, PathFollower
-from workers.navigation.path_planner import cell_costs
+from robbie_robots.modules.planar_messages import (
+    LASER,
+    map_cells,
+    planar,
+    planar_mounts,
+    pose_stamped,
+    sweep_of,
+)
+from robbie_robots.workers.maps.map_annotations import forbid
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
+from robbie_robots.workers.navigation.navigator import Navigator
+from robbie_robots.workers.navigation.navigator_states import RESTING, NavigatorSettings, NavigatorState
+from robbie_robots.workers.navigation.path_follower import FollowerSettings, PathFollower
+from robbie_robots.workers.navigation.path_planner import cell_costs
 
 MAP_FRAMES = ("map", "")
 

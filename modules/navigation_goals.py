@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.planar_messages import pose_stamped
 from robbie_mp import CallError, CallRefused, GoalAborted, Header, Module, NoServer, SentGoal, Time
 from robbie_mp.messages import (
     CancelNavigation,
@@ -17,6 +16,7 @@ from robbie_mp.messages import (
     NavigationFeedback,
     NavigationResult,
 )
+from robbie_robots.modules.planar_messages import pose_stamped
 
 CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 REPEAT_S = 2.0

@@ -6,9 +6,6 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.people_messages import People, PeopleClothes, Person
-from modules.planar_messages import map_cells, sweep_of
-from modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     CameraInfo,
@@ -21,14 +18,17 @@ from robbie_mp.messages import (
     Pose,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from workers.home.follow import PersonReport
-from workers.laser.laser_sweep import LaserSweep
-from workers.people.clothes import View, clothes_in
-from workers.people.leg_classifier import LegClassifier
-from workers.people.leg_segments import find_segments
-from workers.people.map_things import MapThings
-from workers.people.person_tracker import PersonTracker, TrackedPerson, TrackerSettings
-from workers.planar_pose import transform_points
+from robbie_robots.modules.people_messages import People, PeopleClothes, Person
+from robbie_robots.modules.planar_messages import map_cells, sweep_of
+from robbie_robots.modules.sensor_deadlines import CAMERA_S, LASER_S
+from robbie_robots.workers.home.follow import PersonReport
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.people.clothes import View, clothes_in
+from robbie_robots.workers.people.leg_classifier import LegClassifier
+from robbie_robots.workers.people.leg_segments import find_segments
+from robbie_robots.workers.people.map_things import MapThings
+from robbie_robots.workers.people.person_tracker import PersonTracker, TrackedPerson, TrackerSettings
+from robbie_robots.workers.planar_pose import transform_points
 
 SCANS = 5
 PEOPLE, THINGS = "people", "things_like_people"

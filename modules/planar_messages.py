@@ -17,8 +17,8 @@ from robbie_mp.messages import (
     Quaternion,
     TFMessage,
 )
-from workers.exploration.frontiers import Frontier
-from workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.exploration.frontiers import Frontier
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
 
 LASER = "laser"
 """Frame of the robot's laser, or of the one that looks ahead."""

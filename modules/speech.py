@@ -6,7 +6,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.speech_messages import Say, SpokenOrder, SpokenSlot
 from robbie_mp import (
     REQUIRED,
     Header,
@@ -20,16 +19,23 @@ from robbie_mp import (
     setting,
 )
 from robbie_mp.messages import RawAudio, TaughtNames
-from workers.speech.nearest_sentence import GrammarTooLarge
-from workers.speech.order_grammar import OrderGrammar, SpokenWords, WrongGrammar, is_sayable, words_with
-from workers.speech.order_recognizer import (
+from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
+from robbie_robots.workers.speech.nearest_sentence import GrammarTooLarge
+from robbie_robots.workers.speech.order_grammar import (
+    OrderGrammar,
+    SpokenWords,
+    WrongGrammar,
+    is_sayable,
+    words_with,
+)
+from robbie_robots.workers.speech.order_recognizer import (
     MAX_DISTANCE,
     RATE_HZ,
     OrderRecognizer,
     SpeechPackagesMissing,
 )
-from workers.speech.utterances import UtteranceFinder, silero
-from workers.speech.voice import NoVoice, speak
+from robbie_robots.workers.speech.utterances import UtteranceFinder, silero
+from robbie_robots.workers.speech.voice import NoVoice, speak
 
 PCM = "pcm-s16"
 OBJECT = "object"

@@ -1,6 +1,5 @@
 """Drives by spoken orders: to named places of the map, and stops; and learns places by name."""
 
-from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import CallError, MessageHandling, Module, setting
 from robbie_mp.messages import (
     AnnotateMap,
@@ -12,6 +11,7 @@ from robbie_mp.messages import (
     PointOfInterest,
     PoseStamped,
 )
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
 
 
 class SpokenNavigation(Module):

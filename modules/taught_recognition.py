@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from modules.sensor_deadlines import CAMERA_S
 from robbie_mp import CallRefused, Header, MessageHandling, Module, SettingError, setting
 from robbie_mp.attached.views.image_pixels import NoPicture, pixels_of
 from robbie_mp.bus.checkpoint.file import write_file
@@ -25,9 +24,10 @@ from robbie_mp.messages import (
     TaughtNames,
     TeachRecognition,
 )
-from workers.faces.face_recognition import MAX_DISTANCE, FaceRecognizer
-from workers.objects.object_recognition import ObjectRecognizer
-from workers.taught import (
+from robbie_robots.modules.sensor_deadlines import CAMERA_S
+from robbie_robots.workers.faces.face_recognition import MAX_DISTANCE, FaceRecognizer
+from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
+from robbie_robots.workers.taught import (
     Box,
     Pixels,
     Recognizer,

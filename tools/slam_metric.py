@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.planar_pose import relative, wrap_angle
+from robbie_robots.workers.planar_pose import relative, wrap_angle
 
 TOLERANCE_S = 0.05
 BAD_INPUT = 2

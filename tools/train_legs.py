@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.people.leg_classifier import LegClassifier
-from workers.people.leg_segments import FEATURES, Segments, find_segments
-from workers.people.person_tracker import PersonTracker
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.people.leg_classifier import LegClassifier
+from robbie_robots.workers.people.leg_segments import FEATURES, Segments, find_segments
+from robbie_robots.workers.people.person_tracker import PersonTracker
 
 Array = NDArray[np.float64]
 

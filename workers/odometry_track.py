@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.planar_pose import compose, relative
-from workers.row_log import RowLog
+from robbie_robots.workers.planar_pose import compose, relative
+from robbie_robots.workers.row_log import RowLog
 
 SAME_STAMP_S = 1e-4
 SEARCHED = 200  # newest entries searched for a sweep's stamp

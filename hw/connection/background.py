@@ -8,8 +8,8 @@ from contextlib import suppress
 from threading import Condition, Thread
 from typing import Generic, TypeVar
 
-from hw.connection.device import MAX_BACKOFF_S, MIN_BACKOFF_S, ConnectionState, Counters
-from hw.connection.errors import DeviceFault
+from robbie_robots.hw.connection.device import MAX_BACKOFF_S, MIN_BACKOFF_S, ConnectionState, Counters
+from robbie_robots.hw.connection.errors import DeviceFault
 
 # A call of the library that takes longer does not end any more. OpenCV waits 10 s for a camera.
 MAX_CALL_S = 15.0
@@ -25,7 +25,7 @@ class DeviceStuck(DeviceFault):
 class BackgroundDevice(ABC, Generic[T]):
     """A device that reconnects by itself, with backoff, read by a thread of its own.
 
-    It has the same face as `hw.connection.device.PluggableDevice`: call `poll` again and again. It counts as
+    It has the same face as `robbie_robots.hw.connection.device.PluggableDevice`: call `poll` again and again. It counts as
     connected when its first value has come. If it breaks, or is silent for `silence_s`, it is closed and
     opened again, and values that nobody has taken are dropped.
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Generic, TypeVar
 
-from hw.connection.errors import DeviceSilent
-from hw.connection.port import Port
+from robbie_robots.hw.connection.errors import DeviceSilent
+from robbie_robots.hw.connection.port import Port
 
 # The wait between two attempts to connect doubles from the first to the last of these.
 MIN_BACKOFF_S = 0.1

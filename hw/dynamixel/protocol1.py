@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from enum import IntFlag
 from typing import NamedTuple
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION, _RESET, _SYNC_WRITE, _BULK_READ = 1, 2, 3, 4, 5, 6, 0x83, 0x92

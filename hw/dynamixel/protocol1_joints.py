@@ -9,14 +9,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.connection.stop_guard import PING_PERIOD_S, StopGuard
-from hw.dynamixel import protocol1
-from hw.dynamixel.protocol1 import Packet1, Protocol1Framing, ServoError
-from hw.framing import FrameDecoder
-from hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuard
+from robbie_robots.hw.dynamixel import protocol1
+from robbie_robots.hw.dynamixel.protocol1 import Packet1, Protocol1Framing, ServoError
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
 
 BIT_RATE = 1_000_000
 # Addresses of the control table.
@@ -162,7 +162,7 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
     switches the torque off.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         servos: the joints.
         bit_rate: bit/s of the line.
         rate_hz: readings each second.

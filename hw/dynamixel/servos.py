@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.dynamixel import protocol2
-from hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.dynamixel import protocol2
+from robbie_robots.hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
 
 BIT_RATE = 57_600
 STEPS_PER_TURN = 4096
@@ -85,7 +85,7 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
     line works again, the driver switches the torque off. Only the next command moves a servo then.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         servos: the joints.
         bit_rate: bit/s of the line.
         rate_hz: readings each second.

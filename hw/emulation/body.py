@@ -6,9 +6,9 @@ from threading import Lock
 
 import numpy as np
 
-from hw.drive import DriveState
-from hw.simulation.differential_drive import DifferentialDrive
-from hw.simulation.drive import SimulatedDrive, WorldState
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.simulation.differential_drive import DifferentialDrive
+from robbie_robots.hw.simulation.drive import SimulatedDrive, WorldState
 
 # An emulated base moves its body again much earlier.
 VALID_S = 1.0

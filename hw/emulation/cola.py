@@ -12,7 +12,7 @@ from operator import xor
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 STX, ETX = b"\x02", b"\x03"
 BINARY_START = 4 * STX

@@ -5,8 +5,8 @@ Source: iRobot, Create 2 Open Interface (OI) Specification based on the Roomba 6
 
 import math
 
-from hw.emulation.body import Body, ObedientBody
-from hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
+from robbie_robots.hw.emulation.body import Body, ObedientBody
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 BIT_RATES = (300, 600, 1200, 2400, 4800, 9600, 14_400, 19_200, 28_800, 38_400, 57_600, 115_200)
 STREAM_HEADER = 19

@@ -6,7 +6,7 @@ Source: Robotis, e-Manual: Dynamixel Protocol 2.0, and the control table of the 
 import struct
 from collections.abc import Iterator, Sequence
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 HEADER = b"\xff\xff\xfd\x00"
 EVERYBODY = 0xFE

@@ -5,7 +5,7 @@ Source: Robotis, e-Manual: Dynamixel Protocol 1.0, and the control tables of AX-
 
 from collections.abc import Mapping
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 EVERYBODY = 0xFE
 PING, READ, WRITE, REG_WRITE, ACTION, RESET, SYNC_WRITE, BULK_READ = 1, 2, 3, 4, 5, 6, 0x83, 0x92

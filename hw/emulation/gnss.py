@@ -9,8 +9,8 @@ import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
-from hw.emulation.fletcher import fletcher
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.fletcher import fletcher
 
 KNOT_M_PER_S = 0.514444
 SYNC = b"\xb5\x62"

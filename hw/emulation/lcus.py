@@ -3,7 +3,7 @@
 Source: LC Technology, LC USB switch communication protocol.
 """
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 START, QUESTION = 0xA0, 0xFF
 COMMAND_BYTES = 4

@@ -7,9 +7,9 @@ from collections import deque
 from threading import RLock, Thread
 from types import TracebackType
 
-from hw.emulation.carrier import Carrier
-from hw.emulation.device import EmulatedDevice, SentFrame
-from hw.emulation.faults import Faults, FaultyWay
+from robbie_robots.hw.emulation.carrier import Carrier
+from robbie_robots.hw.emulation.device import EmulatedDevice, SentFrame
+from robbie_robots.hw.emulation.faults import Faults, FaultyWay
 
 # The longest wait without a look at the device, so that a clock that you set takes effect.
 MAX_WAIT_S = 0.05

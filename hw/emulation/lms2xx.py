@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 STX, ACK, NAK = 0x02, b"\x06", b"\x15"
 ADDRESS_OF_REPLIES = 0x80

@@ -6,8 +6,8 @@ Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol.
 import struct
 from dataclasses import dataclass
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
-from hw.emulation.fletcher import fletcher
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.fletcher import fletcher
 
 SYNC = b"\x75\x65"
 BASE_COMMANDS, SETTINGS, SENSOR_DATA = 0x01, 0x0C, 0x80

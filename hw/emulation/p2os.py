@@ -7,8 +7,8 @@ import math
 import struct
 from dataclasses import dataclass, field
 
-from hw.emulation.body import Body, ObedientBody
-from hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
+from robbie_robots.hw.emulation.body import Body, ObedientBody
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 HEADER = b"\xfa\xfb"
 SIP_PERIOD_S = 0.1

@@ -6,7 +6,7 @@ Source: Directed Perception, Pan-Tilt Unit (Model PTU) User's Manual.
 import re
 from dataclasses import dataclass
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 ARC_SECONDS_PER_STEP = 185.1428
 STEP_S = 0.02

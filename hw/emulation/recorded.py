@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.body import Body
-from hw.pose import wrapped
+from robbie_robots.hw.emulation.body import Body
+from robbie_robots.hw.pose import wrapped
 
 Array = NDArray[np.float64]
 

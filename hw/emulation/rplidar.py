@@ -14,7 +14,7 @@ from operator import xor
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 SINGLE, STREAM = 0, 1 << 30
 QUALITY = 47

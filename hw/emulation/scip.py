@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 LINE_CHARACTERS = 64
 STAMP_MODULUS = 1 << 24

@@ -2,10 +2,10 @@
 
 from collections import deque
 
-from hw.connection.port import Port
-from hw.emulation.device import EmulatedDevice
-from hw.emulation.faults import Faults, FaultyWay
-from hw.emulation.line import BITS_PER_BYTE, MAX_RATE_DIFFERENCE
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.emulation.device import EmulatedDevice
+from robbie_robots.hw.emulation.faults import Faults, FaultyWay
+from robbie_robots.hw.emulation.line import BITS_PER_BYTE, MAX_RATE_DIFFERENCE
 
 
 class SimulatedTime:

@@ -6,7 +6,7 @@ Source: Xsens Technologies, MT Low-Level Communication Protocol Documentation.
 import struct
 from dataclasses import dataclass
 
-from hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 PREAMBLE = b"\xfa\xff"
 MAX_SHORT_BYTES = 254

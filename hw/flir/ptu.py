@@ -5,13 +5,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.flir import ptu_protocol as protocol
-from hw.flir.ptu_protocol import Answer, Axis, PtuFraming
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.pan_tilt import PanTiltLimits, PanTiltState, PanTiltUnit
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.flir import ptu_protocol as protocol
+from robbie_robots.hw.flir.ptu_protocol import Answer, Axis, PtuFraming
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.pan_tilt import PanTiltLimits, PanTiltState, PanTiltUnit
 
 BIT_RATE = 9_600
 RAD_PER_ARC_SECOND = 2 * math.pi / protocol.ARC_SECONDS_PER_TURN
@@ -35,7 +35,7 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
     end, which lies within the unit's own limits.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         rate_rad_per_s: speed of both joints.
         bit_rate: bit/s.
         clock: the time for stamps, s.

@@ -7,7 +7,7 @@ import re
 from enum import StrEnum
 from typing import NamedTuple
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 ARC_SECONDS_PER_TURN = 360 * 3600
 MAX_ANSWER_BYTES = 256

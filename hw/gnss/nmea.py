@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 KNOT_M_PER_S = 1852 / 3600
 # The standard allows 82 characters; receivers send longer ones.

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic
 
-from hw.connection.device import PluggableDevice
-from hw.connection.port import Port
-from hw.framing import DamagedFrame, Frame, FrameDecoder, Framing
-from hw.gnss import nmea, ubx
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import DamagedFrame, Frame, FrameDecoder, Framing
+from robbie_robots.hw.gnss import nmea, ubx
 
 NMEA_BIT_RATE = 4_800
 UBX_BIT_RATE = 9_600
@@ -49,7 +49,7 @@ class Receiver(PluggableDevice[SatellitePosition], Generic[Frame]):
     """Base of receivers. An old position is published as old, never repeated as new.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         bit_rate: bit/s.
         framing: of the receiver's protocol.
         clock: the time for stamps, s.
@@ -153,7 +153,7 @@ class UbxReceiver(Receiver[ubx.UbxMessage]):
     """A u-blox receiver; it is told to send its solution (NAV-PVT).
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         bit_rate: bit/s.
         period_s: time between two solutions.
         clock: the time for stamps, s.

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum
 
-from hw.connection.clock import DeviceClock
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.hokuyo.scip import (
+from robbie_robots.hw.connection.clock import DeviceClock
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.hokuyo.scip import (
     STAMP_BITS,
     DamagedLine,
     Reply,
@@ -18,9 +18,9 @@ from hw.hokuyo.scip import (
     measurement,
     parameters,
 )
-from hw.laser import LaserGeometry, LaserSweep
-from hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from hw.pose import ORIGIN, Pose
+from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
+from robbie_robots.hw.pose import ORIGIN, Pose
 
 BIT_RATE = 115_200
 # A laser answers a command within this time; an earlier stream that still runs may delay the first answer.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.errors import DeviceFault
+from robbie_robots.hw.connection.errors import DeviceFault
 
 # The longest reply: 1440 steps with range and intensity take 9 kB.
 MAX_REPLY_BYTES = 20_000

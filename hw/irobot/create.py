@@ -5,12 +5,12 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from hw.battery import BatteryReading
-from hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference
-from hw.connection.port import Port
-from hw.framing import FrameDecoder
-from hw.irobot import open_interface as oi
-from hw.odometry import OdometryNoise
+from robbie_robots.hw.battery import BatteryReading
+from robbie_robots.hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.irobot import open_interface as oi
+from robbie_robots.hw.odometry import OdometryNoise
 
 BIT_RATE = 115_200
 WHEEL_BASE_M = 0.235
@@ -43,7 +43,7 @@ class CreateBase(ConnectedBase):
     sensors stop it. When this process dies or hangs, the guard stops it.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         bit_rate: bit/s; Create 1 and Roomba 400 have 57,600.
         clock: the time for stamps, s.
         monotonic: see `PluggableDevice`.
@@ -79,11 +79,11 @@ class CreateBase(ConnectedBase):
         """The robot's mode in its last frame."""
 
     def show(self, lamps: oi.Leds, color: int = 0, intensity: int = 255) -> None:
-        """Switch the lamps: see `hw.irobot.open_interface.leds`."""
+        """Switch the lamps: see `robbie_robots.hw.irobot.open_interface.leds`."""
         self.send(oi.leds(lamps, color, intensity))
 
     def sing(self, notes: list[tuple[int, int]]) -> None:
-        """Play up to 16 notes: see `hw.irobot.open_interface.song`."""
+        """Play up to 16 notes: see `robbie_robots.hw.irobot.open_interface.song`."""
         self.send(oi.song(0, notes) + oi.play(0))
 
     def dock(self) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 STREAM_HEADER = 0x13
 # What the robot can send in the 15 ms between two frames of the stream, at 115,200 baud.

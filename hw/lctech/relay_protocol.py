@@ -8,7 +8,7 @@ byte FF with a line for each relay.
 import re
 from typing import NamedTuple
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 MAX_RELAYS = 8
 COMMAND_START = 0xA0

@@ -4,13 +4,13 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceSilent
-from hw.connection.port import Port
-from hw.framing import FrameDecoder
-from hw.lctech import relay_protocol as protocol
-from hw.lctech.relay_protocol import RelayAnswer, RelayFraming
-from hw.lights import Lights
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.lctech import relay_protocol as protocol
+from robbie_robots.hw.lctech.relay_protocol import RelayAnswer, RelayFraming
+from robbie_robots.hw.lights import Lights
 
 BIT_RATE = 9_600
 ANSWER_S = 0.3
@@ -30,7 +30,7 @@ class RelayLights(PluggableDevice[RelayAnswer], Lights):
     they were switched.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         names: names of the lights, that on relay 1 first.
         silence_s: see `PluggableDevice`.
         monotonic: likewise.

@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.clock import DeviceClock
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.imu import ImuSample, OrientedSample, gathered_s
-from hw.microstrain import mip
-from hw.microstrain.mip import STANDARD_GRAVITY_M_PER_S2 as ONE_G
-from hw.microstrain.mip import MipFraming, MipPacket, SensorField
+from robbie_robots.hw.connection.clock import DeviceClock
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.imu import ImuSample, OrientedSample, gathered_s
+from robbie_robots.hw.microstrain import mip
+from robbie_robots.hw.microstrain.mip import STANDARD_GRAVITY_M_PER_S2 as ONE_G
+from robbie_robots.hw.microstrain.mip import MipFraming, MipPacket, SensorField
 
 BIT_RATE = 115_200
 ANSWER_S = 0.3
@@ -38,7 +38,7 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
     Its quaternion comes from the unit's own filter. In the world's frame x points east and y north.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         rate_hz: samples in each second; the unit divides its own rate by a whole number.
         bit_rate: bit/s.
         clock: the time for stamps, s.

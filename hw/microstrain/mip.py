@@ -9,7 +9,7 @@ from enum import IntEnum
 from itertools import accumulate
 from typing import NamedTuple
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
 REPLY = 0xF1

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from hw.battery import BatteryReading
-from hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference, nothing_beyond
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.odometry import OdometryNoise
-from hw.pioneer import p2os
-from hw.pioneer.p2os import Command, PacketId
+from robbie_robots.hw.battery import BatteryReading
+from robbie_robots.hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference, nothing_beyond
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.odometry import OdometryNoise
+from robbie_robots.hw.pioneer import p2os
+from robbie_robots.hw.pioneer.p2os import Command, PacketId
 
 BIT_RATE = 9_600
 HEADING_MODULUS = 4_096
@@ -80,7 +80,7 @@ class PioneerBase(ConnectedBase):
     problems say why the robot would drive on.
 
     Args:
-        url: the port: see `hw.connection.port.Port`; the maker's simulator is at "socket://HOST:8101".
+        url: the port: see `robbie_robots.hw.connection.port.Port`; the maker's simulator is at "socket://HOST:8101".
         bit_rate: bit/s.
         model: None: the one that the robot names, or a P3-AT.
         stands_within_s: how long after the loss of its line the robot may move; 0: as long as it takes.

@@ -10,13 +10,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from hw.connection.clock import MAX_DRIFT, RegularClock
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.laser import LaserGeometry, LaserSweep
-from hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from hw.pose import ORIGIN, Pose
-from hw.rplidar.protocol import (
+from robbie_robots.hw.connection.clock import MAX_DRIFT, RegularClock
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.rplidar.protocol import (
     CAPSULES,
     CONFIGURATION,
     DENSE_CAPSULES,
@@ -47,7 +47,7 @@ from hw.rplidar.protocol import (
     descriptor,
     request,
 )
-from hw.rplidar.streams import READERS, NodeReader, Samples, StreamReader, joined
+from robbie_robots.hw.rplidar.streams import READERS, NodeReader, Samples, StreamReader, joined
 
 ANSWER_S = 0.5
 # A stopped laser still sends what it has in its buffer.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.rplidar.protocol import CAPSULES, DENSE_CAPSULES, HQ_CAPSULES, NODES, ULTRA_CAPSULES
+from robbie_robots.hw.rplidar.protocol import CAPSULES, DENSE_CAPSULES, HQ_CAPSULES, NODES, ULTRA_CAPSULES
 
 FULL_TURN_DEG = 360.0
 Bytes = NDArray[np.uint8]

@@ -14,7 +14,7 @@ from operator import xor
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 # An LMS5xx with 1141 beams, five echoes and intensities.
 MAX_FRAME_BYTES = 40_000

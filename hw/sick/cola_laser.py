@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hw.connection.clock import DeviceClock
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.framing import FrameDecoder
-from hw.laser import LaserGeometry, LaserSweep
-from hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from hw.pose import ORIGIN, Pose
-from hw.sick.cola import (
+from robbie_robots.hw.connection.clock import DeviceClock
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.sick.cola import (
     CONFIGURE,
     END_STREAM,
     LOG_IN,

@@ -8,14 +8,14 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.clock import RegularClock
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.framing import FrameDecoder
-from hw.laser import LaserGeometry, LaserSweep
-from hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from hw.pose import ORIGIN, Pose
-from hw.sick.lms2xx_telegrams import (
+from robbie_robots.hw.connection.clock import RegularClock
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.sick.lms2xx_telegrams import (
     BIT_RATES,
     MODE_SWITCHED,
     PARTIAL_SCANS,

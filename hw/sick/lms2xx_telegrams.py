@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 STX = b"\x02"
 ACK = b"\x06"

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
-from hw.simulation.arena_contents import (
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena_contents import (
     AppearingObstacle,
     HazardSign,
     NumberSign,
@@ -17,7 +17,7 @@ from hw.simulation.arena_contents import (
     Table,
     Victim,
 )
-from hw.simulation.doors import Door, door_leaves
+from robbie_robots.hw.simulation.doors import Door, door_leaves
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.box_segments import box_segments
 
 POST_RADIUS_M = 0.05
 """Radius of the posts that carry boards."""

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import (
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import (
     POST_RADIUS_M,
     AppearingObstacle,
     BoardFont,
@@ -27,11 +27,11 @@ from hw.simulation.arena_contents import (
     VictimKind,
     WallSpot,
 )
-from hw.simulation.arena_drawing import Drawing, DrawingError
-from hw.simulation.aruco import TAG_COUNT
-from hw.simulation.box_segments import box_segments
-from hw.simulation.doors import Door
-from hw.simulation.yaml_map import ArenaError, YamlMap, read_yaml_map
+from robbie_robots.hw.simulation.arena_drawing import Drawing, DrawingError
+from robbie_robots.hw.simulation.aruco import TAG_COUNT
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.doors import Door
+from robbie_robots.hw.simulation.yaml_map import ArenaError, YamlMap, read_yaml_map
 
 __all__ = ["ArenaError", "read_arena"]
 

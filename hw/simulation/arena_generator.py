@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from hw.simulation.arena_contents import SignKind, VictimKind, WallSpot
-from hw.simulation.aruco import TAG_COUNT
-from hw.simulation.reachable_area import Mask, connected
-from hw.simulation.room_plan import RoomPlan
+from robbie_robots.hw.simulation.arena_contents import SignKind, VictimKind, WallSpot
+from robbie_robots.hw.simulation.aruco import TAG_COUNT
+from robbie_robots.hw.simulation.reachable_area import Mask, connected
+from robbie_robots.hw.simulation.room_plan import RoomPlan
 
 # Edge of a cell of the drawing, and the number of finer cells along that edge.
 CELL_M, FINE = 0.25, 5

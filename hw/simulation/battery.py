@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hw.battery import Battery, BatteryReading
-from hw.drive import DriveState
+from robbie_robots.hw.battery import Battery, BatteryReading
+from robbie_robots.hw.drive import DriveState
 
 # Open-circuit voltage of a lithium-ion cell, V, over the remaining charge, as a ratio.
 CHARGE = (0.0, 0.05, 0.1, 0.2, 0.5, 0.8, 1.0)

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from hw.bumper import PARTS, Bumper, Contact
-from hw.pose import Pose
-from hw.simulation.arena import Arena
+from robbie_robots.hw.bumper import PARTS, Bumper, Contact
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
 
 # Two rays are less than a centimetre apart where they leave the stock robot's body.
 RAYS = 180

@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import Camera, CameraFrame, CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import NumberSign, Sheet, VictimKind
-from hw.simulation.hanging import Hanging
-from hw.simulation.number_board import back_texture, board_texture, sheet_texture
-from hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat, victim_textures
-from hw.simulation.people import PICTURE_S, head_hanging, person_hanging
-from hw.simulation.renderer import Paint, Renderer
-from hw.simulation.texture import Texture
+from robbie_robots.hw.camera import Camera, CameraFrame, CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import NumberSign, Sheet, VictimKind
+from robbie_robots.hw.simulation.hanging import Hanging
+from robbie_robots.hw.simulation.number_board import back_texture, board_texture, sheet_texture
+from robbie_robots.hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat, victim_textures
+from robbie_robots.hw.simulation.people import PICTURE_S, head_hanging, person_hanging
+from robbie_robots.hw.simulation.renderer import Paint, Renderer
+from robbie_robots.hw.simulation.texture import Texture
 
 WAVE_S = 0.5
 """Time after which a waving victim changes its picture."""
@@ -57,9 +57,9 @@ class SimulatedCamera(Camera):
         self._placed: tuple[Pose, float] | None = None
         self._direction = (0.0, 0.0)
         self.people: NDArray[np.float64] = np.empty((0, 5))
-        """Where people are: (P, 5), as `hw.simulation.people.PersonState.shown`; set it before `capture`."""
+        """Where people are: (P, 5), as `robbie_robots.hw.simulation.people.PersonState.shown`; set it before `capture`."""
         self.heads: dict[str, list[Texture]] = {}
-        """Pictures of people's heads by their names: see `hw.simulation.people.read_heads`."""
+        """Pictures of people's heads by their names: see `robbie_robots.hw.simulation.people.read_heads`."""
 
     @property
     def geometry(self) -> CameraGeometry:

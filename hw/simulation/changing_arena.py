@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.doors import Doors
-from hw.simulation.people import STEP_S, People
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.doors import Doors
+from robbie_robots.hw.simulation.people import STEP_S, People
 
 # No obstacle appears nearer than this to the robot, so that it can stop.
 APART_M = 0.6

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
 
 Array = NDArray[np.float64]
 STATIONS = 240
@@ -76,7 +76,7 @@ def random_course(seed: int, wishes: CourseWishes | None = None) -> Course:
 
 
 def as_yaml(course: Course) -> str:
-    """Return a course as an arena file: see `hw.simulation.arena_file`."""
+    """Return a course as an arena file: see `robbie_robots.hw.simulation.arena_file`."""
     arena, cell_m = course.arena, 0.25
     columns, rows = (math.ceil(size / cell_m) for size in (arena.width_m, arena.height_m))
     drawing = [["."] * columns for _ in range(rows)]

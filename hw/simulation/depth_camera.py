@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.simulation.solid import Placed
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.simulation.solid import Placed
 
 MAX_MM = 2**16 - 1
 ON_FLOOR, ON_NOTHING = -2, -1

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hw.pose import Pose
+from robbie_robots.hw.pose import Pose
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
+from robbie_robots.hw.pose import Pose
 
 Array = NDArray[np.float64]
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.drive import Drive, DriveState, capped_validity_s
-from hw.pose import ORIGIN, Pose
-from hw.simulation.arena import Arena
-from hw.simulation.changing_arena import ChangingArena
-from hw.simulation.differential_drive import DifferentialDrive
-from hw.simulation.doors import Doors
-from hw.simulation.people import leg_circles
-from hw.simulation.wheel import SimulatedWheel, WheelErrors
+from robbie_robots.hw.drive import Drive, DriveState, capped_validity_s
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.changing_arena import ChangingArena
+from robbie_robots.hw.simulation.differential_drive import DifferentialDrive
+from robbie_robots.hw.simulation.doors import Doors
+from robbie_robots.hw.simulation.people import leg_circles
+from robbie_robots.hw.simulation.wheel import SimulatedWheel, WheelErrors
 
 STEP_S = 0.01
 # A contact ends when the robot is this far away.
@@ -32,9 +32,9 @@ class WorldState:
         emergency_stopped: whether the emergency stop is engaged.
         elapsed_s: simulated time.
         obstacles: indices of the temporary obstacles that are present.
-        people: where people are on their ways, as `hw.simulation.people.PersonState`.
+        people: where people are on their ways, as `robbie_robots.hw.simulation.people.PersonState`.
         touches: number of times that the robot drove against a person; each is a collision, too.
-        doors: how far doors are open, as `hw.simulation.doors.Doors.states`.
+        doors: how far doors are open, as `robbie_robots.hw.simulation.doors.Doors.states`.
     """
 
     true_pose: Pose
@@ -143,7 +143,7 @@ class SimulatedDrive(Drive):
 
     @property
     def people(self) -> NDArray[np.float64]:
-        """Return where people are: (P, 5), as `hw.simulation.people.PersonState.shown`."""
+        """Return where people are: (P, 5), as `robbie_robots.hw.simulation.people.PersonState.shown`."""
         return self._surroundings.people.shown
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
+from robbie_robots.hw.pose import Pose
 
 NEAR_M = 3.0
 BESIDE_M = 0.25

@@ -1,12 +1,12 @@
-"""Writes a random arena as YAML: `python -m hw.simulation.generate_arena --seed 3 > arena.yaml`."""
+"""Writes a random arena as YAML: `python -m robbie_robots.hw.simulation.generate_arena --seed 3 > arena.yaml`."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
 
-from hw.simulation.arena_contents import WallSpot
-from hw.simulation.arena_generator import CELL_M, ArenaGenerator, ArenaWishes, CannotBeArranged
+from robbie_robots.hw.simulation.arena_contents import WallSpot
+from robbie_robots.hw.simulation.arena_generator import CELL_M, ArenaGenerator, ArenaWishes, CannotBeArranged
 
 APPEARS_FOR_S = 30.0
 
@@ -27,7 +27,7 @@ def generate_arena(seed: int, wishes: ArenaWishes | None = None) -> str:
     made = ArenaGenerator(seed, wishes)
     options = " ".join(f"--{field.name} {getattr(wishes, field.name):g}" for field in fields(wishes))
     lines = [
-        f"# A random arena: python -m hw.simulation.generate_arena --seed {seed} {options}",
+        f"# A random arena: python -m robbie_robots.hw.simulation.generate_arena --seed {seed} {options}",
         f"cell_m: {CELL_M:g}",
         f"start_heading_rad: {made.start_heading_rad:.4f}",
         "drawing: |",
@@ -67,7 +67,7 @@ def _spot(spot: WallSpot) -> str:
 def main(words: Sequence[str] | None = None) -> int:
     """Write an arena to standard output. `words` are the arguments of the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m hw.simulation.generate_arena",
+        prog="python -m robbie_robots.hw.simulation.generate_arena",
         description="Write a random arena as YAML to standard output.",
     )
     parser.add_argument("--seed", type=int, required=True, help="the same seed makes the same arena")

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena_contents import WallSpot
-from hw.simulation.texture import Texture
-from hw.simulation.view_rays import ViewRays
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena_contents import WallSpot
+from robbie_robots.hw.simulation.texture import Texture
+from robbie_robots.hw.simulation.view_rays import ViewRays
 
 # A picture is visible if the ray reaches its wall, or ends at most this far in front of it.
 BEFORE_WALL_M = 0.06

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.drive import DriveState
-from hw.imu import Imu, ImuSample
-from hw.pose import wrapped
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.imu import Imu, ImuSample
+from robbie_robots.hw.pose import wrapped
 
 GRAVITY_M_PER_S2 = 9.80665
 

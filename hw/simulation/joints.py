@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
+from robbie_robots.hw.joints import Joint, JointReading, Joints, capped_validity_s, checked
 
 
 class SimulatedJoints(Joints):

@@ -5,9 +5,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
-from hw.pose import Pose
-from hw.simulation.arena import Arena
+from robbie_robots.hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
 
 
 class LaserNotPlaced(RuntimeError):

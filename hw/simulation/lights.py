@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from hw.lights import Lights
+from robbie_robots.hw.lights import Lights
 
 
 class SimulatedLights(Lights):

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from hw.simulation.arena_contents import BoardFont, Figure
-from hw.simulation.texture import Texture
+from robbie_robots.hw.simulation.arena_contents import BoardFont, Figure
+from robbie_robots.hw.simulation.texture import Texture
 
 Values = NDArray[np.uint8]
 

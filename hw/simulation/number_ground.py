@@ -1,4 +1,4 @@
-"""Writes a random ground with numbered boards as YAML: `python -m hw.simulation.number_ground --seed 3`."""
+"""Writes a random ground with numbered boards as YAML: `python -m robbie_robots.hw.simulation.number_ground --seed 3`."""
 
 import argparse
 import math
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hw.simulation.arena_contents import BoardFont, Figure
+from robbie_robots.hw.simulation.arena_contents import BoardFont, Figure
 
 COLUMNS, ROWS = 15, 12
 BARRIER_M = 0.8
@@ -47,7 +47,7 @@ def generate_ground(seed: int, *, sheet: bool = False) -> str:
     made = _Ground(random)
     option = " --sheet" if sheet else ""
     lines = [
-        f"# A random ground: python -m hw.simulation.number_ground --seed {seed}{option}",
+        f"# A random ground: python -m robbie_robots.hw.simulation.number_ground --seed {seed}{option}",
         "cell_m: 1",
         f"wall_height_m: {BARRIER_M:g}",
         f"start_heading_rad: {made.heading_rad:.4f}",
@@ -162,7 +162,7 @@ def _fronts(x_m: float, y_m: float, facing_rad: float) -> list[Place]:
 def main(words: Sequence[str] | None = None) -> int:
     """Write a ground to standard output. `words` are the arguments of the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m hw.simulation.number_ground",
+        prog="python -m robbie_robots.hw.simulation.number_ground",
         description="Write a random ground with numbered boards as YAML to standard output.",
     )
     parser.add_argument("--seed", type=int, required=True, help="the same seed makes the same ground")

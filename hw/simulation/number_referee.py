@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hw.pose import Pose, wrapped
-from hw.simulation.arena import Arena
+from robbie_robots.hw.pose import Pose, wrapped
+from robbie_robots.hw.simulation.arena import Arena
 
 NEAR_M = 1.5
 IN_FRONT_RAD = math.radians(60)

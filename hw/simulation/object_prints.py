@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from hw.simulation.solid import Floats, Solid
+from robbie_robots.hw.simulation.solid import Floats, Solid
 
 Colours = NDArray[np.uint8]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from hw.pan_tilt import PanTiltLimits, PanTiltState, PanTiltUnit
+from robbie_robots.hw.pan_tilt import PanTiltLimits, PanTiltState, PanTiltUnit
 
 
 class SimulatedPanTilt(PanTiltUnit):

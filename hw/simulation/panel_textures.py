@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.simulation.arena_contents import HazardSign, SignKind, Victim, VictimKind
-from hw.simulation.aruco import tag_cells
-from hw.simulation.texture import Texture
+from robbie_robots.hw.simulation.arena_contents import HazardSign, SignKind, Victim, VictimKind
+from robbie_robots.hw.simulation.aruco import tag_cells
+from robbie_robots.hw.simulation.texture import Texture
 
 Colours = NDArray[np.uint8]
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from hw.pose import Pose, wrapped
-from hw.simulation.arena_contents import Colour, Person, WallSpot
-from hw.simulation.doors import Doors
-from hw.simulation.hanging import Hanging
-from hw.simulation.texture import Texture
+from robbie_robots.hw.pose import Pose, wrapped
+from robbie_robots.hw.simulation.arena_contents import Colour, Person, WallSpot
+from robbie_robots.hw.simulation.doors import Doors
+from robbie_robots.hw.simulation.hanging import Hanging
+from robbie_robots.hw.simulation.texture import Texture
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena import Arena
 
 Mask = NDArray[np.bool_]
 

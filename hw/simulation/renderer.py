@@ -6,11 +6,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.hanging import Hanging, HangingView
-from hw.simulation.view_rays import ViewRays
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.hanging import Hanging, HangingView
+from robbie_robots.hw.simulation.view_rays import ViewRays
 
 Values = NDArray[Any]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
+from robbie_robots.hw.pose import Pose
 
 FORMAT = struct.Struct("<Q4dQ")  # sequence, x, y, heading, time, sequence
 STALE_S = 5.0

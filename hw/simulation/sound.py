@@ -7,7 +7,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.sound.sound import SoundBlock, SoundFormat
+from robbie_robots.hw.sound.sound import SoundBlock, SoundFormat
 
 
 class NotWav(ValueError):

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from hw.camera import CameraGeometry
-from hw.simulation.depth_camera import View
-from hw.simulation.object_prints import ObjectPrint
-from hw.simulation.solid import Floats, Placed
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.simulation.depth_camera import View
+from robbie_robots.hw.simulation.object_prints import ObjectPrint
+from robbie_robots.hw.simulation.solid import Floats, Placed
 
 Pixels = NDArray[np.uint8]
 

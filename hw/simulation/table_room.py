@@ -1,4 +1,4 @@
-"""Writes a random room with objects on a table as YAML: `python -m hw.simulation.table_room --seed 3`."""
+"""Writes a random room with objects on a table as YAML: `python -m robbie_robots.hw.simulation.table_room --seed 3`."""
 
 import argparse
 import math
@@ -21,7 +21,7 @@ FROM_EDGE_M, DEEP_M, BESIDE_M = 0.06, 0.17, 0.20
 APART_M = 0.13
 MAX_TRIES, RESTART = 10_000, 50
 ROOM = """\
-# A random room: python -m hw.simulation.table_room --seed {seed}
+# A random room: python -m robbie_robots.hw.simulation.table_room --seed {seed}
 cell_m: 0.5
 wall_height_m: 0.9
 drawing: |
@@ -93,7 +93,7 @@ def print_seed(seed: int, name: str) -> int:
 def main(words: Sequence[str] | None = None) -> int:
     """Write a room to standard output. `words` are the arguments of the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m hw.simulation.table_room",
+        prog="python -m robbie_robots.hw.simulation.table_room",
         description="Write a random room with objects on a table as YAML to standard output.",
     )
     parser.add_argument("--seed", type=int, required=True, help="the same seed makes the same room")

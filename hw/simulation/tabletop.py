@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.simulation.solid import Placed, Solid, moved, pose_at
+from robbie_robots.hw.simulation.solid import Placed, Solid, moved, pose_at
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.simulation.solid import Solid
+from robbie_robots.hw.simulation.solid import Solid
 
 
 class UrdfShapeError(ValueError):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
+from robbie_robots.hw.camera import CameraGeometry
 
 Floats = NDArray[np.float32]
 

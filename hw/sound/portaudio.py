@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.background import BackgroundDevice, T
-from hw.connection.errors import DeviceFault
-from hw.sound.sound import SoundBlock, SoundFormat
+from robbie_robots.hw.connection.background import BackgroundDevice, T
+from robbie_robots.hw.connection.errors import DeviceFault
+from robbie_robots.hw.sound.sound import SoundBlock, SoundFormat
 
 
 class SoundFault(DeviceFault):

@@ -9,8 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.video.huffman import with_huffman_tables
-from hw.video.source import CameraFault, CameraLibraryMissing, VideoFormat, VideoSource, is_address
+from robbie_robots.hw.video.huffman import with_huffman_tables
+from robbie_robots.hw.video.source import (
+    CameraFault,
+    CameraLibraryMissing,
+    VideoFormat,
+    VideoSource,
+    is_address,
+)
 
 # A camera on the network that is silent for this time, when it is opened and later, is given up.
 NETWORK_S = 5.0

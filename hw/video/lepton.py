@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraFrame
-from hw.video.opencv import OpenCvCamera
-from hw.video.source import CameraFault, VideoFormat
+from robbie_robots.hw.camera import CameraFrame
+from robbie_robots.hw.video.opencv import OpenCvCamera
+from robbie_robots.hw.video.source import CameraFault, VideoFormat
 
 ROWS, COLUMNS, TELEMETRY_ROWS = 120, 160, 2
 # The board sends 27 frames each second, three alike, or 9.

@@ -8,8 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraFrame
-from hw.video.source import CameraFault, CameraLibraryMissing, VideoFormat, VideoSource, is_address
+from robbie_robots.hw.camera import CameraFrame
+from robbie_robots.hw.video.source import (
+    CameraFault,
+    CameraLibraryMissing,
+    VideoFormat,
+    VideoSource,
+    is_address,
+)
 
 
 class OpenCvCamera(VideoSource[CameraFrame]):

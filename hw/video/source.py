@@ -13,8 +13,8 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hw.connection.background import BackgroundDevice, T
-from hw.connection.errors import DeviceFault
+from robbie_robots.hw.connection.background import BackgroundDevice, T
+from robbie_robots.hw.connection.errors import DeviceFault
 
 VIDIOC_QUERYCAP, VIDIOC_G_FMT, VIDIOC_S_FMT = 0x80685600, 0xC0D05604, 0xC0D05605
 CAPABILITY_BYTES, FORMAT_BYTES = 104, 208

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hw.connection.clock import DeviceClock
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.connection.port import Port
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.imu import ImuSample, OrientedSample, gathered_s
-from hw.xsens import xbus
-from hw.xsens.xbus import MessageId, OutputMode, OutputSettings, XbusData, XbusMessage
+from robbie_robots.hw.connection.clock import DeviceClock
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.imu import ImuSample, OrientedSample, gathered_s
+from robbie_robots.hw.xsens import xbus
+from robbie_robots.hw.xsens.xbus import MessageId, OutputMode, OutputSettings, XbusData, XbusMessage
 
 BIT_RATE = 115_200
 # The unit's clock: ticks of 0.1 ms in 32 bits.
@@ -33,7 +33,7 @@ class XsensImu(PluggableDevice[OrientedSample]):
     """An MTi. Stamps come from the unit's own clock, if it tells it.
 
     Args:
-        url: the port: see `hw.connection.port.Port`.
+        url: the port: see `robbie_robots.hw.connection.port.Port`.
         rate_hz: samples in each second; older units keep their own rate.
         bit_rate: bit/s.
         clock: the time for stamps, s.

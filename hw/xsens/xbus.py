@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
-from hw.framing import DamagedFrame, Framing
+from robbie_robots.hw.framing import DamagedFrame, Framing
 
 # Longer messages exist only in firmware updates.
 MAX_DATA_BYTES = 2_048

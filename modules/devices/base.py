@@ -1,10 +1,10 @@
 """The robot's base: passes drive commands to the drive and publishes wheel odometry."""
 
-from hw.simulation.differential_drive import RobotBody
-from hw.simulation.drive import SimulatedDrive
-from modules.devices.commanded_base import CommandedBase, odometry
-from modules.devices.true_base import TrueBase, state_of
 from robbie_mp import Time, setting
+from robbie_robots.hw.simulation.differential_drive import RobotBody
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.modules.devices.commanded_base import CommandedBase, odometry
+from robbie_robots.modules.devices.true_base import TrueBase, state_of
 
 
 class SimulatedBase(CommandedBase, TrueBase):

@@ -2,11 +2,11 @@
 
 import math
 
-from hw.drive import DriveState
-from hw.simulation.battery import BatteryModel, SimulatedBattery
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import BatteryState
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.simulation.battery import BatteryModel, SimulatedBattery
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 
 
 class SimulatedBatteryModule(SimulatedDevice):

@@ -1,10 +1,10 @@
 """The robot's bumper."""
 
-from hw.bumper import PARTS
-from hw.simulation.bumper import SimulatedBumper
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import Bumper
+from robbie_robots.hw.bumper import PARTS
+from robbie_robots.hw.simulation.bumper import SimulatedBumper
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 
 
 class SimulatedBumperModule(SimulatedDevice):

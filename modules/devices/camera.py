@@ -7,14 +7,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.simulation.arena_file import read_arena
-from hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
-from hw.simulation.people import FacesError, read_heads
-from modules.devices.pan_tilt_history import PanTiltHistory
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, SettingError, setting
 from robbie_mp.messages import CameraInfo, Image, JointState
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
+from robbie_robots.hw.simulation.people import FacesError, read_heads
+from robbie_robots.modules.devices.pan_tilt_history import PanTiltHistory
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 
 
 class SimulatedCameraModule(SimulatedDevice):

@@ -7,16 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.drive import Drive, DriveCommandError, DriveState
-from modules.devices.command_age import (
-    MAX_AGE_S,
-    ORDER_WITHIN_S,
-    StaleCommand,
-    check_order,
-    left_s,
-    waiting_s,
-)
-from modules.devices.hand_guard import HandGuard
 from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     BatteryState,
@@ -34,7 +24,17 @@ from robbie_mp.messages import (
     TwistWithCovariance,
     Vector3,
 )
-from workers.driving.control import ControlMode, DriveControl
+from robbie_robots.hw.drive import Drive, DriveCommandError, DriveState
+from robbie_robots.modules.devices.command_age import (
+    MAX_AGE_S,
+    ORDER_WITHIN_S,
+    StaleCommand,
+    check_order,
+    left_s,
+    waiting_s,
+)
+from robbie_robots.modules.devices.hand_guard import HandGuard
+from robbie_robots.workers.driving.control import ControlMode, DriveControl
 
 MANUAL_TOPIC = "manual"
 CONTROL_TOPIC = "control"

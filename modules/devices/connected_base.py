@@ -2,15 +2,15 @@
 
 import math
 
-from hw.connected_base import BaseReading, ConnectedBase
-from hw.irobot.create import BIT_RATE as CREATE_BIT_RATE
-from hw.irobot.create import CreateBase
-from hw.pioneer.base import BIT_RATE as PIONEER_BIT_RATE
-from hw.pioneer.base import STANDS_WITHIN_S, PioneerBase
-from modules.devices.commanded_base import CommandedBase, odometry
-from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import BatteryState, Bumper
+from robbie_robots.hw.connected_base import BaseReading, ConnectedBase
+from robbie_robots.hw.irobot.create import BIT_RATE as CREATE_BIT_RATE
+from robbie_robots.hw.irobot.create import CreateBase
+from robbie_robots.hw.pioneer.base import BIT_RATE as PIONEER_BIT_RATE
+from robbie_robots.hw.pioneer.base import STANDS_WITHIN_S, PioneerBase
+from robbie_robots.modules.devices.commanded_base import CommandedBase, odometry
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 # A battery changes slowly: it is told at this interval.
 BATTERY_PERIOD_S = 1.0

@@ -13,24 +13,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.drive import DriveState
-from hw.emulation.body import SimulatedBody
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import EmulatedDevice
-from hw.emulation.faults import Faults
-from hw.emulation.line import BITS_PER_BYTE, EmulatedLine
-from hw.emulation.p2os import BIT_RATES, Base, EmulatedPioneer
-from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
-from hw.laser import LaserGeometry
-from hw.pose import Pose, wrapped
-from hw.simulation.bumper import SimulatedBumper
-from hw.simulation.differential_drive import CREATE_2, DifferentialDrive
-from hw.simulation.laser import SimulatedLaser
-from modules.devices.offered_port import offered_port
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from modules.devices.true_base import TrueBase, state_of
 from robbie_mp import Module, SettingError, Time, setting
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.emulation.body import SimulatedBody
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.device import EmulatedDevice
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import BITS_PER_BYTE, EmulatedLine
+from robbie_robots.hw.emulation.p2os import BIT_RATES, Base, EmulatedPioneer
+from robbie_robots.hw.emulation.scip import UTM_30LX, EmulatedHokuyo
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import Pose, wrapped
+from robbie_robots.hw.simulation.bumper import SimulatedBumper
+from robbie_robots.hw.simulation.differential_drive import CREATE_2, DifferentialDrive
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.modules.devices.offered_port import offered_port
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_robots.modules.devices.true_base import TrueBase, state_of
 
 FRONT = ("front_left", "front_right")
 REAR = ("back_left", "back_right")

@@ -2,19 +2,19 @@
 
 from abc import abstractmethod
 
-from hw.drive import DriveState
-from hw.emulation.device import EmulatedDevice
-from hw.emulation.mip import EmulatedMip
-from hw.emulation.xsens import EmulatedMti
-from hw.imu import ImuSample
-from hw.microstrain.imu import AXES, with_z_up
-from hw.microstrain.mip import STANDARD_GRAVITY_M_PER_S2
-from hw.pose import Pose
-from hw.simulation.imu import SimulatedImu
-from modules.devices.emulated import EmulatedDeviceModule
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import setting
 from robbie_mp.messages import Quaternion
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.emulation.device import EmulatedDevice
+from robbie_robots.hw.emulation.mip import EmulatedMip
+from robbie_robots.hw.emulation.xsens import EmulatedMti
+from robbie_robots.hw.imu import ImuSample
+from robbie_robots.hw.microstrain.imu import AXES, with_z_up
+from robbie_robots.hw.microstrain.mip import STANDARD_GRAVITY_M_PER_S2
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.imu import SimulatedImu
+from robbie_robots.modules.devices.emulated import EmulatedDeviceModule
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 
 
 class EmulatedImu(SimulatedDevice, EmulatedDeviceModule):

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
-from hw.emulation.lms2xx import BITS_PER_BYTE, TURN_S, EmulatedLms2xx
-from hw.emulation.recorded import RecordedBody, RecordedDrive, recorded_drive
-from modules.devices.offered_port import offered_port
-from modules.playback import CarmenPlayback
 from robbie_mp import REQUIRED, Module, setting
 from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord, OdometryRecord, Record
 from robbie_mp.logs.recording.carmen_import import NO_RETURN_M
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.emulation.lms2xx import BITS_PER_BYTE, TURN_S, EmulatedLms2xx
+from robbie_robots.hw.emulation.recorded import RecordedBody, RecordedDrive, recorded_drive
+from robbie_robots.modules.devices.offered_port import offered_port
+from robbie_robots.modules.playback import CarmenPlayback
 
 BIT_RATE = 38_400
 TURNS_PER_SCAN = 8

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from hw.flir.ptu import BIT_RATE, FlirPanTilt
-from hw.pan_tilt import PanTiltState
-from modules.devices.command_age import LOOK_AGE_S
-from modules.devices.pan_tilt import JOINTS, TOPIC, PanTiltByHand
-from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import JointState
+from robbie_robots.hw.flir.ptu import BIT_RATE, FlirPanTilt
+from robbie_robots.hw.pan_tilt import PanTiltState
+from robbie_robots.modules.devices.command_age import LOOK_AGE_S
+from robbie_robots.modules.devices.pan_tilt import JOINTS, TOPIC, PanTiltByHand
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 
 class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):

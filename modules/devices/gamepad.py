@@ -1,9 +1,9 @@
 """The operator's gamepad."""
 
-from hw.gamepad import Gamepad
 from robbie_mp import REQUIRED, Duration, Header, Module, Time, setting
 from robbie_mp.messages import DeviceState, DriveCommand
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
+from robbie_robots.hw.gamepad import Gamepad
 
 STATE_PERIOD_S = 1.0
 # Codes of Linux: BTN_TL, ABS_X and ABS_Y.

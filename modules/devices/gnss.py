@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from hw.gnss.receiver import (
+from robbie_mp import Header, Time, setting
+from robbie_mp.messages import NavSatFix, NavSatStatus
+from robbie_robots.hw.gnss.receiver import (
     NMEA_BIT_RATE,
     UBX_BIT_RATE,
     NmeaReceiver,
     SatellitePosition,
     UbxReceiver,
 )
-from modules.devices.pluggable import PluggableDeviceModule
-from robbie_mp import Header, Time, setting
-from robbie_mp.messages import NavSatFix, NavSatStatus
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 
 class ReceiverModule(PluggableDeviceModule[SatellitePosition]):

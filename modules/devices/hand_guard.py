@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.devices.command_age import age_of
-from modules.planar_messages import planar_mounts, sweep_of
 from robbie_mp import Header, MessageHandling, Module
 from robbie_mp.messages import LaserScan, TFMessage
-from workers.laser.laser_sweep import LaserSweep, MountedSweep
-from workers.navigation.collision_guard import CollisionGuard, GuardSettings
+from robbie_robots.modules.devices.command_age import age_of
+from robbie_robots.modules.planar_messages import planar_mounts, sweep_of
+from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard, GuardSettings
 
 
 class HandGuard:

@@ -1,8 +1,8 @@
 """The robot's laser range finder, if it is a Hokuyo."""
 
-from hw.hokuyo.laser import Data, HokuyoLaser
-from modules.devices.pluggable_laser import PluggableLaserModule
 from robbie_mp import setting
+from robbie_robots.hw.hokuyo.laser import Data, HokuyoLaser
+from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
 
 
 class HokuyoLaserRangeFinder(PluggableLaserModule):

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.drive import DriveState
-from hw.simulation.imu import SimulatedImu
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, setting
 from robbie_mp.messages import Imu, Vector3
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.simulation.imu import SimulatedImu
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 
 # ROS's convention for a message without orientation.
 NO_ORIENTATION = np.array([-1.0] + [0.0] * 8)

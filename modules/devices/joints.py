@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
-from hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
-from hw.joints import Joint, JointCommandError, JointReading, Joints
-from hw.simulation.joints import SimulatedJoints
-from modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
-from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
 from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
+from robbie_robots.hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
+from robbie_robots.hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
+from robbie_robots.hw.joints import Joint, JointCommandError, JointReading, Joints
+from robbie_robots.hw.simulation.joints import SimulatedJoints
+from robbie_robots.modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 PAN_TILT = ["pan", "tilt"]
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from hw.laser import LaserGeometry
-from hw.pose import ORIGIN, Pose
-from hw.simulation.differential_drive import DifferentialDrive
-from hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
-from hw.simulation.people import leg_circles
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, SettingError, setting
 from robbie_mp.messages import LaserScan
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.simulation.differential_drive import DifferentialDrive
+from robbie_robots.hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
+from robbie_robots.hw.simulation.people import leg_circles
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 
 ROBOT_RADIUS_M = DifferentialDrive().body_radius_m
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from hw.connection.errors import DeviceSilent
-from hw.lctech.relay_protocol import MAX_RELAYS, RelayAnswer
-from hw.lctech.relays import RelayLights
-from hw.lights import Lights, LightsError
-from hw.simulation.lights import SimulatedLights
-from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import CallRefused, Header, Module, SettingError, Time, setting
 from robbie_mp.messages import LightSet, LightsState, SetLight
+from robbie_robots.hw.connection.errors import DeviceSilent
+from robbie_robots.hw.lctech.relay_protocol import MAX_RELAYS, RelayAnswer
+from robbie_robots.hw.lctech.relays import RelayLights
+from robbie_robots.hw.lights import Lights, LightsError
+from robbie_robots.hw.simulation.lights import SimulatedLights
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 STATE_PERIOD_S = 0.5
 

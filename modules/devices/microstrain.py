@@ -1,8 +1,8 @@
 """The robot's inertial measurement unit, if it is a MicroStrain with MIP."""
 
-from hw.microstrain.imu import BIT_RATE, MicroStrainImu
-from modules.devices.pluggable_imu import PluggableImuModule
 from robbie_mp import setting
+from robbie_robots.hw.microstrain.imu import BIT_RATE, MicroStrainImu
+from robbie_robots.modules.devices.pluggable_imu import PluggableImuModule
 
 
 class MicroStrainModule(PluggableImuModule):

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from hw.pan_tilt import PanTiltError, PanTiltLimits, PanTiltUnit
-from hw.simulation.pan_tilt import SimulatedPanTilt
-from modules.devices.command_age import LOOK_AGE_S, StaleCommand, left_s
 from robbie_mp import Header, Module, Time, setting
 from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
+from robbie_robots.hw.pan_tilt import PanTiltError, PanTiltLimits, PanTiltUnit
+from robbie_robots.hw.simulation.pan_tilt import SimulatedPanTilt
+from robbie_robots.modules.devices.command_age import LOOK_AGE_S, StaleCommand, left_s
 
 TOPIC = "pan_tilt"
 JOINTS = ["pan", "tilt"]

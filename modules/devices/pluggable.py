@@ -2,10 +2,10 @@
 
 from typing import Generic, Protocol, TypeVar
 
-from hw.connection.device import ConnectionState, Counters, PluggableDevice
-from modules.devices.offered_port import RUN_PORT, offered_port
 from robbie_mp import REQUIRED, Header, Module, Time, setting
 from robbie_mp.messages import DeviceState
+from robbie_robots.hw.connection.device import ConnectionState, Counters, PluggableDevice
+from robbie_robots.modules.devices.offered_port import RUN_PORT, offered_port
 
 # The longest wait for data in one tick: an ordered stop waits for it.
 MAX_WAIT_S = 0.1

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from hw.imu import OrientedSample
-from modules.devices.imu import NO_ORIENTATION, axes
-from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import Header, Time
 from robbie_mp.messages import Imu, Quaternion
+from robbie_robots.hw.imu import OrientedSample
+from robbie_robots.modules.devices.imu import NO_ORIENTATION, axes
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 
 class PluggableImuModule(PluggableDeviceModule[OrientedSample]):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from hw.laser import LaserSweep
-from hw.pluggable_laser import PluggableLaser
-from modules.devices.pluggable import PluggableDeviceModule
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import LaserScan
+from robbie_robots.hw.laser import LaserSweep
+from robbie_robots.hw.pluggable_laser import PluggableLaser
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 
 class PluggableLaserModule(PluggableDeviceModule[LaserSweep]):

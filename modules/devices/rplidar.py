@@ -1,8 +1,8 @@
 """The robot's laser range finder, if it is an RPLidar."""
 
-from hw.rplidar.laser import RpLidar
-from modules.devices.pluggable_laser import PluggableLaserModule
 from robbie_mp import setting
+from robbie_robots.hw.rplidar.laser import RpLidar
+from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
 
 
 class RpLidarRangeFinder(PluggableLaserModule):

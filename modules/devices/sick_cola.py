@@ -1,9 +1,9 @@
 """The robot's laser range finder, if it is a SICK TiM, LMS1xx or LMS5xx."""
 
-from hw.sick.cola import Dialect
-from hw.sick.cola_laser import SickColaLaser
-from modules.devices.pluggable_laser import PluggableLaserModule
 from robbie_mp import setting
+from robbie_robots.hw.sick.cola import Dialect
+from robbie_robots.hw.sick.cola_laser import SickColaLaser
+from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
 
 
 class SickColaRangeFinder(PluggableLaserModule):

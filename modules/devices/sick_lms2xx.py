@@ -1,8 +1,8 @@
 """The robot's laser range finder, if it is a SICK LMS200, 211, 220, 221 or 291."""
 
-from hw.sick.lms2xx import SickLms2xx
-from modules.devices.pluggable_laser import PluggableLaserModule
 from robbie_mp import setting
+from robbie_robots.hw.sick.lms2xx import SickLms2xx
+from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
 
 
 class SickLms2xxRangeFinder(PluggableLaserModule):

@@ -8,12 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.drive import DriveState
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_file import ArenaError, read_arena
-from hw.simulation.doors import Doors
-from hw.simulation.robot_places import RobotPlaces
 from robbie_mp import (
     DEFAULT,
     REQUIRED,
@@ -31,6 +25,12 @@ from robbie_mp import (
 )
 from robbie_mp.messages import Flaw, Odometry, SimulatedWorld
 from robbie_mp.messages.flaws import MAX_POSITION_M, elements_beyond, wrong_size
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
+from robbie_robots.hw.simulation.doors import Doors
+from robbie_robots.hw.simulation.robot_places import RobotPlaces
 
 
 class SimulatedPeople(Message, name="home_msgs/msg/SimulatedPeople", version=1):
@@ -121,7 +121,7 @@ class SharedWorld:
         self._opened_rad = Doors(self._whole.doors).opened_rad
         self.arena = self._whole.with_doors(self._opened_rad)
         self.people: NDArray[np.float64] = np.empty((0, 5))
-        """Where people are: (P, 5), as `hw.simulation.people.PersonState.shown`."""
+        """Where people are: (P, 5), as `robbie_robots.hw.simulation.people.PersonState.shown`."""
         self.truth: DriveState | None = None
         """The robot's true state, pose in the arena frame; None before the base's first message."""
         self.stamp = Time()

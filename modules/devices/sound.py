@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.simulation.sound import NotWav, WavMicrophone, WavSpeaker
-from hw.sound.portaudio import Microphone, Speaker
-from hw.sound.sound import SoundBlock, SoundFormat
-from modules.devices.pluggable import ReconnectingDeviceModule
 from robbie_mp import REQUIRED, Module, SettingError, Time, setting
 from robbie_mp.base.linux.private_files import make_private_file
 from robbie_mp.messages import RawAudio
+from robbie_robots.hw.simulation.sound import NotWav, WavMicrophone, WavSpeaker
+from robbie_robots.hw.sound.portaudio import Microphone, Speaker
+from robbie_robots.hw.sound.sound import SoundBlock, SoundFormat
+from robbie_robots.modules.devices.pluggable import ReconnectingDeviceModule
 
 PCM = "pcm-s16"
 

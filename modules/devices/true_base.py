@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from hw.drive import DriveState
-from hw.pose import Pose as Pose2D
-from hw.simulation.differential_drive import DifferentialDrive
-from hw.simulation.drive import SimulatedDrive, WorldState
-from modules.devices.commanded_base import odometry
-from modules.devices.simulated_world import (
+from robbie_mp import CallRefused, Header, Time, setting
+from robbie_mp.messages import SimulatedWorld
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.pose import Pose as Pose2D
+from robbie_robots.hw.simulation.differential_drive import DifferentialDrive
+from robbie_robots.hw.simulation.drive import SimulatedDrive, WorldState
+from robbie_robots.modules.devices.commanded_base import odometry
+from robbie_robots.modules.devices.simulated_world import (
     DoorMoved,
     MoveDoor,
     SimulatedDevice,
     SimulatedDoors,
     SimulatedPeople,
 )
-from robbie_mp import CallRefused, Header, Time, setting
-from robbie_mp.messages import SimulatedWorld
-from workers.planar_pose import relative
-from workers.row_log import RowLog
+from robbie_robots.workers.planar_pose import relative
+from robbie_robots.workers.row_log import RowLog
 
 MAX_PATH_ROWS = 200_000
 """More than an hour of the true path, at 50 poses each second."""

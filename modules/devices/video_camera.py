@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from hw.camera import CameraFrame
-from hw.video.calibration import Calibration, CalibrationError, ideal, read_calibration, unknown
-from hw.video.jpeg import JpegCamera, JpegFrame
-from hw.video.lepton import LeptonCamera
-from hw.video.opencv import OpenCvCamera
-from hw.video.source import VideoFormat, VideoSource
-from modules.devices.pluggable import ReconnectingDeviceModule, T
 from robbie_mp import REQUIRED, Header, SettingError, Time, setting
 from robbie_mp.messages import CameraInfo, CompressedImage, Image
+from robbie_robots.hw.camera import CameraFrame
+from robbie_robots.hw.video.calibration import Calibration, CalibrationError, ideal, read_calibration, unknown
+from robbie_robots.hw.video.jpeg import JpegCamera, JpegFrame
+from robbie_robots.hw.video.lepton import LeptonCamera
+from robbie_robots.hw.video.opencv import OpenCvCamera
+from robbie_robots.hw.video.source import VideoFormat, VideoSource
+from robbie_robots.modules.devices.pluggable import ReconnectingDeviceModule, T
 
 
 class VideoCameraModule(ReconnectingDeviceModule[T]):

@@ -1,8 +1,8 @@
 """The robot's inertial measurement unit, if it is an Xsens MTi."""
 
-from hw.xsens.imu import BIT_RATE, XsensImu
-from modules.devices.pluggable_imu import PluggableImuModule
 from robbie_mp import setting
+from robbie_robots.hw.xsens.imu import BIT_RATE, XsensImu
+from robbie_robots.modules.devices.pluggable_imu import PluggableImuModule
 
 
 class XsensModule(PluggableImuModule):

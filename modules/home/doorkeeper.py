@@ -2,10 +2,10 @@
 
 import math
 
-from modules.devices.simulated_world import DoorMoved, MoveDoor, SharedWorld, SimulatedDevice
-from modules.speech_messages import Say
 from robbie_mp import CallError, setting
-from workers.home.household import OPEN_DOOR
+from robbie_robots.modules.devices.simulated_world import DoorMoved, MoveDoor, SharedWorld, SimulatedDevice
+from robbie_robots.modules.speech_messages import Say
+from robbie_robots.workers.home.household import OPEN_DOOR
 
 HEARS_M = 2.0
 """The robot is heard this far from a door."""

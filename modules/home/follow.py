@@ -6,19 +6,19 @@ from dataclasses import replace as changed
 
 import numpy as np
 
-from modules.devices.command_age import LOOK_FOR
-from modules.home.messages import Following, FollowOrder, FollowOrderTaken
-from modules.navigation_goals import NavigationGoals
-from modules.people import PEOPLE, reports_of
-from modules.people_messages import People, PeopleClothes
-from modules.planar_messages import map_cells, planar
-from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import OccupancyGrid, PanTiltCommand, Point, PoseStamped
-from workers.home.follow import Follow
-from workers.home.follow_states import FollowSettings, FollowState
-from workers.people.clothes import PART_BINS, PARTS_M
-from workers.rescue.look_around import LookAround
+from robbie_robots.modules.devices.command_age import LOOK_FOR
+from robbie_robots.modules.home.messages import Following, FollowOrder, FollowOrderTaken
+from robbie_robots.modules.navigation_goals import NavigationGoals
+from robbie_robots.modules.people import PEOPLE, reports_of
+from robbie_robots.modules.people_messages import People, PeopleClothes
+from robbie_robots.modules.planar_messages import map_cells, planar
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.workers.home.follow import Follow
+from robbie_robots.workers.home.follow_states import FollowSettings, FollowState
+from robbie_robots.workers.people.clothes import PART_BINS, PARTS_M
+from robbie_robots.workers.rescue.look_around import LookAround
 
 TELL_PERIOD_S = 0.2
 """Time between messages about what it does."""

@@ -4,12 +4,12 @@ import json
 import math
 from typing import Any
 
-from hw.pose import Pose
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from modules.home.messages import WhoIsWho, WhoIsWhoResult
-from modules.speech_messages import Say, SpokenOrder, SpokenSlot
 from robbie_mp import CallError, Header, SentGoal, Time, setting
-from workers.planar_pose import relative
+from robbie_robots.hw.pose import Pose
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_robots.modules.home.messages import WhoIsWho, WhoIsWhoResult
+from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
+from robbie_robots.workers.planar_pose import relative
 
 ASK_AGAIN_S = 10.0
 """Time after which a question that got lost is asked again."""

@@ -9,37 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from modules.home.messages import (
-    CancelOrder,
-    CarryOut,
-    CarryOutFeedback,
-    CarryOutResult,
-    Following,
-    FollowOrder,
-    FollowOrderTaken,
-    HouseholdStatus,
-    HouseholdTask,
-    OrderCancelled,
-    WhoIsWho,
-    WhoIsWhoResult,
-)
-from modules.manipulation.messages import (
-    HandOver,
-    HandOverResult,
-    HandStatus,
-    PickUp,
-    PickUpResult,
-    PutDown,
-    PutDownResult,
-    StowArm,
-    TableObjects,
-)
-from modules.navigation_goals import NavigationGoals
-from modules.people import PEOPLE, THINGS, reports_of
-from modules.people_messages import People
-from modules.planar_messages import planar, pose_stamped, sweep_of
-from modules.sensor_deadlines import LASER_S
-from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import (
     ActiveGoal,
     CallError,
@@ -67,12 +36,43 @@ from robbie_mp.messages import (
     PoseStamped,
     TaughtNames,
 )
-from workers.home.household import HouseholdWork
-from workers.home.household_states import HouseholdState
-from workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder
-from workers.manipulation.table_view import UNKNOWN
-from workers.planar_pose import wrap_angle
-from workers.speech.order_grammar import WrongGrammar, words_with
+from robbie_robots.modules.home.messages import (
+    CancelOrder,
+    CarryOut,
+    CarryOutFeedback,
+    CarryOutResult,
+    Following,
+    FollowOrder,
+    FollowOrderTaken,
+    HouseholdStatus,
+    HouseholdTask,
+    OrderCancelled,
+    WhoIsWho,
+    WhoIsWhoResult,
+)
+from robbie_robots.modules.manipulation.messages import (
+    HandOver,
+    HandOverResult,
+    HandStatus,
+    PickUp,
+    PickUpResult,
+    PutDown,
+    PutDownResult,
+    StowArm,
+    TableObjects,
+)
+from robbie_robots.modules.navigation_goals import NavigationGoals
+from robbie_robots.modules.people import PEOPLE, THINGS, reports_of
+from robbie_robots.modules.people_messages import People
+from robbie_robots.modules.planar_messages import planar, pose_stamped, sweep_of
+from robbie_robots.modules.sensor_deadlines import LASER_S
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.workers.home.household import HouseholdWork
+from robbie_robots.workers.home.household_states import HouseholdState
+from robbie_robots.workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder
+from robbie_robots.workers.manipulation.table_view import UNKNOWN
+from robbie_robots.workers.planar_pose import wrap_angle
+from robbie_robots.workers.speech.order_grammar import WrongGrammar, words_with
 
 CarryOutGoal = ActiveGoal[CarryOut, CarryOutFeedback, CarryOutResult]
 REPEAT_S = 1.0

@@ -1,9 +1,9 @@
 """Mapping of a place in which people walk."""
 
-from modules.mapping import Mapping
-from workers.laser.laser_sweep import LaserSweep
-from workers.people.leg_classifier import LegClassifier
-from workers.people.leg_removal import without_legs
+from robbie_robots.modules.mapping import Mapping
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.people.leg_classifier import LegClassifier
+from robbie_robots.workers.people.leg_removal import without_legs
 
 KNOWN_LEG_RANGE_M = 4.0
 """Farther away, everything that is as narrow as a leg and stands by itself is left out."""

@@ -4,13 +4,13 @@ import json
 import math
 from dataclasses import asdict
 
-from hw.simulation.follow_referee import FollowCounts, FollowReferee
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from modules.home.messages import Following
-from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import Header, MessageHandling, Time, setting
-from workers.home.follow import ARE_YOU_THERE, STAND_IN_FRONT
-from workers.home.follow_states import FOLLOWS
+from robbie_robots.hw.simulation.follow_referee import FollowCounts, FollowReferee
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_robots.modules.home.messages import Following
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.workers.home.follow import ARE_YOU_THERE, STAND_IN_FRONT
+from robbie_robots.workers.home.follow_states import FOLLOWS
 
 HEARS_M = 3.5
 """The person hears the robot up to this distance."""

@@ -4,23 +4,6 @@ import json
 import math
 from typing import Any, cast
 
-from modules.devices.command_age import LOOK_FOR
-from modules.home.messages import (
-    Following,
-    LearnPerson,
-    LearnPersonFeedback,
-    LearnPersonResult,
-    MetPerson,
-    WhoIsWho,
-    WhoIsWhoFeedback,
-    WhoIsWhoResult,
-)
-from modules.navigation_goals import NavigationGoals
-from modules.people import PEOPLE, THINGS, reports_of
-from modules.people_messages import People
-from modules.planar_messages import map_cells, planar
-from modules.speech_messages import Say, SpokenOrder
-from modules.taught_recognition import TaughtFaces
 from robbie_mp import (
     ActiveGoal,
     CallError,
@@ -46,11 +29,28 @@ from robbie_mp.messages import (
     TeachRecognition,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from workers.home.follow import PersonReport
-from workers.home.follow_states import FollowState
-from workers.home.person_places import Eye, SeenFace
-from workers.home.person_tour import Met, PersonTour, TourState
-from workers.taught import TeachingError, checked_name
+from robbie_robots.modules.devices.command_age import LOOK_FOR
+from robbie_robots.modules.home.messages import (
+    Following,
+    LearnPerson,
+    LearnPersonFeedback,
+    LearnPersonResult,
+    MetPerson,
+    WhoIsWho,
+    WhoIsWhoFeedback,
+    WhoIsWhoResult,
+)
+from robbie_robots.modules.navigation_goals import NavigationGoals
+from robbie_robots.modules.people import PEOPLE, THINGS, reports_of
+from robbie_robots.modules.people_messages import People
+from robbie_robots.modules.planar_messages import map_cells, planar
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.taught_recognition import TaughtFaces
+from robbie_robots.workers.home.follow import PersonReport
+from robbie_robots.workers.home.follow_states import FollowState
+from robbie_robots.workers.home.person_places import Eye, SeenFace
+from robbie_robots.workers.home.person_tour import Met, PersonTour, TourState
+from robbie_robots.workers.taught import TeachingError, checked_name
 
 ActiveRound = ActiveGoal[WhoIsWho, WhoIsWhoFeedback, WhoIsWhoResult]
 ActiveLesson = ActiveGoal[LearnPerson, LearnPersonFeedback, LearnPersonResult]
@@ -181,7 +181,7 @@ class WhoIsWhoTask(Module):
             self._say(CANNOT)
             raise CallRefused(
                 "no module recognizes faces: install the extra 'faces', and use the profile home-faces or "
-                "add modules.taught_recognition:TaughtFaces"
+                "add robbie_robots.modules.taught_recognition:TaughtFaces"
             )
         if self.follows:
             raise CallRefused("the robot follows a person: tell it to stop first")

@@ -8,7 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from modules.manipulation.messages import (
+from robbie_mp import (
+    REQUIRED,
+    ActiveGoal,
+    CallRefused,
+    Duration,
+    Header,
+    MessageHandling,
+    Module,
+    SettingError,
+    Time,
+    setting,
+)
+from robbie_mp.messages import ControlState, JointCommand, JointState
+from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
+from robbie_robots.modules.manipulation.messages import (
     HandOver,
     HandOverFeedback,
     HandOverResult,
@@ -24,26 +38,12 @@ from modules.manipulation.messages import (
     StowArmResult,
     TableObjects,
 )
-from modules.manipulation.shape_messages import view_of
-from modules.sensor_deadlines import JOINTS_S
-from robbie_mp import (
-    REQUIRED,
-    ActiveGoal,
-    CallRefused,
-    Duration,
-    Header,
-    MessageHandling,
-    Module,
-    SettingError,
-    Time,
-    setting,
-)
-from robbie_mp.messages import ControlState, JointCommand, JointState
-from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from workers.manipulation.arm_model import ArmModel
-from workers.manipulation.errors import KinematicsMissing, ManipulationError
-from workers.manipulation.hand_work import HandWork, Order, Outcome
-from workers.manipulation.hand_work_states import Task
+from robbie_robots.modules.manipulation.shape_messages import view_of
+from robbie_robots.modules.sensor_deadlines import JOINTS_S
+from robbie_robots.workers.manipulation.arm_model import ArmModel
+from robbie_robots.workers.manipulation.errors import KinematicsMissing, ManipulationError
+from robbie_robots.workers.manipulation.hand_work import HandWork, Order, Outcome
+from robbie_robots.workers.manipulation.hand_work_states import Task
 
 PickUpGoal = ActiveGoal[PickUp, PickUpFeedback, PickUpResult]
 PutDownGoal = ActiveGoal[PutDown, PutDownFeedback, PutDownResult]

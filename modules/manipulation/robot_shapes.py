@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.solid import Placed, Solid, pose_at
-from hw.simulation.urdf_solids import LinkSolid, read_urdf_solids
 from robbie_mp.scene import JointType, SceneGraph, read_scene
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.solid import Placed, Solid, pose_at
+from robbie_robots.hw.simulation.urdf_solids import LinkSolid, read_urdf_solids
 
 BASE = "base_link"
 

@@ -1,13 +1,13 @@
 """Conversions between messages and shapes of the manipulation workers."""
 
-from modules.manipulation.messages import SeenShape, TableObjects
 from robbie_mp import Header
 from robbie_mp.messages import Vector3
 from robbie_mp.scene import RigidTransform
 from robbie_mp.scene.conversion import from_pose, to_pose
-from workers.manipulation.collisions import Shape
-from workers.manipulation.rotations import quaternion_of
-from workers.manipulation.table_view import TableView
+from robbie_robots.modules.manipulation.messages import SeenShape, TableObjects
+from robbie_robots.workers.manipulation.collisions import Shape
+from robbie_robots.workers.manipulation.rotations import quaternion_of
+from robbie_robots.workers.manipulation.table_view import TableView
 
 
 def shape_message(shape: Shape) -> SeenShape:

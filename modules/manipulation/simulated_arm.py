@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.joints import Joint, JointReading
-from hw.simulation.joints import SimulatedJoints
-from hw.simulation.solid import Solid, pose_at
-from hw.simulation.tabletop import TableObject, Tabletop
-from hw.simulation.taking_person import TakingPerson
-from hw.simulation.urdf_solids import UrdfShapeError
-from modules.devices.joints import CommandedJoints
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from modules.manipulation.messages import TabletopTruth
-from modules.manipulation.robot_shapes import RobotShapes, table_solids
 from robbie_mp import REQUIRED, Header, SettingError, Time, setting
 from robbie_mp.messages import JointState
 from robbie_mp.scene import RigidTransform, SceneGraphError
 from robbie_mp.scene.conversion import to_pose
-from workers.manipulation.rotations import quaternion_of
+from robbie_robots.hw.joints import Joint, JointReading
+from robbie_robots.hw.simulation.joints import SimulatedJoints
+from robbie_robots.hw.simulation.solid import Solid, pose_at
+from robbie_robots.hw.simulation.tabletop import TableObject, Tabletop
+from robbie_robots.hw.simulation.taking_person import TakingPerson
+from robbie_robots.hw.simulation.urdf_solids import UrdfShapeError
+from robbie_robots.modules.devices.joints import CommandedJoints
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_robots.modules.manipulation.messages import TabletopTruth
+from robbie_robots.modules.manipulation.robot_shapes import RobotShapes, table_solids
+from robbie_robots.workers.manipulation.rotations import quaternion_of
 
 PULL_N = 10.0
 """Force with which a person pulls at what the hand holds out."""

@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.simulation.arena import Arena
-from hw.simulation.box_segments import box_segments
-from hw.simulation.depth_camera import SimulatedDepthCamera, View
-from hw.simulation.object_prints import ObjectPrint
-from hw.simulation.solid import Floats, Placed, Solid, pose_at
-from hw.simulation.table_picture import Printed, TablePictures
-from modules.devices.camera import intrinsic_matrix
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from modules.manipulation.messages import TabletopTruth
-from modules.manipulation.robot_shapes import RobotShapes, table_solids
 from robbie_mp import REQUIRED, Header, MessageHandling, setting
 from robbie_mp.messages import CameraInfo, Image, JointState
 from robbie_mp.scene.conversion import from_pose
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.depth_camera import SimulatedDepthCamera, View
+from robbie_robots.hw.simulation.object_prints import ObjectPrint
+from robbie_robots.hw.simulation.solid import Floats, Placed, Solid, pose_at
+from robbie_robots.hw.simulation.table_picture import Printed, TablePictures
+from robbie_robots.modules.devices.camera import intrinsic_matrix
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_robots.modules.manipulation.messages import TabletopTruth
+from robbie_robots.modules.manipulation.robot_shapes import RobotShapes, table_solids
 
 FRAME = "depth_optical"
 PICTURES = "table_camera"

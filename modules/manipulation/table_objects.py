@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from modules.manipulation.shape_messages import view_message
-from modules.sensor_deadlines import CAMERA_S
 from robbie_mp import REQUIRED, Header, MessageHandling, Module, SettingError, setting
 from robbie_mp.messages import (
     CameraInfo,
@@ -19,10 +17,12 @@ from robbie_mp.messages import (
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener
 from robbie_mp.scene.conversion import to_pose
-from workers.manipulation.object_names import Prints
-from workers.manipulation.rotations import quaternion_of
-from workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
-from workers.taught import Box, Sighting
+from robbie_robots.modules.manipulation.shape_messages import view_message
+from robbie_robots.modules.sensor_deadlines import CAMERA_S
+from robbie_robots.workers.manipulation.object_names import Prints
+from robbie_robots.workers.manipulation.rotations import quaternion_of
+from robbie_robots.workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
+from robbie_robots.workers.taught import Box, Sighting
 
 BASE = "base_link"
 TAUGHT = "objects"

@@ -5,16 +5,16 @@ import math
 
 import numpy as np
 
-from modules.devices.command_age import LOOK_FOR
-from modules.navigation_goals import NavigationGoals
-from modules.numbers.messages import NumberSigns, SignsReached
-from modules.planar_messages import map_cells, planar
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import OccupancyGrid, PanTiltCommand, PoseStamped
-from workers.numbers.mission import NumbersMission
-from workers.numbers.mission_states import NumbersSettings, NumbersState
-from workers.numbers.mission_targets import SignReport
-from workers.rescue.look_around import LookAround
+from robbie_robots.modules.devices.command_age import LOOK_FOR
+from robbie_robots.modules.navigation_goals import NavigationGoals
+from robbie_robots.modules.numbers.messages import NumberSigns, SignsReached
+from robbie_robots.modules.planar_messages import map_cells, planar
+from robbie_robots.workers.numbers.mission import NumbersMission
+from robbie_robots.workers.numbers.mission_states import NumbersSettings, NumbersState
+from robbie_robots.workers.numbers.mission_targets import SignReport
+from robbie_robots.workers.rescue.look_around import LookAround
 
 AROUND_RAD = (0.0, 0.8, 1.6, 2.4, -2.4, -1.6, -0.8, 0.0)
 

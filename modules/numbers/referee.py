@@ -4,10 +4,10 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from hw.simulation.number_referee import Visit, judge, wanted_order
-from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from modules.numbers.messages import SignsReached
 from robbie_mp import setting
+from robbie_robots.hw.simulation.number_referee import Visit, judge, wanted_order
+from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_robots.modules.numbers.messages import SignsReached
 
 
 class Referee(SimulatedDevice):

@@ -7,9 +7,6 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.numbers.messages import NumberSigns
-from modules.planar_messages import map_cells, pose_stamped, sweep_of
-from modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -27,13 +24,16 @@ from robbie_mp.messages import (
     Pose2D,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from workers.numbers.board_pose import board_facing
-from workers.numbers.board_reader import BoardReader, BoardSighting
-from workers.numbers.digit_reader import ReaderMissing
-from workers.numbers.quadrangles import QuadranglesMissing
-from workers.numbers.sign_map import SheetVotes, Sign, SignMap
-from workers.numbers.sign_placing import View, distances_m, posts_on
-from workers.planar_pose import transform_points
+from robbie_robots.modules.numbers.messages import NumberSigns
+from robbie_robots.modules.planar_messages import map_cells, pose_stamped, sweep_of
+from robbie_robots.modules.sensor_deadlines import CAMERA_S, LASER_S
+from robbie_robots.workers.numbers.board_pose import board_facing
+from robbie_robots.workers.numbers.board_reader import BoardReader, BoardSighting
+from robbie_robots.workers.numbers.digit_reader import ReaderMissing
+from robbie_robots.workers.numbers.quadrangles import QuadranglesMissing
+from robbie_robots.workers.numbers.sign_map import SheetVotes, Sign, SignMap
+from robbie_robots.workers.numbers.sign_placing import View, distances_m, posts_on
+from robbie_robots.workers.planar_pose import transform_points
 
 TELL_PERIOD_S = 0.5
 """Time between messages about signs."""

@@ -6,20 +6,6 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.device import ConnectionState
-from modules.devices.command_age import LOOK_FOR, check_order
-from modules.navigation_goals import NavigationGoals
-from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
-from modules.rescue.messages import (
-    MissionResult,
-    MissionStatus,
-    OrderAccepted,
-    OrderMission,
-    SearchedWalls,
-    VictimFound,
-)
-from modules.sensor_deadlines import BATTERY_S
-from modules.team_messages import GoalClaim, MapAlignment
 from robbie_mp import (
     CallRefused,
     Duration,
@@ -44,16 +30,30 @@ from robbie_mp.messages import (
     PoseStamped,
     SetControl,
 )
-from workers.exploration.team_claims import Claim, SeenInVain
-from workers.planar_pose import compose
-from workers.rescue.look_around import LookAround
-from workers.rescue.mission import Mission
-from workers.rescue.mission_orders import OperatorOrder
-from workers.rescue.mission_states import MissionSettings, MissionState
-from workers.rescue.mission_targets import SearchedGrid
-from workers.rescue.mission_victims import VictimReport
-from workers.rescue.rescue_report import MissionFigures, known_m2, travelled_m, write_report
-from workers.rescue.victim_map import VictimState
+from robbie_robots.hw.connection.device import ConnectionState
+from robbie_robots.modules.devices.command_age import LOOK_FOR, check_order
+from robbie_robots.modules.navigation_goals import NavigationGoals
+from robbie_robots.modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
+from robbie_robots.modules.rescue.messages import (
+    MissionResult,
+    MissionStatus,
+    OrderAccepted,
+    OrderMission,
+    SearchedWalls,
+    VictimFound,
+)
+from robbie_robots.modules.sensor_deadlines import BATTERY_S
+from robbie_robots.modules.team_messages import GoalClaim, MapAlignment
+from robbie_robots.workers.exploration.team_claims import Claim, SeenInVain
+from robbie_robots.workers.planar_pose import compose
+from robbie_robots.workers.rescue.look_around import LookAround
+from robbie_robots.workers.rescue.mission import Mission
+from robbie_robots.workers.rescue.mission_orders import OperatorOrder
+from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
+from robbie_robots.workers.rescue.mission_targets import SearchedGrid
+from robbie_robots.workers.rescue.mission_victims import VictimReport
+from robbie_robots.workers.rescue.rescue_report import MissionFigures, known_m2, travelled_m, write_report
+from robbie_robots.workers.rescue.victim_map import VictimState
 
 CLAIM_VALID_S = 3.0
 """How long the others leave this robot's target alone when it falls silent."""

@@ -5,9 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from modules.planar_messages import map_cells
-from modules.rescue.messages import AnswerVictim, SearchedWalls, VictimAnswered, VictimFound
-from modules.sensor_deadlines import CAMERA_S
 from robbie_mp import CallRefused, Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -26,9 +23,17 @@ from robbie_mp.messages import (
     Quaternion,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from workers.rescue.searched_walls import CameraView, WallFronts, WallMemory
-from workers.rescue.victim_detection import Projection, TagSighting, VictimDetector, VisionMissing
-from workers.rescue.victim_map import Victim, VictimMap, VictimState
+from robbie_robots.modules.planar_messages import map_cells
+from robbie_robots.modules.rescue.messages import AnswerVictim, SearchedWalls, VictimAnswered, VictimFound
+from robbie_robots.modules.sensor_deadlines import CAMERA_S
+from robbie_robots.workers.rescue.searched_walls import CameraView, WallFronts, WallMemory
+from robbie_robots.workers.rescue.victim_detection import (
+    Projection,
+    TagSighting,
+    VictimDetector,
+    VisionMissing,
+)
+from robbie_robots.workers.rescue.victim_map import Victim, VictimMap, VictimState
 
 ASK_AGAIN_S = 60.0
 """Time before the same question is asked again."""

@@ -12,8 +12,8 @@ PAGE = "docs/scripts.md"
 ARENA = ROOT / "hw" / "simulation" / "arenas" / "demo.yaml"
 PROFILE = f"""
 modules:
-  base: {{class: "modules.devices.base:SimulatedBase", settings: {{arena: "{ARENA}"}}}}
-  laser: {{class: "modules.devices.laser:SimulatedLaserRangeFinder", settings: {{arena: "{ARENA}"}}}}
+  base: {{class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {{arena: "{ARENA}"}}}}
+  laser: {{class: "robbie_robots.modules.devices.laser:SimulatedLaserRangeFinder", settings: {{arena: "{ARENA}"}}}}
 """
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from hw.simulation import generate_arena
-from hw.simulation.arena_file import read_arena
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.preflight import preflight
+from robbie_robots.hw.simulation import generate_arena
+from robbie_robots.hw.simulation.arena_file import read_arena
 from tests.docs._support.pages import ROOT, block
 
 PAGE = (ROOT / "docs" / "simulation.md").read_text()
@@ -22,7 +22,7 @@ def test_arena_on_the_page_is_valid(tmp_path: Path) -> None:
 
 def test_command_on_the_page_writes_an_arena(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (words,) = re.findall(
-        r"^    python -m hw.simulation.generate_arena (.*) > arena.yaml", PAGE, re.MULTILINE
+        r"^    python -m robbie_robots.hw.simulation.generate_arena (.*) > arena.yaml", PAGE, re.MULTILINE
     )
     assert generate_arena.main(words.split()) == 0
     (tmp_path / "arena.yaml").write_text(capsys.readouterr().out)

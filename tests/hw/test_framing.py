@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.framing import FrameDecoder
-from hw.microstrain.mip import MipFraming, ping
-from hw.xsens.xbus import XbusFraming, XbusMessage, message
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.microstrain.mip import MipFraming, ping
+from robbie_robots.hw.xsens.xbus import XbusFraming, XbusMessage, message
 
 ONE = message(0x36, b"one")
 TWO = message(0x36, b"two")

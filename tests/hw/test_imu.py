@@ -2,7 +2,7 @@
 
 import pytest
 
-from hw.imu import gathered_s
+from robbie_robots.hw.imu import gathered_s
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hw.odometry import Odometer, OdometryNoise
+from robbie_robots.hw.odometry import Odometer, OdometryNoise
 
 
 def test_square_ends_where_it_began() -> None:

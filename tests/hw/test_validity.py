@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from hw.drive import DriveCommandError
-from hw.drive import capped_validity_s as drives_for_s
-from hw.joints import Joint
-from hw.simulation.joints import SimulatedJoints
+from robbie_robots.hw.drive import DriveCommandError
+from robbie_robots.hw.drive import capped_validity_s as drives_for_s
+from robbie_robots.hw.joints import Joint
+from robbie_robots.hw.simulation.joints import SimulatedJoints
 
 
 def test_command_that_is_valid_for_an_hour_lasts_a_second() -> None:

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.pose import Pose as PlanarPose
-from modules.localization import MonteCarloLocalization
 from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
     LaserScan,
@@ -22,10 +20,12 @@ from robbie_mp.messages import (
     Quaternion,
     TimeJump,
 )
+from robbie_robots.hw.pose import Pose as PlanarPose
+from robbie_robots.modules.localization import MonteCarloLocalization
+from robbie_robots.workers.maps.map_file import write_map
 from tests._support.present import present
 from tools.trials.driving.localization import RESOLUTION_M, Conditions, Drive
 from tools.trials.driving.random_rooms import drawn_map
-from workers.maps.map_file import write_map
 
 Harness = ModuleHarness[MonteCarloLocalization]
 

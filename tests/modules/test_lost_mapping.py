@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from modules.mapping import Mapping
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import LaserScan, Odometry, PoseStamped, PoseWithCovariance
+from robbie_robots.modules.mapping import Mapping
 from tests.modules.test_restored import DRIVE, drive, header, pose
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M
 

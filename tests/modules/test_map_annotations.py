@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from modules.map_annotations import MapAnnotator
 from robbie_mp import CallRefused, ModuleHarness, SettingError
 from robbie_mp.messages import (
     AnnotateMap,
@@ -17,6 +16,7 @@ from robbie_mp.messages import (
     TimeJump,
     UndoMapAnnotation,
 )
+from robbie_robots.modules.map_annotations import MapAnnotator
 
 STAIRS = NoGoArea(name="stairs", corners=[Point(x=x, y=y) for x, y in ((0, 0), (1, 0), (1, 1))])
 KITCHEN = PointOfInterest(

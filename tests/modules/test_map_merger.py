@@ -5,17 +5,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from modules import map_merger
-from modules.map_merger import MapMerger
-from modules.navigation import Navigation
-from modules.rescue.mission import RescueMission
-from modules.rescue.victims import Victims
-from modules.team_messages import MapAlignment
 from robbie_mp import Module, ModuleHarness, SettingError
 from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, PoseStamped, Quaternion, TFMessage
+from robbie_robots.modules import map_merger
+from robbie_robots.modules.map_merger import MapMerger
+from robbie_robots.modules.navigation import Navigation
+from robbie_robots.modules.rescue.mission import RescueMission
+from robbie_robots.modules.rescue.victims import Victims
+from robbie_robots.modules.team_messages import MapAlignment
+from robbie_robots.workers.maps.map_alignment import GridMap
 from tests.workers._support.known_room import draw
 from tests.workers.maps.test_map_alignment import BLUE, RED, TRUE, off
-from workers.maps.map_alignment import GridMap
 
 
 def message(grid: GridMap) -> OccupancyGrid:

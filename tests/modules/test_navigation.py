@@ -7,12 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hw.laser import LaserGeometry
-from hw.pose import Pose as Pose2D
-from hw.simulation.arena_file import read_arena
-from hw.simulation.drive import SimulatedDrive
-from hw.simulation.laser import SimulatedLaser
-from modules.navigation import Navigation
 from robbie_mp import Header, Message, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CallRefusal,
@@ -47,6 +41,12 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages import Path as PathMessage
 from robbie_mp.messages.stock.nav2_msgs import Cost
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import Pose as Pose2D
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.modules.navigation import Navigation
 from tests._support.places import ARENAS
 from tools.trials.driving.random_rooms import drawn_map
 

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from modules.parcours import Parcours
 from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
     DriveCommand,
@@ -19,6 +18,7 @@ from robbie_mp.messages import (
     Quaternion,
     replace,
 )
+from robbie_robots.modules.parcours import Parcours
 
 BEAMS = 90
 SCAN = LaserScan(

@@ -7,13 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hw.laser import LaserGeometry
-from hw.pose import Pose as RobotPose
-from hw.simulation.arena_file import read_arena
-from hw.simulation.laser import SimulatedLaser
-from hw.simulation.people import leg_circles
-from modules.people import PEOPLE, THINGS, PeopleFinder
-from modules.people_messages import People
 from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
     LaserScan,
@@ -27,6 +20,13 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import Pose as RobotPose
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.people import leg_circles
+from robbie_robots.modules.people import PEOPLE, THINGS, PeopleFinder
+from robbie_robots.modules.people_messages import People
 from tests._support.places import ARENAS
 
 LASER = LaserGeometry(angle_increment_rad=0.00613592, beams=1024)

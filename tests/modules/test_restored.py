@@ -7,9 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from modules.devices.base import SimulatedBase
-from modules.exploration import Exploration
-from modules.mapping import Mapping
 from robbie_mp import Duration, Header, ModuleHarness, Time
 from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
@@ -28,6 +25,9 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.exploration import Exploration
+from robbie_robots.modules.mapping import Mapping
 from tests._support.commands import fresh
 from tests._support.places import ARENAS
 from tests._support.present import present

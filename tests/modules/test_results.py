@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from modules.mapping import Mapping
 from robbie_mp import Module, ModuleHarness
 from robbie_mp.module.module import ResultNotWritten
+from robbie_robots.modules.mapping import Mapping
 
 MODULES = Path(__file__).parents[2] / "modules"
 RESULTS = ("map.png", "map.pgm", "map.yaml", "mapping.json", "trajectory.txt")

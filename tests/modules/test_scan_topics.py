@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from modules.exploration import Exploration
-from modules.home.mapping import MappingAmongPeople
-from modules.localization import MonteCarloLocalization
-from modules.mapping import Mapping
-from modules.navigation import Navigation
-from modules.parcours import Parcours
 from robbie_mp import Module, ModuleHarness
 from robbie_mp.messages import LaserScan
+from robbie_robots.modules.exploration import Exploration
+from robbie_robots.modules.home.mapping import MappingAmongPeople
+from robbie_robots.modules.localization import MonteCarloLocalization
+from robbie_robots.modules.mapping import Mapping
+from robbie_robots.modules.navigation import Navigation
+from robbie_robots.modules.parcours import Parcours
 
 SCAN = LaserScan(angle_increment=0.1, range_max=10.0, ranges=np.full(60, 3.0, np.float32))
 

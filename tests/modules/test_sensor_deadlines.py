@@ -2,12 +2,12 @@
 
 import pytest
 
-from modules.localization import MonteCarloLocalization
-from modules.mapping import Mapping
-from modules.people import PeopleFinder
-from modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_mp import Module, ModuleHarness
 from robbie_mp.messages import LaserScan
+from robbie_robots.modules.localization import MonteCarloLocalization
+from robbie_robots.modules.mapping import Mapping
+from robbie_robots.modules.people import PeopleFinder
+from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
 
 
 @pytest.mark.parametrize("module_class", [Mapping, MonteCarloLocalization, PeopleFinder])

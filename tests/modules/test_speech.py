@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modules import speech
-from modules.speech import SpokenOrders, Voice
-from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import ModuleHarness, SettingError, Time
 from robbie_mp.messages import RawAudio, TaughtNames
-from workers.speech.order_grammar import OrderGrammar
-from workers.speech.order_recognizer import RATE_HZ, Heard
+from robbie_robots.modules import speech
+from robbie_robots.modules.speech import SpokenOrders, Voice
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.workers.speech.order_grammar import OrderGrammar
+from robbie_robots.workers.speech.order_recognizer import RATE_HZ, Heard
 
 SETTINGS = {
     "orders": {"bring": ["bring me the <object>"], "stop": ["stop"]},

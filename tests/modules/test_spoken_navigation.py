@@ -4,8 +4,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from modules.speech_messages import Say, SpokenOrder, SpokenSlot
-from modules.spoken_navigation import SpokenNavigation
 from robbie_mp import GoalAborted, Header, ModuleHarness, Time
 from robbie_mp.messages import (
     AnnotateMap,
@@ -18,6 +16,8 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
 )
+from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
+from robbie_robots.modules.spoken_navigation import SpokenNavigation
 
 
 class Robot:

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import yaml
 
-from hw.camera import CameraGeometry
-from hw.laser import LaserGeometry
-from hw.pan_tilt import PanTiltLimits
-from modules.devices.base import SimulatedBase
-from modules.devices.camera import SimulatedHeadCameraModule, SimulatedRearCameraModule
-from modules.devices.pan_tilt import SimulatedPanTiltModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
 from robbie_mp.scene import SceneGraph, read_scene
 from robbie_mp.scene.module import SceneGraphService
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pan_tilt import PanTiltLimits
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.camera import SimulatedHeadCameraModule, SimulatedRearCameraModule
+from robbie_robots.modules.devices.pan_tilt import SimulatedPanTiltModule
 from tests._support.places import ARENAS, PROJECT
 
 HW = Path(__file__).parents[2] / "hw"

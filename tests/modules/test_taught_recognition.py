@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modules.taught_recognition import TaughtFaces, TaughtObjects, bounding_box
 from robbie_mp import CallRefused, Header, ModuleHarness, SettingError, Time, replace
 from robbie_mp.messages import Detection2DArray, ForgetRecognition, Image, TaughtNames, TeachRecognition
+from robbie_robots.modules.taught_recognition import TaughtFaces, TaughtObjects, bounding_box
+from robbie_robots.workers.faces import face_recognition
+from robbie_robots.workers.taught import Box, Pixels
 from tools.trials.recognition.objects import SEEN_PX, TAUGHT_PX, drawn_print, scene
-from workers.faces import face_recognition
-from workers.taught import Box, Pixels
 
 
 def image(pixels: Pixels) -> Image:

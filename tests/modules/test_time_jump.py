@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from modules.mapping import Mapping
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import TFMessage, TimeJump, Transform, TransformStamped, Vector3
+from robbie_robots.modules.mapping import Mapping
 from tests.modules.test_restored import EVERY_SCAN, drive, results
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hw.simulation.table_room import generate_room
+from robbie_robots.hw.simulation.table_room import generate_room
 from tests.robot._support.stock_robot import StockRobot
 from tools.trials.missions.grasp import NOISY, Outcome, judge, twins_settings
 from tools.trials.missions.mission import settings_for

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_file import read_arena
 from tests.robot._support.stock_robot import PROJECT, StockRobot
 from tools.trials.devices.emulation import away_from_walls_m
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_file import read_arena
 from tests._support.places import ARENAS
 from tests.robot._support.stock_robot import StockRobot
 from tools.trials.missions.rescue import Outcome, judge

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robbie_robots.workers.speech.order_recognizer import RATE_HZ
+from robbie_robots.workers.speech.voice import speak
 from tests.robot._support.stock_robot import StockRobot
-from workers.speech.order_recognizer import RATE_HZ
-from workers.speech.voice import speak
 
 pytestmark = [
     pytest.mark.slow,

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from modules.rescue.messages import VictimFound
 from robbie_mp.connect.ros1.conversion import ros1_type
 from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, Place, can_be_markers
 from robbie_mp.connect.ros1.module import Ros1Bridge
@@ -25,6 +24,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.settings import SettingError
+from robbie_robots.modules.rescue.messages import VictimFound
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
 NAME = "visualization_msgs/msg/MarkerArray"

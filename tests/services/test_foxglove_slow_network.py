@@ -18,7 +18,7 @@ modules:
   foxglove:
     class: robbie_mp.connect.foxglove.module:FoxgloveServer
     settings: {port: 0, accept: {/cmd_vel: "Twist as DriveCommand manual"}}
-  base: {class: "modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
+  base: {class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
   witness: {class: "zoo.witness:Witness"}
 """
 AHEAD = Twist(linear=Vector3(x=0.3)).encode()

@@ -28,7 +28,7 @@ modules:
   operator:
     class: robbie_mp.station:OperatorStation
     settings: {port: 0, max_linear_m_per_s: 0.4, tabs: {drive: "", system: ""}}
-  base: {class: "modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
+  base: {class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
   witness: {class: "zoo.witness:Witness"}
 """
 EXPIRY_S = 0.17

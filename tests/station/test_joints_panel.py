@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from modules.devices.joints import SimulatedJointsModule
 from robbie_mp import Message, ModuleHarness
 from robbie_mp.messages import JointLimits, JointState
 from robbie_mp.station.access import DriversSeat
 from robbie_mp.station.dead_man import DeadManSwitch
 from robbie_mp.station.driving.held_control import HeldControl
 from robbie_mp.station.panels.joints import MAX_JOINTS, JointsPanel, checked
+from robbie_robots.modules.devices.joints import SimulatedJointsModule
 
 POSES = {"wave": {"wrist": 0.5}, "of another arm": {"elbow": 1.0}}
 

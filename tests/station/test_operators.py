@@ -19,7 +19,7 @@ from tests.station.test_driving import Journal, start_in_hall
 
 PROFILE = """
 modules:
-  base: {{class: "modules.devices.base:SimulatedBase", settings: {{arena: arena.yaml}}}}
+  base: {{class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {{arena: arena.yaml}}}}
   witness: {{class: "zoo.witness:Witness"}}
   link:
     class: robbie_mp.connect.link.module:Link

@@ -19,11 +19,11 @@ from robbie_mp.messages import (
 )
 from robbie_mp.station.camera_images import Camera
 from robbie_mp.station.panels.teaching import checked_box, pixels_of_box
+from robbie_robots.workers.taught import Box
 from tests._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 from tools.trials.recognition.objects import HEIGHT_PX, TAUGHT_PX, WIDTH_PX, drawn_print, scene
-from workers.taught import Box
 
 HERE = Path(__file__).parent
 PROFILE = """
@@ -33,7 +33,7 @@ modules:
     settings: {port: 0, tabs: {camera: "", drive: ""}}
   camera: {class: "zoo.print_camera:PrintCamera"}
   objects:
-    class: modules.taught_recognition:TaughtObjects
+    class: robbie_robots.modules.taught_recognition:TaughtObjects
     settings: {taught_file: state/objects.json}
 """
 

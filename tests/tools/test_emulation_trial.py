@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.emulation.create import COUNTS_PER_M, MAX_SPEED_MM_PER_S, WHEEL_BASE_M
-from hw.simulation.differential_drive import CREATE_2
-from modules.devices.base import SimulatedBase
-from modules.devices.emulated import EmulatedHokuyoLaser
-from modules.devices.hokuyo import HokuyoLaserRangeFinder
-from modules.devices.laser import SimulatedLaserRangeFinder
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import LaserScan
+from robbie_robots.hw.emulation.create import COUNTS_PER_M, MAX_SPEED_MM_PER_S, WHEEL_BASE_M
+from robbie_robots.hw.simulation.differential_drive import CREATE_2
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.emulated import EmulatedHokuyoLaser
+from robbie_robots.modules.devices.hokuyo import HokuyoLaserRangeFinder
+from robbie_robots.modules.devices.laser import SimulatedLaserRangeFinder
 from tests.modules.devices.test_simulated_devices import ARENA, drive, tell
 from tools.trials.devices.emulation import (
     LASER_TWIN,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_file import read_arena
 from tools.trials.missions.follow import Outcome, apartment, judge, summary
 
 

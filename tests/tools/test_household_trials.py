@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.workers.maps.map_annotations import AnnotatedMap, Annotations
 from tools.trials.missions.household import TASKS, Outcome, apartment, judge, plan_of, summary
-from workers.maps.map_annotations import AnnotatedMap, Annotations
 
 
 def outcome_of(folder: Path, task: str, *, on: str, is_done: bool = True, lies: bool = False) -> Outcome:

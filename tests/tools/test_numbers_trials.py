@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_file import read_arena
 from tests._support.places import ARENAS
 from tools.trials.missions.numbers import Outcome, false_signs, judge, summary
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from hw.pose import Pose
-from hw.simulation.arena_contents import StandingObject
-from hw.simulation.solid import pose_at
-from modules.manipulation.robot_shapes import on_floor
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena_contents import StandingObject
+from robbie_robots.hw.simulation.solid import pose_at
+from robbie_robots.modules.manipulation.robot_shapes import on_floor
+from robbie_robots.workers.manipulation.collisions import Shape
+from robbie_robots.workers.manipulation.table_view import TableView
 from tools.trials.recognition.prints import STANDS, Count, Figures, Look, judge
-from workers.manipulation.collisions import Shape
-from workers.manipulation.table_view import TableView
 
 BOX = (0.06, 0.04, 0.12)
 LEFT, RIGHT = (0.4, 0.1), (0.4, -0.1)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hw.simulation.arena_file import read_arena
 from robbie_mp.run.profile.load import load_profile
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.workers.planar_pose import compose
 from tests._support.places import ARENAS
 from tools.robot import REPOSITORY
 from tools.trials.missions.rescue import Outcome
@@ -20,7 +21,6 @@ from tools.trials.missions.rescue_team import (
     second_start,
     sum_up,
 )
-from workers.planar_pose import compose
 
 
 def test_second_robot_starts_beside_the_first_on_free_ground() -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
-from hw.simulation.box_segments import box_segments
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.workers.maps.map_file import write_map
 from tools.trials.missions.rescue import Outcome, judge, mapped_share, summary
-from workers.maps.map_file import write_map
 
 # The robot starts at (1, 2) and looks along y: the map's x axis is the arena's y axis.
 ARENA = Arena(

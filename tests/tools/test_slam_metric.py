@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.grid_mapper import GridMapper
 from tools.slam_metric import BadInput, main, measure, read_table
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.grid_mapper import GridMapper
 
 DATA = Path(__file__).parents[3] / "shared/data"
 needs_intel = pytest.mark.skipif(not DATA.exists(), reason=f"the Intel log is not in {DATA}")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.faults import Faults
 from tools.trials.devices.stamps import LATE, STAMP_S, SUBJECTS, stamp_errors
 
 

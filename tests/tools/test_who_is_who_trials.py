@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hw.simulation.arena_file import read_arena
-from hw.simulation.people import read_heads
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.people import read_heads
 from tools.trials.missions.who_is_who import Outcome, judge, party, summary
 
 

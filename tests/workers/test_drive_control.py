@@ -2,7 +2,7 @@
 
 import pytest
 
-from workers.driving.control import ControlMode, DriveControl
+from robbie_robots.workers.driving.control import ControlMode, DriveControl
 
 AUTO, MANUAL, HOLD = ControlMode.AUTO, ControlMode.MANUAL, ControlMode.HOLD
 

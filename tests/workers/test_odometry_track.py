@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from robbie_robots.workers.mapping.corrected_track import corrected
+from robbie_robots.workers.odometry_track import OdometryTrack
 from tests._support.present import present
-from workers.mapping.corrected_track import corrected
-from workers.odometry_track import OdometryTrack
 
 
 def track(*entries: tuple[float, float, float, float], most: int = 1000) -> OdometryTrack:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from workers import taught
-from workers.taught import MAX_EXAMPLES, MAX_NAMES, TaughtFileError, as_json, read_taught
+from robbie_robots.workers import taught
+from robbie_robots.workers.taught import MAX_EXAMPLES, MAX_NAMES, TaughtFileError, as_json, read_taught
 
 
 def test_file_is_read_as_it_was_written_and_a_missing_one_has_nothing(tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ import time
 
 IMPORT_BEGIN_NS = time.monotonic_ns()
 
-from modules.mapping import Mapping  # noqa: E402
 from robbie_mp import Duration, Module, Time  # noqa: E402, Time
 from robbie_mp.messages import DriveCommand, LaserScan, Odometry  # noqa: E402
+from robbie_robots.modules.mapping import Mapping  # noqa: E402
 from tools.bench.restart_times import StartTimes  # noqa: E402
 
 IMPORT_END_NS = time.monotonic_ns()

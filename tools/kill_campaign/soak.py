@@ -127,9 +127,12 @@ def _slope_mb_per_h(times_s: Sequence[float], values: Sequence[int]) -> float:
 
 def playback_modules(log: Path) -> dict[str, dict[str, Any]]:
     """Return the two modules of the Intel run, which play the log in real time and in a loop."""
-    playback = {"class": "modules.playback:CarmenPlayback", "settings": {"file": str(log), "rate": 1.0}}
+    playback = {
+        "class": "robbie_robots.modules.playback:CarmenPlayback",
+        "settings": {"file": str(log), "rate": 1.0},
+    }
     return {
-        "mapping": {"class": "modules.mapping:Mapping", "stop_grace_s": 30},
+        "mapping": {"class": "robbie_robots.modules.mapping:Mapping", "stop_grace_s": 30},
         "playback": playback | {"restart": {"policy": "always"}},
     }
 

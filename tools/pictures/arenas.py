@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import VictimKind, WallSpot
-from hw.simulation.arena_file import read_arena
-from hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
-from hw.simulation.generate_arena import generate_arena
-from hw.simulation.panel_textures import SIGN_COLOURS
-from hw.simulation.reachable_area import reachable_area
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import VictimKind, WallSpot
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
+from robbie_robots.hw.simulation.generate_arena import generate_arena
+from robbie_robots.hw.simulation.panel_textures import SIGN_COLOURS
+from robbie_robots.hw.simulation.reachable_area import reachable_area
 
 FOLDER = Path("docs/images")
 ARENAS = Path("hw/simulation/arenas")

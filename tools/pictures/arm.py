@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena_file import read_arena
-from hw.simulation.depth_camera import SimulatedDepthCamera
-from hw.simulation.solid import Placed, Solid, pose_at
-from modules.manipulation.robot_shapes import RobotShapes, on_floor, table_solids
-from workers.manipulation.arm_model import ArmModel
-from workers.manipulation.collisions import Shape, Surroundings
-from workers.manipulation.errors import Unreachable
-from workers.manipulation.grasps import grasps
-from workers.manipulation.hand_work_states import HandSettings
-from workers.manipulation.planning import reach
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.depth_camera import SimulatedDepthCamera
+from robbie_robots.hw.simulation.solid import Placed, Solid, pose_at
+from robbie_robots.modules.manipulation.robot_shapes import RobotShapes, on_floor, table_solids
+from robbie_robots.workers.manipulation.arm_model import ArmModel
+from robbie_robots.workers.manipulation.collisions import Shape, Surroundings
+from robbie_robots.workers.manipulation.errors import Unreachable
+from robbie_robots.workers.manipulation.grasps import grasps
+from robbie_robots.workers.manipulation.hand_work_states import HandSettings
+from robbie_robots.workers.manipulation.planning import reach
 
 FILE = Path("docs/images/arm.png")
 ROBOT = Path("hw/robots/home.urdf")

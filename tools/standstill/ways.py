@@ -261,7 +261,7 @@ def by_page(folder: Path) -> Iterator[Scene]:
     with ExitStack() as stack:
         network = far(stack)
         (folder / "hall.yaml").write_text(HALL)
-        base = {"class": "modules.devices.base:SimulatedBase",
+        base = {"class": "robbie_robots.modules.devices.base:SimulatedBase",
                 "settings": {"arena": str(folder / "hall.yaml"), "guard_topics": [""]}}  # fmt: skip
         page = page_scene.Scene(
             folder / "page", folder / "hall.yaml", {"base": base}, on_host=network.host("robot").command()

@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.path_planner import PathField
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.path_planner import PathField
 
 SNAP_M = 0.6
 """The robot may be this far from a drivable cell: within the clearance, or after a pose jump."""

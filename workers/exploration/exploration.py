@@ -13,9 +13,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.exploration.frontiers import Frontier, find_frontiers
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.path_planner import PathField
+from robbie_robots.workers.exploration.frontiers import Frontier, find_frontiers
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.path_planner import PathField
 
 SAME_GOAL_M = 0.5
 

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from workers.exploration.exploration import FrontierExploration, Plan, PlanResult
-from workers.exploration.explorer_states import TRANSITIONS, ExplorerSettings, ExplorerState
-from workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.collision_guard import CollisionGuard
-from workers.navigation.path_follower import HALT, PathFollower, Velocity
-from workers.navigation.progress_watch import ProgressWatch
+from robbie_robots.workers.exploration.exploration import FrontierExploration, Plan, PlanResult
+from robbie_robots.workers.exploration.explorer_states import TRANSITIONS, ExplorerSettings, ExplorerState
+from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
+from robbie_robots.workers.navigation.path_follower import HALT, PathFollower, Velocity
+from robbie_robots.workers.navigation.progress_watch import ProgressWatch
 
 RECOVER_M_PER_S = 0.15
 RECOVER_RAD_PER_S = 0.8

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 
 ALL_EIGHT = np.ones((3, 3), dtype=bool)
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.exploration.drivable_ground import SNAP_M, DrivableGround
-from workers.exploration.team_claims import Claim
-from workers.exploration.team_tours import TourCosts, share_targets
-from workers.navigation.path_planner import costs_between
+from robbie_robots.workers.exploration.drivable_ground import SNAP_M, DrivableGround
+from robbie_robots.workers.exploration.team_claims import Claim
+from robbie_robots.workers.exploration.team_tours import TourCosts, share_targets
+from robbie_robots.workers.navigation.path_planner import costs_between
 
 Points = NDArray[np.float64]
 Costs = NDArray[np.float64]

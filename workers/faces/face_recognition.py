@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.taught import (
+from robbie_robots.workers.taught import (
     MAX_EXAMPLES,
     MAX_NAMES,
     Box,

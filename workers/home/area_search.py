@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.home.seen_area import SeenArea
+from robbie_robots.workers.home.seen_area import SeenArea
 
 SEARCH_PERIOD_S = 0.5
 """Time between two looks at the map."""

@@ -14,9 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from workers.home.area_search import AreaSearch
-from workers.home.follow_states import FOLLOWS, SEARCHES, TRANSITIONS, FollowSettings, FollowState
-from workers.people.clothes import blended, similarity
+from robbie_robots.workers.home.area_search import AreaSearch
+from robbie_robots.workers.home.follow_states import (
+    FOLLOWS,
+    SEARCHES,
+    TRANSITIONS,
+    FollowSettings,
+    FollowState,
+)
+from robbie_robots.workers.people.clothes import blended, similarity
 
 Array = NDArray[np.float64]
 

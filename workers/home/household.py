@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from workers.home.follow import PersonReport
-from workers.home.household_states import (
+from robbie_robots.workers.home.follow import PersonReport
+from robbie_robots.workers.home.household_states import (
     ARM_WORKS,
     DRIVES,
     TRANSITIONS,
@@ -22,7 +22,7 @@ from workers.home.household_states import (
     HouseholdSettings,
     HouseholdState,
 )
-from workers.home.orders import NEEDS_ARM, Task, TaskOrder, WrongOrder, check_orders
+from robbie_robots.workers.home.orders import NEEDS_ARM, Task, TaskOrder, WrongOrder, check_orders
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-from workers.speech.order_grammar import (
+from robbie_robots.workers.speech.order_grammar import (
     OrderGrammar,
     SpokenWords,
     WrongGrammar,

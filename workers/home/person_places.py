@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
-from workers.home.follow import PersonReport
+from robbie_robots.workers.home.follow import PersonReport
 
 MAX_PLACES = 200
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine, TimeOut
-from workers.home.area_search import AreaSearch
-from workers.home.follow import PersonReport
-from workers.home.person_places import Eye, PersonPlaces, Place, SeenFace
+from robbie_robots.workers.home.area_search import AreaSearch
+from robbie_robots.workers.home.follow import PersonReport
+from robbie_robots.workers.home.person_places import Eye, PersonPlaces, Place, SeenFace
 
 Array = NDArray[np.float64]
 

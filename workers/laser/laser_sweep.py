@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.surface_points import SurfacePoints
+from robbie_robots.workers.laser.surface_points import SurfacePoints
 
 CLEARANCE_M = 0.3  # a place that is nearer than the hit by this much counts as seen free
 MAX_TURNS = 2.0  # beams may overlap; directions that go round more often are in another unit, or damaged

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.planar_pose import relative, rotate, transform_points
+from robbie_robots.workers.planar_pose import relative, rotate, transform_points
 
 NEIGHBOURS_EACH_SIDE = 6
 SMALLEST_REACH_M = 0.2

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from workers.localization.particle_cloud import Cluster
+from robbie_robots.workers.localization.particle_cloud import Cluster
 
 
 @dataclass(frozen=True)

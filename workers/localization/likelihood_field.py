@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from workers.maps.navigation_grid import OCCUPIED_PERCENT
+from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT
 
 BATCH = 50_000  # number of ends looked up at once, so that they fit into the processor's caches
 SURFACE_M = 0.3  # this close to its end, a beam may touch the obstacle that it ends at

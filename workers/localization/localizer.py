@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.localization.convergence_watch import ConvergenceWatch
-from workers.localization.likelihood_field import LikelihoodField
-from workers.localization.particle_cloud import MotionNoise, ParticleCloud
-from workers.odometry_track import OdometryTrack
-from workers.planar_pose import compose, relative, transform_points
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.localization.convergence_watch import ConvergenceWatch
+from robbie_robots.workers.localization.likelihood_field import LikelihoodField
+from robbie_robots.workers.localization.particle_cloud import MotionNoise, ParticleCloud
+from robbie_robots.workers.odometry_track import OdometryTrack
+from robbie_robots.workers.planar_pose import compose, relative, transform_points
 
 TRACKED = 2_000  # odometry entries kept to find a sweep's place among them
 MOST_WAITING = 5

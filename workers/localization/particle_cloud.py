@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.planar_pose import compose, wrap_angle
+from robbie_robots.workers.planar_pose import compose, wrap_angle
 
 BIN_M, BIN_RAD = 0.2, np.radians(10)
 KLD_ERROR = 0.04  # between the particles' distribution and the true one, not exceeded ...

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.manipulation.errors import KinematicsMissing, WrongArm
+from robbie_robots.workers.manipulation.errors import KinematicsMissing, WrongArm
 
 Floats = NDArray[np.float64]
 

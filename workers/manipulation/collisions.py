@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.manipulation.arm_model import ArmModel
+from robbie_robots.workers.manipulation.arm_model import ArmModel
 
 Floats = NDArray[np.float64]
 

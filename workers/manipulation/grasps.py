@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.manipulation.collisions import Shape
-from workers.manipulation.rotations import upright_pose
-from workers.manipulation.table_view import TableView
+from robbie_robots.workers.manipulation.collisions import Shape
+from robbie_robots.workers.manipulation.rotations import upright_pose
+from robbie_robots.workers.manipulation.table_view import TableView
 
 Floats = NDArray[np.float64]
 

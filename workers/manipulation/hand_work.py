@@ -12,14 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from workers.manipulation.arm_model import ArmModel
-from workers.manipulation.collisions import Shape, Surroundings
-from workers.manipulation.errors import ManipulationError, Unreachable
-from workers.manipulation.grasps import grasps, moved_along, places
-from workers.manipulation.hand_work_states import TIME_OUTS, TRANSITIONS, HandSettings, HandState, Task
-from workers.manipulation.planning import plan, reach, straight_line
-from workers.manipulation.table_view import TableView
-from workers.manipulation.trajectory import Trajectory
+from robbie_robots.workers.manipulation.arm_model import ArmModel
+from robbie_robots.workers.manipulation.collisions import Shape, Surroundings
+from robbie_robots.workers.manipulation.errors import ManipulationError, Unreachable
+from robbie_robots.workers.manipulation.grasps import grasps, moved_along, places
+from robbie_robots.workers.manipulation.hand_work_states import (
+    TIME_OUTS,
+    TRANSITIONS,
+    HandSettings,
+    HandState,
+    Task,
+)
+from robbie_robots.workers.manipulation.planning import plan, reach, straight_line
+from robbie_robots.workers.manipulation.table_view import TableView
+from robbie_robots.workers.manipulation.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.taught import Box, Sighting
+from robbie_robots.workers.taught import Box, Sighting
 
 Floats = NDArray[np.float64]
 

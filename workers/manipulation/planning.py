@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from workers.manipulation.arm_model import ArmModel
-from workers.manipulation.collisions import Surroundings
-from workers.manipulation.errors import NoWay, Unreachable
+from robbie_robots.workers.manipulation.arm_model import ArmModel
+from robbie_robots.workers.manipulation.collisions import Surroundings
+from robbie_robots.workers.manipulation.errors import NoWay, Unreachable
 
 Floats = NDArray[np.float64]
 

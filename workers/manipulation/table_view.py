@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from workers.manipulation.collisions import Shape
-from workers.manipulation.object_names import ObjectNamer, Prints
-from workers.manipulation.rotations import upright_pose
+from robbie_robots.workers.manipulation.collisions import Shape
+from robbie_robots.workers.manipulation.object_names import ObjectNamer, Prints
+from robbie_robots.workers.manipulation.rotations import upright_pose
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.planar_pose import compose, relative, wrap_angle
+from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 
 METRES_PER_RADIAN = 0.5  # weight of a turn against driving in odometry's error
 

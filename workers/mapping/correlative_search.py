@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.planar_pose import wrap_angle
+from robbie_robots.workers.planar_pose import wrap_angle
 
 BLURS = 3  # radius of a reference point's blur, in standard deviations
 COARSEST = 4  # initial branches along a side of the window

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.mapping.pose_graph import DOUBT, PoseGraph, jacobians
-from workers.planar_pose import relative
+from robbie_robots.workers.mapping.pose_graph import DOUBT, PoseGraph, jacobians
+from robbie_robots.workers.planar_pose import relative
 
 LOOPS_PER_POSE = 2  # loop edges kept, on average; the least informative are removed first
 SINGULAR = 1e-6

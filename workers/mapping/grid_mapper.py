@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.corrected_track import corrected
-from workers.mapping.key_sweeps import KeySweeps
-from workers.mapping.loop_closing import LoopCloser
-from workers.mapping.map_renderer import MapRenderer
-from workers.mapping.occupancy_grid import OccupancyGrid
-from workers.mapping.redundancy import redundant
-from workers.mapping.scan_matcher import Match
-from workers.mapping.scan_tracker import ScanTracker, odometry_deviation
-from workers.mapping.slip_watch import SlipWatch
-from workers.odometry_track import OdometryTrack, Place
-from workers.planar_pose import compose, relative, rotated_information
-from workers.row_log import RowLog
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.corrected_track import corrected
+from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.loop_closing import LoopCloser
+from robbie_robots.workers.mapping.map_renderer import MapRenderer
+from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
+from robbie_robots.workers.mapping.redundancy import redundant
+from robbie_robots.workers.mapping.scan_matcher import Match
+from robbie_robots.workers.mapping.scan_tracker import ScanTracker, odometry_deviation
+from robbie_robots.workers.mapping.slip_watch import SlipWatch
+from robbie_robots.workers.odometry_track import OdometryTrack, Place
+from robbie_robots.workers.planar_pose import compose, relative, rotated_information
+from robbie_robots.workers.row_log import RowLog
 
 HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one adds no information
 KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next

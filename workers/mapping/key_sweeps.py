@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.laser.surface_points import SurfacePoints
-from workers.mapping.graph_thinning import without
-from workers.mapping.pose_graph import PoseGraph
-from workers.planar_pose import wrap_angle
-from workers.row_log import RowLog
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.laser.surface_points import SurfacePoints
+from robbie_robots.workers.mapping.graph_thinning import without
+from robbie_robots.workers.mapping.pose_graph import PoseGraph
+from robbie_robots.workers.planar_pose import wrap_angle
+from robbie_robots.workers.row_log import RowLog
 
 SPACING_M = 0.4  # sweeps nearer to each other show the same surfaces
 SPACING_RAD = 0.3

@@ -11,10 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.mapping.correlative_search import ScoreField, Window, search
-from workers.mapping.key_sweeps import KeySweeps
-from workers.mapping.scan_matcher import Match, ScanMatcher
-from workers.planar_pose import compose, relative, rotated_information, transform_points, wrap_angle
+from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
+from robbie_robots.workers.planar_pose import (
+    compose,
+    relative,
+    rotated_information,
+    transform_points,
+    wrap_angle,
+)
 
 EVERY_M = 0.5  # of travel between two searches for a loop
 LEAST_LOOP_M = 8.0

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.mapping.key_sweeps import KeySweeps
-from workers.mapping.occupancy_grid import GridFull, OccupancyGrid
-from workers.planar_pose import transform_points, wrap_angle
+from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.occupancy_grid import GridFull, OccupancyGrid
+from robbie_robots.workers.planar_pose import transform_points, wrap_angle
 
 MOVED_CELLS = 0.5
 MOVED_RAD = 0.005

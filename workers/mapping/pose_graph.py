@@ -19,8 +19,8 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
 
-from workers.planar_pose import relative, wrap_angle
-from workers.row_log import RowLog
+from robbie_robots.workers.planar_pose import relative, wrap_angle
+from robbie_robots.workers.row_log import RowLog
 
 DOUBT = 10.0  # an edge's squared error (in its own standard deviations) beyond which it counts less
 DOUBT_GROWTH = 4.0  # from round to round, until DOUBT is reached

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from workers.laser.surface_points import SurfacePoints
-from workers.planar_pose import rotate, wrap_angle
+from robbie_robots.workers.laser.surface_points import SurfacePoints
+from robbie_robots.workers.planar_pose import rotate, wrap_angle
 
 SURFACE_NOISE_M = 0.03
 CLUTTER_NOISE_M = 0.06

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.correlative_search import ScoreField, Window, search
-from workers.mapping.key_sweeps import KeySweeps
-from workers.mapping.scan_matcher import Match, ScanMatcher
-from workers.planar_pose import compose, rotated_information
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
+from robbie_robots.workers.planar_pose import compose, rotated_information
 
 BACK_M = 10.0  # travel whose key sweeps form the reference
 MOST_SWEEPS = 15

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.laser.surface_points import SurfacePoints
-from workers.mapping.correlative_search import Around, ScoreField, Window, search
-from workers.mapping.key_sweeps import KeySweeps
-from workers.mapping.scan_matcher import Match, ScanMatcher
-from workers.planar_pose import relative, transform_points, wrap_angle
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.laser.surface_points import SurfacePoints
+from robbie_robots.workers.mapping.correlative_search import Around, ScoreField, Window, search
+from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
+from robbie_robots.workers.planar_pose import relative, transform_points, wrap_angle
 
 SUSPECT = 0.9  # share of the returns in known space that lie on surfaces, below which a better pose is sought
 DOUBTFUL = 0.7  # the same: a sweep below does not fit

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, ndimage
 
-from workers.mapping.correlative_search import ScoreField, Window, search
-from workers.maps.navigation_grid import OCCUPIED_PERCENT, distance_cells
-from workers.planar_pose import rotate, transform_points, wrap_angle
+from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT, distance_cells
+from robbie_robots.workers.planar_pose import rotate, transform_points, wrap_angle
 
 Points = NDArray[np.float64]
 Scores = NDArray[np.floating[Any]]

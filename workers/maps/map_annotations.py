@@ -11,7 +11,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from workers.maps.navigation_grid import FORBIDDEN
+from robbie_robots.workers.maps.navigation_grid import FORBIDDEN
 
 MAX_AREAS = 64
 MAX_CORNERS = 64  # of one area

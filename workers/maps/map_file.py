@@ -12,7 +12,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, UnidentifiedImageError
 
-from workers.maps.navigation_grid import OCCUPIED_PERCENT
+from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT
 
 OCCUPIED_SHADE, UNKNOWN_SHADE, FREE_SHADE = 0, 205, 254
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.laser.laser_sweep import MountedSweep
-from workers.navigation.path_follower import Velocity
-from workers.planar_pose import rotate
+from robbie_robots.workers.laser.laser_sweep import MountedSweep
+from robbie_robots.workers.navigation.path_follower import Velocity
+from robbie_robots.workers.planar_pose import rotate
 
 ARC_STEP_M = 0.03
 Loose = NDArray[np.bool_] | None

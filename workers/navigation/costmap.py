@@ -10,8 +10,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.maps.navigation_grid import FORBIDDEN, OCCUPIED_PERCENT, NavigationGrid, distance_cells
-from workers.navigation.live_obstacles import LiveObstacles
+from robbie_robots.workers.maps.navigation_grid import (
+    FORBIDDEN,
+    OCCUPIED_PERCENT,
+    NavigationGrid,
+    distance_cells,
+)
+from robbie_robots.workers.navigation.live_obstacles import LiveObstacles
 
 KNOWN_M = 0.2  # a return this near to an obstacle of the map belongs to that obstacle
 MOST_UNSEEN_M = 50.0  # a goal that is farther beyond the map than this is not sought

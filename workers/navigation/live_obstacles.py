@@ -7,8 +7,8 @@ al., "Spatio-temporal voxel layer" (IJARS 2020); kept as a list of cells, so it 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.planar_pose import relative, transform_points
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.planar_pose import relative, transform_points
 
 HERE = np.zeros(3)
 MAX_BEHIND_S = 1.0  # an older sweep of another laser does not say any more what can be seen through

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.navigation.collision_guard import CollisionGuard, Loose
-from workers.navigation.path_follower import HALT, PathFollower, Velocity
-from workers.planar_pose import relative
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard, Loose
+from robbie_robots.workers.navigation.path_follower import HALT, PathFollower, Velocity
+from robbie_robots.workers.planar_pose import relative
 
 
 @dataclass(frozen=True)

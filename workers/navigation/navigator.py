@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.collision_guard import CollisionGuard
-from workers.navigation.costmap import Costmap
-from workers.navigation.live_obstacles import LiveObstacles
-from workers.navigation.local_planner import LocalPlanner
-from workers.navigation.navigator_states import (
+from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
+from robbie_robots.workers.navigation.costmap import Costmap
+from robbie_robots.workers.navigation.live_obstacles import LiveObstacles
+from robbie_robots.workers.navigation.local_planner import LocalPlanner
+from robbie_robots.workers.navigation.navigator_states import (
     RECOVERIES,
     RESTING,
     STOPPED,
@@ -26,11 +26,11 @@ from workers.navigation.navigator_states import (
     NavigatorSettings,
     NavigatorState,
 )
-from workers.navigation.path_follower import HALT, PathFollower, Velocity
-from workers.navigation.progress_watch import ProgressWatch
-from workers.navigation.way_planner import Obstruction, Way, plan_way
-from workers.odometry_track import OdometryTrack
-from workers.planar_pose import compose, transform_points, wrap_angle
+from robbie_robots.workers.navigation.path_follower import HALT, PathFollower, Velocity
+from robbie_robots.workers.navigation.progress_watch import ProgressWatch
+from robbie_robots.workers.navigation.way_planner import Obstruction, Way, plan_way
+from robbie_robots.workers.odometry_track import OdometryTrack
+from robbie_robots.workers.planar_pose import compose, transform_points, wrap_angle
 
 BACK_UP_M_PER_S = 0.15
 ROTATE_RAD_PER_S = 0.8

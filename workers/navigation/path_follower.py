@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.planar_pose import relative
+from robbie_robots.workers.planar_pose import relative
 
 Velocity = tuple[float, float]
 """Forward speed (m/s) and turn rate (rad/s, positive to the left)."""

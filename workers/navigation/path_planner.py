@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from workers.maps.navigation_grid import Cell, NavigationGrid
+from robbie_robots.workers.maps.navigation_grid import Cell, NavigationGrid
 
 # Cells nearer to an obstacle than this cost more, up to 1 + DETOUR times as much.
 COMFORT_M = 0.55

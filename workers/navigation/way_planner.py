@@ -6,8 +6,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.path_planner import PathField
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.path_planner import PathField
 
 
 class Obstruction(StrEnum):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from workers.numbers.quadrangles import Quadrangle
+from robbie_robots.workers.numbers.quadrangles import Quadrangle
 
 # Clockwise from the upper left, seen from the front: x to the right, y up.
 SQUARE = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]], np.float32)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.numbers.digit_reader import LineReader, Reading
-from workers.numbers.quadrangles import Quadrangle, QuadrangleFinder
+from robbie_robots.workers.numbers.digit_reader import LineReader, Reading
+from robbie_robots.workers.numbers.quadrangles import Quadrangle, QuadrangleFinder
 
 Image = NDArray[np.uint8]
 

@@ -12,10 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from workers.exploration.drivable_ground import DrivableGround
-from workers.numbers.mission_states import TIME_OUTS, TRANSITIONS, NumbersSettings, NumbersState
-from workers.numbers.mission_targets import Look, NumbersTargets, SignReport, Target, Wish, aside_of
-from workers.numbers.sign_map import ALL_SECTORS, SECTORS, sector_rad
+from robbie_robots.workers.exploration.drivable_ground import DrivableGround
+from robbie_robots.workers.numbers.mission_states import TIME_OUTS, TRANSITIONS, NumbersSettings, NumbersState
+from robbie_robots.workers.numbers.mission_targets import (
+    Look,
+    NumbersTargets,
+    SignReport,
+    Target,
+    Wish,
+    aside_of,
+)
+from robbie_robots.workers.numbers.sign_map import ALL_SECTORS, SECTORS, sector_rad
 
 Points = NDArray[np.float64]
 

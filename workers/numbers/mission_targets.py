@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from workers.exploration.drivable_ground import DrivableGround
-from workers.exploration.frontiers import find_frontiers
-from workers.maps.navigation_grid import OCCUPIED_PERCENT
-from workers.numbers.mission_states import NumbersSettings, NumbersState
-from workers.numbers.sign_map import LOOK_RAD, SECTORS, covered, sector_rad
-from workers.planar_pose import wrap_angle
+from robbie_robots.workers.exploration.drivable_ground import DrivableGround
+from robbie_robots.workers.exploration.frontiers import find_frontiers
+from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT
+from robbie_robots.workers.numbers.mission_states import NumbersSettings, NumbersState
+from robbie_robots.workers.numbers.sign_map import LOOK_RAD, SECTORS, covered, sector_rad
+from robbie_robots.workers.planar_pose import wrap_angle
 
 Points = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 import math
 from typing import Any, NamedTuple, Self
 
-from hw.pose import Pose, wrapped
+from robbie_robots.hw.pose import Pose, wrapped
 
 LEAST_TURN_RAD = 0.85 * 2 * math.pi
 """A lap of a closed course turns the robot once; odometry may have missed some of it."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.people.leg_segments import FEATURES
+from robbie_robots.workers.people.leg_segments import FEATURES
 
 Array = NDArray[np.float64]
 

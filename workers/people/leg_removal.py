@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.laser.laser_sweep import LaserSweep
-from workers.people.leg_classifier import LegClassifier
-from workers.people.leg_segments import Pieces, cut_scan, find_segments
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.people.leg_classifier import LegClassifier
+from robbie_robots.workers.people.leg_segments import Pieces, cut_scan, find_segments
 
 Array = NDArray[np.float64]
 

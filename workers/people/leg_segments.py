@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from workers.exploration.frontiers import Frontier
-from workers.exploration.team_claims import Claim, TeamClaims
-from workers.rescue.mission_limits import MissionLimits
-from workers.rescue.mission_orders import OperatorOrder, OperatorOrders
-from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
-from workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings, Target
-from workers.rescue.mission_victims import MissionVictims
-from workers.rescue.right_of_way import RightOfWay
+from robbie_robots.workers.exploration.frontiers import Frontier
+from robbie_robots.workers.exploration.team_claims import Claim, TeamClaims
+from robbie_robots.workers.rescue.mission_limits import MissionLimits
+from robbie_robots.workers.rescue.mission_orders import OperatorOrder, OperatorOrders
+from robbie_robots.workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
+from robbie_robots.workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings, Target
+from robbie_robots.workers.rescue.mission_victims import MissionVictims
+from robbie_robots.workers.rescue.right_of_way import RightOfWay
 
 Points = NDArray[np.float64]
 

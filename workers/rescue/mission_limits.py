@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from workers.rescue.mission_states import MissionSettings
+from robbie_robots.workers.rescue.mission_states import MissionSettings
 
 JUDGED_AFTER_S = 20.0
 """Minimum time of measurement before the mission trusts the rate at which the battery drains."""

@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from workers.rescue.mission_states import MissionState
+from robbie_robots.workers.rescue.mission_states import MissionState
 
 
 class OperatorOrder(IntEnum):

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from workers.exploration.drivable_ground import DrivableGround
-from workers.exploration.frontiers import Frontier, find_frontiers
-from workers.exploration.team_claims import SeenInVain, TeamClaims
-from workers.exploration.team_share import Member, Work, own_work
-from workers.maps.navigation_grid import Cell
-from workers.planar_pose import rotate, wrap_angle
-from workers.rescue.mission_states import MissionSettings, MissionState
-from workers.rescue.search_views import search_views
-from workers.rescue.searched_walls import ALL_EIGHT, SEARCHED, UNSEARCHED, WallFronts
+from robbie_robots.workers.exploration.drivable_ground import DrivableGround
+from robbie_robots.workers.exploration.frontiers import Frontier, find_frontiers
+from robbie_robots.workers.exploration.team_claims import SeenInVain, TeamClaims
+from robbie_robots.workers.exploration.team_share import Member, Work, own_work
+from robbie_robots.workers.maps.navigation_grid import Cell
+from robbie_robots.workers.planar_pose import rotate, wrap_angle
+from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
+from robbie_robots.workers.rescue.search_views import search_views
+from robbie_robots.workers.rescue.searched_walls import ALL_EIGHT, SEARCHED, UNSEARCHED, WallFronts
 
 Points = NDArray[np.float64]
 Costs = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.rescue.victim_map import VictimState
+from robbie_robots.workers.rescue.victim_map import VictimState
 
 SAME_M = 0.5
 

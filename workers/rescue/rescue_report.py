@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from workers.maps.navigation_grid import OCCUPIED_PERCENT
-from workers.rescue.mission_targets import SearchedGrid
-from workers.rescue.mission_victims import VictimReport
-from workers.rescue.searched_walls import SEARCHED
-from workers.rescue.victim_map import VictimState
+from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT
+from robbie_robots.workers.rescue.mission_targets import SearchedGrid
+from robbie_robots.workers.rescue.mission_victims import VictimReport
+from robbie_robots.workers.rescue.searched_walls import SEARCHED
+from robbie_robots.workers.rescue.victim_map import VictimState
 
 PX_PER_M = 40
 BORDER_M = 0.5

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.exploration.drivable_ground import SNAP_M
-from workers.exploration.team_claims import Claim
-from workers.maps.navigation_grid import Cell
-from workers.rescue.mission_targets import Surroundings
+from robbie_robots.workers.exploration.drivable_ground import SNAP_M
+from robbie_robots.workers.exploration.team_claims import Claim
+from robbie_robots.workers.maps.navigation_grid import Cell
+from robbie_robots.workers.rescue.mission_targets import Surroundings
 
 Points = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from workers.maps.navigation_grid import Cell, NavigationGrid
-from workers.rescue.searched_walls import ALL_EIGHT, WallFronts
+from robbie_robots.workers.maps.navigation_grid import Cell, NavigationGrid
+from robbie_robots.workers.rescue.searched_walls import ALL_EIGHT, WallFronts
 
 # Distance of a view from the wall: the best one, and the limits.
 BEST_M, NEAREST_M, FARTHEST_M = 1.1, 0.6, 1.9

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from workers.maps.navigation_grid import OCCUPIED_PERCENT
-from workers.planar_pose import wrap_angle
+from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT
+from robbie_robots.workers.planar_pose import wrap_angle
 
 KEY_M = 0.1
 """Searched walls are stored in squares with this edge, so that small shifts of the map do not matter."""

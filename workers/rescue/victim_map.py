@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.planar_pose import wrap_angle
+from robbie_robots.workers.planar_pose import wrap_angle
 
 # Standard deviation of a view's position: that of the robot's own pose, plus a part that grows with the
 # square of the distance, as in every measurement by size in an image.

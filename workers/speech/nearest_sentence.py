@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.speech.order_grammar import Choice, Optional, OrderGrammar, Part, Row, Slot, Word
-from workers.speech.pronunciation import MAX_PHONEMES, phonemes, substitution_cost
+from robbie_robots.workers.speech.order_grammar import Choice, Optional, OrderGrammar, Part, Row, Slot, Word
+from robbie_robots.workers.speech.pronunciation import MAX_PHONEMES, phonemes, substitution_cost
 
 MAX_NODES = 50_000
 """Phonemes of all sentences together; a larger grammar takes too long to be searched."""

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.speech.nearest_sentence import NearestSentence
-from workers.speech.order_grammar import WORD, OrderGrammar, SpokenWords, WrongGrammar, spoken
-from workers.speech.pronunciation import CONSONANTS, VOWELS, distance, phonemes
+from robbie_robots.workers.speech.nearest_sentence import NearestSentence
+from robbie_robots.workers.speech.order_grammar import WORD, OrderGrammar, SpokenWords, WrongGrammar, spoken
+from robbie_robots.workers.speech.pronunciation import CONSONANTS, VOWELS, distance, phonemes
 
 RATE_HZ = 16_000
 SURE_DISTANCE = 0.1

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.speech.order_recognizer import RATE_HZ, SpeechPackagesMissing
+from robbie_robots.workers.speech.order_recognizer import RATE_HZ, SpeechPackagesMissing
 
 CHUNK = 512
 """Samples for which the detector gives one probability: 32 ms."""

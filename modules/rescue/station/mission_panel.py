@@ -10,11 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from modules.rescue.messages import MissionStatus, OrderMission, VictimFound
-from modules.rescue.station.mission_results import MissionResults
-from modules.rescue.station.victim_question import VictimQuestion
-from modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
-from modules.rescue.station.wall_layers import add_wall_layers
 from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page, ending
 from robbie_mp.station.latest import silence
@@ -23,6 +18,11 @@ from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.requests import Asked
 from robbie_mp.station.run_watch import REFRESH_S
 from robbie_mp.station.state_item import ALERT, GOOD, WARNING, StateItem, clock_text
+from robbie_robots.modules.rescue.messages import MissionStatus, OrderMission, VictimFound
+from robbie_robots.modules.rescue.station.mission_results import MissionResults
+from robbie_robots.modules.rescue.station.victim_question import VictimQuestion
+from robbie_robots.modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
+from robbie_robots.modules.rescue.station.wall_layers import add_wall_layers
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

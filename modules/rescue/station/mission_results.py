@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.element import Element
 
-from modules.rescue.messages import MissionResult, MissionStatus
 from robbie_mp.messages import TimeJump
 from robbie_mp.station.state_item import clock_text
+from robbie_robots.modules.rescue.messages import MissionResult, MissionStatus
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext

@@ -9,13 +9,13 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from modules.rescue.messages import AnswerVictim
 from robbie_mp.station.access import Role
 from robbie_mp.station.latest import silence
+from robbie_robots.modules.rescue.messages import AnswerVictim
 
 if TYPE_CHECKING:
-    from modules.rescue.station.victim_watch import KnownVictim, VictimWatch
     from robbie_mp.station.context import Page
+    from robbie_robots.modules.rescue.station.victim_watch import KnownVictim, VictimWatch
 
 ANSWERS = (
     ("Yes", AnswerVictim.YES, "#2e7d32"),

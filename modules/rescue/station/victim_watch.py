@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from starlette.responses import Response
 
-from modules.rescue.messages import VictimFound
 from robbie_mp.messages import TimeJump
 from robbie_mp.station.map_marks import MapMark, MarkPicture
 from robbie_mp.station.pictures import (
@@ -18,6 +17,7 @@ from robbie_mp.station.pictures import (
     no_picture,
     serve_pictures,
 )
+from robbie_robots.modules.rescue.messages import VictimFound
 
 if TYPE_CHECKING:
     from collections.abc import Callable

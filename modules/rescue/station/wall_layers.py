@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modules.planar_messages import map_cells
-from modules.rescue.messages import SearchedWalls
 from robbie_mp.station.map_marks import CellMarks
+from robbie_robots.modules.planar_messages import map_cells
+from robbie_robots.modules.rescue.messages import SearchedWalls
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

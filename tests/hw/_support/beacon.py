@@ -3,11 +3,11 @@
 import struct
 from collections.abc import Callable
 
-from hw.connection.device import PluggableDevice
-from hw.connection.errors import DeviceSilent
-from hw.connection.port import Port
-from hw.emulation.device import EmulatedClock, EmulatedDevice
-from hw.framing import DamagedFrame, FrameDecoder, Framing
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceSilent
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder, Framing
 
 MARKER = b"\xaa\x55"
 BODY = struct.Struct("<II")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hw.framing import Frame, FrameDecoder
+from robbie_robots.hw.framing import Frame, FrameDecoder
 
 CAPTURES = Path(os.environ.get("ROBBIE_CAPTURES", "no-captures"))
 needs_captures = pytest.mark.skipif(

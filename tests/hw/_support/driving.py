@@ -3,7 +3,7 @@
 import sys
 import time
 
-from hw.irobot.create import CreateBase
+from robbie_robots.hw.irobot.create import CreateBase
 
 if __name__ == "__main__":
     base = CreateBase(sys.argv[1])

@@ -5,7 +5,7 @@ import time
 
 import psutil
 
-from hw.connection import stop_guard
+from robbie_robots.hw.connection import stop_guard
 
 LIMIT_S = 20.0
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from hw.connection.port import Port
+from robbie_robots.hw.connection.port import Port
 
 
 class ScriptedPort(Port):

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import pytest
 
-from hw.connection.background import MAX_CALL_S, BackgroundDevice, DeviceStuck
-from hw.connection.device import ConnectionState
+from robbie_robots.hw.connection.background import MAX_CALL_S, BackgroundDevice, DeviceStuck
+from robbie_robots.hw.connection.device import ConnectionState
 from tests.hw._support.line import Clock
 
 LIMIT_S = 20.0

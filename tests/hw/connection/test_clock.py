@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.connection.clock import DeviceClock, RegularClock, lower_hull
+from robbie_robots.hw.connection.clock import DeviceClock, RegularClock, lower_hull
 
 # Until this time the first frames, which may all be late, can spoil the stamps.
 SETTLED_S = 5.0

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from hw.connection.device import ConnectionState
-from hw.connection.errors import DeviceSilent
-from hw.connection.port import Port, PortError
-from hw.emulation.carrier import Carrier, PseudoTerminal, TcpPort
-from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
+from robbie_robots.hw.connection.device import ConnectionState
+from robbie_robots.hw.connection.errors import DeviceSilent
+from robbie_robots.hw.connection.port import Port, PortError
+from robbie_robots.hw.emulation.carrier import Carrier, PseudoTerminal, TcpPort
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import EmulatedLine
 from tests.hw._support.beacon import Beacon, EmulatedBeacon
 
 LIMIT_S = 30.0

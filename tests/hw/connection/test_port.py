@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hw.connection.port import Port, PortError
-from hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.connection.port import Port, PortError
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
 
 
 def test_port_without_a_motor_line_is_left_alone(tmp_path: Path) -> None:

@@ -15,13 +15,13 @@ from threading import Thread
 import psutil
 import pytest
 
-from hw.connection.stop_guard import END_TIMEOUT_S, StopGuard
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.line import EmulatedLine
-from hw.irobot import open_interface as oi
-from hw.irobot.create import CreateBase
 from robbie_mp.run.supervisor.leftovers import MARKER, kill_child_leftovers, marker
+from robbie_robots.hw.connection.stop_guard import END_TIMEOUT_S, StopGuard
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.irobot import open_interface as oi
+from robbie_robots.hw.irobot.create import CreateBase
 from tests.hw._support import driving
 from tests.hw._support.guards import guards, new_guard
 from tests.hw.irobot.test_create import frame

@@ -2,9 +2,9 @@
 
 import pytest
 
-from hw.dynamixel import protocol1 as protocol
-from hw.dynamixel.protocol1 import Packet1, Protocol1Framing, ServoError
-from hw.framing import FrameDecoder
+from robbie_robots.hw.dynamixel import protocol1 as protocol
+from robbie_robots.hw.dynamixel.protocol1 import Packet1, Protocol1Framing, ServoError
+from robbie_robots.hw.framing import FrameDecoder
 
 
 def decoded(data: bytes) -> list[Packet1]:

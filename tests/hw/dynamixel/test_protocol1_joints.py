@@ -12,12 +12,20 @@ from pathlib import Path
 import dynamixel_sdk
 import pytest
 
-from hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.dynamixel1 import AX_12, CCW_LIMIT, GOAL, MX_28, TORQUE, EmulatedOldServos, OldServo
-from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
-from hw.joints import JointReading
+from robbie_robots.hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.dynamixel1 import (
+    AX_12,
+    CCW_LIMIT,
+    GOAL,
+    MX_28,
+    TORQUE,
+    EmulatedOldServos,
+    OldServo,
+)
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.joints import JointReading
 from tests.hw._support.guards import guards
 
 LIMIT_S = 20.0

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.dynamixel import protocol2 as protocol
-from hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status, StatusError
-from hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.dynamixel import protocol2 as protocol
+from robbie_robots.hw.dynamixel.protocol2 import Packet2, Protocol2Framing, Status, StatusError
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
 
 
 def decoded(data: bytes) -> list[Packet2]:

@@ -9,12 +9,12 @@ from pathlib import Path
 import dynamixel_sdk
 import pytest
 
-from hw.dynamixel.servos import DynamixelJoints, ServoJoint
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.dynamixel import ERRORS, MAX_LIMIT, RANGE_ERROR, EmulatedServos
-from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
-from hw.joints import JointReading
+from robbie_robots.hw.dynamixel.servos import DynamixelJoints, ServoJoint
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.dynamixel import ERRORS, MAX_LIMIT, RANGE_ERROR, EmulatedServos
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.joints import JointReading
 
 LIMIT_S = 20.0
 ARM = [ServoJoint(f"joint{number}", speed_rad_per_s=2.0, servo=number) for number in range(1, 7)]

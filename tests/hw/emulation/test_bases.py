@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from hw.connected_base import BaseReading, ConnectedBase
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import EmulatedClock, EmulatedDevice
-from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
-from hw.emulation.p2os import Base, EmulatedPioneer
-from hw.emulation.stepped_line import SimulatedTime, SteppedLine
-from hw.irobot.create import CreateBase
-from hw.pioneer.base import PioneerBase
+from robbie_robots.hw.connected_base import BaseReading, ConnectedBase
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.emulation.p2os import Base, EmulatedPioneer
+from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.irobot.create import CreateBase
+from robbie_robots.hw.pioneer.base import PioneerBase
 
 LIMIT_S = 30.0
 BASES = pytest.mark.parametrize(

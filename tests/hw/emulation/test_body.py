@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hw.emulation.body import SimulatedBody
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.box_segments import box_segments
-from hw.simulation.differential_drive import DifferentialDrive
-from hw.simulation.drive import SimulatedDrive
-from hw.simulation.wheel import WheelErrors
+from robbie_robots.hw.emulation.body import SimulatedBody
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.differential_drive import DifferentialDrive
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.hw.simulation.wheel import WheelErrors
 
 ROOM = Arena(
     segments=box_segments(np.array([[0.0, 0.0, 20.0, 20.0]])),

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.emulation import create, fletcher, gnss, mip, p2os, xsens
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import MAX_LATE_S, EmulatedClock, EmulatedDevice
-from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
-from hw.emulation.mip import EmulatedMip
-from hw.emulation.p2os import EmulatedPioneer
-from hw.emulation.rplidar import EmulatedRpLidar
-from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
-from hw.emulation.xsens import EmulatedMti
+from robbie_robots.hw.emulation import create, fletcher, gnss, mip, p2os, xsens
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.device import MAX_LATE_S, EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.gnss import EmulatedNmea, EmulatedUblox
+from robbie_robots.hw.emulation.mip import EmulatedMip
+from robbie_robots.hw.emulation.p2os import EmulatedPioneer
+from robbie_robots.hw.emulation.rplidar import EmulatedRpLidar
+from robbie_robots.hw.emulation.scip import UTM_30LX, EmulatedHokuyo
+from robbie_robots.hw.emulation.xsens import EmulatedMti
 
 
 class Clock(EmulatedClock):

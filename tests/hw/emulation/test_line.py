@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import serial
 
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.device import EmulatedDevice
-from hw.emulation.line import EmulatedLine
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.device import EmulatedDevice
+from robbie_robots.hw.emulation.line import EmulatedLine
 
 LIMIT_S = 30.0
 QUESTION = b"who are you?"

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hw.emulation.recorded import MAX_M_PER_S, MAX_RAD_PER_S, RecordedBody, recorded_drive
-from hw.pose import ORIGIN, Pose
+from robbie_robots.hw.emulation.recorded import MAX_M_PER_S, MAX_RAD_PER_S, RecordedBody, recorded_drive
+from robbie_robots.hw.pose import ORIGIN, Pose
 
 PERIOD_S = 0.1
 SWEEP = np.ones(3, np.float32)

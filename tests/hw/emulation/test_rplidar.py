@@ -11,12 +11,12 @@ import pyrplidar_protocol as witness
 import pytest
 from numpy.typing import NDArray
 
-from hw.emulation.device import EmulatedClock
-from hw.emulation.faults import Faults
-from hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
-from hw.emulation.stepped_line import SimulatedTime, SteppedLine
-from hw.rplidar.laser import RpLidar
-from hw.rplidar.streams import CapsuleReader, DenseReader, Samples, StreamReader, UltraReader
+from robbie_robots.hw.emulation.device import EmulatedClock
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
+from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.rplidar.laser import RpLidar
+from robbie_robots.hw.rplidar.streams import CapsuleReader, DenseReader, Samples, StreamReader, UltraReader
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.device import EmulatedClock
-from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
-from hw.emulation.scip import UTM_30LX, EmulatedHokuyo, checksum, coded
-from hw.emulation.stepped_line import SimulatedTime
-from hw.hokuyo.laser import Data, HokuyoLaser
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.device import EmulatedClock
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.emulation.scip import UTM_30LX, EmulatedHokuyo, checksum, coded
+from robbie_robots.hw.emulation.stepped_line import SimulatedTime
+from robbie_robots.hw.hokuyo.laser import Data, HokuyoLaser
 
 WALL_M = np.linspace(0.5, 5.5, len(UTM_30LX.angles_rad()))
 WALL_M[100], WALL_M[200], WALL_M[300] = math.inf, 0.001, 70.0

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.emulation.cola import LMS_111, EmulatedSickScanner
-from hw.emulation.device import EmulatedClock, EmulatedDevice
-from hw.emulation.lms2xx import EmulatedLms2xx, checksum
-from hw.emulation.stepped_line import SimulatedTime, SteppedLine
-from hw.pluggable_laser import PluggableLaser
-from hw.sick.cola import Dialect
-from hw.sick.cola_laser import SickColaLaser
-from hw.sick.lms2xx import SickLms2xx
+from robbie_robots.hw.emulation.cola import LMS_111, EmulatedSickScanner
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.lms2xx import EmulatedLms2xx, checksum
+from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.pluggable_laser import PluggableLaser
+from robbie_robots.hw.sick.cola import Dialect
+from robbie_robots.hw.sick.cola_laser import SickColaLaser
+from robbie_robots.hw.sick.lms2xx import SickLms2xx
 
 Array = NDArray[np.float64]
 

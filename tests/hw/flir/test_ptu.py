@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.faults import Faults
-from hw.emulation.line import EmulatedLine
-from hw.emulation.ptu import EmulatedPtu
-from hw.flir.ptu import FlirPanTilt
-from hw.pan_tilt import PanTiltError, PanTiltState
-from modules.devices.flir import FlirPanTiltModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import JointState, PanTiltCommand
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.emulation.ptu import EmulatedPtu
+from robbie_robots.hw.flir.ptu import FlirPanTilt
+from robbie_robots.hw.pan_tilt import PanTiltError, PanTiltState
+from robbie_robots.modules.devices.flir import FlirPanTiltModule
 from tests.hw._support.line import Clock, ScriptedDevice
 
 LIMIT_S = 20.0

@@ -2,9 +2,9 @@
 
 import pytest
 
-from hw.flir import ptu_protocol as ptu
-from hw.flir.ptu_protocol import Answer, Axis, PtuFraming
-from hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.flir import ptu_protocol as ptu
+from robbie_robots.hw.flir.ptu_protocol import Answer, Axis, PtuFraming
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
 
 
 def answers(data: bytes) -> list[Answer]:

@@ -6,9 +6,9 @@ from typing import Any
 import pynmea2
 import pytest
 
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.gnss import nmea
-from hw.gnss.nmea import FixQuality, NmeaFraming, Sentence
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.gnss import nmea
+from robbie_robots.hw.gnss.nmea import FixQuality, NmeaFraming, Sentence
 from tests.hw._support.captures import CAPTURES, decoded_in_pieces, needs_captures
 
 GGA = b"$GPGGA,184353.07,1929.045,S,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,0000*6D\r\n"

@@ -3,8 +3,8 @@
 import struct
 from typing import Any
 
-from hw.gnss import nmea, ubx
-from hw.gnss.receiver import NmeaReceiver, UbxReceiver
+from robbie_robots.hw.gnss import nmea, ubx
+from robbie_robots.hw.gnss.receiver import NmeaReceiver, UbxReceiver
 from tests.hw._support.line import Clock, ScriptedDevice
 
 

@@ -6,9 +6,9 @@ import struct
 import pytest
 import pyubx2
 
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.gnss import ubx
-from hw.gnss.ubx import FixType, UbxFraming, UbxMessage
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.gnss import ubx
+from robbie_robots.hw.gnss.ubx import FixType, UbxFraming, UbxMessage
 from tests.hw._support.captures import CAPTURES, decoded_in_pieces, needs_captures
 
 

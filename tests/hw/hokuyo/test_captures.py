@@ -1,6 +1,6 @@
 """What a real URG-04LX sent is understood to the last line."""
 
-from hw.hokuyo.scip import ReplyReader, measurement, parameters
+from robbie_robots.hw.hokuyo.scip import ReplyReader, measurement, parameters
 from tests.hw._support.captures import CAPTURES, needs_captures
 
 

@@ -11,9 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.connection.errors import DeviceFault, DeviceSilent
-from hw.hokuyo.laser import Data, HokuyoLaser
-from hw.hokuyo.scip import DamagedLine, ReplyReader, checksum, measurement, numbers, parameters, reply_of
+from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
+from robbie_robots.hw.hokuyo.laser import Data, HokuyoLaser
+from robbie_robots.hw.hokuyo.scip import (
+    DamagedLine,
+    ReplyReader,
+    checksum,
+    measurement,
+    numbers,
+    parameters,
+    reply_of,
+)
 from tests.hw._support.fake_hokuyo import PARAMETERS, FakeHokuyo, summed, sweep
 
 # From the first step to the last, as the parameters say.

@@ -5,10 +5,10 @@ import struct
 
 import pytest
 
-from hw.connection.device import ConnectionState
-from hw.drive import DriveCommandError
-from hw.irobot import open_interface as oi
-from hw.irobot.create import STREAM, CreateBase
+from robbie_robots.hw.connection.device import ConnectionState
+from robbie_robots.hw.drive import DriveCommandError
+from robbie_robots.hw.irobot import open_interface as oi
+from robbie_robots.hw.irobot.create import STREAM, CreateBase
 from tests.hw._support.line import Clock, ScriptedDevice
 
 HALT = oi.drive_direct(0, 0)

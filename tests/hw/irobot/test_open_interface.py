@@ -2,8 +2,8 @@
 
 import pytest
 
-from hw.framing import FrameDecoder
-from hw.irobot import open_interface as oi
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.irobot import open_interface as oi
 
 
 def test_example_of_the_specification_for_drive() -> None:

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from hw.connection.errors import DeviceSilent
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.faults import Faults
-from hw.emulation.lcus import EmulatedRelays
-from hw.emulation.line import EmulatedLine
-from hw.framing import FrameDecoder
-from hw.lctech.relay_protocol import RelayAnswer, RelayFraming, switch
-from hw.lctech.relays import RelayLights
-from hw.lights import LightsError
-from modules.devices.lights import RelayLightsModule
 from robbie_mp import CallRefused, ModuleHarness
 from robbie_mp.messages import DeviceState, LightsState, SetLight
+from robbie_robots.hw.connection.errors import DeviceSilent
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.lcus import EmulatedRelays
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.lctech.relay_protocol import RelayAnswer, RelayFraming, switch
+from robbie_robots.hw.lctech.relays import RelayLights
+from robbie_robots.hw.lights import LightsError
+from robbie_robots.modules.devices.lights import RelayLightsModule
 
 LIMIT_S = 20.0
 NAMES = ["headlight", "rear light"]

@@ -6,13 +6,13 @@ import struct
 import numpy as np
 import pytest
 
-from hw.connection.port import Port
-from hw.emulation import mip as unit
-from hw.emulation.device import EmulatedClock
-from hw.emulation.mip import EVERYTHING, EmulatedMip
-from hw.microstrain import mip
-from hw.microstrain.imu import MicroStrainImu, with_z_up
-from hw.microstrain.mip import SensorField
+from robbie_robots.hw.connection.port import Port
+from robbie_robots.hw.emulation import mip as unit
+from robbie_robots.hw.emulation.device import EmulatedClock
+from robbie_robots.hw.emulation.mip import EVERYTHING, EmulatedMip
+from robbie_robots.hw.microstrain import mip
+from robbie_robots.hw.microstrain.imu import MicroStrainImu, with_z_up
+from robbie_robots.hw.microstrain.mip import SensorField
 from tests.hw._support.captures import CAPTURES, needs_captures
 from tests.hw._support.line import Clock
 from tests.hw._support.scripted_port import ScriptedPort

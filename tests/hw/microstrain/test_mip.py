@@ -2,9 +2,9 @@
 
 import pytest
 
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.microstrain import mip
-from hw.microstrain.mip import MipField, MipFraming, MipPacket, SensorField
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.microstrain import mip
+from robbie_robots.hw.microstrain.mip import MipField, MipFraming, MipPacket, SensorField
 from tests.hw._support.captures import CAPTURES, decoded_in_pieces, needs_captures
 
 PING = bytes.fromhex("75 65 01 02 02 01 E0 C6")

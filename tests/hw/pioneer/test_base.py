@@ -5,10 +5,10 @@ import struct
 
 import pytest
 
-from hw.connection.device import ConnectionState
-from hw.pioneer import p2os
-from hw.pioneer.base import PioneerBase
-from hw.pioneer.p2os import Command, command
+from robbie_robots.hw.connection.device import ConnectionState
+from robbie_robots.hw.pioneer import p2os
+from robbie_robots.hw.pioneer.base import PioneerBase
+from robbie_robots.hw.pioneer.p2os import Command, command
 from tests.hw._support.line import Clock, ScriptedDevice
 
 

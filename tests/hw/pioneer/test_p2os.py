@@ -4,9 +4,9 @@ import struct
 
 import pytest
 
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.pioneer import p2os
-from hw.pioneer.p2os import Command
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.pioneer import p2os
+from robbie_robots.hw.pioneer.p2os import Command
 
 VECTORS = [
     (Command.PULSE, None, "FA FB 03 00 00 00"),

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.rplidar.laser import RpLidar
-from hw.rplidar.protocol import CAPSULES, NODES, Descriptor, descriptor, request
-from hw.rplidar.streams import READERS, CapsuleReader, NodeReader, Samples
+from robbie_robots.hw.rplidar.laser import RpLidar
+from robbie_robots.hw.rplidar.protocol import CAPSULES, NODES, Descriptor, descriptor, request
+from robbie_robots.hw.rplidar.streams import READERS, CapsuleReader, NodeReader, Samples
 from tests.hw._support.scripted_port import ScriptedPort
 
 

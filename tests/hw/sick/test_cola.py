@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.framing import FrameDecoder
-from hw.sick.cola import (
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.sick.cola import (
     LOG_IN,
     STREAM,
     BinaryFraming,
@@ -20,7 +20,7 @@ from hw.sick.cola import (
     framed,
     scan_data,
 )
-from hw.sick.cola_laser import SickColaLaser
+from robbie_robots.hw.sick.cola_laser import SickColaLaser
 from tests.hw._support.captures import CAPTURES, needs_captures
 from tests.hw._support.scripted_port import ScriptedPort
 

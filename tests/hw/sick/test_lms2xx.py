@@ -8,9 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.framing import FrameDecoder
-from hw.sick.lms2xx import SickLms2xx
-from hw.sick.lms2xx_telegrams import DamagedScan, TelegramFraming, crc, least_code, scan, telegram
+from robbie_robots.hw.framing import FrameDecoder
+from robbie_robots.hw.sick.lms2xx import SickLms2xx
+from robbie_robots.hw.sick.lms2xx_telegrams import (
+    DamagedScan,
+    TelegramFraming,
+    crc,
+    least_code,
+    scan,
+    telegram,
+)
 from tests.hw._support.scripted_port import ScriptedPort
 
 

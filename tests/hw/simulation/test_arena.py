@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from hw.pose import ORIGIN, Pose, wrapped
-from hw.simulation.arena import Arena
-from hw.simulation.box_segments import box_segments
+from robbie_robots.hw.pose import ORIGIN, Pose, wrapped
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.box_segments import box_segments
 
 
 def room(circles: Sequence[tuple[float, float, float]] = ()) -> Arena:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import HazardSign, SignKind, Victim, VictimKind, WallSpot
-from hw.simulation.arena_file import ArenaError, read_arena
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import HazardSign, SignKind, Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
 from tests._support.places import ARENAS
 
 DEMO = ARENAS / "demo.yaml"

@@ -2,10 +2,10 @@
 
 import pytest
 
-from hw.battery import BatteryReading
-from hw.drive import DriveState
-from hw.pose import ORIGIN
-from hw.simulation.battery import BatteryModel, SimulatedBattery
+from robbie_robots.hw.battery import BatteryReading
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.pose import ORIGIN
+from robbie_robots.hw.simulation.battery import BatteryModel, SimulatedBattery
 
 LOSSLESS = BatteryModel(resistance_ohm=1e-9)
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hw.pose import ORIGIN, Pose
-from hw.simulation.arena import Arena
-from hw.simulation.box_segments import box_segments
-from hw.simulation.bumper import BumperNotPlaced, SimulatedBumper
-from hw.simulation.drive import SimulatedDrive, WorldState
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.bumper import BumperNotPlaced, SimulatedBumper
+from robbie_robots.hw.simulation.drive import SimulatedDrive, WorldState
 
 ROOM = Arena(box_segments(np.array([[0.0, 0.0, 4.0, 4.0]])), np.empty((0, 3)), ORIGIN, 4.0, 4.0)
 

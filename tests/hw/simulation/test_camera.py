@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hw.camera import CameraGeometry
-from hw.pose import ORIGIN, Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import (
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import (
     AppearingObstacle,
     HazardSign,
     SignKind,
@@ -19,10 +19,10 @@ from hw.simulation.arena_contents import (
     VictimKind,
     WallSpot,
 )
-from hw.simulation.aruco import TAG_COUNT, tag_cells
-from hw.simulation.box_segments import box_segments
-from hw.simulation.camera import CameraNotPlaced, SimulatedCamera, SimulatedThermalCamera
-from hw.simulation.panel_textures import SIGN_COLOURS, SKIN
+from robbie_robots.hw.simulation.aruco import TAG_COUNT, tag_cells
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.camera import CameraNotPlaced, SimulatedCamera, SimulatedThermalCamera
+from robbie_robots.hw.simulation.panel_textures import SIGN_COLOURS, SKIN
 
 ROOM = Arena(box_segments(np.array([[0.0, 0.0, 6.0, 4.0]])), np.empty((0, 3)), ORIGIN, 6.0, 4.0)
 EAST = WallSpot(6.0, 2.0, 0.35, math.pi)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.simulation.arena_file import read_arena
-from hw.simulation.depth_camera import SimulatedDepthCamera
-from hw.simulation.solid import Placed, Solid, pose_at
-from hw.simulation.table_room import KINDS, TWINS, generate_room, main
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.depth_camera import SimulatedDepthCamera
+from robbie_robots.hw.simulation.solid import Placed, Solid, pose_at
+from robbie_robots.hw.simulation.table_room import KINDS, TWINS, generate_room, main
 
 GEOMETRY = CameraGeometry(81, 61, 1.0)
 

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.laser import LaserGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import Person
-from hw.simulation.arena_file import ArenaError, read_arena
-from hw.simulation.box_segments import box_segments
-from hw.simulation.changing_arena import ChangingArena
-from hw.simulation.doors import Door, Doors
-from hw.simulation.drive import SimulatedDrive, WorldState
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import Person
+from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.changing_arena import ChangingArena
+from robbie_robots.hw.simulation.doors import Door, Doors
+from robbie_robots.hw.simulation.drive import SimulatedDrive, WorldState
 from tests._support.places import ARENAS
 
 RADIUS_M = 0.2

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hw.drive import DriveCommandError
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import AppearingObstacle
-from hw.simulation.box_segments import box_segments
-from hw.simulation.differential_drive import DifferentialDrive
-from hw.simulation.drive import SimulatedDrive, WorldState
-from hw.simulation.wheel import WheelErrors
+from robbie_robots.hw.drive import DriveCommandError
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import AppearingObstacle
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.differential_drive import DifferentialDrive
+from robbie_robots.hw.simulation.drive import SimulatedDrive, WorldState
+from robbie_robots.hw.simulation.wheel import WheelErrors
 
 EXACT = WheelErrors(0.0, 0.0, 0.0)
 WALLS = box_segments(np.array([[0.0, 0.0, 20.0, 20.0]]))

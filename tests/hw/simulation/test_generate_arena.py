@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import WallSpot
-from hw.simulation.arena_file import read_arena
-from hw.simulation.arena_generator import ArenaWishes, CannotBeArranged
-from hw.simulation.generate_arena import generate_arena, main
-from hw.simulation.reachable_area import reachable_area
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import WallSpot
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_generator import ArenaWishes, CannotBeArranged
+from robbie_robots.hw.simulation.generate_arena import generate_arena, main
+from robbie_robots.hw.simulation.reachable_area import reachable_area
 from tests._support.places import ARENAS
 
 FULL = ArenaWishes(victims=6, signs=3, obstacles=12, appearing=2)

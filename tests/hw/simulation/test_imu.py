@@ -6,10 +6,10 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from hw.drive import DriveState
-from hw.imu import ImuSample
-from hw.pose import ORIGIN, Pose
-from hw.simulation.imu import GRAVITY_M_PER_S2, ImuNotMoved, SensorErrors, SimulatedImu
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.imu import ImuSample
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.simulation.imu import GRAVITY_M_PER_S2, ImuNotMoved, SensorErrors, SimulatedImu
 
 EXACT = SensorErrors(0.0, 0.0, 0.0)
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hw.laser import LaserGeometry
-from hw.pose import ORIGIN, Pose
-from hw.simulation.arena import Arena
-from hw.simulation.box_segments import box_segments
-from hw.simulation.laser import LaserNotPlaced, SimulatedLaser
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import ORIGIN, Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.laser import LaserNotPlaced, SimulatedLaser
 
 ROOM = Arena(box_segments(np.array([[0.0, 0.0, 4.0, 4.0]])), np.empty((0, 3)), ORIGIN, 4.0, 4.0)
 MIDDLE = Pose(2.0, 2.0, 0.0)

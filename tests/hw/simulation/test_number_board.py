@@ -6,9 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.simulation.arena_contents import BoardFont, Figure, NumberSign, Sheet, WallSpot
-from hw.simulation.arena_file import ArenaError, read_arena
-from hw.simulation.number_board import GLYPH_SHARE, IN_SHADOW, board_texture, is_installed, sheet_texture
+from robbie_robots.hw.simulation.arena_contents import BoardFont, Figure, NumberSign, Sheet, WallSpot
+from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
+from robbie_robots.hw.simulation.number_board import (
+    GLYPH_SHARE,
+    IN_SHADOW,
+    board_texture,
+    is_installed,
+    sheet_texture,
+)
 
 GROUND = """\
 cell_m: 1.0

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_file import read_arena
-from hw.simulation.number_ground import FRONTS_M, generate_ground, main
-from hw.simulation.number_referee import Visit, judge, wanted_order
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.number_ground import FRONTS_M, generate_ground, main
+from robbie_robots.hw.simulation.number_referee import Visit, judge, wanted_order
 
 
 def ground(tmp_path: Path, seed: int, *, sheet: bool = False) -> Arena:

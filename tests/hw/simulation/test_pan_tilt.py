@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from hw.pan_tilt import PanTiltError, PanTiltLimits
-from hw.simulation.pan_tilt import SimulatedPanTilt
+from robbie_robots.hw.pan_tilt import PanTiltError, PanTiltLimits
+from robbie_robots.hw.simulation.pan_tilt import SimulatedPanTilt
 
 
 class Clock:

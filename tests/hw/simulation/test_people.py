@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hw.camera import CameraGeometry
-from hw.laser import LaserGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import Person
-from hw.simulation.arena_file import ArenaError, read_arena
-from hw.simulation.box_segments import box_segments
-from hw.simulation.camera import SimulatedCamera
-from hw.simulation.drive import SimulatedDrive
-from hw.simulation.laser import SimulatedLaser
-from hw.simulation.people import (
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import Person
+from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.camera import SimulatedCamera
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.people import (
     LEG_RADIUS_M,
     PICTURE_S,
     ROBOT_APART_M,

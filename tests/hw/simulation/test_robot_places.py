@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.pose import Pose
-from hw.simulation import robot_places
-from hw.simulation.drive import SimulatedDrive
-from hw.simulation.robot_places import RobotPlaces
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation import robot_places
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.hw.simulation.robot_places import RobotPlaces
 from tests.hw.simulation.test_drive import EXACT, HALL, Clock, drive_for
 
 

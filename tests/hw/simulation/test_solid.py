@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.simulation.solid import Placed, Solid, pose_at
-from hw.simulation.urdf_solids import UrdfShapeError, read_urdf_solids
+from robbie_robots.hw.simulation.solid import Placed, Solid, pose_at
+from robbie_robots.hw.simulation.urdf_solids import UrdfShapeError, read_urdf_solids
 from tests._support.places import PROJECT
 
 BOX, CAN = Solid((0.2, 0.4, 0.6)), Solid((0.2, 0.2, 0.6), is_round=True)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.simulation.depth_camera import ON_FLOOR, ON_NOTHING, SimulatedDepthCamera
-from hw.simulation.object_prints import PLAIN, ObjectPrint, drawn_print
-from hw.simulation.solid import Placed, Solid, pose_at
-from hw.simulation.table_picture import Printed, TablePictures
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.simulation.depth_camera import ON_FLOOR, ON_NOTHING, SimulatedDepthCamera
+from robbie_robots.hw.simulation.object_prints import PLAIN, ObjectPrint, drawn_print
+from robbie_robots.hw.simulation.solid import Placed, Solid, pose_at
+from robbie_robots.hw.simulation.table_picture import Printed, TablePictures
 
 COARSE, FINE = CameraGeometry(80, 60, 1.0), CameraGeometry(320, 240, 1.0)
 TABLE = Placed(Solid((0.6, 1.2, 0.4)), pose_at((0.6, 0.0, 0.2)))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.simulation.solid import Placed, Solid, pose_at
-from hw.simulation.tabletop import TableObject, Tabletop
+from robbie_robots.hw.simulation.solid import Placed, Solid, pose_at
+from robbie_robots.hw.simulation.tabletop import TableObject, Tabletop
 
 TABLE = Placed(Solid((0.6, 1.0, 0.4)), pose_at((0.5, 0.0, 0.2)))
 CAN = TableObject("can", Solid((0.06, 0.06, 0.1), is_round=True), pose_at((0.4, 0.0, 0.45)))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hw.simulation.taking_person import REACTION_S, TUG_S, TakingPerson
+from robbie_robots.hw.simulation.taking_person import REACTION_S, TUG_S, TakingPerson
 
 HAND = np.array([1.0, 0.0, 0.6])
 STEP_S = 0.1

@@ -8,8 +8,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from hw.sound.portaudio import Microphone, SoundLibraryMissing, Speaker, portaudio
-from hw.sound.sound import SoundBlock, SoundFormat
+from robbie_robots.hw.sound.portaudio import Microphone, SoundLibraryMissing, Speaker, portaudio
+from robbie_robots.hw.sound.sound import SoundBlock, SoundFormat
 from tests.hw.sound.fake_portaudio import LIMIT_S, FakePortAudio
 
 STEREO = SoundFormat(1000, 2)

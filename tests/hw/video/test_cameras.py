@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 import pytest
 
-from hw.video import source
-from hw.video.huffman import with_huffman_tables
-from hw.video.opencv import OpenCvCamera
-from hw.video.source import CameraLibraryMissing, VideoFormat, VideoSource
+from robbie_robots.hw.video import source
+from robbie_robots.hw.video.huffman import with_huffman_tables
+from robbie_robots.hw.video.opencv import OpenCvCamera
+from robbie_robots.hw.video.source import CameraLibraryMissing, VideoFormat, VideoSource
 
 LIMIT_S = 20.0
 WIDTH, HEIGHT, IMAGES, RATE_HZ = 64, 48, 5, 100.0
@@ -36,7 +36,7 @@ def video(file: Path, letters: str = "MJPG") -> Path:
 
 def jpeg_camera(path: Path) -> VideoSource[Any]:
     pytest.importorskip("av", reason="NOT TESTED: PyAV is not installed")
-    from hw.video.jpeg import JpegCamera  # noqa: PLC0415
+    from robbie_robots.hw.video.jpeg import JpegCamera  # noqa: PLC0415
 
     return JpegCamera(str(path))
 

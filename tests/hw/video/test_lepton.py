@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.camera import CameraFrame
-from hw.emulation.lepton import EmulatedLepton
-from hw.video import source
-from hw.video.lepton import COLUMNS, ROWS, LeptonCamera
+from robbie_robots.hw.camera import CameraFrame
+from robbie_robots.hw.emulation.lepton import EmulatedLepton
+from robbie_robots.hw.video import source
+from robbie_robots.hw.video.lepton import COLUMNS, ROWS, LeptonCamera
 
 LIMIT_S = 20.0
 NOWHERE = "emulated://lepton"

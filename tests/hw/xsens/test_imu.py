@@ -5,9 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from hw.xsens import xbus
-from hw.xsens.imu import OLD_MODE, OLD_SETTINGS, XsensImu
-from hw.xsens.xbus import MessageId
+from robbie_robots.hw.xsens import xbus
+from robbie_robots.hw.xsens.imu import OLD_MODE, OLD_SETTINGS, XsensImu
+from robbie_robots.hw.xsens.xbus import MessageId
 from tests.hw._support.line import Clock, ScriptedDevice
 from tests.hw.xsens.test_xbus import LONG
 

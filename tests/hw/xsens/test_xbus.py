@@ -4,9 +4,9 @@ import struct
 
 import pytest
 
-from hw.framing import DamagedFrame, FrameDecoder
-from hw.xsens import xbus
-from hw.xsens.xbus import MessageId, OutputMode, OutputSettings, XbusData, XbusMessage
+from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
+from robbie_robots.hw.xsens import xbus
+from robbie_robots.hw.xsens.xbus import MessageId, OutputMode, OutputSettings, XbusData, XbusMessage
 
 # From a real MTi: orientation, acceleration, turn rate, magnetic field, status.
 LONG = bytes.fromhex(

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modules.devices.base import SimulatedBase
 from robbie_mp import CallRefused, Duration, Header, ModuleHarness, Time
 from robbie_mp.messages import (
     ControlState,
@@ -17,6 +16,7 @@ from robbie_mp.messages import (
     Odometry,
     SetControl,
 )
+from robbie_robots.modules.devices.base import SimulatedBase
 from tests._support.commands import fresh
 
 ARENA = """\

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 import pytest
 
-from hw.irobot import open_interface as oi
-from modules.devices.connected_base import CreateModule
 from robbie_mp import Duration, ModuleHarness
 from robbie_mp.messages import (
     BatteryState,
@@ -19,6 +17,8 @@ from robbie_mp.messages import (
     EmergencyStop,
     Odometry,
 )
+from robbie_robots.hw.irobot import open_interface as oi
+from robbie_robots.modules.devices.connected_base import CreateModule
 from tests._support.commands import fresh
 from tests.hw.irobot.test_create import frame
 

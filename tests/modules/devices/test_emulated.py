@@ -6,13 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.emulation.body import SimulatedBody
-from hw.emulation.create import EmulatedCreate
-from hw.simulation.differential_drive import CREATE_2
-from modules.devices.base import SimulatedBase
-from modules.devices.emulated import EmulatedCreateBase, EmulatedHokuyoLaser, EmulatedPioneerBase
 from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import Odometry, Point, Pose, PoseWithCovariance, Twist, TwistWithCovariance, Vector3
+from robbie_robots.hw.emulation.body import SimulatedBody
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.simulation.differential_drive import CREATE_2
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.emulated import (
+    EmulatedCreateBase,
+    EmulatedHokuyoLaser,
+    EmulatedPioneerBase,
+)
 from tests.modules.devices.test_simulated_devices import ARENA, drive
 
 SPEED_M_PER_S = 0.4

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from modules.devices.base import SimulatedBase
-from modules.devices.emulated_imu import EmulatedImu, EmulatedMicroStrainImu, EmulatedXsensImu
-from modules.devices.microstrain import MicroStrainModule
-from modules.devices.pluggable_imu import PluggableImuModule
-from modules.devices.xsens import XsensModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import DeviceState, Imu
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.emulated_imu import EmulatedImu, EmulatedMicroStrainImu, EmulatedXsensImu
+from robbie_robots.modules.devices.microstrain import MicroStrainModule
+from robbie_robots.modules.devices.pluggable_imu import PluggableImuModule
+from robbie_robots.modules.devices.xsens import XsensModule
 from tests.modules.devices.test_simulated_devices import ARENA, drive, tell
 
 LIMIT_S = 20.0

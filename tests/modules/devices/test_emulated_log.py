@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modules.devices.connected_base import CreateModule
-from modules.devices.emulated_log import EmulatedLog
-from modules.devices.sick_lms2xx import SickLms2xxRangeFinder
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import LaserScan, Odometry
+from robbie_robots.modules.devices.connected_base import CreateModule
+from robbie_robots.modules.devices.emulated_log import EmulatedLog
+from robbie_robots.modules.devices.sick_lms2xx import SickLms2xxRangeFinder
 
 LIMIT_S = 60.0
 BEAMS = 180

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from hw.gamepad import EV_ABS, EV_KEY, EV_SYN, EVENT, SYN_DROPPED, GamepadEvents
-from modules.devices.gamepad import ABS_X, ABS_Y, LEFT_SHOULDER, GamepadModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import DeviceState, DriveCommand
+from robbie_robots.hw.gamepad import EV_ABS, EV_KEY, EV_SYN, EVENT, SYN_DROPPED, GamepadEvents
+from robbie_robots.modules.devices.gamepad import ABS_X, ABS_Y, LEFT_SHOULDER, GamepadModule
 
 REPORT = (EV_SYN, 0, 0)
 HOLD = (EV_KEY, LEFT_SHOULDER, 1)

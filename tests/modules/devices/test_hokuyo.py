@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from modules.devices.hokuyo import HokuyoLaserRangeFinder
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import DeviceState, LaserScan
+from robbie_robots.modules.devices.hokuyo import HokuyoLaserRangeFinder
 from tests.hw._support.fake_hokuyo import FakeHokuyo, sweep
 
 

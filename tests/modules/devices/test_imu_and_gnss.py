@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from modules.devices.gnss import NmeaReceiverModule
-from modules.devices.xsens import XsensModule
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import DeviceState, Imu, NavSatFix, NavSatStatus
+from robbie_robots.modules.devices.gnss import NmeaReceiverModule
+from robbie_robots.modules.devices.xsens import XsensModule
 from tests.hw.gnss.test_receiver import gga
 from tests.hw.xsens.test_imu import NEW_UNIT, Unit
 from tests.hw.xsens.test_xbus import LONG

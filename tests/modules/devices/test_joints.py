@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.emulation import dynamixel1
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.dynamixel import GOAL, TORQUE, EmulatedServos
-from hw.emulation.dynamixel1 import EmulatedOldServos
-from hw.emulation.line import EmulatedLine
-from modules.devices.joints import DynamixelModule, SimulatedJointsModule
 from robbie_mp import Duration, ModuleHarness
 from robbie_mp.messages import DeviceState, JointCommand, JointState, PanTiltCommand
+from robbie_robots.hw.emulation import dynamixel1
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.dynamixel import GOAL, TORQUE, EmulatedServos
+from robbie_robots.hw.emulation.dynamixel1 import EmulatedOldServos
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.modules.devices.joints import DynamixelModule, SimulatedJointsModule
 from tests._support.commands import fresh
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.laser import LaserSweep
-from modules.devices.pluggable_laser import PluggableLaserModule
-from modules.devices.rplidar import RpLidarRangeFinder
-from modules.devices.sick_cola import SickColaRangeFinder
-from modules.devices.sick_lms2xx import SickLms2xxRangeFinder
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import DeviceState, LaserScan
+from robbie_robots.hw.laser import LaserSweep
+from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
+from robbie_robots.modules.devices.rplidar import RpLidarRangeFinder
+from robbie_robots.modules.devices.sick_cola import SickColaRangeFinder
+from robbie_robots.modules.devices.sick_lms2xx import SickLms2xxRangeFinder
 
 
 @pytest.mark.parametrize("kind", [RpLidarRangeFinder, SickLms2xxRangeFinder])

@@ -8,24 +8,24 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from hw.emulation.carrier import Carrier, PseudoTerminal, TcpPort
-from hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import EmulatedDevice
-from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
-from hw.emulation.line import EmulatedLine
-from hw.emulation.lms2xx import EmulatedLms2xx
-from hw.emulation.p2os import EmulatedPioneer
-from hw.emulation.rplidar import A1, A3, EmulatedRpLidar, RpLidarModel
-from hw.emulation.xsens import EmulatedMti
-from modules.devices.connected_base import CreateModule, PioneerModule
-from modules.devices.gnss import NmeaReceiverModule, UbxReceiverModule
-from modules.devices.rplidar import RpLidarRangeFinder
-from modules.devices.sick_cola import SickColaRangeFinder
-from modules.devices.sick_lms2xx import SickLms2xxRangeFinder
-from modules.devices.xsens import XsensModule
 from robbie_mp import Message, Module, ModuleHarness
 from robbie_mp.messages import BatteryState, DeviceState, Imu, LaserScan, NavSatFix
+from robbie_robots.hw.emulation.carrier import Carrier, PseudoTerminal, TcpPort
+from robbie_robots.hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.device import EmulatedDevice
+from robbie_robots.hw.emulation.gnss import EmulatedNmea, EmulatedUblox
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.emulation.lms2xx import EmulatedLms2xx
+from robbie_robots.hw.emulation.p2os import EmulatedPioneer
+from robbie_robots.hw.emulation.rplidar import A1, A3, EmulatedRpLidar, RpLidarModel
+from robbie_robots.hw.emulation.xsens import EmulatedMti
+from robbie_robots.modules.devices.connected_base import CreateModule, PioneerModule
+from robbie_robots.modules.devices.gnss import NmeaReceiverModule, UbxReceiverModule
+from robbie_robots.modules.devices.rplidar import RpLidarRangeFinder
+from robbie_robots.modules.devices.sick_cola import SickColaRangeFinder
+from robbie_robots.modules.devices.sick_lms2xx import SickLms2xxRangeFinder
+from robbie_robots.modules.devices.xsens import XsensModule
 
 LIMIT_S = 60.0
 LOOK_S = 0.1

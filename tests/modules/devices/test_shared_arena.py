@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from hw.pose import Pose
-from hw.simulation.robot_places import RobotPlaces
-from modules.devices.base import SimulatedBase
-from modules.devices.laser import SimulatedLaserRangeFinder
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import LaserScan, Odometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.robot_places import RobotPlaces
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.laser import SimulatedLaserRangeFinder
 from tests._support.places import ARENAS
 
 SETTINGS = {"arena": str(ARENAS / "rescue_small.yaml"), "start": [1.5, 1.75, 0.0]}

@@ -8,23 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena_file import read_arena
-from hw.simulation.camera import SimulatedCamera
-from modules.devices.base import SimulatedBase
-from modules.devices.battery import SimulatedBatteryModule
-from modules.devices.bumper import SimulatedBumperModule
-from modules.devices.camera import (
-    SimulatedCameraModule,
-    SimulatedRearCameraModule,
-    SimulatedThermalCameraModule,
-)
-from modules.devices.imu import SimulatedImuModule
-from modules.devices.joints import SimulatedJointsModule
-from modules.devices.laser import SimulatedLaserRangeFinder
-from modules.devices.pan_tilt import SimulatedPanTiltModule
-from modules.devices.simulated_world import MoveDoor, SimulatedDoors
 from robbie_mp import CallRefused, Duration, Header, Module, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     BatteryState,
@@ -45,6 +28,23 @@ from robbie_mp.messages import (
     SimulatedWorld,
     replace,
 )
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.camera import SimulatedCamera
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.battery import SimulatedBatteryModule
+from robbie_robots.modules.devices.bumper import SimulatedBumperModule
+from robbie_robots.modules.devices.camera import (
+    SimulatedCameraModule,
+    SimulatedRearCameraModule,
+    SimulatedThermalCameraModule,
+)
+from robbie_robots.modules.devices.imu import SimulatedImuModule
+from robbie_robots.modules.devices.joints import SimulatedJointsModule
+from robbie_robots.modules.devices.laser import SimulatedLaserRangeFinder
+from robbie_robots.modules.devices.pan_tilt import SimulatedPanTiltModule
+from robbie_robots.modules.devices.simulated_world import MoveDoor, SimulatedDoors
 from tests._support.commands import fresh
 
 # A corridor along x; the robot starts at (0.75, 0.75). A box comes in front of it after 2 s, before a victim.

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.sound import portaudio
-from modules.devices.sound import (
+from robbie_mp import ModuleHarness, SettingError, Time
+from robbie_mp.messages import DeviceState, RawAudio
+from robbie_robots.hw.sound import portaudio
+from robbie_robots.modules.devices.sound import (
     MicrophoneModule,
     SimulatedMicrophoneModule,
     SimulatedSpeakerModule,
     SpeakerModule,
 )
-from robbie_mp import ModuleHarness, SettingError, Time
-from robbie_mp.messages import DeviceState, RawAudio
 from tests.hw.sound.fake_portaudio import FakePortAudio
 
 TONE = (10_000 * np.sin(np.arange(800) / 5)).astype(np.int16)

@@ -9,14 +9,18 @@ import cv2
 import numpy as np
 import pytest
 
-from hw.camera import CameraGeometry
-from hw.emulation.lepton import EmulatedLepton
-from hw.simulation.camera import SimulatedThermalCamera
-from hw.video import source
-from hw.video.lepton import LeptonCamera
-from modules.devices.video_camera import JpegCameraModule, LeptonCameraModule, OpenCvCameraModule
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import CameraInfo, CompressedImage, DeviceState, Image
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.emulation.lepton import EmulatedLepton
+from robbie_robots.hw.simulation.camera import SimulatedThermalCamera
+from robbie_robots.hw.video import source
+from robbie_robots.hw.video.lepton import LeptonCamera
+from robbie_robots.modules.devices.video_camera import (
+    JpegCameraModule,
+    LeptonCameraModule,
+    OpenCvCameraModule,
+)
 from tests.hw.simulation.test_camera import ROOM
 from tests.hw.video.test_cameras import GREYS, HEIGHT, WIDTH, video
 
@@ -118,7 +122,8 @@ def test_emulated_thermal_camera_shows_the_temperatures_of_the_simulated_scene(
     monkeypatch.setattr(source, "check", lambda name: None)
     monkeypatch.setattr(source, "is_device", lambda name: True)
     monkeypatch.setattr(
-        "modules.devices.video_camera.LeptonCamera", partial(LeptonCamera, capture=emulated.capture)
+        "robbie_robots.modules.devices.video_camera.LeptonCamera",
+        partial(LeptonCamera, capture=emulated.capture),
     )
     with ModuleHarness(LeptonCameraModule, {"source": "/dev/thermal"}) as camera:
         image = first(camera, Image)

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.simulation.laser import LaserFailure
-from modules.devices.base import SimulatedBase
-from modules.devices.battery import SimulatedBatteryModule
-from modules.devices.bumper import SimulatedBumperModule
-from modules.devices.laser import SimulatedLaserRangeFinder
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import BatteryState, Bumper, LaserScan
+from robbie_robots.hw.simulation.laser import LaserFailure
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.battery import SimulatedBatteryModule
+from robbie_robots.modules.devices.bumper import SimulatedBumperModule
+from robbie_robots.modules.devices.laser import SimulatedLaserRangeFinder
 from tests.modules.devices.test_simulated_devices import ARENA, drive, tell
 
 

@@ -4,15 +4,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from hw.drive import DriveState
-from hw.pose import Pose
-from modules.devices.commanded_base import odometry
-from modules.devices.simulated_world import DoorMoved, MoveDoor
-from modules.home.doorkeeper import SimulatedDoorkeeper
-from modules.speech_messages import Say
 from robbie_mp import ModuleHarness, Time
+from robbie_robots.hw.drive import DriveState
+from robbie_robots.hw.pose import Pose
+from robbie_robots.modules.devices.commanded_base import odometry
+from robbie_robots.modules.devices.simulated_world import DoorMoved, MoveDoor
+from robbie_robots.modules.home.doorkeeper import SimulatedDoorkeeper
+from robbie_robots.modules.speech_messages import Say
+from robbie_robots.workers.home.household import OPEN_DOOR
 from tests._support.places import ARENAS
-from workers.home.household import OPEN_DOOR
 
 SETTINGS: dict[str, object] = {"arena": ARENAS / "apartment.yaml"}
 BEFORE_DOOR, FAR_AWAY = Pose(1.4, 0.0, 1.5), Pose(6.0, -2.0, 0.0)

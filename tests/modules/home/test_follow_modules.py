@@ -7,20 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.pose import Pose as Pose2D
-from hw.simulation.arena_file import read_arena
-from hw.simulation.follow_referee import FollowReferee
-from hw.simulation.people import People as WalkingPeople
-from modules.devices.base import SimulatedBase
-from modules.devices.laser import SimulatedLaserRangeFinder
-from modules.devices.simulated_world import SimulatedPeople
-from modules.home.follow import BINS, FollowMe
-from modules.home.messages import Following, FollowOrder
-from modules.home.referee import Referee, SimulatedVoice
-from modules.people import PEOPLE, THINGS, hides, number_of
-from modules.people_messages import People, PeopleClothes, Person
-from modules.planar_messages import pose_stamped
-from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import CallRefused, Header, ModuleHarness, Time
 from robbie_mp.messages import (
     LaserScan,
@@ -31,9 +17,23 @@ from robbie_mp.messages import (
     PoseWithCovariance,
     Quaternion,
 )
+from robbie_robots.hw.pose import Pose as Pose2D
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.follow_referee import FollowReferee
+from robbie_robots.hw.simulation.people import People as WalkingPeople
+from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.laser import SimulatedLaserRangeFinder
+from robbie_robots.modules.devices.simulated_world import SimulatedPeople
+from robbie_robots.modules.home.follow import BINS, FollowMe
+from robbie_robots.modules.home.messages import Following, FollowOrder
+from robbie_robots.modules.home.referee import Referee, SimulatedVoice
+from robbie_robots.modules.people import PEOPLE, THINGS, hides, number_of
+from robbie_robots.modules.people_messages import People, PeopleClothes, Person
+from robbie_robots.modules.planar_messages import pose_stamped
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.workers.home.follow import ARE_YOU_THERE, I_FOLLOW
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from tests._support.places import ARENAS
-from workers.home.follow import ARE_YOU_THERE, I_FOLLOW
-from workers.laser.laser_sweep import LaserSweep
 
 APARTMENT = ARENAS / "apartment.yaml"
 

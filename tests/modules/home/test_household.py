@@ -9,34 +9,6 @@ import numpy as np
 import pytest
 import yaml
 
-from modules.home.household import SEVERAL, Household
-from modules.home.messages import (
-    CancelOrder,
-    CarryOut,
-    CarryOutFeedback,
-    CarryOutResult,
-    Following,
-    FollowOrder,
-    FollowOrderTaken,
-    HouseholdStatus,
-    HouseholdTask,
-    WhoIsWho,
-    WhoIsWhoResult,
-)
-from modules.manipulation.messages import (
-    HandOver,
-    HandStatus,
-    PickUp,
-    PickUpResult,
-    PutDown,
-    PutDownResult,
-    StowArm,
-    StowArmResult,
-)
-from modules.people import PEOPLE
-from modules.people_messages import People, Person
-from modules.planar_messages import pose_stamped
-from modules.speech_messages import Say, SpokenOrder
 from robbie_mp import GoalAborted, Header, ModuleHarness, SettingError, Time, replace
 from robbie_mp.messages import (
     AnnotateMap,
@@ -54,10 +26,38 @@ from robbie_mp.messages import (
     PointOfInterest,
     TaughtNames,
 )
+from robbie_robots.modules.home.household import SEVERAL, Household
+from robbie_robots.modules.home.messages import (
+    CancelOrder,
+    CarryOut,
+    CarryOutFeedback,
+    CarryOutResult,
+    Following,
+    FollowOrder,
+    FollowOrderTaken,
+    HouseholdStatus,
+    HouseholdTask,
+    WhoIsWho,
+    WhoIsWhoResult,
+)
+from robbie_robots.modules.manipulation.messages import (
+    HandOver,
+    HandStatus,
+    PickUp,
+    PickUpResult,
+    PutDown,
+    PutDownResult,
+    StowArm,
+    StowArmResult,
+)
+from robbie_robots.modules.people import PEOPLE
+from robbie_robots.modules.people_messages import People, Person
+from robbie_robots.modules.planar_messages import pose_stamped
+from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.workers.home.household import OPEN_DOOR
+from robbie_robots.workers.home.orders import OrderReader, Task
+from robbie_robots.workers.speech.order_grammar import OrderGrammar
 from tests._support.places import PROJECT
-from workers.home.household import OPEN_DOOR
-from workers.home.orders import OrderReader, Task
-from workers.speech.order_grammar import OrderGrammar
 
 PLACES = {"desk": [2.0, 0.0, 0.0], "kitchen": [4.0, 2.0, 1.0]}
 SETTINGS: dict[str, object] = {

@@ -7,22 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.simulation.arena_file import read_arena
-from hw.simulation.people import People as WalkingPeople
-from modules.devices.simulated_world import SimulatedPeople
-from modules.home.guests import SimulatedGuests
-from modules.home.messages import (
-    Following,
-    LearnPerson,
-    WhoIsWho,
-    WhoIsWhoFeedback,
-    WhoIsWhoResult,
-)
-from modules.home.who_is_who import CANNOT, STOPPED, WhoIsWhoTask
-from modules.people import PEOPLE, THINGS
-from modules.people_messages import People, Person
-from modules.planar_messages import pose_stamped
-from modules.speech_messages import Say, SpokenOrder, SpokenSlot
 from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -56,6 +40,22 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.people import People as WalkingPeople
+from robbie_robots.modules.devices.simulated_world import SimulatedPeople
+from robbie_robots.modules.home.guests import SimulatedGuests
+from robbie_robots.modules.home.messages import (
+    Following,
+    LearnPerson,
+    WhoIsWho,
+    WhoIsWhoFeedback,
+    WhoIsWhoResult,
+)
+from robbie_robots.modules.home.who_is_who import CANNOT, STOPPED, WhoIsWhoTask
+from robbie_robots.modules.people import PEOPLE, THINGS
+from robbie_robots.modules.people_messages import People, Person
+from robbie_robots.modules.planar_messages import pose_stamped
+from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
 from tests._support.places import ARENAS
 
 APARTMENT = ARENAS / "apartment.yaml"

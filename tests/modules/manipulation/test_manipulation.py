@@ -9,20 +9,6 @@ from typing import Self
 import numpy as np
 import pytest
 
-from modules.manipulation.manipulation import Manipulation
-from modules.manipulation.messages import (
-    HandOver,
-    HandStatus,
-    PickUp,
-    PickUpFeedback,
-    PutDown,
-    TableObjects,
-    TabletopTruth,
-)
-from modules.manipulation.simulated_arm import SimulatedArm
-from modules.manipulation.simulated_depth_camera import SimulatedDepthCameraModule
-from modules.manipulation.table_objects import TableObjectFinder, read_objects
-from modules.taught_recognition import TaughtObjects
 from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -47,6 +33,20 @@ from robbie_mp.messages import (
     TFMessage,
 )
 from robbie_mp.scene.module import SceneGraphService
+from robbie_robots.modules.manipulation.manipulation import Manipulation
+from robbie_robots.modules.manipulation.messages import (
+    HandOver,
+    HandStatus,
+    PickUp,
+    PickUpFeedback,
+    PutDown,
+    TableObjects,
+    TabletopTruth,
+)
+from robbie_robots.modules.manipulation.simulated_arm import SimulatedArm
+from robbie_robots.modules.manipulation.simulated_depth_camera import SimulatedDepthCameraModule
+from robbie_robots.modules.manipulation.table_objects import TableObjectFinder, read_objects
+from robbie_robots.modules.taught_recognition import TaughtObjects
 from tests._support.places import ARENAS, PROJECT
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modules.manipulation.messages import TabletopTruth
-from modules.manipulation.simulated_arm import SimulatedArm
 from robbie_mp import Duration, ModuleHarness, SettingError
 from robbie_mp.messages import JointCommand, JointLimits, JointState, Odometry
+from robbie_robots.modules.manipulation.messages import TabletopTruth
+from robbie_robots.modules.manipulation.simulated_arm import SimulatedArm
 from tests._support.commands import fresh
 from tests._support.places import ARENAS, PROJECT
 

@@ -7,11 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modules.numbers import signs as signs_module
-from modules.numbers.messages import NumberSigns, SignsReached
-from modules.numbers.mission import Numbers
-from modules.numbers.referee import Referee
-from modules.numbers.signs import NumberSignFinder
 from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CameraInfo,
@@ -27,10 +22,15 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
+from robbie_robots.modules.numbers import signs as signs_module
+from robbie_robots.modules.numbers.messages import NumberSigns, SignsReached
+from robbie_robots.modules.numbers.mission import Numbers
+from robbie_robots.modules.numbers.referee import Referee
+from robbie_robots.modules.numbers.signs import NumberSignFinder
+from robbie_robots.workers.numbers.board_reader import BoardSighting
+from robbie_robots.workers.numbers.digit_reader import ReaderMissing
+from robbie_robots.workers.numbers.quadrangles import Quadrangle
 from tests._support.places import ARENAS
-from workers.numbers.board_reader import BoardSighting
-from workers.numbers.digit_reader import ReaderMissing
-from workers.numbers.quadrangles import Quadrangle
 
 SMALL = ARENAS / "numbers_small.yaml"
 

@@ -10,10 +10,6 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
-from modules.navigation import Navigation
-from modules.rescue.messages import MissionResult, MissionStatus, OrderMission, SearchedWalls, VictimFound
-from modules.rescue.mission import RescueMission
-from modules.team_messages import GoalClaim, MapAlignment
 from robbie_mp import (
     Array,
     CallError,
@@ -53,13 +49,23 @@ from robbie_mp.messages import (
     replace,
     schema_text,
 )
+from robbie_robots.modules.navigation import Navigation
+from robbie_robots.modules.rescue.messages import (
+    MissionResult,
+    MissionStatus,
+    OrderMission,
+    SearchedWalls,
+    VictimFound,
+)
+from robbie_robots.modules.rescue.mission import RescueMission
+from robbie_robots.modules.team_messages import GoalClaim, MapAlignment
+from robbie_robots.workers.exploration.frontiers import find_frontiers
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.rescue.mission_states import MissionState
+from robbie_robots.workers.rescue.searched_walls import WallFronts, WallMemory
+from robbie_robots.workers.rescue.victim_map import VictimState
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
-from workers.exploration.frontiers import find_frontiers
-from workers.maps.navigation_grid import NavigationGrid
-from workers.rescue.mission_states import MissionState
-from workers.rescue.searched_walls import WallFronts, WallMemory
-from workers.rescue.victim_map import VictimState
 
 HALL = """
 ################

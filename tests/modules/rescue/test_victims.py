@@ -7,15 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose as Pose2D
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
-from hw.simulation.box_segments import box_segments
-from hw.simulation.camera import SimulatedCamera
-from modules.devices.camera import intrinsic_matrix
-from modules.rescue.messages import AnswerVictim, SearchedWalls, VictimFound
-from modules.rescue.victims import Victims
 from robbie_mp import CallRefused, Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CameraInfo,
@@ -31,7 +22,16 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
-from workers.rescue import victim_detection
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose as Pose2D
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.camera import SimulatedCamera
+from robbie_robots.modules.devices.camera import intrinsic_matrix
+from robbie_robots.modules.rescue.messages import AnswerVictim, SearchedWalls, VictimFound
+from robbie_robots.modules.rescue.victims import Victims
+from robbie_robots.workers.rescue import victim_detection
 
 GEOMETRY = CameraGeometry(400, 200, 1.4)
 EYE_Z_M = GEOMETRY.mount_m[2]

@@ -32,7 +32,7 @@ modules:
       operator_token: file:operator.token
       observer_token: file:observer.token
       speech_commands: [come here]
-      panels: ["modules.rescue.station.mission_panel:MissionPanel"]
+      panels: ["robbie_robots.modules.rescue.station.mission_panel:MissionPanel"]
   listener: {class: "zoo.listener:Listener"}
   rescuer: {class: "zoo.rescuer:Rescuer"}
   known: {class: "zoo.known_robot:KnownRobot"}

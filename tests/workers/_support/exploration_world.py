@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 
 RESOLUTION_M = 0.05
 CLEARANCE_M = 0.27

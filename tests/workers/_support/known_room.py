@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_robots.workers.maps.map_alignment import GridMap
+from robbie_robots.workers.planar_pose import relative, transform_points
 from tests.workers._support.synthetic_room import SEGMENTS
-from workers.maps.map_alignment import GridMap
-from workers.planar_pose import relative, transform_points
 
 HALF_WALL_M = 0.04
 RESOLUTION_M = 0.05

@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 
+from robbie_robots.workers.rescue.mission import Mission, Orders
+from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
+from robbie_robots.workers.rescue.mission_targets import SearchedGrid
+from robbie_robots.workers.rescue.mission_victims import VictimReport
+from robbie_robots.workers.rescue.searched_walls import WallFronts, WallMemory
+from robbie_robots.workers.rescue.victim_map import VictimState
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
-from workers.rescue.mission import Mission, Orders
-from workers.rescue.mission_states import MissionSettings, MissionState
-from workers.rescue.mission_targets import SearchedGrid
-from workers.rescue.mission_victims import VictimReport
-from workers.rescue.searched_walls import WallFronts, WallMemory
-from workers.rescue.victim_map import VictimState
 
 S = MissionState
 HALL = """

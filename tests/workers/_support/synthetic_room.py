@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.planar_pose import compose, relative
+from robbie_robots.workers.planar_pose import compose, relative
 
 CORNERS: dict[str, list[tuple[float, float]]] = {
     "walls": [(0, 0), (8, 0), (8, 6), (0, 6), (0, 0)],

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from hw.simulation.arena import Arena
-from hw.simulation.arena_file import read_arena
-from hw.simulation.drive import SimulatedDrive
-from hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.workers.exploration.explorer import Explorer
+from robbie_robots.workers.exploration.explorer_states import ExplorerState
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
 from tests._support.places import ARENAS
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, TruePoseMap
 from tools.trials.driving.swept import swept
-from workers.exploration.explorer import Explorer
-from workers.exploration.explorer_states import ExplorerState
-from workers.navigation.collision_guard import CollisionGuard
 
 pytestmark = pytest.mark.slow
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.laser_sweep import LaserSweep, MountedSweep
-from workers.navigation.collision_guard import CollisionGuard, GuardSettings
-from workers.navigation.path_follower import HALT, FollowerSettings, PathFollower, Velocity
-from workers.navigation.progress_watch import ProgressWatch
+from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard, GuardSettings
+from robbie_robots.workers.navigation.path_follower import HALT, FollowerSettings, PathFollower, Velocity
+from robbie_robots.workers.navigation.progress_watch import ProgressWatch
 
 GUARD = GuardSettings()
 STRAIGHT = np.column_stack([np.linspace(0, 3, 61), np.zeros(61)])

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from robbie_robots.workers.exploration.exploration import ExplorationSettings, FrontierExploration, PlanResult
+from robbie_robots.workers.exploration.frontiers import find_frontiers
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.path_planner import PathField, costs_between
 from tests._support.present import present
 from tests.workers._support.exploration_world import CLEARANCE_M, RESOLUTION_M, drawn_cells, drawn_grid
-from workers.exploration.exploration import ExplorationSettings, FrontierExploration, PlanResult
-from workers.exploration.frontiers import find_frontiers
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.path_planner import PathField, costs_between
 
 # A character is 0.25 m: a room of 3.5 m by 1.5 m, open to the unknown at the right and at the upper left.
 TWO_WAYS_ON = """

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robbie_robots.workers.exploration.explorer import Explorer
+from robbie_robots.workers.exploration.explorer_states import ExplorerSettings, ExplorerState
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
+from robbie_robots.workers.navigation.path_follower import HALT
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
-from workers.exploration.explorer import Explorer
-from workers.exploration.explorer_states import ExplorerSettings, ExplorerState
-from workers.laser.laser_sweep import LaserSweep
-from workers.navigation.collision_guard import CollisionGuard
-from workers.navigation.path_follower import HALT
 
 BEAMS = (-np.pi, np.pi / 180, 0.05, 10.0)
 FREE = LaserSweep.from_ranges(np.full(360, np.inf), *BEAMS)

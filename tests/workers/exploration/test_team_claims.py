@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.exploration.team_claims import (
+from robbie_robots.workers.exploration.team_claims import (
     DISCOUNT_M,
     RANGE_M,
     SAME_M,

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_robots.workers.exploration.drivable_ground import DrivableGround
+from robbie_robots.workers.exploration.team_claims import Claim
+from robbie_robots.workers.exploration.team_share import MOST_ON_TOURS, Member, Work, own_work
+from robbie_robots.workers.rescue.mission_states import MissionSettings
 from tests._support.present import present
-from workers.exploration.drivable_ground import DrivableGround
-from workers.exploration.team_claims import Claim
-from workers.exploration.team_share import MOST_ON_TOURS, Member, Work, own_work
-from workers.rescue.mission_states import MissionSettings
 
 Points = NDArray[np.float64]
 RESOLUTION_M = 0.05

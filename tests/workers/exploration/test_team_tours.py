@@ -6,7 +6,7 @@ from itertools import chain, pairwise, permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.exploration.team_tours import SUM_SHARE, TourCosts, share_targets
+from robbie_robots.workers.exploration.team_tours import SUM_SHARE, TourCosts, share_targets
 
 Points = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robbie_robots.workers.faces import face_recognition
+from robbie_robots.workers.faces.face_recognition import NUMBERS, FaceRecognizer, FacesMissing, confidence_of
+from robbie_robots.workers.taught import Box, Pixels, TeachingError
 from tools.trials.recognition.faces import trial
-from workers.faces import face_recognition
-from workers.faces.face_recognition import NUMBERS, FaceRecognizer, FacesMissing, confidence_of
-from workers.taught import Box, Pixels, TeachingError
 
 pytestmark = pytest.mark.slow
 FOLDER = Path("/work/shared/data/home/faces")

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from robbie_mp.base.state_machine import mermaid
-from tests._support.places import PROJECT
-from workers.home.follow import (
+from robbie_robots.workers.home.follow import (
     ARE_YOU_THERE,
     FOUND,
     GIVEN_UP,
@@ -20,8 +19,9 @@ from workers.home.follow import (
     FollowOrders,
     PersonReport,
 )
-from workers.home.follow_states import TRANSITIONS, FollowSettings, FollowState
-from workers.people.clothes import PART_BINS
+from robbie_robots.workers.home.follow_states import TRANSITIONS, FollowSettings, FollowState
+from robbie_robots.workers.people.clothes import PART_BINS
+from tests._support.places import PROJECT
 
 Array = NDArray[np.float64]
 

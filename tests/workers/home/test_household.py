@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from robbie_mp.base.state_machine import mermaid
+from robbie_robots.workers.home.follow import PersonReport
+from robbie_robots.workers.home.household import COME, OPEN_DOOR, TAKE_IT, HouseholdWork
+from robbie_robots.workers.home.household_states import TRANSITIONS, HouseholdSettings, HouseholdState
+from robbie_robots.workers.home.orders import Task, TaskOrder, WrongOrder
 from tests._support.places import DOCS
-from workers.home.follow import PersonReport
-from workers.home.household import COME, OPEN_DOOR, TAKE_IT, HouseholdWork
-from workers.home.household_states import TRANSITIONS, HouseholdSettings, HouseholdState
-from workers.home.orders import Task, TaskOrder, WrongOrder
 
 PLACES = {"desk": (2.0, 0.0, 0.0), "counter": (4.0, 0.0, 0.0), "kitchen": (4.0, 2.0, 1.0)}
 BRING, PUT = TaskOrder(Task.BRING, "soup"), TaskOrder(Task.PUT, "soup", "desk")

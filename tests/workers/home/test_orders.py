@@ -2,8 +2,15 @@
 
 import pytest
 
-from workers.home.orders import MAX_TASKS, OrderReader, Task, TaskOrder, WrongOrder, check_orders
-from workers.speech.order_grammar import WrongGrammar
+from robbie_robots.workers.home.orders import (
+    MAX_TASKS,
+    OrderReader,
+    Task,
+    TaskOrder,
+    WrongOrder,
+    check_orders,
+)
+from robbie_robots.workers.speech.order_grammar import WrongGrammar
 
 SENTENCES = {
     "bring": ["[please] (bring | get) me the <object>"],

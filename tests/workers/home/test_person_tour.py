@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from robbie_mp.base.state_machine import mermaid
-from tests._support.places import PROJECT
-from workers.home.follow import PersonReport
-from workers.home.person_places import MAX_PLACES, Eye, SeenFace
-from workers.home.person_tour import (
+from robbie_robots.workers.home.follow import PersonReport
+from robbie_robots.workers.home.person_places import MAX_PLACES, Eye, SeenFace
+from robbie_robots.workers.home.person_tour import (
     TRANSITIONS,
     Met,
     PersonTour,
@@ -17,6 +16,7 @@ from workers.home.person_tour import (
     TourSettings,
     TourState,
 )
+from tests._support.places import PROJECT
 
 
 class Scene:

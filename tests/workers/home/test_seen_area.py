@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from workers.home.seen_area import SeenArea
+from robbie_robots.workers.home.seen_area import SeenArea
 
 RESOLUTION_M = 0.05
 

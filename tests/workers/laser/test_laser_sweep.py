@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from workers.laser.laser_sweep import CLEARANCE_M, LaserSweep, UnusableSweeps
+from robbie_robots.workers.laser.laser_sweep import CLEARANCE_M, LaserSweep, UnusableSweeps
 
 DEG = math.pi / 180
 FULL = (-math.pi, DEG, 0.05, 10.0)

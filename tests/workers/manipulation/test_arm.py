@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from robbie_mp.scene import SceneGraph, read_scene
+from robbie_robots.workers.manipulation.arm_model import ArmModel, Floats
+from robbie_robots.workers.manipulation.collisions import Shape, Surroundings
+from robbie_robots.workers.manipulation.errors import Unreachable, WrongArm
+from robbie_robots.workers.manipulation.planning import plan, reach, straight_line
+from robbie_robots.workers.manipulation.trajectory import Trajectory
 from tests._support.places import PROJECT
-from workers.manipulation.arm_model import ArmModel, Floats
-from workers.manipulation.collisions import Shape, Surroundings
-from workers.manipulation.errors import Unreachable, WrongArm
-from workers.manipulation.planning import plan, reach, straight_line
-from workers.manipulation.trajectory import Trajectory
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 

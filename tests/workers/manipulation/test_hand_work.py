@@ -8,21 +8,26 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hw.joints import Joint
-from hw.pose import Pose
-from hw.simulation.arena_file import read_arena
-from hw.simulation.joints import SimulatedJoints
-from hw.simulation.solid import Solid, pose_at
-from hw.simulation.tabletop import TableObject, Tabletop
-from hw.simulation.taking_person import TakingPerson
-from modules.manipulation.robot_shapes import RobotShapes, table_solids
 from robbie_mp.base.state_machine import mermaid
+from robbie_robots.hw.joints import Joint
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.joints import SimulatedJoints
+from robbie_robots.hw.simulation.solid import Solid, pose_at
+from robbie_robots.hw.simulation.tabletop import TableObject, Tabletop
+from robbie_robots.hw.simulation.taking_person import TakingPerson
+from robbie_robots.modules.manipulation.robot_shapes import RobotShapes, table_solids
+from robbie_robots.workers.manipulation.arm_model import ArmModel
+from robbie_robots.workers.manipulation.collisions import Shape
+from robbie_robots.workers.manipulation.hand_work import HandWork, Outcome
+from robbie_robots.workers.manipulation.hand_work_states import (
+    TIME_OUTS,
+    TRANSITIONS,
+    HandSettings,
+    HandState,
+)
+from robbie_robots.workers.manipulation.table_view import TableView
 from tests._support.places import ARENAS, DOCS, PROJECT
-from workers.manipulation.arm_model import ArmModel
-from workers.manipulation.collisions import Shape
-from workers.manipulation.hand_work import HandWork, Outcome
-from workers.manipulation.hand_work_states import TIME_OUTS, TRANSITIONS, HandSettings, HandState
-from workers.manipulation.table_view import TableView
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
 

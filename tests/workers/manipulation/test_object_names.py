@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from workers.manipulation.object_names import ObjectNamer, Prints, overlap
-from workers.taught import Box, Sighting
+from robbie_robots.workers.manipulation.object_names import ObjectNamer, Prints, overlap
+from robbie_robots.workers.taught import Box, Sighting
 
 KNOWN = ["tea", "soup"]
 BOX = ["tea"]

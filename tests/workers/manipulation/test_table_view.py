@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from hw.camera import CameraGeometry
-from hw.simulation.depth_camera import SimulatedDepthCamera
-from hw.simulation.solid import Placed, Solid, pose_at
-from workers.manipulation.collisions import Shape
-from workers.manipulation.grasps import grasps, moved_along, places
-from workers.manipulation.table_view import (
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.simulation.depth_camera import SimulatedDepthCamera
+from robbie_robots.hw.simulation.solid import Placed, Solid, pose_at
+from robbie_robots.workers.manipulation.collisions import Shape
+from robbie_robots.workers.manipulation.grasps import grasps, moved_along, places
+from robbie_robots.workers.manipulation.table_view import (
     KnownObject,
     TableFinder,
     TableView,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.grid_mapper import GridMapper
+from robbie_robots.workers.mapping.pose_graph import PoseGraph
+from robbie_robots.workers.planar_pose import compose, relative
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.grid_mapper import GridMapper
-from workers.mapping.pose_graph import PoseGraph
-from workers.planar_pose import compose, relative
 
 BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 SWEEP_STEPS = 10

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from workers.mapping.graph_thinning import without
-from workers.mapping.pose_graph import PoseGraph
-from workers.mapping.redundancy import redundant
-from workers.planar_pose import relative, wrap_angle
+from robbie_robots.workers.mapping.graph_thinning import without
+from robbie_robots.workers.mapping.pose_graph import PoseGraph
+from robbie_robots.workers.mapping.redundancy import redundant
+from robbie_robots.workers.planar_pose import relative, wrap_angle
 
 RANDOM = np.random.default_rng(3)
 POSES = np.column_stack([np.arange(6.0), np.sin(np.arange(6.0)), np.linspace(0, 4, 6)])

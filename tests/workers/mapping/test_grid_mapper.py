@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.grid_mapper import GridMapper, Limits
+from robbie_robots.workers.planar_pose import compose, relative
 from tests.workers._support.synthetic_room import (
     ANGLE_MIN_RAD,
     INCREMENT_RAD,
@@ -15,9 +18,6 @@ from tests.workers._support.synthetic_room import (
     Drive,
     measure,
 )
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.grid_mapper import GridMapper, Limits
-from workers.planar_pose import compose, relative
 
 BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 LAP_S = 2 * np.pi / 0.35

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workers.mapping.occupancy_grid import GridFull, OccupancyGrid, Window
+from robbie_robots.workers.mapping.occupancy_grid import GridFull, OccupancyGrid, Window
 
 WALL = np.column_stack([np.full(41, 2.03), np.linspace(-1, 1, 41)])
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from workers.mapping.pose_graph import PoseGraph
-from workers.planar_pose import compose, relative
+from robbie_robots.workers.mapping.pose_graph import PoseGraph
+from robbie_robots.workers.planar_pose import compose, relative
 
 CERTAIN = np.diag([1e4, 1e4, 1e5])
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.laser.surface_points import SurfacePoints
+from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.mapping.scan_matcher import ScanMatcher
+from robbie_robots.workers.planar_pose import compose, relative
 from tests._support.present import present
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, measure
-from workers.laser.laser_sweep import LaserSweep
-from workers.laser.surface_points import SurfacePoints
-from workers.mapping.correlative_search import ScoreField, Window, search
-from workers.mapping.scan_matcher import ScanMatcher
-from workers.planar_pose import compose, relative
 
 HERE = np.array([2.5, 1.5, 0.4])
 OFFSETS = [(0.25, -0.2, 0.15), (-0.3, 0.1, -0.3), (0.0, 0.0, 0.0), (0.1, 0.3, 0.35)]

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.grid_mapper import GridMapper
+from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.scan_matcher import ScanMatcher
+from robbie_robots.workers.mapping.slip_watch import MOST_LOST, SlipWatch
+from robbie_robots.workers.planar_pose import compose, relative
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 from tools.trials.driving.slips import SLIP_M, SLIP_RAD, trial
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.grid_mapper import GridMapper
-from workers.mapping.key_sweeps import KeySweeps
-from workers.mapping.scan_matcher import ScanMatcher
-from workers.mapping.slip_watch import MOST_LOST, SlipWatch
-from workers.planar_pose import compose, relative
 
 BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 SWEEP_STEPS = 10

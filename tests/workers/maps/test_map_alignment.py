@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from robbie_robots.workers.maps.map_alignment import GridMap, align, merged, without_robot
+from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 from tests.workers._support.known_room import draw
-from workers.maps.map_alignment import GridMap, align, merged, without_robot
-from workers.planar_pose import compose, relative, wrap_angle
 
 RED, BLUE = np.array([1.0, 1.0, 0.3]), np.array([6.0, 4.0, 2.2])
 TRUE = relative(RED, BLUE)

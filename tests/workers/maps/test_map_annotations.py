@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workers.maps.map_annotations import (
+from robbie_robots.workers.maps.map_annotations import (
     MAX_AREAS,
     MAX_CORNERS,
     MAX_PLACES,
@@ -19,7 +19,7 @@ from workers.maps.map_annotations import (
     forbid,
     read_annotations,
 )
-from workers.maps.navigation_grid import FORBIDDEN, NavigationGrid
+from robbie_robots.workers.maps.navigation_grid import FORBIDDEN, NavigationGrid
 
 SQUARE = [(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)]
 KITCHEN = (3.0, 0.5, 1.5)

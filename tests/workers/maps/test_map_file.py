@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from workers.maps.map_file import MapFileError, read_map, write_map
+from robbie_robots.workers.maps.map_file import MapFileError, read_map, write_map
 
 CELLS = np.array([[0, 10, 100], [-1, 49, 50]], dtype=np.int8)
 

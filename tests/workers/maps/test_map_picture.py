@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from workers.maps.map_picture import ESTIMATED, TRUE, UNKNOWN, map_picture
+from robbie_robots.workers.maps.map_picture import ESTIMATED, TRUE, UNKNOWN, map_picture
 
 
 def picture(cells: NDArray[np.int8], **paths: ArrayLike) -> NDArray[np.uint8]:

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
 from tests.workers._support.navigation_world import NavigationWorld
 
 LIMIT_S = 12.0

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.box_segments import box_segments
 from robbie_mp.base.state_machine import mermaid
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
+from robbie_robots.workers.navigation.costmap import Costmap
+from robbie_robots.workers.navigation.live_obstacles import LiveObstacles
+from robbie_robots.workers.navigation.navigator import Navigator
+from robbie_robots.workers.navigation.navigator_states import TRANSITIONS, NavigatorSettings, NavigatorState
+from robbie_robots.workers.navigation.path_follower import HALT
+from robbie_robots.workers.navigation.way_planner import Obstruction, plan_way
 from tests.docs._support.pages import ROOT
 from tests.workers._support.exploration_world import drawn_cells
 from tests.workers._support.navigation_world import NavigationWorld, demo_arena
-from workers.laser.laser_sweep import LaserSweep
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.collision_guard import CollisionGuard
-from workers.navigation.costmap import Costmap
-from workers.navigation.live_obstacles import LiveObstacles
-from workers.navigation.navigator import Navigator
-from workers.navigation.navigator_states import TRANSITIONS, NavigatorSettings, NavigatorState
-from workers.navigation.path_follower import HALT
-from workers.navigation.way_planner import Obstruction, plan_way
 
 ANGLES = (-np.pi, np.pi / 180)
 ROOM = "##########\n#........#\n#........#\n#........#\n##########"

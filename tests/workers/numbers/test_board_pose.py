@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from workers.numbers.board_pose import board_facing
-from workers.numbers.quadrangles import Quadrangle
+from robbie_robots.workers.numbers.board_pose import board_facing
+from robbie_robots.workers.numbers.quadrangles import Quadrangle
 
 FOCAL_PX, CENTRE_PX = 550.0, (320.0, 200.0)
 

@@ -8,15 +8,15 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import BoardFont, Figure, NumberSign, Sheet, WallSpot
-from hw.simulation.box_segments import box_segments
-from hw.simulation.camera import SimulatedCamera
-from workers.numbers import digit_reader
-from workers.numbers.board_reader import BoardReader, BoardSighting
-from workers.numbers.digit_reader import LineReader, ReaderMissing, Reading
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import BoardFont, Figure, NumberSign, Sheet, WallSpot
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.camera import SimulatedCamera
+from robbie_robots.workers.numbers import digit_reader
+from robbie_robots.workers.numbers.board_reader import BoardReader, BoardSighting
+from robbie_robots.workers.numbers.digit_reader import LineReader, ReaderMissing, Reading
 
 needs_reader = pytest.mark.skipif(
     find_spec("rapidocr") is None,

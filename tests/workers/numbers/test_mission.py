@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workers.numbers.mission import NumbersMission, Orders
-from workers.numbers.mission_states import NumbersSettings, NumbersState
-from workers.numbers.mission_targets import SignReport
-from workers.numbers.sign_map import ALL_SECTORS
+from robbie_robots.workers.numbers.mission import NumbersMission, Orders
+from robbie_robots.workers.numbers.mission_states import NumbersSettings, NumbersState
+from robbie_robots.workers.numbers.mission_targets import SignReport
+from robbie_robots.workers.numbers.sign_map import ALL_SECTORS
 
 RESOLUTION_M, SIZE = 0.1, 120
 SETTINGS = NumbersSettings(sheet_images=3)

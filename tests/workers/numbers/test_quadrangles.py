@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from workers.numbers import quadrangles
-from workers.numbers.quadrangles import Quadrangle, QuadrangleFinder, QuadranglesMissing
+from robbie_robots.workers.numbers import quadrangles
+from robbie_robots.workers.numbers.quadrangles import Quadrangle, QuadrangleFinder, QuadranglesMissing
 
 BOARD = [(60.0, 40.0), (140.0, 52.0), (140.0, 118.0), (60.0, 130.0)]
 

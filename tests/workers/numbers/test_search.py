@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from workers.numbers.mission import NumbersMission
-from workers.numbers.mission_states import NumbersSettings, NumbersState
-from workers.numbers.mission_targets import SignReport
-from workers.numbers.sign_map import SignMap
-from workers.numbers.sign_placing import View
+from robbie_robots.workers.numbers.mission import NumbersMission
+from robbie_robots.workers.numbers.mission_states import NumbersSettings, NumbersState
+from robbie_robots.workers.numbers.mission_targets import SignReport
+from robbie_robots.workers.numbers.sign_map import SignMap
+from robbie_robots.workers.numbers.sign_placing import View
 
 RESOLUTION_M, WIDTH, HEIGHT = 0.1, 130, 100
 READ_M, READ_RAD = (1.6, 3.2), math.radians(50)

@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from workers.numbers.sign_map import ALL_SECTORS, LOOK_RAD, SECTORS, SheetVotes, SignMap, covered, sector_rad
+from robbie_robots.workers.numbers.sign_map import (
+    ALL_SECTORS,
+    LOOK_RAD,
+    SECTORS,
+    SheetVotes,
+    SignMap,
+    covered,
+    sector_rad,
+)
 
 POST = np.array([3.0, 1.0])
 

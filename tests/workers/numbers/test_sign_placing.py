@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from workers.numbers.sign_placing import View, distances_m, posts_on
+from robbie_robots.workers.numbers.sign_placing import View, distances_m, posts_on
 
 RESOLUTION_M = 0.05
 POST = [(3.0, 0.02), (2.97, -0.03), (2.97, 0.04)]

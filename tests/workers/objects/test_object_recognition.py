@@ -7,10 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robbie_robots.workers.objects import object_recognition
+from robbie_robots.workers.objects.object_recognition import ObjectRecognizer, ObjectsMissing
+from robbie_robots.workers.taught import (
+    MAX_EXAMPLES,
+    MAX_NAMES,
+    Box,
+    Pixels,
+    TeachingError,
+    as_json,
+    read_taught,
+)
 from tools.trials.recognition.objects import SEEN_PX, TAUGHT_PX, drawn_print, scene, trial
-from workers.objects import object_recognition
-from workers.objects.object_recognition import ObjectRecognizer, ObjectsMissing
-from workers.taught import MAX_EXAMPLES, MAX_NAMES, Box, Pixels, TeachingError, as_json, read_taught
 
 
 @pytest.fixture

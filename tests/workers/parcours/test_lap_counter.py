@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from hw.pose import Pose
-from workers.parcours.lap_counter import LapCounter, LapState
+from robbie_robots.hw.pose import Pose
+from robbie_robots.workers.parcours.lap_counter import LapCounter, LapState
 
 
 def drive(counter: LapCounter, laps: float, *, side: int = 1, drift_m: float = 0.0) -> list[float]:

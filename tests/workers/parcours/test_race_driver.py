@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.simulation.arena_file import read_arena
-from hw.simulation.course import as_yaml, random_course
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.course import as_yaml, random_course
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.parcours.race_driver import RaceDriver, RaceLimits, free_ways, moved
 from tools.trials.driving.parcours import race
-from workers.laser.laser_sweep import LaserSweep
-from workers.parcours.race_driver import RaceDriver, RaceLimits, free_ways, moved
 
 RADIUS_M = 0.3
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import Colour, Person
-from hw.simulation.camera import SimulatedCamera
-from hw.simulation.people import People
-from workers.people.clothes import View, blended, clothes_in, similarity
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import Colour, Person
+from robbie_robots.hw.simulation.camera import SimulatedCamera
+from robbie_robots.hw.simulation.people import People
+from robbie_robots.workers.people.clothes import View, blended, clothes_in, similarity
 
 GEOMETRY = CameraGeometry(400, 320, 1.2, (0.0, 0.0, 1.1))
 # The optical frame of a camera that looks along x: z ahead, x to the right, y down.

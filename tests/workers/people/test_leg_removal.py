@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.laser import LaserGeometry
-from hw.pose import Pose
-from hw.simulation.arena_file import read_arena
-from hw.simulation.laser import SimulatedLaser
-from hw.simulation.people import leg_circles
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.people import leg_circles
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
+from robbie_robots.workers.people.leg_classifier import LegClassifier
+from robbie_robots.workers.people.leg_removal import without_legs
+from robbie_robots.workers.people.map_things import MapThings
+from robbie_robots.workers.planar_pose import transform_points
 from tests._support.places import ARENAS
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.occupancy_grid import OccupancyGrid
-from workers.people.leg_classifier import LegClassifier
-from workers.people.leg_removal import without_legs
-from workers.people.map_things import MapThings
-from workers.planar_pose import transform_points
 
 LASER = LaserGeometry(angle_increment_rad=0.00613592, beams=1024)
 PERSON = (8.0, 1.8)

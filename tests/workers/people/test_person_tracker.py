@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from workers.people.map_things import MapThings
-from workers.people.person_tracker import PersonTracker, TrackedPerson, TrackerSettings
+from robbie_robots.workers.people.map_things import MapThings
+from robbie_robots.workers.people.person_tracker import PersonTracker, TrackedPerson, TrackerSettings
 
 Array = NDArray[np.float64]
 

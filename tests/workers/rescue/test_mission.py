@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from robbie_mp.base.state_machine import mermaid
+from robbie_robots.workers.exploration.frontiers import find_frontiers
+from robbie_robots.workers.exploration.team_claims import Claim
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.navigator_states import NavigatorSettings
+from robbie_robots.workers.navigation.way_planner import Obstruction, plan_way
+from robbie_robots.workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
+from robbie_robots.workers.rescue.mission_targets import Surroundings
+from robbie_robots.workers.rescue.searched_walls import UNSEARCHED, WallFronts, WallMemory
+from robbie_robots.workers.rescue.victim_map import VictimState
 from tests._support.places import DOCS
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
 from tests.workers._support.mission_world import HALF_KNOWN, HALL, START, Rescue
-from workers.exploration.frontiers import find_frontiers
-from workers.exploration.team_claims import Claim
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.navigator_states import NavigatorSettings
-from workers.navigation.way_planner import Obstruction, plan_way
-from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
-from workers.rescue.mission_targets import Surroundings
-from workers.rescue.searched_walls import UNSEARCHED, WallFronts, WallMemory
-from workers.rescue.victim_map import VictimState
 
 S = MissionState
 

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robbie_robots.workers.rescue.mission_orders import OperatorOrder, OperatorOrders
+from robbie_robots.workers.rescue.mission_states import MissionState
 from tests._support.present import present
 from tests.workers._support.mission_world import HALL, START, Rescue
-from workers.rescue.mission_orders import OperatorOrder, OperatorOrders
-from workers.rescue.mission_states import MissionState
 
 S = MissionState
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from workers.exploration.team_claims import Claim, SeenInVain, TeamClaims
-from workers.rescue.mission_states import MissionSettings, MissionState
-from workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings
-from workers.rescue.searched_walls import NOTHING, SEARCHED, UNSEARCHED
+from robbie_robots.workers.exploration.team_claims import Claim, SeenInVain, TeamClaims
+from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
+from robbie_robots.workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings
+from robbie_robots.workers.rescue.searched_walls import NOTHING, SEARCHED, UNSEARCHED
 
 RESOLUTION_M = 0.05
 MIDDLE = np.array([4.0, 1.0, np.pi / 2])

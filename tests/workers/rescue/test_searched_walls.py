@@ -5,10 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from robbie_robots.workers.navigation.path_planner import PathField
+from robbie_robots.workers.rescue.search_views import search_views
+from robbie_robots.workers.rescue.searched_walls import (
+    NOTHING,
+    SEARCHED,
+    UNSEARCHED,
+    CameraView,
+    WallFronts,
+    WallMemory,
+)
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells, drawn_grid
-from workers.navigation.path_planner import PathField
-from workers.rescue.search_views import search_views
-from workers.rescue.searched_walls import NOTHING, SEARCHED, UNSEARCHED, CameraView, WallFronts, WallMemory
 
 ROOM = """
 ################

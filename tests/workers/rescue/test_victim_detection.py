@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
-from hw.simulation.box_segments import box_segments
-from hw.simulation.camera import SimulatedCamera
-from workers.rescue import victim_detection
-from workers.rescue.victim_detection import Projection, VictimDetector, VisionMissing
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.camera import SimulatedCamera
+from robbie_robots.workers.rescue import victim_detection
+from robbie_robots.workers.rescue.victim_detection import Projection, VictimDetector, VisionMissing
 
 GEOMETRY = CameraGeometry(400, 200, 1.4)
 PROJECTION = Projection((GEOMETRY.focal_length_px,) * 2, GEOMETRY.centre_px)

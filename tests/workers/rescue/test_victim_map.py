@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workers.rescue.victim_map import VictimMap, VictimState
+from robbie_robots.workers.rescue.victim_map import VictimMap, VictimState
 
 PATCH = np.zeros((4, 4, 3), np.uint8)
 

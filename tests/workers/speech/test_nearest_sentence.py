@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workers.speech import nearest_sentence
-from workers.speech.nearest_sentence import GrammarTooLarge, NearestSentence
-from workers.speech.order_grammar import OrderGrammar
-from workers.speech.pronunciation import distance, phonemes
+from robbie_robots.workers.speech import nearest_sentence
+from robbie_robots.workers.speech.nearest_sentence import GrammarTooLarge, NearestSentence
+from robbie_robots.workers.speech.order_grammar import OrderGrammar
+from robbie_robots.workers.speech.pronunciation import distance, phonemes
 
 DICTIONARY = {
     "bring": "B R IH NG",

@@ -6,7 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workers.speech.order_grammar import MAX_DEPTH, MAX_SENTENCES, OrderGrammar, SpokenWords, WrongGrammar
+from robbie_robots.workers.speech.order_grammar import (
+    MAX_DEPTH,
+    MAX_SENTENCES,
+    OrderGrammar,
+    SpokenWords,
+    WrongGrammar,
+)
 
 WORDS = {"object": ["cup", "orange juice", "orange"], "place": ["kitchen", "kitchen table"]}
 GRAMMAR = OrderGrammar(

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robbie_robots.workers.speech.order_grammar import OrderGrammar, WrongGrammar
+from robbie_robots.workers.speech.order_recognizer import RATE_HZ, OrderRecognizer
+from robbie_robots.workers.speech.utterances import UtteranceFinder, silero
+from robbie_robots.workers.speech.voice import speak
 from tools.trials.recognition.speech import CAFE, HOME, read_sound
-from workers.speech.order_grammar import OrderGrammar, WrongGrammar
-from workers.speech.order_recognizer import RATE_HZ, OrderRecognizer
-from workers.speech.utterances import UtteranceFinder, silero
-from workers.speech.voice import speak
 
 RECORDINGS = Path(__file__).parents[3].parent / "shared" / "data" / "home" / "speech"
 

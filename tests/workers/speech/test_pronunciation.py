@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workers.speech.pronunciation import CONSONANTS, VOWELS, distance, phonemes
+from robbie_robots.workers.speech.pronunciation import CONSONANTS, VOWELS, distance, phonemes
 
 DICTIONARY = {"cup": "K AH P", "cap": "K AE P", "cub": "K AH B"}
 SOUNDS = st.lists(st.sampled_from(sorted(VOWELS | CONSONANTS)), max_size=12)

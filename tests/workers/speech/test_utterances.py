@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from workers.speech.utterances import CHUNK, UtteranceFinder
+from robbie_robots.workers.speech.utterances import CHUNK, UtteranceFinder
 
 
 def loudness(chunk: NDArray[np.int16]) -> float:

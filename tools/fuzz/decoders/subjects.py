@@ -6,25 +6,25 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from hw.dynamixel import protocol1, protocol2
-from hw.flir.ptu_protocol import PtuFraming
-from hw.framing import FrameDecoder, Framing
-from hw.gnss import nmea, ubx
-from hw.hokuyo import scip
-from hw.hokuyo.laser import HokuyoLaser
-from hw.irobot import open_interface
-from hw.lctech.relay_protocol import RelayFraming
-from hw.microstrain import mip
-from hw.pioneer import p2os
-from hw.pluggable_laser import PluggableLaser
-from hw.rplidar import streams
-from hw.rplidar.laser import RpLidar
-from hw.sick import cola, lms2xx_telegrams
-from hw.sick.cola import Dialect
-from hw.sick.cola_laser import SickColaLaser
-from hw.sick.lms2xx import SickLms2xx
-from hw.video.huffman import with_huffman_tables
-from hw.xsens import xbus
+from robbie_robots.hw.dynamixel import protocol1, protocol2
+from robbie_robots.hw.flir.ptu_protocol import PtuFraming
+from robbie_robots.hw.framing import FrameDecoder, Framing
+from robbie_robots.hw.gnss import nmea, ubx
+from robbie_robots.hw.hokuyo import scip
+from robbie_robots.hw.hokuyo.laser import HokuyoLaser
+from robbie_robots.hw.irobot import open_interface
+from robbie_robots.hw.lctech.relay_protocol import RelayFraming
+from robbie_robots.hw.microstrain import mip
+from robbie_robots.hw.pioneer import p2os
+from robbie_robots.hw.pluggable_laser import PluggableLaser
+from robbie_robots.hw.rplidar import streams
+from robbie_robots.hw.rplidar.laser import RpLidar
+from robbie_robots.hw.sick import cola, lms2xx_telegrams
+from robbie_robots.hw.sick.cola import Dialect
+from robbie_robots.hw.sick.cola_laser import SickColaLaser
+from robbie_robots.hw.sick.lms2xx import SickLms2xx
+from robbie_robots.hw.video.huffman import with_huffman_tables
+from robbie_robots.hw.xsens import xbus
 from tools.fuzz.decoders.fuzz import Decoder, Subject
 
 # What the driver of the Create 2 asks for.

@@ -24,7 +24,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page
 
-from hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_file import read_arena
 from tools.bench.machine import describe_machine
 from tools.operator.drive.eyes import look
 from tools.operator.drive.hands import Place, drive_to
@@ -44,7 +44,7 @@ NEAR_M = 0.35
 TAP_S = (0.12, 0.3)
 """Range of the pause between two presses of the key, so that they do not follow any period of the page."""
 CAMERA = {
-    "class": "modules.devices.camera:SimulatedCameraModule",
+    "class": "robbie_robots.modules.devices.camera:SimulatedCameraModule",
     "settings": {
         "arena": str(ARENA),
         "period_s": 0.25,

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.path_planner import PathField
 from tools.operator.drive.eyes import CELL_M, Sight, look, look_at_robot
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.path_planner import PathField
 
 CLEARANCE_M, BODY_M = 0.26, 0.2
 AHEAD_M = 0.35

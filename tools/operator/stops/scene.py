@@ -43,12 +43,15 @@ def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) ->
     }
     return {
         "modules": {
-            "mapping": {"class": "modules.mapping:Mapping", "restart": OFTEN},
+            "mapping": {"class": "robbie_robots.modules.mapping:Mapping", "restart": OFTEN},
             "base": {
-                "class": "modules.devices.base:SimulatedBase",
+                "class": "robbie_robots.modules.devices.base:SimulatedBase",
                 "settings": settings | {"period_s": 0.01},
             },
-            "laser": {"class": "modules.devices.laser:SimulatedLaserRangeFinder", "settings": settings},
+            "laser": {
+                "class": "robbie_robots.modules.devices.laser:SimulatedLaserRangeFinder",
+                "settings": settings,
+            },
             "witness": {"class": "tools.operator.stops.witness:Witness"},
             "operator": {
                 "class": "robbie_mp.station:OperatorStation",
@@ -57,7 +60,7 @@ def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) ->
             },
             **others,
         },
-        "spares": {"imports": ["modules.mapping", "robbie_mp.station.website"]},
+        "spares": {"imports": ["robbie_robots.modules.mapping", "robbie_mp.station.website"]},
     }
 
 

@@ -23,37 +23,37 @@ from typing import Any
 
 import numpy as np
 
-from hw.connection.device import PluggableDevice
-from hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
-from hw.dynamixel.servos import DynamixelJoints, ServoJoint
-from hw.emulation.carrier import PseudoTerminal
-from hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import EmulatedDevice
-from hw.emulation.dynamixel import EmulatedServos
-from hw.emulation.dynamixel1 import AX_12, EmulatedOldServos
-from hw.emulation.gnss import EmulatedNmea, EmulatedUblox
-from hw.emulation.lcus import EmulatedRelays
-from hw.emulation.line import EmulatedLine
-from hw.emulation.lms2xx import EmulatedLms2xx
-from hw.emulation.mip import EmulatedMip
-from hw.emulation.p2os import Base, EmulatedPioneer
-from hw.emulation.ptu import EmulatedPtu
-from hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
-from hw.emulation.scip import UTM_30LX, EmulatedHokuyo
-from hw.emulation.xsens import EmulatedMti
-from hw.flir.ptu import FlirPanTilt
-from hw.gnss.receiver import NMEA_BIT_RATE, NmeaReceiver, UbxReceiver
-from hw.hokuyo.laser import HokuyoLaser
-from hw.irobot.create import CreateBase
-from hw.lctech.relays import RelayLights
-from hw.microstrain.imu import MicroStrainImu
-from hw.pioneer.base import PioneerBase
-from hw.rplidar.laser import RpLidar
-from hw.sick.cola import Dialect
-from hw.sick.cola_laser import SickColaLaser
-from hw.sick.lms2xx import SickLms2xx
-from hw.xsens.imu import XsensImu
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
+from robbie_robots.hw.dynamixel.servos import DynamixelJoints, ServoJoint
+from robbie_robots.hw.emulation.carrier import PseudoTerminal
+from robbie_robots.hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.device import EmulatedDevice
+from robbie_robots.hw.emulation.dynamixel import EmulatedServos
+from robbie_robots.hw.emulation.dynamixel1 import AX_12, EmulatedOldServos
+from robbie_robots.hw.emulation.gnss import EmulatedNmea, EmulatedUblox
+from robbie_robots.hw.emulation.lcus import EmulatedRelays
+from robbie_robots.hw.emulation.line import EmulatedLine
+from robbie_robots.hw.emulation.lms2xx import EmulatedLms2xx
+from robbie_robots.hw.emulation.mip import EmulatedMip
+from robbie_robots.hw.emulation.p2os import Base, EmulatedPioneer
+from robbie_robots.hw.emulation.ptu import EmulatedPtu
+from robbie_robots.hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
+from robbie_robots.hw.emulation.scip import UTM_30LX, EmulatedHokuyo
+from robbie_robots.hw.emulation.xsens import EmulatedMti
+from robbie_robots.hw.flir.ptu import FlirPanTilt
+from robbie_robots.hw.gnss.receiver import NMEA_BIT_RATE, NmeaReceiver, UbxReceiver
+from robbie_robots.hw.hokuyo.laser import HokuyoLaser
+from robbie_robots.hw.irobot.create import CreateBase
+from robbie_robots.hw.lctech.relays import RelayLights
+from robbie_robots.hw.microstrain.imu import MicroStrainImu
+from robbie_robots.hw.pioneer.base import PioneerBase
+from robbie_robots.hw.rplidar.laser import RpLidar
+from robbie_robots.hw.sick.cola import Dialect
+from robbie_robots.hw.sick.cola_laser import SickColaLaser
+from robbie_robots.hw.sick.lms2xx import SickLms2xx
+from robbie_robots.hw.xsens.imu import XsensImu
 from tools.trials.harness import Case, Subject, names_of
 
 LIMIT_S = 20.0

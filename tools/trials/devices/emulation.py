@@ -21,19 +21,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.emulation.scip import UTM_30LX
-from hw.simulation.arena import Arena
-from hw.simulation.arena_file import read_arena
-from hw.simulation.arena_generator import ArenaWishes
-from hw.simulation.generate_arena import generate_arena
 from robbie_mp.run.profile.load import load_profile
+from robbie_robots.hw.emulation.scip import UTM_30LX
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_generator import ArenaWishes
+from robbie_robots.hw.simulation.generate_arena import generate_arena
+from robbie_robots.workers.maps.map_file import read_map
+from robbie_robots.workers.planar_pose import transform_points, wrap_angle
 from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.devices.paired_test import SignFlips, TooFewPairs
 from tools.trials.harness import Case, Subject, names_of
 from tools.trials.missions.rescue import NOISY, judge, mapped_share
 from tools.trials.missions.rescue import Outcome as RescueOutcome
-from workers.maps.map_file import read_map
-from workers.planar_pose import transform_points, wrap_angle
 
 Array = NDArray[np.float64]
 

@@ -18,26 +18,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connected_base import BaseReading
-from hw.connection.device import PluggableDevice
-from hw.emulation.body import ObedientBody
-from hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner, ScannerModel
-from hw.emulation.create import EmulatedCreate
-from hw.emulation.device import EmulatedClock, EmulatedDevice
-from hw.emulation.faults import Faults
-from hw.emulation.lms2xx import EmulatedLms2xx
-from hw.emulation.p2os import Base, EmulatedPioneer
-from hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
-from hw.emulation.scip import URG_04LX, UTM_30LX, EmulatedHokuyo, LaserModel
-from hw.emulation.stepped_line import SimulatedTime, SteppedLine
-from hw.hokuyo.laser import HokuyoLaser
-from hw.irobot.create import CreateBase
-from hw.laser import LaserSweep
-from hw.pioneer.base import PioneerBase
-from hw.rplidar.laser import RpLidar
-from hw.sick.cola import Dialect
-from hw.sick.cola_laser import SickColaLaser
-from hw.sick.lms2xx import SickLms2xx
+from robbie_robots.hw.connected_base import BaseReading
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.emulation.body import ObedientBody
+from robbie_robots.hw.emulation.cola import LMS_111, TIM_561, EmulatedSickScanner, ScannerModel
+from robbie_robots.hw.emulation.create import EmulatedCreate
+from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
+from robbie_robots.hw.emulation.faults import Faults
+from robbie_robots.hw.emulation.lms2xx import EmulatedLms2xx
+from robbie_robots.hw.emulation.p2os import Base, EmulatedPioneer
+from robbie_robots.hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
+from robbie_robots.hw.emulation.scip import URG_04LX, UTM_30LX, EmulatedHokuyo, LaserModel
+from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.hokuyo.laser import HokuyoLaser
+from robbie_robots.hw.irobot.create import CreateBase
+from robbie_robots.hw.laser import LaserSweep
+from robbie_robots.hw.pioneer.base import PioneerBase
+from robbie_robots.hw.rplidar.laser import RpLidar
+from robbie_robots.hw.sick.cola import Dialect
+from robbie_robots.hw.sick.cola_laser import SickColaLaser
+from robbie_robots.hw.sick.lms2xx import SickLms2xx
 from tools.trials.harness import Case, Subject, names_of
 
 Array = NDArray[np.float64]

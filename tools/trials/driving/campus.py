@@ -22,11 +22,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.grid_mapper import KEY_M, GridMapper, Limits
+from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
+from robbie_robots.workers.planar_pose import compose, relative, transform_points
 from tools.trials.harness import Case, Subject
-from workers.laser.laser_sweep import LaserSweep
-from workers.mapping.grid_mapper import KEY_M, GridMapper, Limits
-from workers.mapping.occupancy_grid import OccupancyGrid
-from workers.planar_pose import compose, relative, transform_points
 
 HALF_M = 1.5  # of a corridor's width
 SPEED_M_S, TURN_RAD_S = 1.0, 0.5

@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord, OdometryRecord
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.localization.likelihood_field import LikelihoodField
+from robbie_robots.workers.localization.localizer import Localizer
+from robbie_robots.workers.mapping.grid_mapper import GridMapper
+from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
+from robbie_robots.workers.planar_pose import compose, relative, transform_points, wrap_angle
 from tools.trials.harness import CannotTry, Case, Subject
-from workers.laser.laser_sweep import LaserSweep
-from workers.localization.likelihood_field import LikelihoodField
-from workers.localization.localizer import Localizer
-from workers.mapping.grid_mapper import GridMapper
-from workers.mapping.occupancy_grid import OccupancyGrid
-from workers.planar_pose import compose, relative, transform_points, wrap_angle
 
 LOG = Path(__file__).parents[4] / "shared" / "data" / "intel.clf"
 RANGE_MAX_M = 40.0

@@ -18,21 +18,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.laser import LaserGeometry
-from hw.pose import Pose
-from hw.simulation.drive import SimulatedDrive, WorldState
-from hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.drive import SimulatedDrive, WorldState
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep
+from robbie_robots.workers.localization.likelihood_field import LikelihoodField
+from robbie_robots.workers.localization.localizer import Localizer
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.navigation.collision_guard import CollisionGuard
+from robbie_robots.workers.navigation.path_follower import PathFollower
+from robbie_robots.workers.navigation.path_planner import PathField
+from robbie_robots.workers.planar_pose import wrap_angle
 from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from tools.trials.driving.swept import swept
 from tools.trials.harness import Case, Subject
-from workers.laser.laser_sweep import LaserSweep, MountedSweep
-from workers.localization.likelihood_field import LikelihoodField
-from workers.localization.localizer import Localizer
-from workers.maps.navigation_grid import NavigationGrid
-from workers.navigation.collision_guard import CollisionGuard
-from workers.navigation.path_follower import PathFollower
-from workers.navigation.path_planner import PathField
-from workers.planar_pose import wrap_angle
 
 RESOLUTION_M = 0.05
 STEP_S = 0.1

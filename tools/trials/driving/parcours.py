@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.laser import LaserGeometry
-from hw.simulation.course import Course, random_course
-from hw.simulation.drive import SimulatedDrive
-from hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.laser import LaserGeometry
+from robbie_robots.hw.simulation.course import Course, random_course
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.workers.parcours.race_driver import RaceDriver, RaceLimits
 from tools.trials.driving.swept import swept
 from tools.trials.harness import Subject
-from workers.parcours.race_driver import RaceDriver, RaceLimits
 
 Array = NDArray[np.float64]
 SWEEP_S, COMMAND_S, VALID_S = 0.1, 0.05, 0.3

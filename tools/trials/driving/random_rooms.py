@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena, Array
-from hw.simulation.box_segments import box_segments
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena, Array
+from robbie_robots.hw.simulation.box_segments import box_segments
 
 SMALLEST_ROOM_M = 2.4
 DOOR_M = 1.1

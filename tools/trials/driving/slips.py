@@ -16,16 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.pose import Pose
-from hw.simulation.drive import SimulatedDrive
-from hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.workers.mapping.grid_mapper import GridMapper
+from robbie_robots.workers.maps.navigation_grid import NavigationGrid
+from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 from tools.trials.driving.localization import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
 from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from tools.trials.driving.swept import swept
 from tools.trials.harness import Subject
-from workers.mapping.grid_mapper import GridMapper
-from workers.maps.navigation_grid import NavigationGrid
-from workers.planar_pose import compose, relative, wrap_angle
 
 SLIP_M, SLIP_RAD = 1.0, math.radians(10)
 BEFORE_M, AFTER_M = 15.0, 6.0  # driven before the first slip, and after each

@@ -1,7 +1,7 @@
 """The newest sweep of a laser driver or a simulated laser, as the workers take it."""
 
-from hw.laser import LaserRangeFinder
-from workers.laser.laser_sweep import LaserSweep
+from robbie_robots.hw.laser import LaserRangeFinder
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
 
 
 def swept(laser: LaserRangeFinder) -> LaserSweep:

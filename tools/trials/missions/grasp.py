@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from hw.simulation.arena_file import read_arena
-from hw.simulation.table_room import TWINS, generate_room
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.table_room import TWINS, generate_room
+from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
+from robbie_robots.workers.taught import as_json
 from tools.trials.harness import Case
 from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 from tools.trials.recognition.prints import PICTURE_WIDTH, Camera, teach
-from workers.objects.object_recognition import ObjectRecognizer
-from workers.taught import as_json
 
 NOISY = ("base", "laser", "depth_camera", "manipulation")
 TAUGHT_PICTURES = 4

@@ -31,10 +31,10 @@ from typing import Any
 
 import numpy as np
 
+from robbie_robots.workers.maps.map_annotations import read_annotations
 from tools.robot import REPOSITORY
 from tools.trials.harness import Case, names_of
 from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
-from workers.maps.map_annotations import read_annotations
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "rear_laser", "depth_camera", "manipulation")

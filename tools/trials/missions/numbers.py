@@ -17,10 +17,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_file import read_arena
-from hw.simulation.number_ground import generate_ground
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.number_ground import generate_ground
 from tools.trials.harness import Case
 from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 

@@ -19,15 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from hw.simulation.arena import Arena
-from hw.simulation.arena_file import read_arena
-from hw.simulation.arena_generator import ArenaWishes
-from hw.simulation.generate_arena import generate_arena
-from hw.simulation.reachable_area import reachable_area
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.arena_generator import ArenaWishes
+from robbie_robots.hw.simulation.generate_arena import generate_arena
+from robbie_robots.hw.simulation.reachable_area import reachable_area
+from robbie_robots.workers.maps.map_file import read_map
+from robbie_robots.workers.planar_pose import relative, transform_points
 from tools.trials.harness import Case
 from tools.trials.missions.mission import Mission, Setup, Trial, all_in_order, mean, totals
-from workers.maps.map_file import read_map
-from workers.planar_pose import relative, transform_points
 
 NOISY = ("base", "laser", "camera", "base_emulator", "laser_emulator")
 PLACED_M, HOME_M = 0.2, 0.5

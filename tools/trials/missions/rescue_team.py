@@ -23,17 +23,17 @@ from typing import Any
 
 import numpy as np
 
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_file import read_arena
-from hw.simulation.generate_arena import generate_arena
-from hw.simulation.reachable_area import reachable_area
 from robbie_mp.run.profile.load import load_profile
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.generate_arena import generate_arena
+from robbie_robots.hw.simulation.reachable_area import reachable_area
+from robbie_robots.workers.planar_pose import relative
 from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.harness import Case, Subject
 from tools.trials.missions.mission import Kills, all_in_order, mean, restarts_in, totals, watch
 from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
-from workers.planar_pose import relative
 
 PROFILE, SIMULATED = "rescue-team", "rescue-team-fast"
 KILL_END_S = 60.0

@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
+from robbie_robots.workers.faces.face_recognition import FaceRecognizer
+from robbie_robots.workers.taught import Pixels
 from tools.trials.harness import CannotTry, Case
 from tools.trials.missions.follow import APARTMENT, SHIRTS, TROUSERS
 from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
 from tools.trials.recognition.faces import changed
-from workers.faces.face_recognition import FaceRecognizer
-from workers.taught import Pixels
 
 NOISY = ("base", "laser", "rear_laser", "camera")
 NEAR_M = 1.0

@@ -20,16 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import POST_RADIUS_M, BoardFont, Figure, NumberSign
-from hw.simulation.box_segments import box_segments
-from hw.simulation.camera import SimulatedCamera
-from hw.simulation.number_board import GLYPH_SHARE, is_installed
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import POST_RADIUS_M, BoardFont, Figure, NumberSign
+from robbie_robots.hw.simulation.box_segments import box_segments
+from robbie_robots.hw.simulation.camera import SimulatedCamera
+from robbie_robots.hw.simulation.number_board import GLYPH_SHARE, is_installed
+from robbie_robots.workers.numbers.board_reader import BoardReader
+from robbie_robots.workers.numbers.sign_map import SignMap
 from tools.trials.harness import Case, Subject
-from workers.numbers.board_reader import BoardReader
-from workers.numbers.sign_map import SignMap
 
 GEOMETRY = CameraGeometry(640, 360, math.radians(60))
 EYE = Pose(5.0, 5.0, 0.0)

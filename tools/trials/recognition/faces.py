@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from robbie_robots.workers.faces.face_recognition import MAX_DISTANCE, Description, FaceRecognizer
+from robbie_robots.workers.taught import Pixels
 from tools.trials.harness import CannotTry, Case, Subject
-from workers.faces.face_recognition import MAX_DISTANCE, Description, FaceRecognizer
-from workers.taught import Pixels
 
 
 @dataclass

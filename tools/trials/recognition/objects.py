@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
+from robbie_robots.workers.taught import Box, Pixels
 from tools.trials.harness import Subject
-from workers.objects.object_recognition import ObjectRecognizer
-from workers.taught import Box, Pixels
 
 PRINT_PX = 320
 WIDTH_PX, HEIGHT_PX = 640, 480

@@ -20,23 +20,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera import CameraGeometry
-from hw.pose import Pose
-from hw.simulation.arena import Arena
-from hw.simulation.arena_contents import StandingObject
-from hw.simulation.arena_file import read_arena
-from hw.simulation.depth_camera import SimulatedDepthCamera
-from hw.simulation.object_prints import ObjectPrint
-from hw.simulation.solid import Floats, Placed, Solid, moved, pose_at
-from hw.simulation.table_picture import Printed, TablePictures
-from hw.simulation.table_room import TWINS, generate_room
-from modules.manipulation.robot_shapes import RobotShapes, on_floor, table_solids
-from modules.manipulation.table_objects import read_objects
+from robbie_robots.hw.camera import CameraGeometry
+from robbie_robots.hw.pose import Pose
+from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.arena_contents import StandingObject
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.depth_camera import SimulatedDepthCamera
+from robbie_robots.hw.simulation.object_prints import ObjectPrint
+from robbie_robots.hw.simulation.solid import Floats, Placed, Solid, moved, pose_at
+from robbie_robots.hw.simulation.table_picture import Printed, TablePictures
+from robbie_robots.hw.simulation.table_room import TWINS, generate_room
+from robbie_robots.modules.manipulation.robot_shapes import RobotShapes, on_floor, table_solids
+from robbie_robots.modules.manipulation.table_objects import read_objects
+from robbie_robots.workers.manipulation.object_names import Prints
+from robbie_robots.workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
+from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
+from robbie_robots.workers.taught import Box, Pixels, Sighting, TeachingError
 from tools.trials.harness import Case, Subject
-from workers.manipulation.object_names import Prints
-from workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
-from workers.objects.object_recognition import ObjectRecognizer
-from workers.taught import Box, Pixels, Sighting, TeachingError
 
 ROBOT, OBJECTS = Path("hw/robots/home.urdf"), Path("hw/robots/home_objects.yaml")
 GEOMETRY = CameraGeometry(200, 150, 1.0)

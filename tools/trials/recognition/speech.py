@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_robots.workers.speech.order_grammar import OrderGrammar
+from robbie_robots.workers.speech.order_recognizer import RATE_HZ, Heard, OrderRecognizer
+from robbie_robots.workers.speech.voice import speak
 from tools.trials.harness import Case, Subject
-from workers.speech.order_grammar import OrderGrammar
-from workers.speech.order_recognizer import RATE_HZ, Heard, OrderRecognizer
-from workers.speech.voice import speak
 
 VOICES = ["en-us", "en-us+f2", "en-us+m3", "en-gb", "en-gb-x-rp+f3", "en-us+f4", "en-gb-scotland", "en-gb+m7"]
 NOISES_DB = [None, 20.0, 10.0]

@@ -20,9 +20,9 @@ modules:
       port: 0
       operator_token: file:operator.token
       observer_token: file:observer.token
-      panels: ["modules.home.station.orders_panel:OrdersPanel"]
+      panels: ["robbie_robots.modules.home.station.orders_panel:OrdersPanel"]
   household:
-    class: modules.home.household:Household
+    class: robbie_robots.modules.home.household:Household
     settings:
       orders: {bring: ["bring me the <object>"], go: ["go to the <place>"], follow: ["follow me"]}
       words: {object: [soup], place: [desk, hall, sofa]}

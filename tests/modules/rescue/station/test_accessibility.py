@@ -29,7 +29,7 @@ modules:
     settings:
       port: 0
       operator_token: file:operator.token
-      panels: ["modules.rescue.station.mission_panel:MissionPanel"]
+      panels: ["robbie_robots.modules.rescue.station.mission_panel:MissionPanel"]
   known: {class: "zoo.known_robot:KnownRobot"}
   rescuer: {class: "zoo.rescuer:Rescuer"}
 """

@@ -21,7 +21,7 @@ modules:
       port: 0
       operator_token: file:operator.token
       observer_token: file:observer.token
-      panels: ["modules.rescue.station.mission_panel:MissionPanel"]
+      panels: ["robbie_robots.modules.rescue.station.mission_panel:MissionPanel"]
   rescuer: {class: "zoo.rescuer:Rescuer", ends_run: true}
 """
 

@@ -4,10 +4,10 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the operator's page needs the extra gui")
 
-from modules.rescue.messages import MissionResult, MissionStatus
-from modules.rescue.station.mission_panel import mission_item
-from modules.rescue.station.mission_results import rows_of
 from robbie_mp.station.state_item import ALERT, GOOD, WARNING
+from robbie_robots.modules.rescue.messages import MissionResult, MissionStatus
+from robbie_robots.modules.rescue.station.mission_panel import mission_item
+from robbie_robots.modules.rescue.station.mission_results import rows_of
 
 
 def test_results_name_what_is_known_and_leave_out_the_rest() -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from modules.rescue.messages import AnswerVictim
-from modules.rescue.station.victim_question import checked
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import String
+from robbie_robots.modules.rescue.messages import AnswerVictim
+from robbie_robots.modules.rescue.station.victim_question import checked
 from tests._support.robot import Robot, wait_until
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
@@ -22,7 +22,7 @@ modules:
     class: robbie_mp.station:OperatorStation
     settings:
       port: 0
-      panels: ["modules.rescue.station.mission_panel:MissionPanel"]
+      panels: ["robbie_robots.modules.rescue.station.mission_panel:MissionPanel"]
       tabs: {drive: ""}  # the question is on every tab, even if the panel has none
   victims: {class: "zoo.two_victims:TwoVictims"}
 """

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from modules.rescue.messages import VictimFound
-from modules.rescue.station.mission_panel import MissionPanel
-from modules.rescue.station.victim_watch import KnownVictim, mark_of
 from robbie_mp.messages import Image, Mark, Pose, Quaternion
 from robbie_mp.station.log_events import LogEvents
 from robbie_mp.station.map_marks import MarkPicture
+from robbie_robots.modules.rescue.messages import VictimFound
+from robbie_robots.modules.rescue.station.mission_panel import MissionPanel
+from robbie_robots.modules.rescue.station.victim_watch import KnownVictim, mark_of
 from tests._support.robot import wait_until
 from tests.recording._support.logs import LogFile
 

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from modules.rescue.messages import SearchedWalls
-from modules.rescue.station.wall_layers import add_wall_layers
 from robbie_mp.messages import MapMetaData, Point, Pose
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.map_marks import MAX_CELLS, CellMarks, MapMarks
+from robbie_robots.modules.rescue.messages import SearchedWalls
+from robbie_robots.modules.rescue.station.wall_layers import add_wall_layers
 
 
 def test_searched_walls_and_those_to_search_are_layers_of_the_map() -> None:

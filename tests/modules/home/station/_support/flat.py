@@ -1,7 +1,5 @@
 """Copied into the workspace of tests: what the household module needs of a robot that never arrives."""
 
-from modules.manipulation.messages import HandStatus
-from modules.planar_messages import pose_stamped
 from robbie_mp import ActiveGoal, Header, Module, Time
 from robbie_mp.messages import (
     CancelNavigation,
@@ -13,6 +11,8 @@ from robbie_mp.messages import (
     PointOfInterest,
     PoseStamped,
 )
+from robbie_robots.modules.manipulation.messages import HandStatus
+from robbie_robots.modules.planar_messages import pose_stamped
 
 Drive = ActiveGoal[NavigateTo, NavigationFeedback, NavigationResult]
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from modules.rescue.messages import (
+from robbie_mp import CallRefused, Header, Module
+from robbie_mp.messages import Image, Point, Pose, PoseStamped
+from robbie_robots.modules.rescue.messages import (
     AnswerVictim,
     MissionResult,
     MissionStatus,
@@ -11,8 +13,6 @@ from modules.rescue.messages import (
     VictimAnswered,
     VictimFound,
 )
-from robbie_mp import CallRefused, Header, Module
-from robbie_mp.messages import Image, Point, Pose, PoseStamped
 
 
 class Rescuer(Module):

@@ -1,8 +1,8 @@
 """Copied into the workspace of tests: a robot that asks about two victims at the same time."""
 
-from modules.rescue.messages import AnswerVictim, VictimAnswered, VictimFound
 from robbie_mp import Module
 from robbie_mp.messages import String
+from robbie_robots.modules.rescue.messages import AnswerVictim, VictimAnswered, VictimFound
 
 
 class TwoVictims(Module):
