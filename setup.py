@@ -1,7 +1,4 @@
-"""Builds the hot path in C, and packs the stock robots.
-
-Without a compiler, Robbie-MP does the same in Python. `robbie new --example` copies the stock robots.
-"""
+"""Builds the hot path in C. Without a compiler, Robbie-MP does the same in Python."""
 
 import os
 import runpy
@@ -12,15 +9,12 @@ from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
-from setuptools.command.build_py import build_py
 from setuptools.errors import BaseError, CCompilerError
 
 FOLDER = Path("robbie_mp/bus/_hot")
 STRICT = os.environ.get("ROBBIE_STRICT_BUILD", "") not in ("", "0")
 """Whether warnings of the compiler, and its absence, are errors."""
 FLAGS = ("-std=c11", "-O2", "-fvisibility=hidden", "-Wall", "-Wextra")
-STOCK_ROBOTS = ("profiles", "modules", "workers", "hw")
-"""Their folders, of which the package in a wheel has a copy."""
 sources = runpy.run_path(str(FOLDER / "sources.py"))
 
 
@@ -55,23 +49,8 @@ class BuildHotPath(build_ext):
         return ""
 
 
-class PackStockRobots(build_py):
-    """Also packs the stock robots, except into a checkout, which has them."""
-
-    def run(self) -> None:
-        """Build the packages, and put the stock robots beside the command that copies them."""
-        super().run()
-        if self.editable_mode:
-            return
-        packed = Path(self.build_lib, "robbie_mp", "cli", "packed_robots")
-        shutil.rmtree(packed, ignore_errors=True)
-        for folder in STOCK_ROBOTS:
-            shutil.copytree(folder, packed / folder, ignore=shutil.ignore_patterns("__pycache__"))
-        shutil.copy("LICENSE", packed)
-
-
 setup(
-    cmdclass={"build_ext": BuildHotPath, "build_py": PackStockRobots},
+    cmdclass={"build_ext": BuildHotPath},
     ext_modules=[
         Extension(
             "robbie_mp.bus._hot.native",

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("robbie_mp", "modules", "workers", "hw", "tools")
+LINKED = ("modules", "workers", "hw")
+"""Folders that `robbie_robots` links to; nothing imports them by these names, or they would exist twice."""
+FOLDERS = ("robbie_mp", "tools", *(f"robbie_robots/{folder}" for folder in LINKED))
 
 
 def module_files() -> dict[str, Path]:
@@ -77,3 +79,12 @@ def room_of(name: str) -> str:
     """Return the room of a file; none for the face of `robbie_mp` and for other packages."""
     package, _, rest = name.partition(".")
     return rest.partition(".")[0] if package == "robbie_mp" else ""
+
+
+def test_stock_robots_are_imported_by_one_name() -> None:
+    programs = [path for folder in (*FOLDERS, "tests") for path in (ROOT / folder).rglob("*.py")]
+    assert len(programs) > 1500
+    bare = [
+        path for path in programs for name, _ in imported(path.read_text()) if name.split(".")[0] in LINKED
+    ]
+    assert not bare, "import these from robbie_robots"

@@ -25,7 +25,7 @@ class DeviceStuck(DeviceFault):
 class BackgroundDevice(ABC, Generic[T]):
     """A device that reconnects by itself, with backoff, read by a thread of its own.
 
-    It has the same face as `robbie_robots.hw.connection.device.PluggableDevice`: call `poll` again and again. It counts as
+    It has the same face as `PluggableDevice` of `device.py`: call `poll` again and again. It counts as
     connected when its first value has come. If it breaks, or is silent for `silence_s`, it is closed and
     opened again, and values that nobody has taken are dropped.
 

@@ -57,7 +57,7 @@ class SimulatedCamera(Camera):
         self._placed: tuple[Pose, float] | None = None
         self._direction = (0.0, 0.0)
         self.people: NDArray[np.float64] = np.empty((0, 5))
-        """Where people are: (P, 5), as `robbie_robots.hw.simulation.people.PersonState.shown`; set it before `capture`."""
+        """Where people are: (P, 5), as `PersonState.shown` of `people.py`; set it before `capture`."""
         self.heads: dict[str, list[Texture]] = {}
         """Pictures of people's heads by their names: see `robbie_robots.hw.simulation.people.read_heads`."""
 

@@ -1,4 +1,7 @@
-"""Writes a random arena as YAML: `python -m robbie_robots.hw.simulation.generate_arena --seed 3 > arena.yaml`."""
+"""Writes a random arena as YAML.
+
+python -m robbie_robots.hw.simulation.generate_arena --seed 3 > arena.yaml
+"""
 
 import argparse
 import sys

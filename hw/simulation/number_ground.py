@@ -1,4 +1,7 @@
-"""Writes a random ground with numbered boards as YAML: `python -m robbie_robots.hw.simulation.number_ground --seed 3`."""
+"""Writes a random ground with numbered boards as YAML.
+
+python -m robbie_robots.hw.simulation.number_ground --seed 3
+"""
 
 import argparse
 import math

@@ -1,4 +1,7 @@
-"""Writes a random room with objects on a table as YAML: `python -m robbie_robots.hw.simulation.table_room --seed 3`."""
+"""Writes a random room with objects on a table as YAML.
+
+python -m robbie_robots.hw.simulation.table_room --seed 3
+"""
 
 import argparse
 import math

@@ -84,13 +84,13 @@ settings = of_run(_settings)
 
 
 def profiles(**_: object) -> list[str]:
-    """Return the names of the profiles of the current workspace."""
-    from robbie_mp.run.profile.workspace import find_workspace  # noqa: PLC0415
+    """Return the names of the profiles of the current workspace, and of those that come with Robbie-MP."""
+    from robbie_mp.run.profile.workspace import find_workspace, stock_names  # noqa: PLC0415
 
     try:
-        return find_workspace(Path.cwd()).names()
+        return find_workspace(Path.cwd()).names() + stock_names()
     except (RobbieError, OSError):
-        return []
+        return stock_names()
 
 
 def _of_profile(names: Callable[["Node"], Iterable[str]]) -> Completer:

@@ -1,16 +1,16 @@
-"""`robbie new`: create a workspace for a robot, ready to run, or copy a stock robot."""
+"""`robbie new`: create a workspace for a robot, ready to run, or one with the profile of a stock robot."""
 
 import argparse
 import re
-import shutil
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.stock_robots import ROBOTS
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.stock_robots import STOCK_ROBOTS, needed_files, stock_folder
+from robbie_mp.run.profile.workspace import Workspace
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -19,6 +19,18 @@ TEMPLATE = "workspace_template"
 EXAMPLE_TEMPLATE = "example_template"
 SUFFIX = ".template"
 """Hides the template's files from linters and importers; it is removed from the names of the copies."""
+
+EXTRAS = {
+    "rescue": "robot,vision,gui",
+    "home": "robot,gui,arm",
+    "arm": "robot,gui,arm",
+    "parcours": "robot",
+    "numbers": "robot,digits,gui",
+    "spoken": "robot,speech,sound",
+    "objects": "robot,vision,gui",
+    "demo": "robot",
+}
+"""The stock robots, and the extras of Robbie-MP whose packages each needs."""
 
 
 class FolderInUse(RobbieError, FileExistsError):
@@ -36,7 +48,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "new",
         "create a workspace for a new robot, ready to run",
         "Create a workspace with a module, a device, a worker, a message, a profile, a test and a README. "
-        "Or copy a stock robot: its profiles and everything that they need. "
+        "Or copy the profile of a stock robot, to change it; its code stays in Robbie-MP. "
         "The folder must be empty or not exist.",
         [
             "robbie new my-robot",
@@ -48,7 +60,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "folder", type=Path, metavar="DIR", nargs="?", help="folder; its name becomes the robot's name"
     )
     parser.add_argument(
-        "--example", choices=STOCK_ROBOTS, help="copy this robot; without DIR, into a folder of the same name"
+        "--example", choices=EXTRAS, help="copy its profile; without DIR, into a folder of the same name"
     )
     parser.set_defaults(command=new, usage_error=parser.error)
 
@@ -59,8 +71,7 @@ def new(arguments: argparse.Namespace) -> int:
     if example:
         folder = arguments.folder or Path(example)
         made = copy_example(example, folder)
-        extras = ",".join(STOCK_ROBOTS[example].extras)
-        commands = [f"pip install 'robbie-mp[{extras}]'", f"cd {folder}", f"robbie run {example}"]
+        commands = [f"pip install 'robbie-mp[{EXTRAS[example]}]'", f"cd {folder}", f"robbie run {example}"]
     elif arguments.folder:
         folder = arguments.folder
         made = make_workspace(folder)
@@ -89,25 +100,18 @@ def make_workspace(folder: Path) -> list[Path]:
 
 
 def copy_example(name: str, folder: Path) -> list[Path]:
-    """Copy a stock robot into a folder and return the paths of the copies.
+    """Make a workspace with the profile of a stock robot and return the paths of its files.
 
     Raises:
         FolderInUse: the folder is not empty, or is a file.
-        NoStockRobots: this installation has none.
     """
-    robot, source = STOCK_ROBOTS[name], stock_folder()
     _check_unused(folder)
-    made = []
-    for file in (*needed_files(source, robot.profiles), Path("LICENSE")):
-        (folder / file).parent.mkdir(parents=True, exist_ok=True)
-        made.append(Path(shutil.copyfile(source / file, folder / file)))
-    words = {
-        "title": folder.absolute().name,
-        "example": name,
-        "extras": ",".join(robot.extras),
-        "profiles": ", ".join(f"`{profile}`" for profile in robot.profiles),
-    }
-    return made + _copy(files("robbie_mp.cli") / EXAMPLE_TEMPLATE, folder, words)
+    words = {"title": folder.absolute().name, "example": name, "extras": EXTRAS[name]}
+    made = _copy(files("robbie_mp.cli") / EXAMPLE_TEMPLATE, folder, words)
+    profile = Workspace(folder).file_of(name)
+    profile.parent.mkdir()
+    profile.write_text(Workspace(ROBOTS).file_of(name).read_text())
+    return [*made, profile]
 
 
 def _check_unused(folder: Path) -> None:

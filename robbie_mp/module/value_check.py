@@ -10,6 +10,7 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.stock_robots import stock_path
 from robbie_mp.module.secret import Secret, SecretError, read_secret
 
 
@@ -177,7 +178,7 @@ def _to_float(value: Any, expected: str) -> float:
 
 def _check_path(path: Path, limits: Limits, folder: Path | None) -> Path:
     try:
-        absolute = (folder or Path.cwd()) / path.expanduser()
+        absolute = (folder or Path.cwd()) / stock_path(path).expanduser()
     except RuntimeError:  # "~name" of nobody
         raise _mismatch("path", str(path)) from None
     if limits.must_exist and not absolute.exists():

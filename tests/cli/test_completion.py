@@ -47,7 +47,19 @@ def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("typed", "offered"),
     [
         ("robbie ec", {"echo"}),
-        ("robbie run r", {"robot"}),
+        ("robbie run robo", {"robot"}),
+        (
+            "robbie run robbie:resc",
+            {
+                "rescue",
+                "rescue-emulated",
+                "rescue-fast",
+                "rescue-ros1",
+                "rescue-small",
+                "rescue-team",
+                "rescue-team-fast",
+            },
+        ),
         ("robbie pub --ra", {"--rate"}),
         ("robbie log cu", {"cut"}),
         ("robbie log --fol", {"--follow"}),

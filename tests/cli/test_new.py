@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli import main
-from robbie_mp.cli.new import copy_example, make_workspace
-from robbie_mp.cli.stock_robots import STOCK_ROBOTS, needed_files
+from robbie_mp.cli.new import EXTRAS, copy_example, make_workspace
 from robbie_mp.run.profile.load import load_profile
 from tests.docs._support.pages import ROOT
 
@@ -36,61 +35,24 @@ def test_generated_code_passes_our_checks(tmp_path: Path) -> None:
     assert form.returncode == 0, form.stdout
 
 
-@pytest.mark.slow
-def test_copied_stock_robot_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = copy_example("rescue", tmp_path)  # tests of the wheel run the other one
-    assert "{{" not in (tmp_path / "README.md").read_text()
-    monkeypatch.chdir(tmp_path)
-    code = [file.relative_to(tmp_path) for file in made if file.suffix == ".py"]
-    names = [".".join(file.with_suffix("").parts) for file in code]
-    program = f"from importlib import import_module\nfor name in {names!r}: import_module(name)"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("example", STOCK_ROBOTS)
-def test_profiles_of_a_copied_stock_robot_have_all_parents(
+@pytest.mark.parametrize("example", EXTRAS)
+def test_copied_profile_is_the_stock_robot_and_may_be_changed(
     example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    copy_example(example, tmp_path)
+    made = {file.relative_to(tmp_path).as_posix() for file in copy_example(example, tmp_path)}
+    assert made == {"README.md", ".gitignore", f"profiles/{example}.yaml"}
+    assert "{{" not in (tmp_path / "README.md").read_text()
     monkeypatch.chdir(tmp_path)
-    for profile in STOCK_ROBOTS[example].profiles:
-        assert load_profile(profile).workspace == tmp_path
-
-
-def test_copied_stock_robot_has_what_its_code_and_profiles_name(tmp_path: Path) -> None:
-    made = {file.relative_to(tmp_path).as_posix() for file in copy_example("rescue", tmp_path)}
-    assert {
-        "hw/robots/rescue.yaml", "hw/simulation/arenas/rescue_maze.yaml",
-        "profiles/parts/rescue-operator.yaml",
-        "modules/rescue/station/victim_question.js", "modules/rescue/station/victim_question.css",
-        "LICENSE", "README.md", ".gitignore",
-    } <= made  # fmt: skip
-    assert not [file for file in made if file.startswith(("robbie_mp", "tests", "modules/exploration"))]
-
-
-def test_needed_files_are_found_by_imports_and_names(tmp_path: Path) -> None:
-    texts = {
-        "profiles/robot.yaml": "parents: [parts/a, robbie:recorded]\nmodules: {m: {class: 'modules.m:M'}}",
-        "profiles/parts/a.yaml": "modules: {m: {settings: {map: hw/maps/hall.yaml}}}",
-        "profiles/other.yaml": "modules: {n: {class: 'modules.n:N'}}",
-        "modules/__init__.py": "",
-        "modules/m.py": "def late():\n    from workers import w\n    return open('page.js')",
-        "modules/n.py": "",
-        "modules/page.js": "",
-        "workers/__init__.py": "",
-        "workers/w/__init__.py": "from workers.w.inner import x",
-        "workers/w/inner.py": "import numpy, os.path, robbie_mp.base.errors",
-        "hw/maps/hall.yaml": "picture: hall.png",
-        "hw/maps/hall.png": "",
-    }
-    for name, text in texts.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    found = {file.as_posix() for file in needed_files(tmp_path, ["robot"])}
-    assert set(texts) - found == {"profiles/other.yaml", "modules/n.py"}
+    copied, stock = load_profile(example), load_profile(f"robbie:{example}")
+    assert copied.workspace == stock.workspace == tmp_path
+    assert copied.modules == stock.modules
+    file = tmp_path / "profiles" / f"{example}.yaml"
+    file.write_text(
+        file.read_text().replace("modules:\n", "modules:\n  own: {class: 'modules.own:Own'}\n", 1)
+    )
+    assert {module.name for module in load_profile(example).modules} - {
+        one.name for one in stock.modules
+    } == {"own"}
 
 
 def test_example_needs_no_folder_and_a_new_robot_does(

@@ -8,14 +8,15 @@ import subprocess
 import sys
 import sysconfig
 import venv
+import wave
 from collections.abc import Sequence
-from importlib.metadata import Distribution, distribution
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
 import pytest
 
+from robbie_mp.cli.new import EXTRAS
 from robbie_mp.cli.runs import live_runs
-from robbie_mp.cli.stock_robots import STOCK_ROBOTS
 from robbie_mp.run.control import SOCKET_NAME
 from tests._support.robot import wait_until
 from tests._support.sources import copy_sources
@@ -23,6 +24,27 @@ from tests._support.sources import copy_sources
 pytestmark = pytest.mark.slow
 
 LIMIT_S = 150.0
+USER_CODE = """
+from robbie_mp import Module
+from robbie_robots.hw.rplidar.laser import RpLidar
+from robbie_robots.modules.mapping import Mapping
+from robbie_robots.workers.exploration.explorer import Explorer
+
+
+class Mine(Module):
+    laser: RpLidar
+    explorer: Explorer
+
+
+def range_m(mapping: Mapping) -> str:
+    return mapping.max_range_m
+"""
+USER_PROFILE = """
+parents: [robbie:parts/rescue-robot]
+modules:
+  mine: {class: "modules.mine:Mine"}
+  laser: {class: "robbie_robots.modules.devices.rplidar:RpLidarRangeFinder", settings: {port: /dev/ttyUSB0}}
+"""
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -41,20 +63,30 @@ def required(distribution_name: str, found: dict[str, Distribution] | None = Non
     for line in distribution(distribution_name).requires or []:
         requirement, _, condition = line.partition(";")
         name = re.match(r"[\w.-]+", requirement)
-        if name and name[0] not in found and not condition:
+        if name and name[0] not in found and not condition and is_installed(name[0]):
             found[name[0]] = distribution(name[0])
             required(name[0], found)
     return found
 
 
+def is_installed(name: str) -> bool:
+    try:
+        distribution(name)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
 def link_what_the_wheel_needs(site: Path, extras: Sequence[str] = ()) -> None:
     """Make what the wheel says it needs, and nothing else, importable: no network is asked for it.
+
+    What is not installed here either is left out; a robot that needs it says so.
 
     Args:
         site: where the wheel is installed.
         extras: those whose packages are linked, too.
     """
-    for name in required_by_wheel(site, extras):
+    for name in filter(is_installed, required_by_wheel(site, extras)):
         for needed in {name: distribution(name), **required(name)}.values():
             for file in needed.files or []:
                 top = file.parts[0]
@@ -133,14 +165,57 @@ def test_new_robot_runs_with_only_the_wheel_installed(program: Path, tmp_path: P
     assert process.returncode == 0, output
 
 
-def test_stock_robots_run_with_only_the_wheel_installed(program: Path, tmp_path: Path) -> None:
-    run("robbie", "new", "--example", "demo", cwd=tmp_path)
-    run("robbie", "new", "--example", "rescue", cwd=tmp_path)
-    link_what_the_wheel_needs(site_of(program.parent), STOCK_ROBOTS["rescue"].extras)
+def states_of(run_id: str, folder: Path) -> set[str]:
+    """The states of the modules of a run; none before there is one."""
+    if not run_id:
+        return set()
+    rows = json.loads(run("robbie", "list", "modules", "--json", "--run", run_id, cwd=folder))
+    return {row["state"] for row in rows}
+
+
+@pytest.mark.parametrize("name", EXTRAS)
+def test_stock_robot_runs_in_an_empty_folder_with_only_the_wheel_installed(
+    name: str, program: Path, tmp_path: Path
+) -> None:
+    link_what_the_wheel_needs(site_of(program.parent), EXTRAS[name].split(","))
+    (folder := tmp_path / "empty").mkdir()
+    command = ["robbie", "run", f"robbie:{name}", "--quiet"]
+    if name == "spoken":  # without a sound card
+        with wave.open(str(tmp_path / "silence.wav"), "wb") as silence:
+            silence.setparams((1, 2, 16000, 0, "NONE", ""))
+            silence.writeframes(bytes(64000))
+        command += ["--var", "has_sound_card=false", "--var", f"recording={tmp_path / 'silence.wav'}"]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    try:
+        wait_until(lambda: process.poll() is not None or states_of(own_run(), folder) == {"RUNNING"}, LIMIT_S)
+    finally:
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, output
+
+
+def test_results_of_a_stock_robot_are_where_it_was_started(program: Path, tmp_path: Path) -> None:
+    link_what_the_wheel_needs(site_of(program.parent), ["robot"])
     limit = ("--set", "exploration.time_limit_s=3")
-    said = run("robbie", "run", "demo-recorded", "--output", "results", *limit, cwd=tmp_path / "demo")
-    assert (tmp_path / "demo" / "results" / "map.png").is_file(), said
-    (log,) = (tmp_path / "demo" / "logs").iterdir()
+    said = run("robbie", "run", "robbie:demo-recorded", "--output", "results", *limit, cwd=tmp_path)
+    assert (tmp_path / "results" / "map.png").is_file(), said
+    (log,) = (tmp_path / "logs").iterdir()
     assert "LaserScan" in run("robbie", "info", log, cwd=tmp_path)
-    shown = run("robbie", "profile", "show", "rescue", cwd=tmp_path / "rescue")
-    assert "cannot be imported" not in shown
+
+
+def test_users_profile_and_code_use_the_stock_robots(program: Path, tmp_path: Path) -> None:
+    link_what_the_wheel_needs(site_of(program.parent), ["robot"])
+    for folder in ("modules", "profiles"):
+        (tmp_path / "robot" / folder).mkdir(parents=True)
+    robot = tmp_path / "robot"
+    (robot / "modules" / "__init__.py").touch()
+    (robot / "modules" / "mine.py").write_text(USER_CODE)
+    (robot / "profiles" / "mine.yaml").write_text(USER_PROFILE)
+    shown = run("robbie", "profile", "show", "mine", "--without", "victims", cwd=robot)
+    assert "port: /dev/ttyUSB0" in shown and "cannot be imported" not in shown
+    mypy = [sys.executable, "-m", "mypy", "--strict", "--python-executable", str(program / "python3")]
+    done = subprocess.run(
+        [*mypy, "-p", "modules"], cwd=robot, capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
+    expected = 'Incompatible return value type (got "float", expected "str")  [return-value]'
+    assert re.findall(r"error: (.*)", done.stdout) == [expected], done.stdout

@@ -13,7 +13,9 @@ ARENA = ROOT / "hw" / "simulation" / "arenas" / "demo.yaml"
 PROFILE = f"""
 modules:
   base: {{class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {{arena: "{ARENA}"}}}}
-  laser: {{class: "robbie_robots.modules.devices.laser:SimulatedLaserRangeFinder", settings: {{arena: "{ARENA}"}}}}
+  laser:
+    class: robbie_robots.modules.devices.laser:SimulatedLaserRangeFinder
+    settings: {{arena: "{ARENA}"}}
 """
 
 

@@ -35,5 +35,5 @@ def test_table_names_all_devices_of_the_profile_and_the_profile_is_valid(
     monkeypatch.chdir(ROOT)
     profile = load_profile("simulation")
     assert not preflight(profile, timeout_s=60.0).failures
-    named = re.findall(r"^\| [^|]+ \| `(modules\.[\w.]+:\w+)`", PAGE, re.MULTILINE)
+    named = re.findall(r"^\| [^|]+ \| `(robbie_robots\.modules\.[\w.]+:\w+)`", PAGE, re.MULTILINE)
     assert sorted(module.class_path for module in profile.modules) == sorted(named)

@@ -30,7 +30,7 @@ def modules() -> dict[str, tuple[str, dict[str, object]]]:
     for profile in PROFILES:
         robot = load_profile(profile, PROJECT)
         for one in robot.modules:
-            if one.class_path.startswith("modules."):
+            if one.class_path.startswith("robbie_robots."):
                 found.setdefault(one.class_path, (profile, dict(one.settings)))
     return found
 

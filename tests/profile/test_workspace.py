@@ -7,7 +7,7 @@ import pytest
 from robbie_mp.base.problem import ProfileError
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.preflight import preflight
-from robbie_mp.run.profile.workspace import find_workspace, stock_names
+from robbie_mp.run.profile.workspace import STOCK_FOLDERS, find_workspace, stock_names
 from tests.profile.conftest import Robot
 
 
@@ -83,7 +83,8 @@ def test_own_profile_of_the_same_name_is_another_one(robot: Robot) -> None:
 
 
 def test_every_stock_profile_passes_the_checks_before_a_run(robot: Robot) -> None:
-    robot.write("demo", f"parents: [{', '.join(stock_names())}]\nmodules: {{playback: null}}\nclock: null")
+    names = ", ".join(f"robbie:{file.stem}" for file in STOCK_FOLDERS[0].glob("*.yaml"))
+    robot.write("demo", f"parents: [{names}]\nmodules: {{playback: null}}\nclock: null")
     findings = preflight(robot.load())
     assert sorted(findings.settings) == ["foxglove", "link", "logger", "operator", "time"]
     assert not findings.failures

@@ -34,7 +34,9 @@ modules:
       objects: [cup]
   known: {class: "zoo.known_robot:KnownRobot"}
   fragile: {class: "zoo.known_robot:Fragile"}
-  arm: {class: "robbie_robots.modules.devices.joints:SimulatedJointsModule", settings: {names: [wrist], period_s: 0.1}}
+  arm:
+    class: robbie_robots.modules.devices.joints:SimulatedJointsModule
+    settings: {names: [wrist], period_s: 0.1}
 """
 
 DRIVING_KEYS = ("KeyW", "KeyA", "ArrowUp", "ArrowDown")

@@ -17,7 +17,9 @@ modules:
     class: robbie_mp.station:OperatorStation
     settings: {port: 0, robot_model: robot.stl, panels: ["zoo.own_panel:FriendsPanel"]}
   stage: {class: "zoo.stage:Stage"}
-  lamps: {class: "robbie_robots.modules.devices.lights:SimulatedLightsModule", settings: {lights: [headlight, rear light]}}
+  lamps:
+    class: robbie_robots.modules.devices.lights:SimulatedLightsModule
+    settings: {lights: [headlight, rear light]}
 """
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
 SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"

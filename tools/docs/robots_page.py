@@ -18,7 +18,7 @@ from robbie_mp.run.profile.load import load_profile
 
 REPOSITORY = Path(__file__).parents[2]
 PAGE = REPOSITORY / "docs" / "robots.md"
-ROOMS = ("modules", "workers", "hw")
+PACKAGE = "robbie_robots."
 CANDIDATES = ("rescue", "home", "arm", "parcours", "numbers", "spoken", "objects", "demo")
 """The robots, in the order of the page; those without a profile are left out."""
 TEXT = """\
@@ -31,8 +31,8 @@ not edit it.
 
 {modules}
 
-`robbie profile show NAME` prints a profile with all settings. Variants, such as `rescue-fast`,
-are left out.
+`robbie run robbie:NAME` starts a robot, and `robbie profile show robbie:NAME` prints its profile with all
+settings. Variants, such as `rescue-fast`, are left out.
 
 ## Code
 
@@ -149,9 +149,9 @@ def _closure(module: str) -> set[str]:
 
 def _file(module: str) -> str | None:
     """Return the file of a module of the stock robots; None for others."""
-    if module.partition(".")[0] not in ROOMS:
+    if not module.startswith(PACKAGE):
         return None
-    path = module.replace(".", "/")
+    path = module.removeprefix(PACKAGE).replace(".", "/")
     for name in (f"{path}.py", f"{path}/__init__.py"):
         if (REPOSITORY / name).exists():
             return name

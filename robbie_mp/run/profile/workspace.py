@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robbie_mp.base.problem import Place, refuse
+from robbie_mp.base.stock_robots import ROBOTS, STOCK
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.yaml_reader import Node, read_file
 
 FOLDER = "profiles"
 SUFFIX = ".yaml"
 NAME = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
-STOCK = "robbie:"
-"""Begins the name of a profile that comes with Robbie-MP, such as `robbie:playback`."""
-STOCK_FOLDER = Path(__file__).with_name("stock")
+STOCK_FOLDERS = (Path(__file__).with_name("stock"), ROBOTS / FOLDER)
+"""The profiles that come with Robbie-MP: parents such as `robbie:playback`, and the stock robots."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,10 @@ class Workspace:
 
     def file_of(self, name: str) -> Path:
         """Return the path of a profile's file, which need not exist."""
-        if name.startswith(STOCK):
-            return STOCK_FOLDER / (name.removeprefix(STOCK) + SUFFIX)
-        return self.folder / (name + SUFFIX)
+        if not name.startswith(STOCK):
+            return self.folder / (name + SUFFIX)
+        files = [folder / (name.removeprefix(STOCK) + SUFFIX) for folder in STOCK_FOLDERS]
+        return next((file for file in files if file.is_file()), files[0])
 
     def read(self, name: str, place: Place | None = None) -> Node:
         """Read a profile; an empty file is an empty map.
@@ -51,7 +52,7 @@ class Workspace:
         file = self.file_of(name)
         if not NAME.fullmatch(name.removeprefix(STOCK)) or not file.is_file():
             own, stock = self.names(), stock_names()
-            near = did_you_mean(name, [*own, *stock])
+            near = _near(name, [*own, *stock])
             known = f"; profiles in {self.folder}: {', '.join(own) or 'none'}"
             known += f"; in Robbie-MP: {', '.join(stock)}"
             raise refuse(f"there is no profile {name!r}{near}{known}", place)
@@ -65,7 +66,12 @@ class Workspace:
 
 def stock_names() -> list[str]:
     """Return the names of all profiles that come with Robbie-MP, sorted."""
-    return [STOCK + name for name in _names_in(STOCK_FOLDER)]
+    return sorted(STOCK + name for folder in STOCK_FOLDERS for name in _names_in(folder))
+
+
+def _near(name: str, known: list[str]) -> str:
+    """Suggest the profile of Robbie-MP with the same name, or else those with similar names."""
+    return f"; did you mean {STOCK + name!r}?" if STOCK + name in known else did_you_mean(name, known)
 
 
 def _names_in(folder: Path) -> list[str]:
@@ -73,8 +79,12 @@ def _names_in(folder: Path) -> list[str]:
     return sorted(file.relative_to(folder).with_suffix("").as_posix() for file in files)
 
 
-def find_workspace(start: Path) -> Workspace:
+def find_workspace(start: Path, wanted: str = "") -> Workspace:
     """Return the workspace of a folder: this folder, or the nearest one above it, that contains profiles/.
+
+    Args:
+        start: The folder.
+        wanted: Name of the profile that is looked for, to suggest one that comes with Robbie-MP.
 
     Raises:
         ProfileError: there is none.
@@ -83,7 +93,8 @@ def find_workspace(start: Path) -> Workspace:
     for folder in (start, *start.parents):
         if (folder / FOLDER).is_dir():
             return Workspace(folder)
-    raise refuse(f"no folder {FOLDER}/ in {start} or above it; go to your robot's folder")
+    near = _near(wanted, stock_names()) if wanted else ""
+    raise refuse(f"no folder {FOLDER}/ in {start} or above it; go to your robot's folder{near}")
 
 
 def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
@@ -97,7 +108,7 @@ def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     if name_or_file.startswith(STOCK) and not any((one / FOLDER).is_dir() for one in (start, *start.parents)):
         return Workspace(start), name_or_file
     if not name_or_file.endswith(SUFFIX):
-        return find_workspace(start), name_or_file
+        return find_workspace(start, name_or_file), name_or_file
     file = Path(os.path.abspath(start / name_or_file))
     for folder in file.parents:
         if folder.name == FOLDER:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from robbie_mp.base.linux.prctl import die_with_parent, set_process_name
+from robbie_mp.base.stock_robots import ROBOTS
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.supervisor.assignment import wait_for_assignment
 from robbie_mp.run.supervisor.child import leave_interrupts_to_supervisor, run_child
@@ -36,7 +37,7 @@ def main(run_folder: Path) -> None:
             print(f"spares.imports names {name}, which cannot be imported: {error}", file=sys.stderr)
         except Exception:
             traceback.print_exc()  # the module that needs it will report it again
-    files = imported_files(plan.workspace)
+    files = imported_files(plan.workspace, str(ROBOTS))
     imported = versions(files)
     set_process_name("spare")  # only now is it a spare
     if assignment := wait_for_assignment():
@@ -45,9 +46,9 @@ def main(run_folder: Path) -> None:
         run_child(run_folder, plan, *assignment)
 
 
-def imported_files(folder: str) -> list[str]:
-    """Return the files below a folder that this interpreter has imported."""
-    below = os.path.join(folder, "")
+def imported_files(*folders: str) -> list[str]:
+    """Return the files below these folders that this interpreter has imported."""
+    below = tuple(os.path.join(folder, "") for folder in folders)
     files = [getattr(module, "__file__", None) or "" for module in list(sys.modules.values())]
     return [file for file in files if file.startswith(below)]
 
