@@ -68,9 +68,8 @@ class HeldControl:
         switch = self._page.dead_man
         if begins:
             self._drive = switch.losses
-        if not switch.is_too_slow and not self._takes(begins=begins):
+        if not switch.is_too_slow and not self._takes_seat():
             self._drive = None  # control that comes free is not for a page that still holds on
-            self.stale += self._station.drivers_seat.holder is None
             return False
         if begins:
             self._begin()
@@ -79,10 +78,9 @@ class HeldControl:
             return False
         return True
 
-    def _takes(self, *, begins: bool) -> bool:
-        """Return whether the page has the seat; only taking hold takes it."""
-        seat, page = self._station.drivers_seat, self._page.key
-        return seat.take(page) if begins else seat.holder == page
+    def _takes_seat(self) -> bool:
+        """Return whether the page has the seat; a drive during which another page had it does not get it."""
+        return self._drive is not None and self._station.drivers_seat.take(self._page.key)
 
     def _is_refused(self) -> bool:
         """Count a command that the link of this robot refuses, and return whether it does."""
