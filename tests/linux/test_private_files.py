@@ -24,7 +24,9 @@ def results(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["map.png", f".map.png.{os.getpid()}{UNFINISHED}"])
+@pytest.mark.parametrize(
+    "name", ["map.png", pytest.param(f".map.png.{os.getpid()}{UNFINISHED}", id="unfinished")]
+)
 def test_planted_link_is_replaced_and_not_followed(results: Path, victim: Path, name: str) -> None:
     (results / name).symlink_to(victim)
     write_private(results / "map.png", b"map")
