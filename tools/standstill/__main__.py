@@ -27,11 +27,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from fnmatch import fnmatch
 from itertools import groupby
 from pathlib import Path
+
+from playwright.sync_api import Error
 
 from robbie_mp import RobbieError
 from tools.robot import RobotTrouble
@@ -47,7 +49,7 @@ SETTLES_S, SETTLES_LIMIT_S = 1.5, 8.0
 """After this time of a failure that the robot may drive through, somebody lets go."""
 ARRIVES_S = 1.0
 """After the watch, for what a stopped core has held back."""
-TROUBLES = (NotDriving, RobotTrouble, NoTestNetwork, RobbieError, OSError, subprocess.SubprocessError)
+TROUBLES = (NotDriving, RobotTrouble, NoTestNetwork, RobbieError, OSError, subprocess.SubprocessError, Error)
 HOOK = Path(__file__).parent / "hook"
 
 
@@ -59,12 +61,8 @@ def measure(scene: Scene, way: Way, failure: Failure) -> Motion:
     failure.begins(scene)
     if failure.lets_go:
         time.sleep(SETTLES_S)
-        stood_s = time.monotonic()
-        try:
+        with suppress(NotDriving):  # the failure itself may stop it now and then
             scene.wait_until_it_drives(SETTLES_LIMIT_S)
-        except NotDriving:  # the failure itself stopped it, which is fine
-            failure.ends(scene)
-            return judge(scene.motion(), failed_s, math.inf, stood_s)
         scene.send(way.dead_man, signal.SIGSTOP)
     if failure.lets_go or failure.role:
         failed_s = scene.sent_s

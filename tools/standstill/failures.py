@@ -150,7 +150,7 @@ NETWORK = {
 }
 PAGE = {
     "page closed": Failure(lambda scene: scene.page.close(), lambda _scene: None, is_final=True),
-    "page spinning": Failure(spin_page, lambda _scene: None, is_final=True),
+    "page spinning": Failure(spin_page, lambda scene: scene.send("browser", signal.SIGKILL), is_final=True),
 }
 
 

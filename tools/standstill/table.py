@@ -6,6 +6,14 @@ from dataclasses import dataclass
 
 from tools.standstill.judgement import Motion
 
+PARTS = {
+    "operator's program": ("hand", "laptop's pilot", "browser", "node", "client"),
+    "bridge": ("link", "operator", "ros1", "foxglove"),
+    "driver": ("navigation", "exploration", "parcours"),
+}
+"""What processes of several ways do; the table has one row for them."""
+PART_OF = {role: part for part, roles in PARTS.items() for role in roles}
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -26,6 +34,12 @@ class Cell:
     trouble: str
     load: float
     limit_s: float
+
+    @property
+    def row(self) -> str:
+        """Its row in the table."""
+        role, _, what = self.failure.rpartition(" ")
+        return f"{PART_OF.get(role, role)} {what}"
 
     @property
     def keeps(self) -> bool:
@@ -67,10 +81,10 @@ def worst(cells: Sequence[Cell]) -> Cell:
 def table(cells: Sequence[Cell]) -> str:
     """Return the table in Markdown: a row for each failure, a column for each way, the worst round."""
     ways = list(dict.fromkeys(cell.way for cell in cells))
-    rows = list(dict.fromkeys(cell.failure for cell in cells))
+    rows = list(dict.fromkeys(cell.row for cell in cells))
     lines = [f"| failure | {' | '.join(ways)} |", f"|---|{'---|' * len(ways)}"]
     for row in rows:
-        found = [[one for one in cells if (one.way, one.failure) == (way, row)] for way in ways]
+        found = [[one for one in cells if (one.way, one.row) == (way, row)] for way in ways]
         lines.append(f"| {row} | {' | '.join(worst(some).text if some else '' for some in found)} |")
     return "\n".join(lines)
 

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -221,7 +222,7 @@ def by_foxglove(folder: Path) -> Iterator[Scene]:
 
 
 @contextmanager
-def by_ros(folder: Path) -> Iterator[Scene]:
+def by_ros(folder: Path, type_name: str = "Twist") -> Iterator[Scene]:
     """A node of ROS 1 drives, on another host than the bridge and the master."""
     with ExitStack() as stack:
         network = far(stack)
@@ -233,12 +234,12 @@ def by_ros(folder: Path) -> Iterator[Scene]:
         )  # fmt: skip
         stack.callback(_end_all, master)
         bridge = {"master": ros["ROS_MASTER_URI"], "ip": here.address,
-                  "accept": {"/cmd_vel": "Twist as DriveCommand manual"}}  # fmt: skip
+                  "accept": {"/cmd_vel": f"{type_name} as DriveCommand manual"}}  # fmt: skip
         more = {"ros1": _module("robbie_mp.connect.ros1.module:Ros1Bridge", bridge)}
         scene = scene_of(stack, start(stack, folder, driven(folder, more), here), network)
         scene.robot.environment |= {**ros, "ROS_IP": there.address}
         program = Path(__file__).parent / "ros_hand.py"
-        hand(stack, scene, "node", SYSTEM_PYTHON, str(program), host=there)
+        hand(stack, scene, "node", SYSTEM_PYTHON, str(program), type_name, host=there)
         scene.others["bridge's node"] = lambda: [
             one.pid for one in _below(scene.robot.figures()["ros1"].pid) if ros_node.__file__ in one.cmdline()
         ]
@@ -310,5 +311,6 @@ WAYS = {
     ),
     "page": Way(by_page, ("browser", "operator", "laser", "core"), "browser", True),
     "ROS 1": Way(by_ros, ("node", "ros1", "bridge's node", "laser", "core"), "node", True),
+    "ROS 1, stamped": Way(partial(by_ros, type_name="TwistStamped"), ("node",), "node", True),
     "Foxglove": Way(by_foxglove, ("client", "foxglove", "laser", "core"), "client", True),
 }
