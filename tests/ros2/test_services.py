@@ -1,6 +1,7 @@
 """Services of the bridge, called by a plain session of Zenoh and by a process with CycloneDDS's own types."""
 
 import json
+import logging
 import os
 import struct
 import subprocess
@@ -197,8 +198,11 @@ def test_wrong_requests_are_counted_and_reach_nobody(ros: Ros) -> None:
     ],
 )
 def test_wrong_services_are_explained(line: str, problem: str) -> None:
+    log = logging.getLogger("module")
+    limits = [*log.filters]
     with pytest.raises(SettingError, match=problem):
         ModuleHarness(Ros2Bridge, {"connect": [], "services": {"/abort": line}}).__enter__()
+    assert log.filters == limits, "a bridge that has not started limits no log"
 
 
 def test_client_over_dds_gets_its_response() -> None:

@@ -161,8 +161,6 @@ class Ros2Bridge(Module):
         self._frames = FrameMap(self.frames)
         self._named: set[str] = set()
         self._shown_at_ns = 0
-        self._log_limit = LogLimit()
-        self.log.addFilter(self._log_limit)
         self._run_clock = RunClock.attach(self.run_id) if around.has_own_clock else None
         self._is_described = self.urdf is None
         settings = {"send": self.send, "accept": self.accept}
@@ -191,6 +189,8 @@ class Ros2Bridge(Module):
         self._time = self._own(CLOCK, CLOCK_TOPIC, Quality(depth=1))
         for outgoing in self.map.outgoing:
             self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
+        self._log_limit = LogLimit()
+        self.log.addFilter(self._log_limit)  # last: without a whole setup there is no teardown
 
     def _offer_services(self) -> None:
         for order in self._orders:
