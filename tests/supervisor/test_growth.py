@@ -77,7 +77,7 @@ class Holdings:
             "supervisor's mappings": mappings(os.getpid()),
             "core's descriptors": open_descriptors(core),
             "core's mappings": mappings(core),
-            "names in shared memory": sum(run_id in str(path) for path in Path("/dev/shm").rglob("*")),
+            "names in shared memory": len(list(Path("/dev/shm", f"robbie-{run_id}").iterdir())),
             "files": sum(len(files) for _, _, files in os.walk(Path.cwd().parent)),
         }
         for what, count in seen.items():
