@@ -33,7 +33,7 @@ STOCK = sorted(
 )
 ACCEPT = {f"/t{number}": f"{one.type_name} t{number}" for number, one in enumerate(STOCK)}
 PART = 60
-"""A bridge accepts at most so many topics here."""
+"""Maximum number of topics that a bridge accepts in these tests."""
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tools.standstill.__main__ import measure_way
 from tools.standstill.failures import failures_of
-from tools.standstill.judgement import Motion, judge
+from tools.standstill.judgement import TrueMotion, judge
 from tools.standstill.table import Cell, summary, table
 from tools.standstill.ways import WAYS
 
@@ -26,7 +26,7 @@ def motion(moving: Sequence[tuple[float, float]], end_s: float = 2.0) -> NDArray
     return np.stack([at_s + FAILED_S, speed, np.zeros_like(x_m), x_m, np.zeros_like(x_m)], axis=1)
 
 
-def judged(rows: NDArray[np.float64], fresh_s: float = math.inf, until_s: float = 2.0) -> Motion:
+def judged(rows: NDArray[np.float64], fresh_s: float = math.inf, until_s: float = 2.0) -> TrueMotion:
     return judge(rows, FAILED_S, FAILED_S + fresh_s, FAILED_S + until_s)
 
 

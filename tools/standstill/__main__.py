@@ -38,10 +38,10 @@ from playwright.sync_api import Error
 from robbie_mp import RobbieError
 from tools.robot import RobotTrouble
 from tools.standstill.failures import Failure, failures_of
-from tools.standstill.judgement import Motion, judge
-from tools.standstill.scene import IN_FLIGHT_S, NotDriving, Scene
+from tools.standstill.judgement import TrueMotion, judge
+from tools.standstill.scene import IN_FLIGHT_S, NotDriving, TrialRobot
 from tools.standstill.table import Cell, summary, table
-from tools.standstill.ways import WAYS, Way
+from tools.standstill.ways import WAYS, DrivingWay
 from tools.test_network.network import NoTestNetwork
 
 LIMIT_S, BUSY_LIMIT_S = 0.4, 0.5
@@ -53,7 +53,7 @@ TROUBLES = (NotDriving, RobotTrouble, NoTestNetwork, RobbieError, OSError, subpr
 HOOK = Path(__file__).parent / "hook"
 
 
-def measure(scene: Scene, way: Way, failure: Failure) -> Motion:
+def measure(scene: TrialRobot, way: DrivingWay, failure: Failure) -> TrueMotion:
     """Let something fail while the robot drives."""
     scene.wait_until_it_drives()
     output = scene.output_of(failure.role) if failure.role else None
@@ -102,7 +102,7 @@ def measure_way(name: str, failures: Mapping[str, Failure], limit_s: float) -> I
 
 
 @contextmanager
-def _started(way: Way, failure: Failure) -> Iterator[Scene]:
+def _started(way: DrivingWay, failure: Failure) -> Iterator[TrialRobot]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robbie-standstill-")))
         stack.enter_context(failure.prepared(folder))
@@ -139,7 +139,7 @@ def read_cells(file: Path | None) -> list[Cell]:
     if file is None or not file.exists():
         return []
     return [
-        Cell(**{**row, "motion": Motion(**row["motion"]) if row["motion"] else None})
+        Cell(**{**row, "motion": TrueMotion(**row["motion"]) if row["motion"] else None})
         for row in json.loads(file.read_text())
     ]
 

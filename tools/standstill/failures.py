@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from tools.standstill.scene import Scene
-from tools.standstill.ways import NEAR, Way
+from tools.standstill.scene import TrialRobot
+from tools.standstill.ways import NEAR, DrivingWay
 from tools.test_network.network import Conditions
 
 DISK_BYTES = 64 << 20
 HOUR_S = 3600
 CLOCK, DISK_FILLER = "clock", "filler"
-Act = Callable[[Scene], object]
+Act = Callable[[TrialRobot], object]
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ def process_failures(role: str) -> dict[str, Failure]:
     """Return the failures of a process."""
     is_final = role in ("browser", "laptop")
 
-    def killed(scene: Scene) -> None:
+    def killed(scene: TrialRobot) -> None:
         scene.send(role, signal.SIGKILL)
 
-    def revived(scene: Scene) -> None:
+    def revived(scene: TrialRobot) -> None:
         killed(scene)  # one that spins
         scene.revive(role)
 
@@ -90,14 +90,14 @@ def small_disk(folder: Path) -> Iterator[None]:
         subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
-def fill_disk(scene: Scene) -> None:
+def fill_disk(scene: TrialRobot) -> None:
     """Leave no room for what the robot writes."""
     with suppress(OSError), (scene.robot.output.parent / DISK_FILLER).open("wb", buffering=0) as file:
         while True:
             file.write(bytes(1 << 16))
 
 
-def empty_disk(scene: Scene) -> None:
+def empty_disk(scene: TrialRobot) -> None:
     """Make room again."""
     (scene.robot.output.parent / DISK_FILLER).unlink()
 
@@ -115,7 +115,7 @@ def settable_clock(folder: Path) -> Iterator[None]:
 def clock_set(ahead_s: int) -> Failure:
     """Return the failure that the robot's clock is set."""
 
-    def put(scene: Scene, seconds: int) -> None:
+    def put(scene: TrialRobot, seconds: int) -> None:
         with Path(scene.robot.environment["ROBBIE_CLOCK"]).open("r+b") as file:
             file.write(struct.pack("<q", seconds))
 
@@ -127,7 +127,7 @@ def clock_set(ahead_s: int) -> Failure:
     )
 
 
-def spin_page(scene: Scene) -> None:
+def spin_page(scene: TrialRobot) -> None:
     """Have the page's script run for ever."""
     scene.page.evaluate("setTimeout(() => { for (;;); }, 0)")
 
@@ -154,7 +154,7 @@ PAGE = {
 }
 
 
-def failures_of(name: str, way: Way) -> dict[str, Failure]:
+def failures_of(name: str, way: DrivingWay) -> dict[str, Failure]:
     """Return all failures of a way, by name; those that end the robot's drive come last."""
     found = {key: one for role in way.needed for key, one in process_failures(role).items()}
     found |= (NETWORK if way.is_far else {}) | (PAGE if name == "page" else {}) | MACHINE

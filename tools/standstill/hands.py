@@ -36,7 +36,7 @@ def command(now_ns: int) -> DriveCommand:
     )
 
 
-class Pilot(Module):
+class StandstillHand(Module):
     """Drives from a laptop, over a link."""
 
     period_s = PERIOD_S

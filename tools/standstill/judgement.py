@@ -16,7 +16,7 @@ SLACK_S = 0.05
 
 
 @dataclass(frozen=True)
-class Motion:
+class TrueMotion:
     """What a robot did after a failure; times in s since then.
 
     Attributes:
@@ -40,7 +40,7 @@ class Motion:
         return min(self.stands_s, self.fresh_s) <= limit_s and self.resumed_s >= self.fresh_s - SLACK_S
 
 
-def judge(rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: float) -> Motion:
+def judge(rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: float) -> TrueMotion:
     """Judge a robot's motion.
 
     Args:
@@ -53,11 +53,11 @@ def judge(rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: f
     seen = np.concatenate([before, rows[(rows[:, 0] > failed_s) & (rows[:, 0] <= until_s)]])
     speed = float(abs(before[0, 1])) if len(before) else math.nan
     if not len(before) or np.diff([*seen[:, 0], until_s]).max() > GAP_S:
-        return Motion(math.nan, math.nan, fresh_s - failed_s, math.nan, math.nan, speed)
+        return TrueMotion(math.nan, math.nan, fresh_s - failed_s, math.nan, math.nan, speed)
     at_s = seen[:, 0] - failed_s
     moves = (np.abs(seen[:, 1]) > STANDS_M_PER_S) | (np.abs(seen[:, 2]) > STANDS_RAD_PER_S)
     stands_s, resumed_s = _first_stand(at_s, moves, until_s - failed_s)
-    return Motion(
+    return TrueMotion(
         stands_s=stands_s,
         resumed_s=resumed_s,
         fresh_s=fresh_s - failed_s,

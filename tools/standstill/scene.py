@@ -116,7 +116,7 @@ def _motion(message: Any) -> tuple[float, ...]:
     return twist.linear.x, twist.angular.z, place.x, place.y
 
 
-class Scene:
+class TrialRobot:
     """A robot on its way.
 
     Args:

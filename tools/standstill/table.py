@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tools.standstill.judgement import Motion
+from tools.standstill.judgement import TrueMotion
 
 PARTS = {
     "operator's program": ("hand", "laptop's pilot", "browser", "node", "client"),
@@ -30,7 +30,7 @@ class Cell:
 
     way: str
     failure: str
-    motion: Motion | None
+    motion: TrueMotion | None
     trouble: str
     load: float
     limit_s: float

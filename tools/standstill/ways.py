@@ -22,7 +22,7 @@ from tools.operator.stops import scene as page_scene
 from tools.operator.stops.chromium import CHROMIUM, chromium
 from tools.robot import COMMAND, REPOSITORY, Robot
 from tools.ros1.ros import ROSCORE, SYSTEM_PYTHON
-from tools.standstill.scene import Scene
+from tools.standstill.scene import TrialRobot
 from tools.test_network.network import Conditions, Host, Network
 
 WALL, FLOOR = "#" * 14, "#............#"
@@ -41,11 +41,11 @@ TOKEN = "an-operator-of-foxglove"
 
 
 @dataclass(frozen=True)
-class Way:
+class DrivingWay:
     """A way to drive.
 
     Attributes:
-        opens: starts the robot in an empty folder, and whoever drives it.
+        opens: starts the robot, and the program that drives it, in an empty folder.
         needed: the processes without which it must stand.
         dead_man: the one that stops when somebody lets go, or the robot's eyes close.
         is_far: the operator is on another host.
@@ -86,10 +86,10 @@ def _stop(robot: Robot) -> None:
         subprocess.run([*COMMAND, "clean"], env=robot.environment, capture_output=True, check=False)
 
 
-def scene_of(stack: ExitStack, robot: Robot, network: Network | None = None) -> Scene:
+def scene_of(stack: ExitStack, robot: Robot, network: Network | None = None) -> TrialRobot:
     """Wait for a run, and look at it."""
     robot.wait_until_running()
-    made = Scene(robot, network)
+    made = TrialRobot(robot, network)
     stack.callback(made.close)
     return made
 
@@ -98,7 +98,7 @@ def by_itself(profile: dict[str, Any], goals: Sequence[float] = ()) -> Callable[
     """Return how a robot is started that drives by itself, or between goals at these x (m)."""
 
     @contextmanager
-    def opens(folder: Path) -> Iterator[Scene]:
+    def opens(folder: Path) -> Iterator[TrialRobot]:
         with ExitStack() as stack:
             scene = scene_of(stack, start(stack, folder, profile))
             if goals:
@@ -108,7 +108,7 @@ def by_itself(profile: dict[str, Any], goals: Sequence[float] = ()) -> Callable[
     return opens
 
 
-def _send_goals(scene: Scene, goals: Sequence[float]) -> None:
+def _send_goals(scene: TrialRobot, goals: Sequence[float]) -> None:
     robot = scene.robot
     while robot.is_up:
         for x_m in goals:
@@ -126,7 +126,7 @@ def driven(folder: Path, more: dict[str, Any], parents: Sequence[str] = ()) -> d
     return {"parents": ["navigation", *parents], "modules": modules}
 
 
-def hand(stack: ExitStack, scene: Scene, role: str, *command: str, host: Host | None = None) -> None:
+def hand(stack: ExitStack, scene: TrialRobot, role: str, *command: str, host: Host | None = None) -> None:
     """Start a program that drives, under a role. It can be started again."""
 
     def starts() -> None:
@@ -151,7 +151,7 @@ def _end(process: "subprocess.Popen[Any]") -> None:
 
 
 @contextmanager
-def by_hand(folder: Path) -> Iterator[Scene]:
+def by_hand(folder: Path) -> Iterator[TrialRobot]:
     """An operator's program on the robot's machine."""
     with ExitStack() as stack:
         scene = scene_of(stack, start(stack, folder, driven(folder, {})))
@@ -176,7 +176,7 @@ def far(stack: ExitStack) -> Network:
 
 
 @contextmanager
-def over_link(folder: Path) -> Iterator[Scene]:
+def over_link(folder: Path) -> Iterator[TrialRobot]:
     """A laptop with a link drives."""
     with ExitStack() as stack:
         network = far(stack)
@@ -187,7 +187,7 @@ def over_link(folder: Path) -> Iterator[Scene]:
         theirs = {"robot": "laptop", "listen": [], "connect": [address],
                   "send": {"command": ["DriveCommand manual"]}, "accept": {"robot": ["*"]}}  # fmt: skip
         robot = start(stack, folder, driven(folder, {"link": _module(LINK, ours)}), robot_host)
-        modules = {"link": _module(LINK, theirs), "pilot": _module("tools.standstill.hands:Pilot")}
+        modules = {"link": _module(LINK, theirs), "pilot": _module("tools.standstill.hands:StandstillHand")}
         laptop = start(stack, folder / "laptop", {"modules": modules}, laptop_host, OWN_CLOCK)
         scene = scene_of(stack, robot, network)
         laptop.wait_until_running()
@@ -205,7 +205,7 @@ def _module(path: str, settings: dict[str, Any] | None = None) -> dict[str, Any]
 
 
 @contextmanager
-def by_foxglove(folder: Path) -> Iterator[Scene]:
+def by_foxglove(folder: Path) -> Iterator[TrialRobot]:
     """A client of Foxglove drives."""
     with ExitStack() as stack:
         network = far(stack)
@@ -222,7 +222,7 @@ def by_foxglove(folder: Path) -> Iterator[Scene]:
 
 
 @contextmanager
-def by_ros(folder: Path, type_name: str = "Twist") -> Iterator[Scene]:
+def by_ros(folder: Path, type_name: str = "Twist") -> Iterator[TrialRobot]:
     """A node of ROS 1 drives, on another host than the bridge and the master."""
     with ExitStack() as stack:
         network = far(stack)
@@ -257,7 +257,7 @@ def _end_all(process: "subprocess.Popen[Any]") -> None:
 
 
 @contextmanager
-def by_page(folder: Path) -> Iterator[Scene]:
+def by_page(folder: Path) -> Iterator[TrialRobot]:
     """A real browser on another host drives by the operator's page."""
     with ExitStack() as stack:
         network = far(stack)
@@ -294,23 +294,25 @@ LIGHT = dict.fromkeys(["operator", "camera", "depth_camera", "objects", "table_o
 """What of the household robot does not drive, and takes the time of a small machine."""
 DRIVER = ("mapping", "navigation", "core")
 WAYS = {
-    "by hand": Way(by_hand, ("hand", "laser", "core"), "hand"),
-    "navigation": Way(by_itself({"parents": ["navigation"]}, (2.5, 0.0)), ("laser", *DRIVER)),
-    "exploration": Way(by_itself({"parents": ["demo"]}), ("laser", "mapping", "exploration", "core")),
-    "race": Way(by_itself({"parents": ["parcours"]}), ("laser", "parcours", "core")),
-    "rescue": Way(by_itself({"parents": ["rescue"], "modules": {"operator": None}}), ("laser", *DRIVER)),
-    "household": Way(
+    "by hand": DrivingWay(by_hand, ("hand", "laser", "core"), "hand"),
+    "navigation": DrivingWay(by_itself({"parents": ["navigation"]}, (2.5, 0.0)), ("laser", *DRIVER)),
+    "exploration": DrivingWay(by_itself({"parents": ["demo"]}), ("laser", "mapping", "exploration", "core")),
+    "race": DrivingWay(by_itself({"parents": ["parcours"]}), ("laser", "parcours", "core")),
+    "rescue": DrivingWay(
+        by_itself({"parents": ["rescue"], "modules": {"operator": None}}), ("laser", *DRIVER)
+    ),
+    "household": DrivingWay(
         by_itself({"parents": ["home"], "modules": {**LIGHT}}, (5.875, 0.275)),
         ("laser", *DRIVER),  # without the rear laser, it only does not back up
     ),
-    "link": Way(
+    "link": DrivingWay(
         over_link,
         ("laptop's pilot", "laptop's link", "laptop's core", "laptop", "link", "laser", "core"),
         "laptop's pilot",
         True,
     ),
-    "page": Way(by_page, ("browser", "operator", "laser", "core"), "browser", True),
-    "ROS 1": Way(by_ros, ("node", "ros1", "bridge's node", "laser", "core"), "node", True),
-    "ROS 1, stamped": Way(partial(by_ros, type_name="TwistStamped"), ("node",), "node", True),
-    "Foxglove": Way(by_foxglove, ("client", "foxglove", "laser", "core"), "client", True),
+    "page": DrivingWay(by_page, ("browser", "operator", "laser", "core"), "browser", True),
+    "ROS 1": DrivingWay(by_ros, ("node", "ros1", "bridge's node", "laser", "core"), "node", True),
+    "ROS 1, stamped": DrivingWay(partial(by_ros, type_name="TwistStamped"), ("node",), "node", True),
+    "Foxglove": DrivingWay(by_foxglove, ("client", "foxglove", "laser", "core"), "client", True),
 }

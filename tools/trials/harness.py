@@ -37,7 +37,7 @@ def no_options(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subject(Generic[Result]):
+class TrialSubject(Generic[Result]):
     """What is tried.
 
     Attributes:
@@ -83,7 +83,7 @@ def names_of(chosen: Sequence[str], known: Collection[str]) -> list[str]:
     return list(chosen or known)
 
 
-def command_line(subject: Subject[Any], name: str, description: str | None) -> argparse.ArgumentParser:
+def command_line(subject: TrialSubject[Any], name: str, description: str | None) -> argparse.ArgumentParser:
     """Return a parser with the options of all trials, and the subject's own."""
     parser = argparse.ArgumentParser(
         prog=f"python -m tools.trials {name}",
@@ -99,7 +99,7 @@ def command_line(subject: Subject[Any], name: str, description: str | None) -> a
     return parser
 
 
-def run(subject: Subject[Result], name: str, description: str | None, words: Sequence[str]) -> int:
+def run(subject: TrialSubject[Result], name: str, description: str | None, words: Sequence[str]) -> int:
     """Run a subject's command line.
 
     Returns:
@@ -115,7 +115,7 @@ def run(subject: Subject[Result], name: str, description: str | None, words: Seq
     return int(not subject.is_good(results))
 
 
-def play_all(subject: Subject[Result], options: argparse.Namespace, folder: Path) -> list[Result]:
+def play_all(subject: TrialSubject[Result], options: argparse.Namespace, folder: Path) -> list[Result]:
     """Play all cases, print each result and the summary, and write them to the file of `--json`."""
     results: list[Result] = []
     for case in cases(subject, options, folder):
@@ -129,7 +129,7 @@ def play_all(subject: Subject[Result], options: argparse.Namespace, folder: Path
     return results
 
 
-def cases(subject: Subject[Any], options: argparse.Namespace, folder: Path) -> Iterator[Case]:
+def cases(subject: TrialSubject[Any], options: argparse.Namespace, folder: Path) -> Iterator[Case]:
     """Yield the cases, each with a new folder of its own: for each seed one of each kind."""
     prepared = subject.prepare(options)
     for seed in range(options.first, options.first + options.seeds):

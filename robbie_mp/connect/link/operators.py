@@ -45,7 +45,7 @@ def driver_text(operator: str) -> str:
     """Return who drives, in plain words.
 
     Args:
-        operator: who has control; '': nobody.
+        operator: name of the operator who has control; '' if nobody has.
     """
     return f"{one_line(operator)[:MAX_NAME]} drives" if operator else "nobody drives"
 
@@ -58,7 +58,7 @@ class Operators:
         before: what the last process knew, from `as_data`.
 
     Attributes:
-        holder: who has control; '': nobody.
+        holder: name of the operator who has control; '' if nobody has.
         refused: commands that were refused because another operator has control.
         refused_operator: who sent the newest of them.
         is_news: whether the others do not know yet who has control.

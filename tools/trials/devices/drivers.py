@@ -54,7 +54,7 @@ from robbie_robots.hw.sick.cola import Dialect
 from robbie_robots.hw.sick.cola_laser import SickColaLaser
 from robbie_robots.hw.sick.lms2xx import SickLms2xx
 from robbie_robots.hw.xsens.imu import XsensImu
-from tools.trials.harness import Case, Subject, names_of
+from tools.trials.harness import Case, TrialSubject, names_of
 
 LIMIT_S = 20.0
 BACK_S, STANDS_S = 2.0, 0.4
@@ -297,7 +297,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=6.0, help="time for each measurement of --cost")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     kinds=lambda chosen: names_of(chosen.devices, TRIALS),

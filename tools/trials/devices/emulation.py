@@ -31,7 +31,7 @@ from robbie_robots.workers.maps.map_file import read_map
 from robbie_robots.workers.planar_pose import transform_points, wrap_angle
 from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.devices.paired_test import SignFlips, TooFewPairs
-from tools.trials.harness import Case, Subject, names_of
+from tools.trials.harness import Case, TrialSubject, names_of
 from tools.trials.missions.rescue import NOISY, judge, mapped_share
 from tools.trials.missions.rescue import Outcome as RescueOutcome
 
@@ -292,7 +292,7 @@ def kinds(chosen: argparse.Namespace) -> list[str]:
     return [f"{name}-{devices}" for name in names for devices in ("simulated", "emulated")]
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     kinds=kinds,

@@ -32,7 +32,7 @@ from robbie_mp.messages import DeviceState, Imu, LaserScan, Message, Odometry, S
 from robbie_mp.run.run_directory import list_runs
 from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.devices.drivers import load
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 
 PROFILE = "rescue-emulated"
 SETTINGS = {
@@ -343,7 +343,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--calm", type=float, default=8.0, help="time without replugs after each round, s")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     is_good=lambda results: not any(one["violations"] for one in results),

@@ -38,7 +38,7 @@ from robbie_robots.hw.rplidar.laser import RpLidar
 from robbie_robots.hw.sick.cola import Dialect
 from robbie_robots.hw.sick.cola_laser import SickColaLaser
 from robbie_robots.hw.sick.lms2xx import SickLms2xx
-from tools.trials.harness import Case, Subject, names_of
+from tools.trials.harness import Case, TrialSubject, names_of
 
 Array = NDArray[np.float64]
 
@@ -294,7 +294,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=120.0, help="simulated time for each seed")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     kinds=lambda chosen: names_of(chosen.devices, SUBJECTS),

@@ -26,7 +26,7 @@ from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.mapping.grid_mapper import KEY_M, GridMapper, Limits
 from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
 from robbie_robots.workers.planar_pose import compose, relative, transform_points
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 
 HALF_M = 1.5  # of a corridor's width
 SPEED_M_S, TURN_RAD_S = 1.0, 0.5
@@ -303,7 +303,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--grid-only", action="store_true", help="draw the sweeps at their true poses")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     summary=summary,

@@ -28,7 +28,7 @@ from robbie_robots.workers.localization.localizer import Localizer
 from robbie_robots.workers.mapping.grid_mapper import GridMapper
 from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
 from robbie_robots.workers.planar_pose import compose, relative, transform_points, wrap_angle
-from tools.trials.harness import CannotTry, Case, Subject
+from tools.trials.harness import CannotTry, Case, TrialSubject
 
 LOG = Path(__file__).parents[4] / "shared" / "data" / "intel.clf"
 RANGE_MAX_M = 40.0
@@ -253,7 +253,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--whole-map", action="store_true", help="the map contains all scans")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     prepare=building_of,

@@ -32,7 +32,7 @@ from robbie_robots.workers.navigation.path_planner import PathField
 from robbie_robots.workers.planar_pose import wrap_angle
 from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from tools.trials.driving.swept import swept
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 
 RESOLUTION_M = 0.05
 STEP_S = 0.1
@@ -223,7 +223,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=field.default)
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     summary=lambda trials: {"buildings": len(trials), "found": found(trials)},

@@ -19,7 +19,7 @@ from robbie_robots.hw.simulation.drive import SimulatedDrive
 from robbie_robots.hw.simulation.laser import SimulatedLaser
 from robbie_robots.workers.parcours.race_driver import RaceDriver, RaceLimits
 from tools.trials.driving.swept import swept
-from tools.trials.harness import Subject
+from tools.trials.harness import TrialSubject
 
 Array = NDArray[np.float64]
 SWEEP_S, COMMAND_S, VALID_S = 0.1, 0.05, 0.3
@@ -162,7 +162,7 @@ def summary(races: list[Race]) -> dict[str, float]:
     }
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=lambda case: race(random_course(case.seed), case.seed),
     summary=summary,
     is_good=lambda races: all(map(is_clean, races)),

@@ -25,7 +25,7 @@ from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 from tools.trials.driving.localization import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
 from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from tools.trials.driving.swept import swept
-from tools.trials.harness import Subject
+from tools.trials.harness import TrialSubject
 
 SLIP_M, SLIP_RAD = 1.0, math.radians(10)
 BEFORE_M, AFTER_M = 15.0, 6.0  # driven before the first slip, and after each
@@ -183,7 +183,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--slips", type=int, default=4, metavar="N", help="slips in each (4)")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=lambda case: trial(case.seed, case.options.slips),
     options=options,
     summary=summary,

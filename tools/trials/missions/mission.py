@@ -15,7 +15,7 @@ from robbie_mp.module.clock import SystemClock
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.run_clock import RunClock
 from tools.robot import REPOSITORY, Robot, RobotTrouble
-from tools.trials.harness import Case, Subject, no_options
+from tools.trials.harness import Case, TrialSubject, no_options
 
 START_LIMIT_S = 300.0
 
@@ -102,9 +102,9 @@ class Mission(Generic[AnyTrial]):
     prepare: Callable[[argparse.Namespace], Any] = lambda _: None
 
     @property
-    def subject(self) -> Subject[AnyTrial]:
+    def subject(self) -> TrialSubject[AnyTrial]:
         """The mission for the harness."""
-        return Subject(
+        return TrialSubject(
             play=self.play,
             options=self.options,
             summary=self.summary,

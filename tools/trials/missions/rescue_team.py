@@ -31,7 +31,7 @@ from robbie_robots.hw.simulation.generate_arena import generate_arena
 from robbie_robots.hw.simulation.reachable_area import reachable_area
 from robbie_robots.workers.planar_pose import relative
 from tools.robot import REPOSITORY, Robot, RobotTrouble
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 from tools.trials.missions.mission import Kills, all_in_order, mean, restarts_in, totals, watch
 from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
 
@@ -208,7 +208,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kill", action="store_true", help="kill every module of both robots once")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     summary=summary,

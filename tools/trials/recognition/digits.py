@@ -29,7 +29,7 @@ from robbie_robots.hw.simulation.camera import SimulatedCamera
 from robbie_robots.hw.simulation.number_board import GLYPH_SHARE, is_installed
 from robbie_robots.workers.numbers.board_reader import BoardReader
 from robbie_robots.workers.numbers.sign_map import SignMap
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 
 GEOMETRY = CameraGeometry(640, 360, math.radians(60))
 EYE = Pose(5.0, 5.0, 0.0)
@@ -241,4 +241,4 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--signs", type=int, default=0, help="signs with digits seen from several places")
 
 
-SUBJECT = Subject(play=play, options=options, seeds=1, seed_makes="boards")
+SUBJECT = TrialSubject(play=play, options=options, seeds=1, seed_makes="boards")

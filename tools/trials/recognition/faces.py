@@ -18,7 +18,7 @@ import numpy as np
 
 from robbie_robots.workers.faces.face_recognition import MAX_DISTANCE, Description, FaceRecognizer
 from robbie_robots.workers.taught import Pixels
-from tools.trials.harness import CannotTry, Case, Subject
+from tools.trials.harness import CannotTry, Case, TrialSubject
 
 
 @dataclass
@@ -124,4 +124,4 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-distance", type=float, default=MAX_DISTANCE, help=f"({MAX_DISTANCE})")
 
 
-SUBJECT = Subject(play=play, options=options, seeds=1, seed_makes="other noise")
+SUBJECT = TrialSubject(play=play, options=options, seeds=1, seed_makes="other noise")

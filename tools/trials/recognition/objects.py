@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
 from robbie_robots.workers.taught import Box, Pixels
-from tools.trials.harness import Subject
+from tools.trials.harness import TrialSubject
 
 PRINT_PX = 320
 WIDTH_PX, HEIGHT_PX = 640, 480
@@ -170,7 +170,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--repeats", type=int, default=2, metavar="N", help="scenes of each and angle (2)")
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=lambda case: trial(case.options.objects, case.options.repeats, case.seed),
     options=options,
     seeds=1,

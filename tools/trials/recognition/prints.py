@@ -36,7 +36,7 @@ from robbie_robots.workers.manipulation.object_names import Prints
 from robbie_robots.workers.manipulation.table_view import KnownObject, TableFinder, TableView, points_of
 from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
 from robbie_robots.workers.taught import Box, Pixels, Sighting, TeachingError
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 
 ROBOT, OBJECTS = Path("hw/robots/home.urdf"), Path("hw/robots/home_objects.yaml")
 GEOMETRY = CameraGeometry(200, 150, 1.0)
@@ -252,7 +252,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--width", type=int, default=PICTURE_WIDTH, metavar="PIXELS", help=width)
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play,
     options=options,
     prepare=lambda _: Figures(),

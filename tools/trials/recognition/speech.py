@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from robbie_robots.workers.speech.order_grammar import OrderGrammar
 from robbie_robots.workers.speech.order_recognizer import RATE_HZ, Heard, OrderRecognizer
 from robbie_robots.workers.speech.voice import speak
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 
 VOICES = ["en-us", "en-us+f2", "en-us+m3", "en-gb", "en-gb-x-rp+f3", "en-us+f4", "en-gb-scotland", "en-gb+m7"]
 NOISES_DB = [None, 20.0, 10.0]
@@ -234,4 +234,4 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--details", action="store_true", help="print each utterance that is not right")
 
 
-SUBJECT = Subject(play=play, options=options, seeds=1, seed_makes="nothing: noise is always the same")
+SUBJECT = TrialSubject(play=play, options=options, seeds=1, seed_makes="nothing: noise is always the same")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tools.robot import REPOSITORY, Robot
 from tools.slam_metric import measure, read_table
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 from tools.trials.recordings import intel
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ def play_both(case: Case) -> intel.Report:
     return compare(case.folder, case.prepared, chosen.rate, chosen.seconds) | {"violations": []}
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=lambda case: intel.report_of(partial(play_both, case)),
     options=options,
     prepare=intel.data_of,

@@ -26,7 +26,7 @@ from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from robbie_mp.messages import LaserScan, Odometry
 from tools.robot import REPOSITORY, Robot
 from tools.trials.devices.drivers import load
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 from tools.trials.recordings import intel
 
 CONTINUES = re.compile(r"continuing after (\d+) odometry messages and (\d+) scans")
@@ -184,7 +184,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     intel.options(parser)
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=lambda case: intel.report_of(partial(compare, case)),
     options=options,
     prepare=intel.data_of,

@@ -19,7 +19,7 @@ from typing import Any
 
 from tools.robot import REPOSITORY, Robot
 from tools.slam_metric import measure, read_table
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 from tools.trials.recordings import intel
 
 RUN_LIMIT_S = 600.0
@@ -159,7 +159,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     intel.options(parser)
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=lambda case: intel.report_of(partial(compare, case)),
     options=options,
     prepare=intel.data_of,

@@ -21,7 +21,7 @@ from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.format import ChannelKey, TopicNames
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import LaserScan, schema_text
-from tools.trials.harness import Case, Subject
+from tools.trials.harness import Case, TrialSubject
 from tools.trials.recordings.intel import is_clean
 
 START_NS = 1_700_000_000_000_000_000
@@ -82,6 +82,6 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeks", type=int, default=200)
 
 
-SUBJECT = Subject(
+SUBJECT = TrialSubject(
     play=play, options=options, is_good=is_clean, seeds=1, seed_makes="nothing: the log is always the same"
 )
