@@ -3,8 +3,8 @@
     witness.py NAME '{"/scan": "sensor_msgs/LaserScan"}' [--drive]
 
 It prints a line with each topic, when the first message of it has come, has been decoded by ROS's own code,
-and serialised again to the same bytes. With --drive it publishes velocities, a goal, an initial pose, and
-a status of a type that the robot does not know.
+and serialised again to the same bytes. With --drive it publishes velocities, and once, when somebody
+listens, a goal, an initial pose, and a status of a type that the robot does not know.
 """
 
 import io
@@ -49,14 +49,16 @@ def drive() -> None:
     status = get_message_class("actionlib_msgs/GoalStatusArray")
     velocities = rospy.Publisher("/cmd_vel", types["Twist"], queue_size=1)
     rare = [
-        (rospy.Publisher("/move_base_simple/goal", types["PoseStamped"], queue_size=1, latch=True), goal),
-        (rospy.Publisher("/initialpose", types["PoseWithCovarianceStamped"], queue_size=1, latch=True), pose),
-        (rospy.Publisher("/move_base/status", status, queue_size=1, latch=True), status()),
+        (rospy.Publisher("/move_base_simple/goal", types["PoseStamped"], queue_size=1), goal),
+        (rospy.Publisher("/initialpose", types["PoseWithCovarianceStamped"], queue_size=1), pose),
+        (rospy.Publisher("/move_base/status", status, queue_size=1), status()),
     ]
-    for publisher, message in rare:
-        publisher.publish(message)
     while not rospy.is_shutdown():
         velocities.publish(velocity)
+        heard = [one for one in rare if one[0].get_num_connections()]
+        for publisher, message in heard:
+            publisher.publish(message)
+        rare = [one for one in rare if one not in heard]
         rospy.rostime.wallsleep(1 / RATE_HZ)
 
 
