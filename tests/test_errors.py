@@ -16,7 +16,7 @@ from robbie_mp.messages import IllFormed
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 from robbie_mp.module.wiring import TopicsMeet
 from robbie_mp.scene.errors import SceneFileError, TooNew, TooOld, UnknownNode
-from robbie_mp.station.composer import FormError
+from robbie_mp.station.panels.composer import FormError
 
 PROBLEMS = [Problem("one"), Problem("two")]
 WITH_CONSTRUCTORS = [

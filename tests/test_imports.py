@@ -46,7 +46,7 @@ def test_no_imports_run_in_a_circle() -> None:
     files = module_files()
     assert "robbie_mp.station.context" in files
     graph = {name: imports_of(path, files) - {name} for name, path in files.items()}
-    assert {"robbie_mp.station.latest", "robbie_mp.messages"} <= graph["robbie_mp.station.context"]
+    assert {"robbie_mp.station.watch.latest", "robbie_mp.messages"} <= graph["robbie_mp.station.context"]
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:

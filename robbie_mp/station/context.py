@@ -10,10 +10,10 @@ from nicegui import ui
 from robbie_mp.messages import Header, IllFormed, Time, check_well_formed
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
-from robbie_mp.station.access import Role
-from robbie_mp.station.dead_man import DeadManSwitch
-from robbie_mp.station.latest import MessageSource
+from robbie_mp.station.driving.dead_man import DeadManSwitch
 from robbie_mp.station.requests import Asked, Asking
+from robbie_mp.station.watch.latest import MessageSource
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     import logging
@@ -23,15 +23,16 @@ if TYPE_CHECKING:
     from robbie_mp.module.clock import Clock
     from robbie_mp.run.run_directory import KnownRun
     from robbie_mp.scene import SceneGraphListener
-    from robbie_mp.station.access import Access, DriversSeat
-    from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.driving.command import RobotCommand
     from robbie_mp.station.driving.motion import Motion
-    from robbie_mp.station.lights import LightsWatch
+    from robbie_mp.station.driving.seat import DriversSeat
     from robbie_mp.station.live import LiveParts
-    from robbie_mp.station.map_marks import MapMarks, PlacesWatch
-    from robbie_mp.station.run_watch import RunWatch
-    from robbie_mp.station.settings_watch import SettingsWatch
+    from robbie_mp.station.map.marks import MapMarks, PlacesWatch
+    from robbie_mp.station.watch.cameras import Cameras
+    from robbie_mp.station.watch.lights import LightsWatch
+    from robbie_mp.station.watch.run import RunWatch
+    from robbie_mp.station.watch.settings import SettingsWatch
+    from robbie_mp.station.web.access import Access
 
 MAX_AGE_S = 3600.0
 

@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from robbie_mp.station.context import Page, StationContext
-    from robbie_mp.station.log_events import EventKind
-    from robbie_mp.station.state_item import StateItem
+    from robbie_mp.station.page.log_events import EventKind
+    from robbie_mp.station.page.state_item import StateItem
 
 
 def columns(*names: str) -> list[dict[str, Any]]:

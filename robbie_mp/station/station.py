@@ -22,25 +22,26 @@ from robbie_mp.run.operator_link import remove_link, token_of_run, write_link
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.run.trace.log_limit import limited
 from robbie_mp.scene import SceneGraphListener
-from robbie_mp.station.access import Access, DriversSeat
 from robbie_mp.station.claim import StationClaim
-from robbie_mp.station.latest import Latest
-from robbie_mp.station.layouts import LayoutError, check_layout
-from robbie_mp.station.listening import AddressUnusable, listen
+from robbie_mp.station.driving.seat import DriversSeat
 from robbie_mp.station.live import LiveParts
-from robbie_mp.station.map_marks import MapMarks, PlacesWatch
+from robbie_mp.station.map.marks import MapMarks, PlacesWatch
+from robbie_mp.station.page.layouts import LayoutError, check_layout
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
 from robbie_mp.station.requests import Asked, Asking, Requests
-from robbie_mp.station.run_watch import RunWatch
-from robbie_mp.station.settings_watch import SettingsWatch
+from robbie_mp.station.watch.latest import Latest
+from robbie_mp.station.watch.run import RunWatch
+from robbie_mp.station.watch.settings import SettingsWatch
+from robbie_mp.station.web.access import Access
+from robbie_mp.station.web.listening import AddressUnusable, listen
 
 if TYPE_CHECKING:
-    from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.context import Page
     from robbie_mp.station.driving.command import RobotCommand
     from robbie_mp.station.driving.motion import Motion
-    from robbie_mp.station.lights import LightsWatch
-    from robbie_mp.station.website import Website
+    from robbie_mp.station.watch.cameras import Cameras
+    from robbie_mp.station.watch.lights import LightsWatch
+    from robbie_mp.station.web.website import Website
 
 REPLY_S = 3.0
 """Maximum time that an operator waits for the reply to a request."""
@@ -59,7 +60,7 @@ def load_website() -> type[Website]:
         ExtraMissing: the extra `gui` is not installed.
     """
     try:
-        from robbie_mp.station.website import Website  # noqa: PLC0415 - see above
+        from robbie_mp.station.web.website import Website  # noqa: PLC0415 - see above
     except ModuleNotFoundError as error:
         raise ExtraMissing(
             f"no operator station: the library {error.name} is missing; pip install 'robbie-mp[gui]'"

@@ -33,8 +33,8 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.station import context
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
+from robbie_mp.station.web.access import Role
 from tests.services.test_ros1 import arrive
 
 FAR = Odometry(pose=PoseWithCovariance(pose=Pose(position=Point(x=1e12))))

@@ -11,17 +11,18 @@ from starlette.types import Message, Scope
 
 from robbie_mp import ModuleHarness, Secret, SettingError
 from robbie_mp.station import OperatorStation
-from robbie_mp.station.access import MAX_SESSIONS, Access, DriversSeat, Role
-from robbie_mp.station.connections import Connections
-from robbie_mp.station.gate import (
+from robbie_mp.station.driving.seat import DriversSeat
+from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, panels_in_order
+from robbie_mp.station.web.access import MAX_SESSIONS, Access, Role
+from robbie_mp.station.web.connections import Connections
+from robbie_mp.station.web.gate import (
     MESSAGES_BURST,
     MESSAGES_PER_S,
     SESSION_COOKIE,
     Gate,
     paced,
 )
-from robbie_mp.station.listening import AddressUnusable, listen
-from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, panels_in_order
+from robbie_mp.station.web.listening import AddressUnusable, listen
 
 OPERATOR, OBSERVER = "correct-horse-battery", "only-looking-please"
 OWN_PANEL = "tests.station._support.own_panel"
@@ -188,7 +189,7 @@ def test_restarted_station_knows_earlier_sessions() -> None:
 def test_station_without_its_libraries_reports_that_in_one_line_and_ends(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setitem(sys.modules, "robbie_mp.station.website", None)
+    monkeypatch.setitem(sys.modules, "robbie_mp.station.web.website", None)
     with ModuleHarness(OperatorStation) as harness:
         assert harness.module.stop_requested
         assert "no operator station: the library " in harness.module.status
@@ -211,7 +212,7 @@ def test_messages_of_a_page_beyond_the_rate_wait(monkeypatch: pytest.MonkeyPatch
         for _ in range(1000):
             await take()
 
-    monkeypatch.setattr("robbie_mp.station.gate.time.monotonic", lambda: 0.0)
+    monkeypatch.setattr("robbie_mp.station.web.gate.time.monotonic", lambda: 0.0)
     monkeypatch.setattr(asyncio, "sleep", sleep)
     asyncio.run(flood())
     assert len(waited_s) == 1000 - MESSAGES_BURST

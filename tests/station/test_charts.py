@@ -2,7 +2,7 @@
 
 import math
 
-from robbie_mp.station.charts import History, chart_options, fill, sparkline
+from robbie_mp.station.panels.charts import History, chart_options, fill, sparkline
 
 
 def test_history_keeps_the_last_values_and_shows_nan_as_a_gap() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.messages import DriveCommand, LaserScan, PoseStamped
-from robbie_mp.station.composer import FormError, compose, form_of
+from robbie_mp.station.panels.composer import FormError, compose, form_of
 
 PATHS = [field.path for field in form_of(PoseStamped)]
 

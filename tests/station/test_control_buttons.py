@@ -7,11 +7,11 @@ from unittest.mock import Mock
 import pytest
 
 from robbie_mp.messages import ControlState, OperatorRequest, SetControl
-from robbie_mp.station import control_buttons
-from robbie_mp.station.access import Role
-from robbie_mp.station.control_buttons import ControlButtons
-from robbie_mp.station.latest import Latest
-from robbie_mp.station.state_item import GOOD, WARNING, StateItem
+from robbie_mp.station.page import control_buttons
+from robbie_mp.station.page.control_buttons import ControlButtons
+from robbie_mp.station.page.state_item import GOOD, WARNING, StateItem
+from robbie_mp.station.watch.latest import Latest
+from robbie_mp.station.web.access import Role
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.station.dead_man import LIMIT_S, MAX_WAITING, PING_PERIOD_S, WINDOW_S, DeadManSwitch
+from robbie_mp.station.driving.dead_man import LIMIT_S, MAX_WAITING, PING_PERIOD_S, WINDOW_S, DeadManSwitch
 from robbie_mp.station.driving.driver import Wish, checked
 
 PAGE_AHEAD_S = 1000.0

@@ -7,10 +7,10 @@ from unittest.mock import Mock
 import pytest
 
 from robbie_mp.messages import DriveCommand
-from robbie_mp.station.access import DriversSeat
-from robbie_mp.station.dead_man import WINDOW_S, DeadManSwitch
 from robbie_mp.station.driving import driver, held_control
+from robbie_mp.station.driving.dead_man import WINDOW_S, DeadManSwitch
 from robbie_mp.station.driving.held_control import VALID_FOR
+from robbie_mp.station.driving.seat import DriversSeat
 
 
 class Scene:

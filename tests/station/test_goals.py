@@ -8,10 +8,10 @@ import pytest
 from robbie_mp.messages import NavigationResult, Point, Pose, PoseStamped, TimeJump
 from robbie_mp.module.calls.errors import GoalAborted
 from robbie_mp.module.envelope import Envelope
-from robbie_mp.station.goals import MAX_GOALS, NEXT_GOAL, GoalList, Placement
-from robbie_mp.station.latest import Latest
+from robbie_mp.station.map.goals import MAX_GOALS, NEXT_GOAL, GoalList, Placement
+from robbie_mp.station.map.trail import MAX_POINTS, Trail
 from robbie_mp.station.requests import Asked
-from robbie_mp.station.trail import MAX_POINTS, Trail
+from robbie_mp.station.watch.latest import Latest
 
 
 class Sent:

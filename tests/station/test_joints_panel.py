@@ -9,9 +9,9 @@ import pytest
 
 from robbie_mp import Message, ModuleHarness
 from robbie_mp.messages import JointLimits, JointState
-from robbie_mp.station.access import DriversSeat
-from robbie_mp.station.dead_man import DeadManSwitch
+from robbie_mp.station.driving.dead_man import DeadManSwitch
 from robbie_mp.station.driving.held_control import HeldControl
+from robbie_mp.station.driving.seat import DriversSeat
 from robbie_mp.station.panels.joints import MAX_JOINTS, JointsPanel, checked
 from robbie_robots.modules.devices.joints import SimulatedJointsModule
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robbie_mp.station.latest import silence
+from robbie_mp.station.watch.latest import silence
 
 
 @pytest.mark.parametrize(

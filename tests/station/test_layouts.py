@@ -7,7 +7,7 @@ import pytest
 
 from robbie_mp.module.settings import SettingError, check_settings
 from robbie_mp.station import OperatorStation
-from robbie_mp.station.layouts import (
+from robbie_mp.station.page.layouts import (
     Layout,
     LayoutCollection,
     LayoutError,
@@ -15,8 +15,8 @@ from robbie_mp.station.layouts import (
     default_layouts,
     with_panel,
 )
-from robbie_mp.station.layouts.collection import MAX_SAVED
-from robbie_mp.station.layouts.layout import COLUMNS, DEFAULTS, OWN, ROWS
+from robbie_mp.station.page.layouts.collection import MAX_SAVED
+from robbie_mp.station.page.layouts.layout import COLUMNS, DEFAULTS, OWN, ROWS
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from tests._support.robot import wait_until
 

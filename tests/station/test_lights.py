@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from robbie_mp.messages import LightsState, Message, SetLight
-from robbie_mp.station.lights import MAX_LIGHTS, MAX_MODULES, LightId, LightsWatch
 from robbie_mp.station.panels.light_controls import turn
+from robbie_mp.station.watch.lights import MAX_LIGHTS, MAX_MODULES, LightId, LightsWatch
 
 HEAD, REAR = LightId("lamps", "head", True), LightId("board", "rear", False)
 

@@ -12,11 +12,11 @@ import pytest
 import socketio
 from engineio.async_socket import AsyncSocket
 
-from robbie_mp.station.listening import listen
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SMALL_BYTES, Follower
 from robbie_mp.station.live.server import serve
-from robbie_mp.station.page import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
+from robbie_mp.station.page.page import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
+from robbie_mp.station.web.listening import listen
 
 LARGE = bytes(SMALL_BYTES + 1)
 LIMIT_S = 60.0

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robbie_mp.messages import DriveCommand, Mark, ModuleState, String
-from robbie_mp.station.log_events import MAX_EVENTS, EventKind, LogEvents
+from robbie_mp.station.page.log_events import MAX_EVENTS, EventKind, LogEvents
 from tests._support.robot import wait_until
 from tests.recording._support.logs import START_NS, LogFile
 

@@ -19,9 +19,9 @@ from robbie_mp.messages import (
 )
 from robbie_mp.scene import RigidTransform, UnknownNode
 from robbie_mp.station.driving.motion import WITHOUT_GUARD, Motion, Movement, free_way_m, tilt
-from robbie_mp.station.latest import Latest
-from robbie_mp.station.state_item import clock_text
-from robbie_mp.station.state_strip import time_left_s
+from robbie_mp.station.page.state_item import clock_text
+from robbie_mp.station.page.state_strip import time_left_s
+from robbie_mp.station.watch.latest import Latest
 
 
 class Stage:

@@ -5,7 +5,7 @@ import pytest
 
 from robbie_mp.messages import Image, LaserScan, Odometry, Path, Point, Pose, PoseStamped, TFMessage
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.station.numeric_fields import NoSuchNumber, number_reader, numeric_paths
+from robbie_mp.station.panels.numeric_fields import NoSuchNumber, number_reader, numeric_paths
 
 
 def test_every_offered_path_can_be_read_from_every_stock_type() -> None:

@@ -13,11 +13,11 @@ from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.station.context import Page
-from robbie_mp.station.goals import checked
+from robbie_mp.station.map.goals import checked
 from robbie_mp.station.panels import plots
 from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, way_points
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
-from robbie_mp.station.topic_watch import nodes_of
+from robbie_mp.station.watch.topic import nodes_of
 
 
 def entry(number: int, kind: Kind = Kind.INFO, module: str = "laser", text: str = "spins") -> Entry:

@@ -8,8 +8,8 @@ from PIL import Image as PillowImage
 
 from robbie_mp.attached.views.image_pixels import NoPicture, pixels_of
 from robbie_mp.messages import CompressedImage, Image
-from robbie_mp.station.latest import Latest
-from robbie_mp.station.pictures import MAX_PIXELS, NewestPicture, Picture, encode_image
+from robbie_mp.station.watch.latest import Latest
+from robbie_mp.station.watch.pictures import MAX_PIXELS, NewestPicture, Picture, encode_image
 
 COLOURS = np.array([[[1, 2, 3], [4, 5, 6]]], np.uint8)
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.messages import LaserScan, PointCloud2, PointField
-from robbie_mp.station.map_marks import MarkPicture
+from robbie_mp.station.map.marks import MarkPicture
 from robbie_mp.station.scene_view.drawing import OVER_MARK_M, PICTURE_M, picture_corners
 from robbie_mp.station.scene_view.points import cloud_points, packed, scan_points, shades
 

@@ -3,8 +3,8 @@
 import pytest
 
 from robbie_mp.module.clock import ManualClock
-from robbie_mp.station.stop_connection import Question, question_of
-from robbie_mp.station.stop_requests import (
+from robbie_mp.station.stop.connection import Question, question_of
+from robbie_mp.station.stop.requests import (
     IN_FLIGHT_S,
     MAX_PRESSES,
     MIN_INTERVAL_S,

@@ -17,8 +17,8 @@ from robbie_mp.messages import (
     Pose2D,
     Time,
 )
-from robbie_mp.station.camera_images import Camera
 from robbie_mp.station.panels.teaching import checked_box, pixels_of_box
+from robbie_mp.station.watch.cameras import Camera
 from robbie_robots.workers.taught import Box
 from tests._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of

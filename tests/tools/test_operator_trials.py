@@ -4,7 +4,7 @@ from pathlib import Path
 
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import EmergencyStop, Odometry, Twist, TwistWithCovariance, Vector3
-from robbie_mp.station.layouts.layout import DEFAULTS
+from robbie_mp.station.page.layouts.layout import DEFAULTS
 from tools.operator.stops.__main__ import summary
 from tools.operator.stops.journal import Journal
 from tools.operator.stops.scene import CANNOT_DRIVE, LAYOUTS

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page, ending
+from robbie_mp.station.page.state_item import GOOD, StateItem
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.requests import Asked
-from robbie_mp.station.run_watch import REFRESH_S
-from robbie_mp.station.state_item import GOOD, StateItem
+from robbie_mp.station.watch.run import REFRESH_S
+from robbie_mp.station.web.access import Role
 from robbie_robots.modules.home.messages import CancelOrder, CarryOut, HouseholdStatus, HouseholdTask
 
 if TYPE_CHECKING:

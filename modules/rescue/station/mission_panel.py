@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page, ending
-from robbie_mp.station.latest import silence
-from robbie_mp.station.log_events import EventKind
+from robbie_mp.station.page.log_events import EventKind
+from robbie_mp.station.page.state_item import ALERT, GOOD, WARNING, StateItem, clock_text
 from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.requests import Asked
-from robbie_mp.station.run_watch import REFRESH_S
-from robbie_mp.station.state_item import ALERT, GOOD, WARNING, StateItem, clock_text
+from robbie_mp.station.watch.latest import silence
+from robbie_mp.station.watch.run import REFRESH_S
+from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.messages import MissionStatus, OrderMission, VictimFound
 from robbie_robots.modules.rescue.station.mission_results import MissionResults
 from robbie_robots.modules.rescue.station.victim_question import VictimQuestion

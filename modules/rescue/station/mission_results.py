@@ -10,7 +10,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.messages import TimeJump
-from robbie_mp.station.state_item import clock_text
+from robbie_mp.station.page.state_item import clock_text
 from robbie_robots.modules.rescue.messages import MissionResult, MissionStatus
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from robbie_mp.station.access import Role
-from robbie_mp.station.latest import silence
+from robbie_mp.station.watch.latest import silence
+from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.messages import AnswerVictim
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import numpy as np
 from starlette.responses import Response
 
 from robbie_mp.messages import TimeJump
-from robbie_mp.station.map_marks import MapMark, MarkPicture
-from robbie_mp.station.pictures import (
+from robbie_mp.station.map.marks import MapMark, MarkPicture
+from robbie_mp.station.watch.pictures import (
     answer_with,
     encode_image,
     no_picture,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robbie_mp.station.map_marks import CellMarks
+from robbie_mp.station.map.marks import CellMarks
 from robbie_robots.modules.planar_messages import map_cells
 from robbie_robots.modules.rescue.messages import SearchedWalls
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
-    from robbie_mp.station.latest import Latest
+    from robbie_mp.station.watch.latest import Latest
 
 LAYERS = (("Searched walls", "#00c853", 100), ("Walls to search", "#ff6d00", 0))
 """Each with its colour, and its value in `SearchedWalls`."""

@@ -10,7 +10,7 @@ from robbie_mp.messages import LinkState, OperatorRequest, OperatorState
 
 if TYPE_CHECKING:
     from robbie_mp.messages import uint8
-    from robbie_mp.station.latest import MessageSource
+    from robbie_mp.station.watch.latest import MessageSource
 
 
 class RobotCommand:

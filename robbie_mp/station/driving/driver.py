@@ -11,7 +11,7 @@ from nicegui.element import Element
 
 from robbie_mp.messages import DriveCommand
 from robbie_mp.station.context import header_of_now, time_ago
-from robbie_mp.station.dead_man import PING_PERIOD_S
+from robbie_mp.station.driving.dead_man import PING_PERIOD_S
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.messages import Duration
-from robbie_mp.station.dead_man import LIMIT_S
+from robbie_mp.station.driving.dead_man import LIMIT_S
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext

@@ -20,8 +20,8 @@ from robbie_mp.messages import (
     Quaternion,
 )
 from robbie_mp.scene import SceneGraphError
-from robbie_mp.station.latest import MessageSource, silence
 from robbie_mp.station.scene_view.points import scan_points
+from robbie_mp.station.watch.latest import MessageSource, silence
 
 if TYPE_CHECKING:
     from collections.abc import Sequence, Sized

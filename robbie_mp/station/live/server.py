@@ -4,8 +4,8 @@ import asyncio
 
 from starlette.types import Receive, Scope, Send
 
-from robbie_mp.station.gate import App
 from robbie_mp.station.live.parts import Follower, LiveParts
+from robbie_mp.station.web.gate import App
 
 PATH = "/live/"
 """Beginning of the connections' paths. The followed groups are next, such as `/live/map+marks`."""

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 from nicegui.element import Element
 
-from robbie_mp.station.access import Role
-from robbie_mp.station.camera_images import ADDRESS, Camera
-from robbie_mp.station.latest import silence
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.cameras import REFRESH_S, SILENT_AFTER_S, DetectionBoxes, NewestImage
 from robbie_mp.station.panels.light_controls import LightSwitch
 from robbie_mp.station.panels.teaching import Teaching
+from robbie_mp.station.watch.cameras import ADDRESS, Camera
+from robbie_mp.station.watch.latest import silence
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
-    from robbie_mp.station.camera_images import Cameras
     from robbie_mp.station.context import Page, StationContext
     from robbie_mp.station.driving.motion import Movement
+    from robbie_mp.station.watch.cameras import Cameras
 
 MAX_SMALL = 3
 """Maximum number of small pictures beside the large one."""

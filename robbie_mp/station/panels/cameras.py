@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.element import Element
 
-from robbie_mp.station.camera_images import ADDRESS, Box, Camera
 from robbie_mp.station.context import Page
-from robbie_mp.station.latest import silence
 from robbie_mp.station.panel import Panel
+from robbie_mp.station.watch.cameras import ADDRESS, Box, Camera
+from robbie_mp.station.watch.latest import silence
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

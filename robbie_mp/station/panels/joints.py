@@ -12,11 +12,11 @@ from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.messages import JointCommand, JointLimits, JointState
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import header_of_now, time_ago
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.light_controls import LightSliders
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments

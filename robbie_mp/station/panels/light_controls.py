@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.messages import SetLight
-from robbie_mp.station.access import Role
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page
-    from robbie_mp.station.lights import LightId, LightsWatch
+    from robbie_mp.station.watch.lights import LightId, LightsWatch
 
 LOOK_S = 0.3
 FULL_PERCENT = 100

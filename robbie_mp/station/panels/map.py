@@ -27,23 +27,23 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.scene import RigidTransform
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
-from robbie_mp.station.goal_menu import GoalMenu
-from robbie_mp.station.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
 from robbie_mp.station.live import SCRIPTS
-from robbie_mp.station.map_drawing import MapDrawing, area_marks
-from robbie_mp.station.map_marks import CellMarks, MapMark
+from robbie_mp.station.map.drawing import MapDrawing, area_marks
+from robbie_mp.station.map.goal_menu import GoalMenu
+from robbie_mp.station.map.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
+from robbie_mp.station.map.marks import CellMarks, MapMark
+from robbie_mp.station.map.trail import Trail
+from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
 from robbie_mp.station.scene_view.surroundings import MAP, other_robots, pose_for_picture
-from robbie_mp.station.tool_button import tool_button
-from robbie_mp.station.trail import Trail
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
-    from robbie_mp.station.latest import Latest
+    from robbie_mp.station.watch.latest import Latest
 
 TEXT_PERIOD_S = 0.2
 GOALS_PERIOD_S = 0.3

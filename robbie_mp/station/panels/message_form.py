@@ -8,7 +8,7 @@ from nicegui import ui
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages.field_types import Text
-from robbie_mp.station.composer import FormError, compose, form_of
+from robbie_mp.station.panels.composer import FormError, compose, form_of
 
 if TYPE_CHECKING:
     from robbie_mp.messages import Message

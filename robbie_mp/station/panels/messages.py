@@ -9,12 +9,12 @@ from nicegui import run, ui
 from robbie_mp.attached.views.known_types import types_of_run
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
 from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.panels.message_form import MessageForm
-from robbie_mp.station.run_watch import REFRESH_S
-from robbie_mp.station.topic_watch import TopicWatch
+from robbie_mp.station.watch.run import REFRESH_S
+from robbie_mp.station.watch.topic import TopicWatch
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

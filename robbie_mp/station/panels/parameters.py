@@ -8,11 +8,11 @@ from nicegui import ui
 
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.show import inline
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.setting_change import Change
-from robbie_mp.station.settings_watch import Entry
+from robbie_mp.station.watch.settings import Entry
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

@@ -13,12 +13,12 @@ from nicegui import ui
 from robbie_mp.attached.views.known_types import types_of_run
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages import Message
-from robbie_mp.station.access import Role
-from robbie_mp.station.charts import History, chart_options, fill
 from robbie_mp.station.context import Page
-from robbie_mp.station.latest import Latest
-from robbie_mp.station.numeric_fields import number_reader, numeric_paths
 from robbie_mp.station.panel import Panel
+from robbie_mp.station.panels.charts import History, chart_options, fill
+from robbie_mp.station.panels.numeric_fields import number_reader, numeric_paths
+from robbie_mp.station.watch.latest import Latest
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.messages import String
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
 from robbie_mp.station.panel import Panel
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from robbie_mp.attached.views.process_table import MODULE_COLUMNS, ModuleRow, module_rows, totals_line
-from robbie_mp.station.access import Role
-from robbie_mp.station.charts import History, chart_options, fill, sparkline
 from robbie_mp.station.context import Page
-from robbie_mp.station.orders import Order
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.run_watch import REFRESH_S
+from robbie_mp.station.panels.charts import History, chart_options, fill, sparkline
+from robbie_mp.station.panels.supervisor_orders import Order
+from robbie_mp.station.watch.run import REFRESH_S
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

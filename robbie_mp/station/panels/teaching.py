@@ -21,8 +21,8 @@ from robbie_mp.messages import (
     TeachRecognition,
     replace,
 )
-from robbie_mp.station.camera_images import Box
-from robbie_mp.station.pictures import answer_with, encode_image, no_picture, serve_pictures
+from robbie_mp.station.watch.cameras import Box
+from robbie_mp.station.watch.pictures import answer_with, encode_image, no_picture, serve_pictures
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments

@@ -16,10 +16,10 @@ from robbie_mp.run.trace.crash import CrashReport, report_files
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind, read_recorded
 from robbie_mp.run.trace.reader import TraceFollower, crash_reports, module_names, trace_folder
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
-from robbie_mp.station.orders import Order
 from robbie_mp.station.panel import Panel
+from robbie_mp.station.panels.supervisor_orders import Order
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,13 +9,13 @@ from nicegui import app, ui
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import PoseStamped
-from robbie_mp.station.access import Role
 from robbie_mp.station.context import Page
-from robbie_mp.station.goals import GOAL, checked, place
+from robbie_mp.station.map.goals import GOAL, checked, place
+from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.drawing import Drawing, Moving
 from robbie_mp.station.scene_view.surroundings import Surroundings, Surveyor
-from robbie_mp.station.tool_button import tool_button
+from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

@@ -11,7 +11,7 @@ from nicegui.element import Element
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from robbie_mp.station.live import SCRIPTS
-from robbie_mp.station.map_marks import MapMark, MarkPicture
+from robbie_mp.station.map.marks import MapMark, MarkPicture
 from robbie_mp.station.scene_view.surroundings import BASE, SeenPlace, Surroundings
 
 POLE_M = 0.6

@@ -11,7 +11,7 @@ from robbie_mp.station.scene_view.points import NO_POINTS, cloud_points, packed,
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
-    from robbie_mp.station.latest import Latest
+    from robbie_mp.station.watch.latest import Latest
 
 MAX_POINTS = 50_000
 """Maximum number of points in one picture, of all scans and clouds together."""

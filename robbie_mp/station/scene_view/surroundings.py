@@ -10,10 +10,10 @@ import numpy as np
 
 from robbie_mp.messages import Path, Pose, PoseStamped
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew, TooOld
-from robbie_mp.station.map_marks import MapMark
+from robbie_mp.station.map.marks import MapMark
+from robbie_mp.station.map.trail import Trail
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
-from robbie_mp.station.trail import Trail
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from robbie_mp.station.connections import MAX_VISITORS_OF_ONE, REQUEST_LIMIT_S
+from robbie_mp.station.web.connections import MAX_VISITORS_OF_ONE, REQUEST_LIMIT_S
 from tests._support.robot import wait_until
 from tests.security.station._support.attacker import Attacker
 from tests.security.station.conftest import DESCRIPTORS, Station

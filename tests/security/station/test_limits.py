@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from robbie_mp.station.access import MAX_SESSIONS
-from robbie_mp.station.page_limit import MAX_PAGES_OF_ONE
-from robbie_mp.station.rate_limits import LOGIN_BURST
+from robbie_mp.station.web.access import MAX_SESSIONS
+from robbie_mp.station.web.page_limit import MAX_PAGES_OF_ONE
+from robbie_mp.station.web.rate_limits import LOGIN_BURST
 from tests.security.station._support.attacker import SOCKET_PATH, Document, PageSocket, listener_of
 from tests.security.station.conftest import OPERATOR, Station
 

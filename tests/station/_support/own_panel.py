@@ -4,7 +4,7 @@ from nicegui import ui
 
 from robbie_mp.messages import String
 from robbie_mp.station.context import Page, StationContext
-from robbie_mp.station.map_marks import MapMark
+from robbie_mp.station.map.marks import MapMark
 from robbie_mp.station.panel import Panel
 
 

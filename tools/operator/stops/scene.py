@@ -60,7 +60,7 @@ def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) ->
             },
             **others,
         },
-        "spares": {"imports": ["robbie_robots.modules.mapping", "robbie_mp.station.website"]},
+        "spares": {"imports": ["robbie_robots.modules.mapping", "robbie_mp.station.web.website"]},
     }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page
 
-from robbie_mp.station.layouts import default_layouts
+from robbie_mp.station.page.layouts import default_layouts
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from tests._support.robot import Robot
 from tests.station._support.browser import browser, choose_layout, needs_chromium, page_of

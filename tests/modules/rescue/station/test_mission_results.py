@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the operator's page needs the extra gui")
 
-from robbie_mp.station.state_item import ALERT, GOOD, WARNING
+from robbie_mp.station.page.state_item import ALERT, GOOD, WARNING
 from robbie_robots.modules.rescue.messages import MissionResult, MissionStatus
 from robbie_robots.modules.rescue.station.mission_panel import mission_item
 from robbie_robots.modules.rescue.station.mission_results import rows_of

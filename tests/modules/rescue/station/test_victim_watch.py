@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.messages import Image, Mark, Pose, Quaternion
-from robbie_mp.station.log_events import LogEvents
-from robbie_mp.station.map_marks import MarkPicture
+from robbie_mp.station.map.marks import MarkPicture
+from robbie_mp.station.page.log_events import LogEvents
 from robbie_robots.modules.rescue.messages import VictimFound
 from robbie_robots.modules.rescue.station.mission_panel import MissionPanel
 from robbie_robots.modules.rescue.station.victim_watch import KnownVictim, mark_of

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from robbie_mp.messages import MapMetaData, Point, Pose
-from robbie_mp.station.latest import Latest
-from robbie_mp.station.map_marks import MAX_CELLS, CellMarks, MapMarks
+from robbie_mp.station.map.marks import MAX_CELLS, CellMarks, MapMarks
+from robbie_mp.station.watch.latest import Latest
 from robbie_robots.modules.rescue.messages import SearchedWalls
 from robbie_robots.modules.rescue.station.wall_layers import add_wall_layers
 

@@ -1,0 +1,1 @@
+"""What every page has around its panels: tiles and layouts, the strip at the top, keys, the playback bar."""

@@ -1,0 +1,95 @@
+"""The emergency stop: always visible, latched by the base, released only by a confirmed press."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+from nicegui.element import Element
+
+from robbie_mp.messages import EmergencyStop
+from robbie_mp.station.context import header_of_now
+from robbie_mp.station.stop.connection import StopService
+from robbie_mp.station.stop.requests import StopRequests
+from robbie_mp.station.web.access import Role
+
+if TYPE_CHECKING:
+    from robbie_mp.station.context import Page, StationContext
+
+REQUEST_TOPIC = "emergency_stop"
+STATE_TOPIC = "emergency_stop_state"
+STOPPED_BY = "stopped by hand on the operator's page"
+RELEASED_BY = "released by hand on the operator's page"
+RELEASE_PERIOD_S = 0.25
+"""Time between two looks whether the button that releases the stop is shown."""
+STYLE = Path(__file__).parent / "emergency_stop.css"
+
+
+class StopButton(Element, component="emergency_stop.js"):
+    """The button and the base's state. Its script keeps a press until the base has confirmed it."""
+
+
+class EmergencyStopControl:
+    """The emergency stop on all pages. Every visitor may stop the robot; only operators may release it.
+
+    Attributes:
+        service: serves the buttons of all pages.
+    """
+
+    def __init__(self, station: StationContext):
+        self._station = station
+        self._state = station.newest(EmergencyStop, STATE_TOPIC)
+        self._requests = StopRequests(self._send)
+        self._state.listen(self._see)
+        self.service = StopService(self._requests, self._state)
+
+    def tick(self) -> None:
+        """Repeat presses that the base has not confirmed; called in the module's thread."""
+        self._requests.repeat()
+
+    def _send(self, engaged: bool) -> bool:
+        """Request the base to stop and stay stopped, or to be ready to drive again."""
+        reason = STOPPED_BY if engaged else RELEASED_BY
+        message = EmergencyStop(header=header_of_now(self._station), engaged=engaged, reason=reason)
+        return self._station.publish(message, topic=REQUEST_TOPIC)
+
+    def _see(self, state: EmergencyStop) -> None:
+        self._requests.see(engaged=state.engaged, published_s=self._station.envelope.published_ns / 1e9)
+
+    @property
+    def _can_be_released(self) -> bool:
+        is_engaged = self._state.message is not None and self._state.message.engaged
+        return is_engaged or self._requests.waits_s is not None
+
+    def build(self, page: Page) -> None:
+        """Build the stop button of a page, and the button that releases the stop."""
+        ui.add_css(STYLE)
+        StopButton()
+
+        def release() -> None:
+            dialog.close()
+            if page.may("the release of the emergency stop") and not self._requests.release():
+                ui.notify("the release was not sent: the robot's memory is full", type="negative")
+
+        with ui.dialog() as dialog, ui.card():
+            ui.label("Release the emergency stop? The robot holds until you drive, or press Go on.")
+            with ui.row():
+                ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
+                ui.button("Keep it stopped", on_click=dialog.close)
+        # It keeps its place while it is invisible, so that nothing else moves.
+        again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop no-caps")
+
+        def ask() -> None:
+            if self._can_be_released and page.role is Role.OPERATOR:
+                dialog.open()
+
+        if page.role is Role.OPERATOR:
+            page.add_key("r", "Release the emergency stop, after a confirmation", ask)
+
+        def update() -> None:
+            is_shown = self._can_be_released and page.role is Role.OPERATOR
+            again.classes(remove="invisible" if is_shown else "", add="" if is_shown else "invisible")
+
+        update()
+        page.always(RELEASE_PERIOD_S, update)

@@ -1,0 +1,123 @@
+"""The newest images of the robot's cameras, and what was detected in them."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from starlette.responses import Response
+
+from robbie_mp.messages import CompressedImage, Detection2DArray, Image
+from robbie_mp.module.module import MessageHandling
+from robbie_mp.station.watch.latest import Latest, MessageSource
+from robbie_mp.station.watch.pictures import NewestPicture, encode_image, no_picture, serve_pictures
+
+ADDRESS = "/pictures/camera/{name:path}"
+MAX_CAMERAS = 12
+FRESH_NS = 500_000_000
+"""Detections in an image are also drawn if it is older than the shown one by up to this time."""
+MAX_BOXES = 100
+MAX_SENDERS = 16
+"""Maximum number of modules that send detections in the images of one topic."""
+
+
+class Box(NamedTuple):
+    """A rectangle, as shares of the image's width and height, and a label."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    text: str
+
+
+def boxes_of(found: Detection2DArray, width: int, height: int) -> list[Box]:
+    """Return the boxes of detections in an image of `width` x `height` pixels; none if it is empty."""
+    boxes: list[Box] = []
+    if not width or not height:
+        return boxes
+    for one in found.detections[:MAX_BOXES]:
+        box, middle = one.bbox, one.bbox.center.position
+        likely = max((result.hypothesis for result in one.results), key=lambda h: h.score, default=None)
+        boxes.append(
+            Box(
+                (middle.x - box.size_x / 2) / width,
+                (middle.y - box.size_y / 2) / height,
+                box.size_x / width,
+                box.size_y / height,
+                one.id if likely is None else f"{likely.class_id} {likely.score:.0%}",
+            )
+        )
+    return boxes
+
+
+class Camera:
+    """The images of one topic."""
+
+    def __init__(self) -> None:
+        self.latest: Latest[Image | CompressedImage] = Latest()
+        self.picture = NewestPicture(self.latest, encode_image)
+
+    def boxes(self, found: Iterable[Detection2DArray]) -> list[Box]:
+        """Return the boxes found in the newest image or shortly before it; older ones are left out."""
+        image = self.latest.message
+        if not isinstance(image, Image):
+            return []
+        now_ns = image.header.stamp.nanoseconds
+        fresh = [one for one in found if abs(now_ns - one.header.stamp.nanoseconds) <= FRESH_NS]
+        boxes = [box for one in fresh for box in boxes_of(one, image.width, image.height)]
+        return boxes[:MAX_BOXES]
+
+    @property
+    def description(self) -> str:
+        """Size and encoding of the newest image."""
+        image = self.latest.message
+        if isinstance(image, Image):
+            return f"{image.width} x {image.height} {image.encoding}, image {self.latest.count}"
+        return f"{image.format if image else ''}, image {self.latest.count}"
+
+
+class Cameras:
+    """All cameras of the robot, for the panels that show them.
+
+    Attributes:
+        found: the cameras by the topic of their images.
+        detections: the newest detections by the same topic, and by the module that sent them.
+    """
+
+    def __init__(self, station: MessageSource):
+        self._station = station
+        self.found: dict[str, Camera] = {}
+        self.detections: dict[str, dict[str, Detection2DArray]] = {}
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        station.subscribe(Image, self._on_image, newest)
+        station.subscribe(CompressedImage, self._on_image, newest)
+        station.subscribe(Detection2DArray, self._on_detections, newest)
+        serve_pictures(ADDRESS, self._answer)
+
+    def _on_image(self, image: Image | CompressedImage) -> None:
+        topic = self._station.envelope.topic or "image"
+        name = topic if isinstance(image, Image) else f"{topic}/compressed"
+        camera = self.found.get(name)
+        if camera is None:
+            if len(self.found) >= MAX_CAMERAS:
+                return
+            camera = Camera()
+            # A new dict, because pages read the old one.
+            self.found = {**self.found, name: camera}
+        camera.latest.put(image)
+
+    def _on_detections(self, found: Detection2DArray) -> None:
+        topic = self._station.envelope.topic or "image"
+        of_topic = self.detections.get(topic, {})
+        sender = self._station.envelope.sender
+        has_room = topic in self.detections or len(self.detections) < MAX_CAMERAS
+        if has_room and (sender in of_topic or len(of_topic) < MAX_SENDERS):
+            # New dicts, because pages read the old ones.
+            self.detections = {**self.detections, topic: {**of_topic, sender: found}}
+
+    def boxes(self, name: str) -> list[Box]:
+        """Return what all modules together have found in the newest image of a camera."""
+        return self.found[name].boxes(self.detections.get(name, {}).values())
+
+    def _answer(self, name: str) -> Response:
+        camera = self.found.get(name)
+        return camera.picture.answer() if camera else no_picture("there is no such camera")
