@@ -34,7 +34,7 @@ from robbie_robots.modules.devices.command_age import (
     waiting_s,
 )
 from robbie_robots.modules.devices.hand_guard import HandGuard
-from robbie_robots.workers.driving.control import ControlMode, DriveControl
+from robbie_robots.workers.driving.control import MAX_REASON, ControlMode, DriveControl
 
 MANUAL_TOPIC = "manual"
 CONTROL_TOPIC = "control"
@@ -78,6 +78,8 @@ class CommandedBase(Module):
         before = None if self.restored is None else self.restored["control"]
         mode = ControlMode.AUTO if self.starts_in_auto else ControlMode.HOLD
         self.control = DriveControl(self.monotonic_s, mode, self.let_go_s, before)
+        if before is not None and self.incarnation == 1 and not self.starts_in_auto:
+            self.control.order(ControlMode.HOLD, self.name, "the run has started")
         self.told_control: dict[str, Any] | None = None
         self.refused: Counter[str] = Counter()
         self.warned_s = -math.inf
@@ -95,7 +97,8 @@ class CommandedBase(Module):
         by_hand = self.envelope.topic == MANUAL_TOPIC
         moves = bool(command.linear_m_per_s or command.angular_rad_per_s)
         if by_hand:
-            refusal = self.control.refuses_by_hand(self.envelope.sender, moves)
+            sent_s = self.envelope.published_ns / 1e9
+            refusal = self.control.refuses_by_hand(self.envelope.sender, moves, sent_s)
         else:
             refusal = self.control.refuses_module()
         if refusal:
@@ -179,7 +182,7 @@ class CommandedBase(Module):
             self.log.warning("refused a late release of the emergency stop by %s", self.envelope.sender)
             self.confirm()
             return
-        self.stop_reason = request.reason if request.engaged else ""
+        self.stop_reason = request.reason[:MAX_REASON] if request.engaged else ""
         self.control.see_stop(request.engaged, self.envelope.sender, request.reason)
         if request.engaged:
             self.drive.stop_for_emergency()

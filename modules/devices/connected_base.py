@@ -29,6 +29,12 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
     """
 
     drive: ConnectedBase
+    # It may have been started again by itself, after a failure of the whole robot.
+    starts_in_auto: bool = setting(
+        False, "true: modules drive the robot from the start, without an order to go on"
+    )
+    # Its time is the machine's: commands of a log that is played rest on what was long ago.
+    follows_run_clock = False
     # Commands wait for the end of a look at the device.
     wait_s = 0.0
 

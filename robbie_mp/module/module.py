@@ -634,6 +634,11 @@ class Module:
             file.write(content.encode() if isinstance(content, str) else content)
 
     @property
+    def incarnation(self) -> int:
+        """Number of this module's process in the run, from 1: what that one restores is of an earlier run."""
+        return self._bus.peers.incarnation
+
+    @property
     def envelope(self) -> Envelope:
         """Topic, sender, sequence and time of the message being handled.
 

@@ -15,9 +15,11 @@ from robbie_mp.messages import (
     LaserScan,
     Odometry,
     SetControl,
+    TFMessage,
+    TransformStamped,
 )
 from robbie_robots.modules.devices.base import SimulatedBase
-from tests._support.commands import fresh
+from tests._support.commands import fresh, waits
 
 ARENA = """\
 cell_m: 0.5
@@ -51,18 +53,26 @@ def send(
     base.send(fresh(base, command, age_s), topic=topic)
 
 
-def see(base: Base, ahead_m: float, beams: int = 360) -> None:
+def see(
+    base: Base,
+    ahead_m: float,
+    beams: int = 360,
+    *,
+    topic: str = "scan",
+    frame: str = "laser",
+    late_s: float = 0.0,
+) -> None:
     """Send a scan with a wall ahead."""
     angles = np.linspace(-math.pi, math.pi, beams, endpoint=False)
     ranges = np.where(np.abs(angles) < 0.5, ahead_m, 5.0)
     scan = LaserScan(
-        header=Header(stamp=Time.from_nanoseconds(base.clock.now_ns()), frame_id="laser"),
+        header=Header(stamp=Time.from_nanoseconds(base.clock.now_ns() - round(late_s * 1e9)), frame_id=frame),
         angle_min=-math.pi,
         angle_increment=2 * math.pi / beams,
         range_max=10.0,
         ranges=ranges,
     )
-    base.send(scan, topic="scan")
+    base.send(scan, topic=topic)
 
 
 def speed(base: Base) -> float:
@@ -197,12 +207,6 @@ def test_wrong_order_is_refused(base: Base) -> None:
             base.call(SetControl(mode=wrong))
 
 
-def waits(base: Base, monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
-    """Let all messages wait from now on before they are handled, as in a process that was stopped."""
-    envelope, published_ns = base.bus.envelope, base.clock.monotonic_ns() - round(seconds * 1e9)
-    monkeypatch.setattr(base.bus, "envelope", lambda: envelope()._replace(published_ns=published_ns))
-
-
 def test_order_to_go_on_that_waited_in_a_stopped_base_is_refused(
     base: Base, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -220,3 +224,67 @@ def test_release_that_waited_or_was_kept_for_a_restart_does_nothing(
     waits(base, monkeypatch, 5.0)
     base.send(EmergencyStop(engaged=False), topic="emergency_stop")
     assert base.take(EmergencyStop, "emergency_stop_state")[-1].engaged
+
+
+def test_laser_whose_clock_is_ahead_does_not_keep_the_guard_seeing(base: Base) -> None:
+    see(base, 5.0, late_s=-5.0)
+    send(base, "manual")
+    assert speed(base) == 0.0
+    base.advance(2.0)  # it has died, and its last stamp is still to come
+    send(base, "manual")
+    assert speed(base) == 0.0
+
+
+def test_old_scan_does_not_become_fresh_when_the_clock_is_set_back(
+    base: Base, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    see(base, 5.0)
+    base.advance(3.0)
+    monkeypatch.setattr(base.clock, "now_ns", lambda: base.clock.monotonic_ns() - 3_000_000_000)
+    send(base, "manual")
+    assert speed(base) == 0.0
+
+
+def test_guard_does_not_guess_where_a_laser_is_mounted(base: Base) -> None:
+    see(base, 5.0, frame="rear_laser")
+    send(base, "manual")
+    assert speed(base) == 0.0
+    mount = TransformStamped(header=Header(frame_id="base_link"), child_frame_id="rear_laser")
+    base.send(TFMessage(transforms=[mount]), topic="tf_static")
+    send(base, "manual")
+    assert speed(base) > 0.0
+
+
+def test_of_several_lasers_without_a_named_topic_all_must_be_fresh(settings: dict[str, object]) -> None:
+    with ModuleHarness(SimulatedBase, settings | {"guard_topics": [""]}) as base:
+        base.advance(10.0)
+        see(base, 5.0, topic="front")
+        see(base, 5.0, topic="rear")
+        send(base, "manual")
+        assert speed(base) > 0.0
+        for _ in range(5):  # the one ahead has died
+            see(base, 5.0, topic="rear")
+            base.advance(0.1)
+        send(base, "manual")
+        assert speed(base) == 0.0
+
+
+def test_robot_that_holds_at_the_start_does_so_whatever_an_earlier_run_has_kept(
+    base: Base, settings: dict[str, object]
+) -> None:
+    kept = base.checkpoint
+    assert mode(base) == ControlState.AUTO
+    with ModuleHarness(SimulatedBase, settings | {"starts_in_auto": False}, restored=kept) as again:
+        again.advance(0.1)
+        send(again)
+        assert speed(again) == 0.0
+        assert mode(again) == ControlState.HOLD
+
+
+def test_emergency_stop_with_an_endless_reason_stops_the_robot_and_outlives_a_restart(base: Base) -> None:
+    base.send(EmergencyStop(engaged=True, reason="x" * 1_000_000), topic="emergency_stop")
+    (state, *_) = base.take(EmergencyStop, "emergency_stop_state")[-1:]
+    assert state.engaged and len(state.reason) <= 200
+    with pytest.raises(CallRefused):
+        base.call(SetControl(mode=ControlState.AUTO, reason="y" * 1_000_000))
+    assert len(str(base.checkpoint)) < 10_000

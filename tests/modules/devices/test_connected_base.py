@@ -12,6 +12,7 @@ from robbie_mp import Duration, ModuleHarness
 from robbie_mp.messages import (
     BatteryState,
     Bumper,
+    ControlState,
     DeviceState,
     DriveCommand,
     EmergencyStop,
@@ -45,7 +46,7 @@ def robot() -> Iterator[Robot]:
     line, host = os.openpty()
     tty.setraw(host)
     try:
-        with ModuleHarness(CreateModule, {"port": os.ttyname(host)}) as harness:
+        with ModuleHarness(CreateModule, {"port": os.ttyname(host), "starts_in_auto": True}) as harness:
             harness.advance(0.02)
             yield Robot(harness, line)
     finally:
@@ -85,3 +86,25 @@ def test_disconnected_robot_is_told_and_nothing_else_is_published(robot: Robot) 
     state = robot.harness.take(DeviceState)[-1]
     assert (state.state, state.losses) == ("DISCONNECTED", 1)
     assert robot.harness.take(Odometry) == []
+
+
+def test_real_robot_does_not_follow_the_commands_of_a_log_that_is_played(robot: Robot) -> None:
+    assert not CreateModule.follows_run_clock, "the commands would be as fresh as when they were recorded"
+    robot.harness.advance(3600.0)
+    robot.harness.send(fresh(robot.harness, FORWARD, age_s=3600.0), topic="manual")
+    assert "1 too old" in robot.harness.module.control_status
+
+
+def test_real_robot_holds_at_the_start_until_it_is_ordered_to_go_on() -> None:
+    line, host = os.openpty()
+    try:
+        tty.setraw(host)
+        with ModuleHarness(CreateModule, {"port": os.ttyname(host)}) as harness:
+            harness.advance(0.02)
+            harness.send(fresh(harness, FORWARD))
+            state = harness.latched(ControlState, "control")
+            assert state is not None and state.mode == ControlState.HOLD
+            assert "1 not in control" in harness.module.control_status
+    finally:
+        os.close(host)
+        os.close(line)
