@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
-from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
+from robbie_mp import REQUIRED, Header, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp.messages import EmergencyStop, JointCommand, JointLimits, JointState, PanTiltCommand
 from robbie_robots.hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
 from robbie_robots.hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
-from robbie_robots.hw.joints import Joint, JointCommandError, JointReading, Joints
+from robbie_robots.hw.joints import Joint, JointCommandError, JointReading, Joints, checked
 from robbie_robots.hw.simulation.joints import SimulatedJoints
 from robbie_robots.modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
+from robbie_robots.modules.devices.joint_stop import JointStop
 from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 PAN_TILT = ["pan", "tilt"]
@@ -22,6 +23,10 @@ class CommandedJoints(Module):
 
     When a `JointCommand` expires, the joints are let go. A `PanTiltCommand` has no expiry: the unit holds
     its direction.
+
+    While the base tells that the emergency stop is engaged, joints stay where they are, as long as commands
+    come; but for a pan-tilt unit, which only turns a camera. After it, a control that was held must be let go
+    first, or commands must begin where the joints were stopped.
 
     Publishes `JointState` on a topic named after the module, and follows `JointCommand` on the same topic.
     There it also publishes `JointLimits`, which is latched.
@@ -60,9 +65,16 @@ class CommandedJoints(Module):
             topic=self.name,
             latched=True,
         )
+        self.stop_of_joints = JointStop(self._monotonic_s)
+        self.until_s = -math.inf
         self.subscribe(JointCommand, self.on_joint_command, topic=self.name, optional=True)
         if sorted(self.names) == PAN_TILT:
             self.subscribe(PanTiltCommand, self.on_pan_tilt, optional=True)
+            return
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(
+            EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state", optional=True
+        )
 
     def on_joint_command(self, command: JointCommand) -> None:
         """Move the joints while the command is valid, and what it rests on is fresh."""
@@ -76,12 +88,23 @@ class CommandedJoints(Module):
             return
         self._move(dict(zip(command.name, command.position.tolist(), strict=True)), command)
 
+    def on_emergency_stop(self, state: EmergencyStop) -> None:
+        """Stop the joints at once, and keep them there, or let them follow new commands."""
+        if not state.engaged:
+            self.stop_of_joints.release()
+        elif not self.stop_of_joints.is_engaged:
+            self.stop_of_joints.engage()
+            left_s = self.until_s - self._monotonic_s()
+            if left_s > 0.0:
+                self.moved.command(self.stop_of_joints.kept, left_s)
+
     def on_pan_tilt(self, command: PanTiltCommand) -> None:
         """Look in a direction."""
         self._move({"pan": command.pan_rad, "tilt": command.tilt_rad}, command)
 
     def publish_state(self, reading: JointReading) -> None:
         """Publish where the joints are."""
+        self.see_joints(reading)
         self.publish(
             JointState(
                 header=Header(stamp=Time.from_nanoseconds(round(reading.stamp_s * 1e9))),
@@ -92,6 +115,11 @@ class CommandedJoints(Module):
             topic=self.name,
         )
 
+    def see_joints(self, reading: JointReading) -> None:
+        """Know where the joints are when an emergency stop comes."""
+        rows = zip(self.names, reading.positions_rad, reading.speeds_rad_per_s, strict=True)
+        self.stop_of_joints.see({name: (at, speed) for name, at, speed in rows if math.isfinite(at)})
+
     def limits(self, place: int) -> dict[str, float]:
         """Return the limits of one joint, as arguments of `Joint`."""
         return {
@@ -100,10 +128,20 @@ class CommandedJoints(Module):
             "speed_rad_per_s": self.speed_rad_per_s,
         }
 
+    def _monotonic_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
     def _move(self, positions_rad: dict[str, float], command: JointCommand | PanTiltCommand) -> None:
         try:
             fresh_s = left_s(self, command, self.max_age_s)
-            self.moved.command(positions_rad, fresh_s if isinstance(command, JointCommand) else math.inf)
+            if isinstance(command, PanTiltCommand):
+                self.moved.command(positions_rad, math.inf)
+                return
+            checked(self.moved.joints, positions_rad, fresh_s)
+            sent_s = self.envelope.published_ns / 1e9
+            self.until_s = self._monotonic_s() + fresh_s
+            followed = self.stop_of_joints.followed(self.envelope.sender, positions_rad, sent_s)
+            self.moved.command(followed, fresh_s)
         except (JointCommandError, StaleCommand) as error:
             self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
 
@@ -131,6 +169,8 @@ class SimulatedJointsModule(CommandedJoints):
 class DynamixelModule(CommandedJoints, PluggableDeviceModule[JointReading]):
     """Joints on Dynamixel servos: see `CommandedJoints`. Publishes `DeviceState`, too."""
 
+    # Its time is the machine's: commands of a log that is played rest on what was long ago.
+    follows_run_clock = False
     wait_s = 0.0
 
     protocol: int = setting(2, "the servos' protocol: 1 for AX, RX, EX and older MX", choices=(1, 2))

@@ -113,7 +113,7 @@ class Manipulation(Module):
         self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
 
     def _restore(self, kept: dict[str, Any]) -> None:
-        self.released, self.accepted_s = kept["released"], kept["accepted_s"]
+        self.released, self.accepted_s, self.holds = kept["released"], kept["accepted_s"], kept["holds"]
         goal = kept["goal"]
         if goal is not None and kept["task"] == Task.PICK_UP:
             self.active = self.resume_goal(PickUp, goal)
@@ -147,6 +147,7 @@ class Manipulation(Module):
             kept = self.work.memory()
             self.work = HandWork(self.arm, self._time_s, on_change=self.show_state, seed=self.seed)
             self.work.remember(kept)
+        self._keep()
 
     def on_table(self, message: TableObjects) -> None:
         """Pass what the camera sees to the worker."""
@@ -298,6 +299,7 @@ class Manipulation(Module):
                 "task": None if self.work.task is None else str(self.work.task),
                 "accepted_s": self.accepted_s,
                 "released": self.released,
+                "holds": self.holds,
                 "work": self.work.memory(),
             }
         )

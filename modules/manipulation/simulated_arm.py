@@ -157,6 +157,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
 
     def _publish(self, reading: JointReading, efforts: NDArray[np.float64], now: Time) -> None:
         """Publish the joints, with the force of the gripper, and the truth."""
+        self.see_joints(reading)
         efforts[self.names.index(GRIPPER)] = -GRIP_N if self.simulated.is_pushing(GRIPPER) else 0.0
         self.publish(
             JointState(

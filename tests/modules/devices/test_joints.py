@@ -2,14 +2,14 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robbie_mp import Duration, ModuleHarness
-from robbie_mp.messages import DeviceState, JointCommand, JointState, PanTiltCommand
+from robbie_mp.messages import DeviceState, EmergencyStop, JointCommand, JointState, PanTiltCommand
 from robbie_robots.hw.emulation import dynamixel1
 from robbie_robots.hw.emulation.carrier import PseudoTerminal
 from robbie_robots.hw.emulation.dynamixel import GOAL, TORQUE, EmulatedServos
@@ -87,3 +87,64 @@ def test_older_servo_closes_a_gripper_and_is_let_go_at_the_end(tmp_path: Path) -
             until(lambda: emulated.servos[7].table[dynamixel1.TORQUE] == 1)
             assert emulated.servos[7].get(dynamixel1.GOAL) == round(511.5 + 0.3 / (math.radians(300) / 1023))
         until(lambda: emulated.servos[7].table[dynamixel1.TORQUE] == 0)
+
+
+Arm = ModuleHarness[SimulatedJointsModule]
+
+
+@pytest.fixture
+def arm() -> Iterator[Arm]:
+    with ModuleHarness(SimulatedJointsModule, {"names": ["elbow"]}, name="arm") as harness:
+        harness.advance(10.0)
+        yield harness
+
+
+def lift(arm: Arm, elbow: float, sender: str = "page") -> float:
+    """Command the elbow for a while; return where it is then."""
+    for _ in range(4):
+        arm.send(fresh(arm, command(0.17, elbow=elbow)), topic="arm", sender=sender)
+        arm.advance(0.05)
+    return float(arm.take(JointState)[-1].position[0])
+
+
+def stop(arm: Arm, engaged: bool) -> None:
+    arm.send(EmergencyStop(engaged=engaged), topic="emergency_stop_state")
+
+
+def test_emergency_stop_stops_the_arm_and_its_load_does_not_fall(arm: Arm) -> None:
+    before = lift(arm, 1.0)
+    assert before > 0.15
+    stop(arm, True)
+    for _ in range(5):
+        assert lift(arm, 1.0) == pytest.approx(before, abs=0.03)
+    assert arm.module.simulated.expired_commands == 0
+
+
+def test_control_of_the_arm_held_since_the_emergency_stop_must_be_let_go(arm: Arm) -> None:
+    before = lift(arm, 1.0)
+    stop(arm, True)
+    stop(arm, False)
+    for _ in range(5):
+        assert lift(arm, 1.0) == pytest.approx(before, abs=0.03)
+    arm.advance(0.6)
+    assert lift(arm, 1.0) > before + 0.15
+
+
+def test_module_whose_arm_never_rests_goes_on_from_where_it_was_stopped(arm: Arm) -> None:
+    lift(arm, 1.0, "manipulation")
+    stop(arm, True)
+    before = lift(arm, 1.0, "manipulation")
+    stop(arm, False)
+    at = lift(arm, before + 0.05, "manipulation")
+    assert lift(arm, at + 0.3, "manipulation") > at + 0.15
+    assert arm.module.simulated.expired_commands == 0
+
+
+def test_gripper_goes_on_pressing_during_an_emergency_stop() -> None:
+    with ModuleHarness(SimulatedJointsModule, {"names": ["elbow"]}, name="arm") as arm:
+        arm.advance(10.0)
+        arm.module.simulated.block("elbow", 0.5)
+        lift(arm, -1.0)
+        stop(arm, True)
+        lift(arm, -1.0)
+        assert arm.module.simulated.is_pushing("elbow")

@@ -116,6 +116,16 @@ def test_arm_stays_where_it_is_while_the_robot_holds_and_then_goes_on(
     assert hand.module.work.task == "pick up"
 
 
+def test_arm_restarted_while_the_robot_holds_stays_where_it_is(hand: ModuleHarness[Manipulation]) -> None:
+    hand.send_goal(PickUp(object="soup"))
+    hear_joints(hand, 1.0)
+    hand.send(ControlState(mode=ControlState.HOLD), topic="control")
+    with ModuleHarness(Manipulation, {"robot": ROBOT}, restored=hand.checkpoint) as again:
+        hear_joints(again, 3.0)  # the base has failed: nobody tells the state again
+        moved = [one.position for one in again.take(JointCommand, "arm")]
+        assert all(position == pytest.approx(STOWED, abs=1e-6) for position in moved)
+
+
 def test_newer_order_takes_the_place_of_another_one_and_a_cancelled_one_ends(
     hand: ModuleHarness[Manipulation],
 ) -> None:
