@@ -43,6 +43,10 @@ class GamepadEvents:
         self._rest = b""
         self._skips = False
 
+    def forget(self) -> None:
+        """Let nothing count as held or pushed any more until it is pressed or moved again."""
+        self.state, self._next = GamepadState(), GamepadState()
+
     def feed(self, data: bytes) -> bool:
         """Take bytes in pieces of any length; return whether `state` has changed."""
         data = self._rest + data
@@ -112,6 +116,10 @@ class Gamepad:
                 self._lose(error)
                 return
             self._events.feed(data)
+
+    def forget(self) -> None:
+        """Let nothing count as held or pushed any more until it is pressed or moved again."""
+        self._events.forget()
 
     def close(self) -> None:
         """Close the gamepad."""

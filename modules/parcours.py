@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, Odometry, PoseStamped
@@ -40,6 +41,7 @@ class Parcours(Module):
         self.unusable = UnusableSweeps()
         self.speeds = (0.0, 0.0)
         self.scan_stamp = self.odometry_stamp = Time()
+        self.scanned_ns = -math.inf
         self.holds = False
         self.speed_m_per_s = 0.0
         self.counter = LapCounter(self.restored and LapState.from_plain(self.restored["laps"]))
@@ -70,7 +72,7 @@ class Parcours(Module):
         if self.driver is None:
             limits = RaceLimits(max_linear_m_per_s=self.max_linear_m_per_s, margin_m=self.margin_m)
             self.driver = RaceDriver(limits)
-        self.scan_stamp = scan.header.stamp
+        self.scan_stamp, self.scanned_ns = scan.header.stamp, self.envelope.published_ns
         self.speeds = self.driver.drive(sweep, self.speed_m_per_s)
 
     def on_control(self, control: ControlState) -> None:
@@ -104,7 +106,11 @@ class Parcours(Module):
         if self.counter.laps >= self.laps:
             self._finish()
             return
-        is_fresh = self.clock.now_ns() - self.scan_stamp.nanoseconds <= self.stale_s * 1e9
+        # Both: a laser may send old sweeps, and the clock of stamps may be set.
+        age_ns = max(
+            self.clock.now_ns() - self.scan_stamp.nanoseconds, self.clock.monotonic_ns() - self.scanned_ns
+        )
+        is_fresh = age_ns <= self.stale_s * 1e9
         self._command(*(self.speeds if is_fresh and not self.holds else (0.0, 0.0)))
         self.show_state("HOLD" if self.holds else "RACE" if is_fresh else "STOPPED_NO_LASER")
         lap = self.counter.laps + 1

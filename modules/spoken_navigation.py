@@ -11,6 +11,7 @@ from robbie_mp.messages import (
     PointOfInterest,
     PoseStamped,
 )
+from robbie_robots.modules.devices.command_age import is_late
 from robbie_robots.modules.speech_messages import Say, SpokenOrder
 
 
@@ -44,6 +45,8 @@ class SpokenNavigation(Module):
         place = next((slot.words for slot in order.slots if slot.name == "place"), "")
         if order.order == "stop":
             self.call(CancelNavigation(), self.on_stopped, self.on_error)
+        elif is_late(self):
+            self.log.warning("ignored a late order: %s", order.text)
         elif order.order == "go" and place:
             self._say(f"I go to the {place}.")
             self.send_goal(

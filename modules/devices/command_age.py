@@ -78,14 +78,19 @@ def waiting_s(module: Module) -> float:
     return max(0.0, (module.clock.monotonic_ns() - module.envelope.published_ns) / 1e9)
 
 
+def is_late(module: Module) -> bool:
+    """Return whether the order that a module is handling is too old for the robot to move by it."""
+    return waiting_s(module) > ORDER_WITHIN_S
+
+
 def check_order(module: Module) -> None:
     """Check that the order that a module is handling, by which the robot may move, is not late.
 
     Raises:
         CallRefused: it is. Its client may have been told that nobody answers.
     """
-    waited_s = waiting_s(module)
-    if waited_s > ORDER_WITHIN_S:
+    if is_late(module):
+        waited_s = waiting_s(module)
         raise CallRefused(f"the order has waited {waited_s:.1f} s, which is too long; give it again")
 
 

@@ -6,6 +6,8 @@ from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_robots.hw.gamepad import Gamepad
 
 STATE_PERIOD_S = 1.0
+STOOD_STILL_S = 0.5
+"""Time between two ticks after which the operator must take hold again: the robot has stopped meanwhile."""
 # Codes of Linux: BTN_TL, ABS_X and ABS_Y.
 LEFT_SHOULDER = 0x136
 ABS_X, ABS_Y = 0, 1
@@ -15,7 +17,8 @@ class GamepadModule(Module):
     """Drives the robot by a stick, only while the operator holds the dead-man button.
 
     When the operator lets go, or the gamepad is pulled out, the robot is stopped once and commanded no
-    more. Even if this module dies, its last command expires. A stick that was not moved since the gamepad
+    more. Even if this module dies, its last command expires, and when it has stood still, the operator must
+    take hold again. A stick that was not moved since the gamepad
     was plugged in counts as centred.
 
     Publishes `DriveCommand` on topic `manual`, and `DeviceState` on a topic named after the module.
@@ -43,10 +46,14 @@ class GamepadModule(Module):
         self.is_driving = False
         self.told: bool | None = None
         self.told_ns = 0
+        self.polled_ns = self.clock.monotonic_ns()
 
     def tick(self) -> None:
         """Publish the command that the operator gives."""
         self.gamepad.poll()
+        before_ns, self.polled_ns = self.polled_ns, self.clock.monotonic_ns()
+        if self.polled_ns - before_ns > STOOD_STILL_S * 1e9:
+            self.gamepad.forget()
         if self.dead_man_button in self.gamepad.state.pressed:
             # Forward and left are an axis' lowest values.
             linear = -self._pushed(self.forward_axis) * self.max_linear_m_per_s

@@ -8,7 +8,7 @@ import numpy as np
 
 from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import OccupancyGrid, PanTiltCommand, Point, PoseStamped
-from robbie_robots.modules.devices.command_age import LOOK_FOR
+from robbie_robots.modules.devices.command_age import LOOK_FOR, is_late
 from robbie_robots.modules.home.messages import Following, FollowOrder, FollowOrderTaken
 from robbie_robots.modules.navigation_goals import NavigationGoals
 from robbie_robots.modules.people import PEOPLE, reports_of
@@ -67,6 +67,9 @@ class FollowMe(Module):
 
     def on_order(self, order: SpokenOrder) -> None:
         """Do what somebody has said, if it concerns this task."""
+        if order.order != "stop" and is_late(self):
+            self.log.warning("ignored a late order: %s", order.text)
+            return
         self._obey(order.order)
 
     def on_call(self, request: FollowOrder) -> FollowOrderTaken:

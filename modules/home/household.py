@@ -36,6 +36,7 @@ from robbie_mp.messages import (
     PoseStamped,
     TaughtNames,
 )
+from robbie_robots.modules.devices.command_age import is_late
 from robbie_robots.modules.home.messages import (
     CancelOrder,
     CarryOut,
@@ -231,6 +232,9 @@ class Household(Module):
             self._stop_all()
             return
         if spoken.order not in (*Task, SEVERAL):
+            return
+        if is_late(self):
+            self.log.warning("ignored a late order: %s", spoken.text)
             return
         try:
             self.work.begin(self.reader.read(spoken.text))

@@ -29,7 +29,7 @@ from robbie_mp.messages import (
     TeachRecognition,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from robbie_robots.modules.devices.command_age import LOOK_FOR
+from robbie_robots.modules.devices.command_age import LOOK_FOR, is_late
 from robbie_robots.modules.home.messages import (
     Following,
     LearnPerson,
@@ -150,6 +150,9 @@ class WhoIsWhoTask(Module):
 
     def on_order(self, order: SpokenOrder) -> None:
         """Do what somebody has said, if it concerns this task."""
+        if order.order != "stop" and is_late(self):
+            self.log.warning("ignored a late order: %s", order.text)
+            return
         name = next((slot.words for slot in order.slots if slot.name == "name"), "")
         is_idle = self.tour.state is TourState.IDLE
         if order.order == "stop" and not is_idle:

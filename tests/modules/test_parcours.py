@@ -107,3 +107,16 @@ def test_command_rests_on_the_older_of_scan_and_speed() -> None:
             race.send(replace(SCAN, header=Header(stamp=stamps[1])))
             race.advance(0.05)
             assert race.take(DriveCommand)[-1].based_on == min(stamps, key=lambda one: one.nanoseconds)
+
+
+def test_robot_stands_when_its_laser_is_silent_and_the_clock_is_set_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with ModuleHarness(Parcours) as race:
+        race.advance(10.0)
+        race.send(replace(SCAN, header=Header(stamp=Time.from_nanoseconds(race.clock.now_ns()))))
+        monkeypatch.setattr(race.clock, "now_ns", lambda: race.clock.monotonic_ns() - 3_000_000_000)
+        race.advance(0.1)
+        assert race.take(DriveCommand)[-1].linear_m_per_s > 0
+        race.advance(2.0)
+        assert race.take(DriveCommand)[-1].linear_m_per_s == 0.0

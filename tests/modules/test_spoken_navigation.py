@@ -18,6 +18,7 @@ from robbie_mp.messages import (
 )
 from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
 from robbie_robots.modules.spoken_navigation import SpokenNavigation
+from tests._support.commands import waits
 
 
 class Robot:
@@ -66,6 +67,16 @@ def test_robot_says_that_it_could_not_drive(robot: Robot) -> None:
     robot.harness.advance(0.01)
     assert robot.said()[-1] == "I could not do it."
     assert robot.harness.module.status == "0 orders done, 1 failed"
+
+
+def test_order_that_waited_in_a_stopped_module_drives_nowhere(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits(robot.harness, monkeypatch, 5.0)
+    robot.order("go", "kitchen")
+    assert robot.harness.take(NavigateTo) == []
+    robot.order("stop")
+    assert len(robot.harness.take(CancelNavigation)) == 1
 
 
 def test_spoken_stop_cancels_the_goals_of_all_modules(robot: Robot) -> None:

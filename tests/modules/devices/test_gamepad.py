@@ -117,3 +117,13 @@ def test_events_are_read_in_pieces_and_count_when_reported() -> None:
     assert gamepad.state.pressed == set()
     assert gamepad.feed(data[-1:])
     assert gamepad.state.pressed == {LEFT_SHOULDER}
+
+
+def test_gamepad_held_while_its_module_stood_still_must_be_let_go(operator: Operator) -> None:
+    operator.does(HOLD, FORWARD)
+    operator.harness.clock.advance(5.0)
+    operator.harness.module.tick()
+    assert speeds(operator.harness.take(DriveCommand)) == [(0.0, 0.0)]
+    assert operator.does() == []
+    assert operator.does(LET_GO) == []
+    assert speeds(operator.does(HOLD, FORWARD)) == [(0.5, 0.0)]

@@ -33,6 +33,7 @@ from robbie_robots.modules.planar_messages import pose_stamped
 from robbie_robots.modules.speech_messages import Say, SpokenOrder
 from robbie_robots.workers.home.follow import ARE_YOU_THERE, I_FOLLOW
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from tests._support.commands import waits
 from tests._support.places import ARENAS
 
 APARTMENT = ARENAS / "apartment.yaml"
@@ -82,6 +83,20 @@ def test_call_does_the_same_as_speech_and_an_unknown_order_is_refused() -> None:
         with pytest.raises(CallRefused, match="there are: follow, stop, here"):
             follow.call(FollowOrder(order="jump"))
         follow.send(SpokenOrder(order="bring"))  # another module's
+        assert follow.module.task.state.name == "IDLE"
+
+
+def test_order_that_waited_in_a_stopped_module_starts_nothing_but_stop_does_its_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with ModuleHarness(FollowMe) as follow:
+        waits(follow, monkeypatch, 5.0)
+        follow.send(SpokenOrder(order="follow"))
+        assert follow.module.task.state.name == "IDLE"
+        monkeypatch.undo()
+        follow.send(SpokenOrder(order="follow"))
+        waits(follow, monkeypatch, 5.0)
+        follow.send(SpokenOrder(order="stop"))
         assert follow.module.task.state.name == "IDLE"
 
 

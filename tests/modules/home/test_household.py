@@ -57,6 +57,7 @@ from robbie_robots.modules.speech_messages import Say, SpokenOrder
 from robbie_robots.workers.home.household import OPEN_DOOR
 from robbie_robots.workers.home.orders import OrderReader, Task
 from robbie_robots.workers.speech.order_grammar import OrderGrammar
+from tests._support.commands import waits
 from tests._support.places import PROJECT
 
 PLACES = {"desk": [2.0, 0.0, 0.0], "kitchen": [4.0, 2.0, 1.0]}
@@ -210,6 +211,17 @@ def test_robot_waits_before_a_door_until_it_sees_through_it(tmp_path: Path) -> N
             robot.wait(1.4)
         goal = harness.take(NavigateTo)[-1].pose.pose.position
         assert (goal.x, goal.y) == (4.0, 2.0)
+
+
+def test_spoken_order_that_waited_in_a_stopped_module_starts_nothing(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.begin()
+    waits(robot.harness, monkeypatch, 5.0)
+    robot.harness.send(SpokenOrder(order="bring", text="bring me the soup"))
+    monkeypatch.undo()
+    robot.wait(0.4)
+    assert robot.harness.module.work.order is None
 
 
 def test_spoken_order_brings_the_object_to_the_person_who_has_spoken(robot: Robot) -> None:
