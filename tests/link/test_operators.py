@@ -1,5 +1,7 @@
 """A robot obeys one operator at a time, and another one only after it has taken over."""
 
+import pytest
+
 from robbie_mp.connect.link.operators import FREE_AFTER_NS, Operators
 from robbie_mp.messages import OperatorRequest
 
@@ -39,6 +41,40 @@ def test_stick_that_was_refused_drives_only_after_it_was_let_go() -> None:
         assert not operators.obeys("ben", tick * S // 20, 0)
     assert operators.holder == ""
     assert operators.obeys("ben", 3 * S, 0)
+
+
+def drives(operators: Operators, operator: str, now_s: float, up_s: float, *, moves: bool = True) -> bool:
+    now_ns = round(now_s * S)
+    operators.see_drive(operator, round(up_s * S), now_ns, 0, moves=moves)
+    return operators.obeys(operator, now_ns, 0)
+
+
+def test_stick_held_while_the_link_was_down_drives_only_after_it_was_let_go() -> None:
+    operators = Operators("red")
+    assert drives(operators, "anna", 1.0, 0.5)
+    for tick in range(60, 80):
+        assert not drives(operators, "anna", tick / 20, 2.9)
+    assert operators.holder == ""
+    assert drives(operators, "anna", 4.0, 2.9, moves=False)
+    assert drives(operators, "anna", 4.1, 2.9)
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_operator_who_let_go_while_the_link_was_down_or_before_drives_at_once(says_so: bool) -> None:
+    operators = Operators("red")
+    assert drives(operators, "anna", 1.0, 0.5)
+    if says_so:
+        assert drives(operators, "anna", 1.1, 0.5, moves=False)
+    assert drives(operators, "anna", 3.0 if says_so else 3.5, 2.9)
+
+
+def test_stick_held_while_the_robots_link_was_restarted_drives_only_after_it_was_let_go() -> None:
+    before = Operators("red")
+    drives(before, "anna", 1.0, 0.5)
+    operators = Operators("red", before.as_data())
+    assert not drives(operators, "anna", 2.0, 1.9)
+    assert not drives(operators, "anna", 2.05, 1.9)
+    assert drives(operators, "anna", 3.0, 1.9)
 
 
 def test_only_its_holder_gives_the_command_up() -> None:

@@ -25,6 +25,7 @@ from robbie_mp.messages import (
     PanTiltCommand,
     SetControl,
 )
+from tests._support.commands import waits
 from tests._support.robot import Robot, wait_until
 from tests.link._support.pair import Pair
 
@@ -82,12 +83,6 @@ def red() -> Iterator[RedRobot]:
         yield RedRobot(harness)
 
 
-def waits(harness: ModuleHarness[Link], monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
-    """Let all messages wait from now on before they are handled, as in a process that was stopped."""
-    envelope, published_ns = harness.bus.envelope, harness.clock.monotonic_ns() - round(seconds * 1e9)
-    monkeypatch.setattr(harness.bus, "envelope", lambda: envelope()._replace(published_ns=published_ns))
-
-
 def test_commands_of_a_second_operator_are_refused_counted_and_told(red: RedRobot) -> None:
     assert red.told().operator == ""
     assert red.drives("anna")
@@ -138,6 +133,26 @@ def test_wish_to_hold_never_comes_too_late_and_the_order_to_go_on_does(red: RedR
     assert red.arrives("anna", hold, "operator_request", age_s=5.0)
     red.harness.advance(0.1)
     assert [one.mode for one in red.harness.take(SetControl)] == [ControlState.HOLD]
+
+
+def test_order_to_go_on_that_waited_in_the_link_is_late_and_to_hold_is_not(red: RedRobot) -> None:
+    assert red.drives("anna")
+    for wish in (OperatorRequest.GO_ON, OperatorRequest.HOLD):
+        assert red.arrives("anna", OperatorRequest(wish=wish), "operator_request")
+    red.harness.clock.advance(5.0)  # the link stood still
+    red.harness.advance(0.1)
+    assert [one.mode for one in red.harness.take(SetControl)] == [ControlState.HOLD]
+
+
+def test_commands_of_a_log_that_is_played_go_to_no_other_robot() -> None:
+    settings = {"robot": "base", "listen": [], "robots": ["red"], "send": {"command": ["DriveCommand"]}}
+    with ModuleHarness(Link, settings) as harness:
+        offered: list[object] = []
+        harness.module.node.offer = lambda one, _now_ns: offered.append(one)  # type: ignore[method-assign]
+        for harness.module.plays in (False, True):
+            harness.send(DriveCommand(linear_m_per_s=0.5), topic="manual")
+            harness.send(OperatorRequest(wish=OperatorRequest.GO_ON), topic="operator_request")
+        assert (len(offered), harness.module.withheld) == (2, 2)
 
 
 def test_wish_of_the_own_page_that_waited_in_a_stopped_link_is_late(

@@ -14,7 +14,7 @@ PILOT = '  pilot: {class: "crew.modules:Pilot"}'
 WHEELS = '  wheels: {class: "crew.modules:Wheels"}'
 
 
-def test_no_command_arrives_late_after_a_stopped_link_goes_on(robot: Robot) -> None:
+def test_no_command_arrives_late_or_of_a_held_stick_after_a_stopped_link_goes_on(robot: Robot) -> None:
     pair = Pair(robot, PILOT, WHEELS)
     pair.start("red", "blue")
     wait_until(lambda: len(pair.numbers("blue", "commands")) > 20)
@@ -27,6 +27,13 @@ def test_no_command_arrives_late_after_a_stopped_link_goes_on(robot: Robot) -> N
         assert len(pair.numbers("blue", "commands")) == before
     finally:
         os.kill(link, signal.SIGCONT)
+    wait_until(lambda: (state := pair.state("blue")) is not None and state.late >= 3)
+    time.sleep(0.3)
+    assert len(pair.numbers("blue", "commands")) == before
+    let_go = pair.output("red") / "let_go"
+    let_go.touch()
+    wait_until(lambda: len(pair.numbers("blue", "commands")) > before)
+    let_go.unlink()
     wait_until(lambda: len(pair.numbers("blue", "commands")) > before + 20)
     # What had waited in the stopped link is counted as late; each command that arrives is still valid.
     wait_until(lambda: (state := pair.state("blue")) is not None and state.late >= 3)

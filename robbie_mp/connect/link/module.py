@@ -26,6 +26,7 @@ from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.connect.link.keys import Keys, KeysError
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.operators import (
+    MANUAL_TOPIC,
     ORDERS,
     REQUEST_TOPIC,
     STATE_TOPIC,
@@ -42,6 +43,7 @@ from robbie_mp.connect.link.wire import Endpoints, InboxLimits, Received, Wire, 
 from robbie_mp.logs.capture.selection import Pair
 from robbie_mp.messages import (
     CompressedImage,
+    ControlState,
     DriveCommand,
     Image,
     LinkChannel,
@@ -121,6 +123,10 @@ class Link(Module):
 
     period_s = 0.01
     follows_run_clock = False
+    plays = False
+    """Whether the run has a time of its own, as when a log is played: it commands no other robot."""
+    withheld = 0
+    """Commands that were not sent for that reason."""
 
     robot: str = setting(REQUIRED, "the name of this robot, which no other robot has")
     mode: str = setting("peer", "how links find one another", choices=("peer", "client"))
@@ -207,7 +213,8 @@ class Link(Module):
         ]
         self._commanding = read_commanding(self.commanding)
         self.operators = Operators(self.robot, self.restored)
-        self._orders: deque[SetControl] = deque(maxlen=MAX_ORDERS)
+        self._orders: deque[tuple[SetControl, int]] = deque(maxlen=MAX_ORDERS)
+        """Orders of operators, and when each arrived."""
         self._drivers: dict[str, str] = {}
         """The operators who have control of other robots, as far as those have said."""
         self.late = 0
@@ -225,7 +232,7 @@ class Link(Module):
         folder, types, at_once = None, KnownTypes(), False
         if self.run_id:
             plan = RunPlan.load(next(run.folder for run in list_runs() if run.run_id == self.run_id))
-            at_once = not plan.clock.lockstep
+            at_once, self.plays = not plan.clock.lockstep, plan.clock.source is not None
             types = KnownTypes(TypeDescription(*one) for one in plan.types)
             own = {one.class_path for one in plan.modules if one.name == self.name} | {CLASS_PATH}
             self._links |= {one.name for one in plan.modules if one.class_path in own}
@@ -302,6 +309,9 @@ class Link(Module):
         outgoing = self._outgoing.get(key) or self._classify(ChannelId(*key))
         data = message.data if len(message.data) >= LARGE_BYTES else bytes(message.data)
         name, traffic, is_latched, type_hash, may_be_jpeg = outgoing
+        if self.plays and traffic is TrafficClass.COMMAND:
+            self.withheld += 1
+            return
         offered = Offered(name, traffic, data, envelope.published_ns, is_latched, type_hash)
         if may_be_jpeg:
             offered = self._as_jpeg(offered)
@@ -405,9 +415,11 @@ class Link(Module):
         if incoming.is_request:
             return self._follow_encoded(message.robot, data)
         is_wrong = incoming.tells_driver and not self._note_driver(message.robot, data)
+        name = message.name
+        if incoming.commands and name.type_name == DriveCommand.type_name and name.topic == MANUAL_TOPIC:
+            self._see_drive(message.robot, data)
         if is_wrong or (incoming.commands and not self._is_obeyed(message.robot)):
             return Fate.REFUSED
-        name = message.name
         try:
             if incoming.framed is not None:
                 data = prefixed(incoming.framed.decode(data), f"{message.robot}/").encode()
@@ -487,6 +499,9 @@ class Link(Module):
         """Follow a wish of this robot's own page; that of an operator's side goes to the robot."""
         if self.envelope.sender in self._links:
             return
+        if self.plays:
+            self.withheld += 1
+            return
         with self.wire.turns:
             # A wish is as old as its publication: this module may have been stopped while it waited.
             waited_ns = self.clock.monotonic_ns() - self.envelope.published_ns
@@ -496,6 +511,12 @@ class Link(Module):
                 self._follow(self.robot, request)
             else:
                 self.late += 1
+
+    def _see_drive(self, operator: str, data: bytes) -> None:
+        """Notice an operator who holds on to a control since before the link was down."""
+        command, peer = DriveCommand.decode(data), self.node.peers[operator]
+        moves = bool(command.linear_m_per_s or command.angular_rad_per_s)
+        self.operators.see_drive(operator, peer.up_ns, *self._now(), moves=moves)
 
     def _is_obeyed(self, operator: str) -> bool:
         """Whether a command is from the operator who has control."""
@@ -518,13 +539,18 @@ class Link(Module):
         elif request.wish == OperatorRequest.GO_ON and not self._is_obeyed(operator):
             return Fate.REFUSED
         else:
-            self._orders.append(SetControl(mode=ORDERS[request.wish], reason=f"ordered by {operator}"))
+            order = SetControl(mode=ORDERS[request.wish], reason=f"ordered by {operator}")
+            self._orders.append((order, self.clock.monotonic_ns()))
         return Fate.PUBLISHED
 
     def _give_orders(self) -> None:
         """Order for operators how the robot is controlled: in the module's thread, which alone may call."""
         while self._orders:
-            order = self._orders.popleft()
+            order, arrived_ns = self._orders.popleft()
+            waited_ns = self.clock.monotonic_ns() - arrived_ns
+            if order.mode != ControlState.HOLD and waited_ns > self.command_expires_s / NS:
+                self.late += 1  # this module stood still
+                continue
             self.call(
                 order,
                 lambda _reply: None,
@@ -604,6 +630,8 @@ class Link(Module):
             shown.append(self.operators.text)
         if self.ill_formed.total:
             shown.append(self.ill_formed.summary)
+        if self.withheld:
+            shown.append(f"{self.withheld} commands of a run with a time of its own withheld")
         self.status = "; ".join(shown) or "no other robot has been found"
 
     def link_state(self, now_ns: int) -> LinkState:

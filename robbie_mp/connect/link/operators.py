@@ -19,6 +19,8 @@ LET_GO_NS = 500_000_000
 REPEAT_NS = 1_000_000_000
 """While commands are refused, the state is published this often."""
 MAX_NAME = 32
+MANUAL_TOPIC = "manual"
+"""Of drive commands by hand. A program that drives by others holds nothing on."""
 STATE_TOPIC = "operator_state"
 REQUEST_TOPIC = "operator_request"
 ORDERS = {OperatorRequest.GO_ON: ControlState.AUTO, OperatorRequest.HOLD: ControlState.HOLD}
@@ -74,6 +76,8 @@ class Operators:
         self._since_ns: int = known["since_ns"]
         self._refused_ns: dict[str, int] = {}
         """When each operator's last refused command came."""
+        self._driven_ns: dict[str, int] = {self.holder: -1} if self.holder else {}
+        """When each operator has last driven, of those who have not said that they let go."""
         self._heard_ns = 0
         self._told_ns = 0
         self._told_refused: int = self.refused
@@ -110,6 +114,29 @@ class Operators:
         self._refused_ns = {**recent, operator: now_ns}
         self.refused += 1
         self.refused_operator = operator
+
+    def see_drive(self, operator: str, up_ns: int, now_ns: int, utc_ns: int, *, moves: bool) -> None:
+        """Take it that an operator drives, before `obeys` is asked, or lets the robot stand.
+
+        One who drove when the link went down, and does so as soon as it is up again, has held the control all
+        the time: that is no order to move now.
+
+        Args:
+            operator: who has sent the command.
+            up_ns: when the link to the operator last came up.
+            now_ns: the module's time.
+            utc_ns: the clock's time.
+            moves: whether the command moves the robot.
+        """
+        if not moves:
+            self._driven_ns.pop(operator, None)
+            self._refused_ns.pop(operator, None)
+            return
+        if self._driven_ns.get(operator, now_ns) < up_ns and now_ns - up_ns < LET_GO_NS:
+            if self.holder == operator:
+                self._give("", now_ns, utc_ns)
+            self._note_refusal(operator, now_ns)
+        self._driven_ns[operator] = now_ns
 
     def request(self, operator: str, request: OperatorRequest, now_ns: int, utc_ns: int) -> None:
         """Follow a request of an operator.

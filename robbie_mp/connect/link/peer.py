@@ -137,6 +137,8 @@ class Peer:
         """Whether a beat of the present session has come."""
         self.last_beat_ns = 0
         """When the last beat arrived; 0: none has."""
+        self.up_ns = 0
+        """When the link last came up."""
         self._last_beat: tuple[int, int] = (0, 0)
         """When it was sent, by the other clock, and when it arrived."""
         self._beat_sent_ns = 0
@@ -277,6 +279,8 @@ class Peer:
         """Take note that the other link lives; True if it must first get the latched messages."""
         if not self._is_present(beat.session, now_ns):
             return False
+        if not self.is_up(now_ns):
+            self.up_ns = now_ns
         self.last_beat_ns = now_ns
         self._last_beat = (beat.sent_ns, now_ns)
         self.lost_there = beat.lost_permille / 1000

@@ -96,7 +96,8 @@ class Pilot(Module):
 
     def tick(self) -> None:
         valid_for = Duration.from_nanoseconds(round(self.valid_for_s * 1e9))
-        self.publish(DriveCommand(linear_m_per_s=0.5, valid_for=valid_for), topic="manual")
+        speed = 0.0 if (self.output_directory / "let_go").exists() else 0.5
+        self.publish(DriveCommand(linear_m_per_s=speed, valid_for=valid_for), topic="manual")
         if (self.output_directory / "stop").exists():
             self.publish(EmergencyStop(engaged=True, reason="test"), topic="emergency_stop")
 
