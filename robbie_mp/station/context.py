@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -10,7 +11,7 @@ from nicegui import ui
 from robbie_mp.messages import Header, IllFormed, Time, check_well_formed
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
-from robbie_mp.station.driving.dead_man import DeadManSwitch
+from robbie_mp.station.driving.dead_man import ORDER_LIMIT_S, DeadManSwitch
 from robbie_mp.station.requests import Asked, Asking
 from robbie_mp.station.watch.latest import MessageSource
 from robbie_mp.station.web.access import Role
@@ -96,7 +97,7 @@ class StationContext(MessageSource, Protocol):
     def publish(self, message: Message, *, topic: str = "") -> bool:
         """Publish a message from any thread. Panels use `Page.publish`, which checks the visitor's role."""
 
-    def ask(self, message: Asking, what: str, topic: str = "") -> Asked:
+    def ask(self, message: Asking, what: str, topic: str = "", within_s: float | None = None) -> Asked:
         """Send a request or goal from any thread. Panels use `Page.ask`, which checks the visitor's role."""
 
     def opened(self, page: Page) -> None:
@@ -111,10 +112,10 @@ def header_of_now(station: StationContext, frame_id: str = "") -> Header:
     return Header(stamp=Time.from_nanoseconds(station.clock.now_ns()), frame_id=frame_id)
 
 
-def time_ago(station: StationContext, age_s: float) -> Time:
-    """Return the time that was some time ago, such as that of an operator's input; 0 if too long ago."""
+def time_before(stamp: Time, age_s: float) -> Time:
+    """Return the time before a stamp, such as that of an operator's input; 0 if too long ago."""
     age_ns = min(max(age_s, 0.0), MAX_AGE_S) * 1e9
-    return Time.from_nanoseconds(max(0, station.clock.now_ns() - round(age_ns)))
+    return Time.from_nanoseconds(max(0, stamp.nanoseconds - round(age_ns)))
 
 
 class Link(Protocol):
@@ -218,6 +219,16 @@ class Page:
         ui.notify(f"{what} was refused: it needs an {needs.name.lower()}", type="negative")
         return False
 
+    def may_move(self, what: str) -> bool:
+        """Return whether the visitor may give an order that lets the robot move. It must not be late."""
+        if not self.may(what):
+            return False
+        if self.dead_man.is_prompt(time.monotonic()):
+            return True
+        self._station.refusals.warning("refused %s of a page: it may have waited too long", what)
+        ui.notify(f"{what} was refused: it may have waited too long; give it again", type="negative")
+        return False
+
     def publish(self, message: Message, what: str, topic: str = "", needs: Role = Role.OPERATOR) -> bool:
         """Publish a message for the visitor, or show on the page why not.
 
@@ -244,7 +255,9 @@ class Page:
             ui.notify(f"{what} was not sent: the robot's memory is full", type="negative")
         return is_sent
 
-    def ask(self, message: Asking, what: str, success: str = "", topic: str = "") -> Asked | None:
+    def ask(
+        self, message: Asking, what: str, success: str = "", topic: str = "", *, moves: bool = False
+    ) -> Asked | None:
         """Send a request or a goal for an operator. Whatever ends it is shown on the page.
 
         Args:
@@ -252,13 +265,14 @@ class Page:
             what: a name for it in texts, such as "the order".
             success: shown when the reply or result arrives; '' shows nothing.
             topic: name of the service, if several modules serve the same type.
+            moves: whether it lets the robot move: then it is refused if it is late.
 
         Returns:
-            How it ends, in a while; None if the visitor lacks the role.
+            How it ends, in a while; None if the visitor lacks the role, or it is late.
         """
-        if not self.may(what):
+        if not (self.may_move(what) if moves else self.may(what)):
             return None
-        asked = self._station.ask(message, what, topic)
+        asked = self._station.ask(message, what, topic, within_s=ORDER_LIMIT_S if moves else None)
         self._asked.append((asked, success))
         return asked
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -53,20 +55,22 @@ class Requests:
     def __init__(self, send: Callable[[Asking, Callable[[Message | CallError], None], str], None]):
         self._send = send
         self._lock = threading.Lock()
-        self._waiting: deque[tuple[Asking, str, Asked]] = deque()
+        self._waiting: deque[tuple[Asking, str, Asked, float]] = deque()
 
-    def ask(self, message: Asking, what: str, topic: str = "") -> Asked:
+    def ask(self, message: Asking, what: str, topic: str = "", within_s: float | None = None) -> Asked:
         """Take a request or goal; any thread may call this.
 
         Args:
             message: the request or goal.
             what: a name for it in texts.
             topic: name of the service, if several modules serve the same type.
+            within_s: it is not sent later than this; None: however late.
         """
         asked = Asked(what)
+        until_s = math.inf if within_s is None else time.monotonic() + within_s
         with self._lock:
             if len(self._waiting) < MAX_WAITING:
-                self._waiting.append((message, topic, asked))
+                self._waiting.append((message, topic, asked, until_s))
                 return asked
         asked.end(CallNotSent(f"{MAX_WAITING} requests wait already"))
         return asked
@@ -75,7 +79,10 @@ class Requests:
         """Send what waits. Call this in the module's thread."""
         while self._waiting:
             with self._lock:
-                message, topic, asked = self._waiting.popleft()
+                message, topic, asked, until_s = self._waiting.popleft()
+            if time.monotonic() > until_s:
+                asked.end(CallNotSent("it has waited too long; give it again"))
+                continue
             try:
                 self._send(message, asked.end, topic)
             except RobbieError as error:

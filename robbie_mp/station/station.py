@@ -255,15 +255,16 @@ class OperatorStation(Module):
             self.subscribe(message_type, handle, topic=topic)
         self._handlers[key].append(handler)
 
-    def ask(self, message: Asking, what: str, topic: str = "") -> Asked:
+    def ask(self, message: Asking, what: str, topic: str = "", within_s: float | None = None) -> Asked:
         """Send a request or a goal from any thread; see `Page.ask`.
 
         Args:
             message: the request or goal.
             what: a name for it in texts.
             topic: name of the service, if several modules serve the same type.
+            within_s: it is not sent later than this; None: however late.
         """
-        return self._requests.ask(message, what, topic)
+        return self._requests.ask(message, what, topic, within_s)
 
     def _send(self, message: Asking, on_end: Callable[[Message | CallError], None], topic: str) -> None:
         if isinstance(message, Goal):

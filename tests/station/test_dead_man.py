@@ -155,3 +155,25 @@ def test_speeds_beyond_the_pad_are_clamped() -> None:
 def test_who_has_let_go_does_not_move_the_robot() -> None:
     sent = {"linear": 1, "angular": 1, "sent_s": 1, "held": False}
     assert checked(sent) == Wish(held=False, begins=False, linear=0.0, angular=0.0, sent_s=1.0)
+
+
+def test_order_is_prompt_only_while_the_page_answers() -> None:
+    network = Network(0.05, 0.05)
+    assert network.switch.is_prompt(network.now_s)  # the page has just been opened
+    network.run(3.0)
+    assert network.switch.is_prompt(network.now_s)
+    network.there_s = 30.0  # the network is cut; what the operator presses meanwhile arrives later
+    network.run(5.0)
+    assert not network.switch.is_prompt(network.now_s)
+
+
+def test_order_that_waited_in_a_stopped_station_is_not_prompt_until_the_page_has_answered_again() -> None:
+    network = Network(0.05, 0.05)
+    network.run(3.0)
+    network.now_s += 10.0  # the process was stopped, and the browser's messages wait for it
+    assert not network.switch.is_prompt(network.now_s)
+    number = network.switch.ping(network.now_s)
+    network.switch.look(network.now_s)
+    assert not network.switch.is_prompt(network.now_s)
+    network.switch.pong(number, network.now_s + PAGE_AHEAD_S, network.now_s + 0.1)
+    assert network.switch.is_prompt(network.now_s + 0.1)

@@ -70,7 +70,7 @@ def test_robot_is_stopped_at_once_when_the_driving_page_is_gone(monkeypatch: pyt
     scene.disconnect()
     (stop,) = scene.told()
     assert (stop.linear_m_per_s, stop.angular_rad_per_s, stop.valid_for) == (0.0, 0.0, VALID_FOR)
-    assert scene.station.publish.call_args.kwargs == {"topic": driver.MANUAL_TOPIC}
+    assert scene.station.publish.call_args.kwargs == {"topic": "manual"}
 
 
 def test_page_that_does_not_drive_stops_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,6 +159,34 @@ def test_guard_is_left_out_only_on_purpose_and_until_the_operator_lets_go(
     scene.hold(1.0, held=False)
     scene.hold(1.0)
     assert [one.unguarded for one in scene.commands()] == [False, True, True, False, False]
+
+
+def test_guard_comes_back_although_the_robot_does_not_hear_that_the_operator_let_go(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = Scene(monkeypatch)
+    scene.driver.without_guard = True
+    scene.hold(1.0)
+    scene.seat.take("ben", over=True)
+    scene.hold(1.0, held=False)  # does not count: ben drives
+    scene.seat.leave("ben")
+    scene.hold(1.0)
+    scene.driver.without_guard = True
+    scene.disconnect()
+    scene.hold(1.0)
+    assert [one.unguarded for one in scene.commands()] == [True, False, False]
+
+
+def test_command_of_a_station_that_stood_still_while_it_made_it_is_old(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = Scene(monkeypatch)
+    may = scene.station.robot_command.take
+    may.side_effect = lambda: setattr(scene, "now_s", scene.now_s + 10.0)
+    began_ns = round(scene.now_s * 1e9)
+    scene.hold(1.0)
+    (command,) = scene.commands()
+    assert command.based_on.nanoseconds <= began_ns
 
 
 @pytest.mark.parametrize("sent", [None, [], {}, {"number": "x", "page_s": 1}, {"number": 1e400, "page_s": 1}])

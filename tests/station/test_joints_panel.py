@@ -9,6 +9,7 @@ import pytest
 
 from robbie_mp import Message, ModuleHarness
 from robbie_mp.messages import JointLimits, JointState
+from robbie_mp.station.context import header_of_now
 from robbie_mp.station.driving.dead_man import DeadManSwitch
 from robbie_mp.station.driving.held_control import HeldControl
 from robbie_mp.station.driving.seat import DriversSeat
@@ -79,7 +80,8 @@ def test_commands_expire_end_at_the_limits_and_go_to_the_module_of_each_joint(
     station: Station, panel: JointsPanel
 ) -> None:
     station.tell(limits("pan"), topic="neck")
-    commands = panel.commands({"arm/wrist": 9.0, "arm/gripper": -0.5, "neck/pan": 0.1, "arm/elbow": 1.0}, 0.1)
+    goals = {"arm/wrist": 9.0, "arm/gripper": -0.5, "neck/pan": 0.1, "arm/elbow": 1.0}
+    commands = panel.commands(goals, 0.1, header_of_now(panel.station))
     assert {topic: dict(zip(one.name, one.position, strict=True)) for topic, one in commands.items()} == {
         "arm": {"wrist": 2.0, "gripper": -0.5},
         "neck": {"pan": 0.1},
@@ -153,7 +155,9 @@ def test_simulated_arm_follows_a_held_control_and_stops_when_it_is_released(stat
         station.clock = SimpleNamespace(now_ns=arm.clock.now_ns)
         station.tell(arm.take(JointLimits, "arm")[0])
         for _ in range(5):
-            arm.send(panel.commands({"arm/wrist": 2.0}, 0.0)["arm"], topic="arm")
+            arm.send(
+                panel.commands({"arm/wrist": 2.0}, 0.0, header_of_now(panel.station))["arm"], topic="arm"
+            )
             arm.advance(0.1)
         arm.advance(1.0)
         station.tell(arm.take(JointState, "arm")[-1])

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from robbie_mp.messages import CancelNavigation, Message, NavigationCancelled
+from robbie_mp.messages import CancelNavigation, Message, NavigationCancelled, SetControl
 from robbie_mp.module.calls.errors import (
     CallError,
     CallNotSent,
@@ -68,3 +68,17 @@ def test_operator_is_told_how_a_request_or_goal_has_failed(error: CallError, tex
     asked = Asked("the goal")
     asked.end(error)
     assert ending(asked) == text
+
+
+def test_order_to_move_that_waited_for_the_module_is_not_sent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent: list[Asking] = []
+    requests = Requests(lambda message, _end, _topic: sent.append(message))
+    now_s = [100.0]
+    monkeypatch.setattr("robbie_mp.station.requests.time.monotonic", lambda: now_s[0])
+    late, any_time = requests.ask(SetControl(), "go on", within_s=2.0), requests.ask(SetControl(), "hold")
+    now_s[0] += 10.0
+    requests.tick()
+    assert isinstance(late.error, CallNotSent)
+    assert len(sent) == 1 and not any_time.has_ended

@@ -134,7 +134,8 @@ class OrderControls:
         self._give(CarryOut(tasks=[HouseholdTask(task=task, object=chosen.get(OBJECT, ""), place=place)]))
 
     def _give(self, order: CarryOut) -> None:
-        if (asked := self._page.ask(order, "the order", "the order is carried out")) is not None:
+        asked = self._page.ask(order, "the order", "the order is carried out", moves=True)
+        if asked is not None:
             self._given.append(asked)
 
     def _cancel_order(self) -> None:

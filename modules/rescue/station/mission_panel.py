@@ -131,7 +131,8 @@ class MissionControl:
         dialog = ui.dialog()
 
         def give(order: int) -> None:
-            if (asked := page.ask(OrderMission(order=order), "the order")) is not None:
+            moves = order in (OrderMission.START, OrderMission.RETURN)
+            if (asked := page.ask(OrderMission(order=order), "the order", moves=moves)) is not None:
                 given.append(asked)
 
         def press(order: int) -> None:

@@ -14,6 +14,8 @@ LIMIT_S = 0.2
 PING_PERIOD_S = 0.25
 WINDOW_S = 1.5
 """The delay is that of the quickest ping of this time: one that had to wait is no slow network."""
+ORDER_LIMIT_S = 2.0
+"""Greatest age of an order that lets the robot move, such as Go on: much may have happened since."""
 MAX_WAITING = 64
 MAX_PAGE_S = 1e9
 NS = 1_000_000_000
@@ -32,18 +34,36 @@ class DeadManSwitch:
     def __init__(self) -> None:
         self._page_clock = ClockOffset()
         self._number = 0
+        self._pinged_s = -math.inf
         self._waiting: deque[tuple[int, float]] = deque(maxlen=MAX_WAITING)
         """Number and departure of each ping without an answer."""
         self._trips: deque[tuple[float, float]] = deque(maxlen=MAX_WAITING)
         """Return and round trip of each ping, in s."""
+        self._stood_still_until = 0
+        """Number of the newest ping before this process, or the connection, stood still; 0: never."""
+        self._answered = 0
         self.losses = 0
         self.is_too_slow = False
 
     def ping(self, now_s: float) -> int:
         """Return the number of a ping that is sent to the page now."""
-        self._number += 1
+        if self._stands_still(now_s):
+            self._stood_still_until = self._number
+        self._number, self._pinged_s = self._number + 1, now_s
         self._waiting.append((self._number, now_s))
         return self._number
+
+    def _stands_still(self, now_s: float) -> bool:
+        """Return whether no ping has been sent for long."""
+        return self._number > 0 and now_s - self._pinged_s > ORDER_LIMIT_S
+
+    def is_prompt(self, now_s: float) -> bool:
+        """Return whether an order that arrives now is surely not older than `ORDER_LIMIT_S`.
+
+        It may have waited for a slow network, or for this process, which may have been stopped.
+        """
+        has_answered = self._answered > self._stood_still_until or not self._stood_still_until
+        return has_answered and not self._stands_still(now_s) and self.delay_s(now_s) <= ORDER_LIMIT_S
 
     def pong(self, number: int, page_s: float, now_s: float) -> None:
         """Take the page's answer to a ping; one that was not asked for is ignored.
@@ -57,6 +77,7 @@ class DeadManSwitch:
         if sent is None or not abs(page_s) <= MAX_PAGE_S:
             return
         self._waiting.remove(sent)
+        self._answered = max(self._answered, number)
         page_ns = round(page_s * NS)
         self._page_clock.add(Exchange(round(sent[1] * NS), page_ns, page_ns, round(now_s * NS)))
         self._trips.append((now_s, now_s - sent[1]))

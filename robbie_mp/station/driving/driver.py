@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from nicegui import ui
 from nicegui.element import Element
 
+from robbie_mp.connect.link.operators import MANUAL_TOPIC
 from robbie_mp.messages import DriveCommand
-from robbie_mp.station.context import header_of_now, time_ago
+from robbie_mp.station.context import header_of_now, time_before
 from robbie_mp.station.driving.dead_man import PING_PERIOD_S
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from robbie_mp.station.context import Page, StationContext
 
-MANUAL_TOPIC = "manual"
 MIN_LINEAR_M_PER_S, MIN_ANGULAR_RAD_PER_S = 0.05, 0.1
 STEP = 1.25
 """Factor by which one press on a key changes the maximum speeds."""
@@ -107,16 +107,17 @@ class Driver:
         wish = checked(event.args)
         if wish is None:
             return
+        self.without_guard = self.without_guard and wish.held
+        header = header_of_now(self._station, "base_link")  # first: the age counts from then
         age_s = self._control.age_s(held=wish.held, begins=wish.begins, sent_s=wish.sent_s)
         if age_s is None:
             return
-        self.without_guard = self.without_guard and wish.held
         command_message = DriveCommand(
-            header=header_of_now(self._station, "base_link"),
+            header=header,
             linear_m_per_s=wish.linear * self.linear_m_per_s,
             angular_rad_per_s=wish.angular * self.angular_rad_per_s,
             valid_for=VALID_FOR,
-            based_on=time_ago(self._station, age_s),
+            based_on=time_before(header.stamp, age_s),
             unguarded=wish.unguarded or self.without_guard,
         )
         self._last, self._last_s = command_message, time.monotonic()
@@ -145,6 +146,7 @@ class Driver:
 
         The last command would expire a little later. A page that connects again drives on.
         """
+        self.without_guard = False
         moves = self._last.linear_m_per_s or self._last.angular_rad_per_s
         is_valid = time.monotonic() - self._last_s < VALID_FOR.nanoseconds / 1e9
         if moves and is_valid and self._station.drivers_seat.holder == self._page.key:

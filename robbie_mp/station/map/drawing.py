@@ -127,7 +127,7 @@ class MapDrawing:
             remove.props["aria-label"] = f"Remove {name}"
 
     def _go(self, name: str) -> None:
-        self._page.ask(NavigateTo(place=name), "the goal", f"the robot is at {name}")
+        self._page.ask(NavigateTo(place=name), "the goal", f"the robot is at {name}", moves=True)
 
     def _remove(self, name: str) -> None:
         self._page.ask(AnnotateMap(remove=[name]), "the removal", f"{name} is removed")

@@ -45,9 +45,10 @@ class ControlButtons:
     def order(self, page: Page, mode: uint8) -> None:
         """Order the robot to go on, or to hold."""
         what, command = f"the order {MODES[mode]}", self._station.robot_command
+        moves = mode == ControlState.AUTO
         if not command.is_elsewhere:
-            page.ask(SetControl(mode=mode, reason=BY_HAND), what, success=MODES[mode])
-        elif page.may(what):
+            page.ask(SetControl(mode=mode, reason=BY_HAND), what, success=MODES[mode], moves=moves)
+        elif page.may_move(what) if moves else page.may(what):
             command.ask(WISHES[mode])
 
     def build(self, page: Page) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from nicegui import ui
 from nicegui.element import Element
 
-from robbie_mp.messages import JointCommand, JointLimits, JointState
-from robbie_mp.station.context import header_of_now, time_ago
+from robbie_mp.messages import Header, JointCommand, JointLimits, JointState
+from robbie_mp.station.context import header_of_now, time_before
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.light_controls import LightSliders
@@ -131,12 +131,13 @@ class JointsPanel(Panel):
             if pose and set(pose) <= set(by_name)
         ]
 
-    def commands(self, positions: dict[str, float], age_s: float) -> dict[str, JointCommand]:
+    def commands(self, positions: dict[str, float], age_s: float, header: Header) -> dict[str, JointCommand]:
         """Return the commands for goals, by topic; goals beyond a joint's limits end at the limit.
 
         Args:
             positions: by the keys of the joints, rad. Joints that do not exist are ignored.
             age_s: greatest age of the operator's input.
+            header: from when that age counts.
         """
         wanted: dict[str, dict[str, float]] = {}
         for joint, (lower, upper) in self._limits.items():
@@ -145,11 +146,11 @@ class JointsPanel(Panel):
                 wanted.setdefault(joint.topic, {})[joint.name] = goal
         return {
             topic: JointCommand(
-                header=header_of_now(self.station),
+                header=header,
                 name=[*goals],
                 position=np.array([*goals.values()]),
                 valid_for=VALID_FOR,
-                based_on=time_ago(self.station, age_s),
+                based_on=time_before(header.stamp, age_s),
             )
             for topic, goals in wanted.items()
         }
@@ -167,9 +168,10 @@ class JointsPanel(Panel):
             goals = checked(event.args)
             if goals is None:
                 return
+            header = header_of_now(self.station)
             age_s = control.age_s(held=goals.held, begins=goals.begins, sent_s=goals.sent_s)
             if goals.held and age_s is not None:
-                for topic, command in self.commands(goals.positions, age_s).items():
+                for topic, command in self.commands(goals.positions, age_s, header).items():
                     page.publish(command, "the command", topic)
 
         if page.role is Role.OPERATOR:

@@ -141,7 +141,10 @@ class MapPanel(Panel):
 
         def placed(event: GenericEventArguments) -> None:
             placement = checked(event.args)
-            if placement is None or not page.may("the place"):
+            if placement is None:
+                return
+            moves = placement.kind != INITIAL_POSE
+            if not (page.may_move("the goal") if moves else page.may("the place")):
                 return
             if placement.kind == NEXT_GOAL:
                 if not goals.add(placement):

@@ -89,7 +89,7 @@ class ViewPanel(Panel):
 
         def placed(event: GenericEventArguments) -> None:
             placement = checked(event.args)
-            if placement is not None and placement.kind == GOAL:
+            if placement is not None and placement.kind == GOAL and page.may_move("the goal"):
                 place(page, self.station, placement, self._pose.message)
             sets_goal.set_value(False)
 

@@ -69,7 +69,7 @@ class EmergencyStopControl:
 
         def release() -> None:
             dialog.close()
-            if page.may("the release of the emergency stop") and not self._requests.release():
+            if page.may_move("the release of the emergency stop") and not self._requests.release():
                 ui.notify("the release was not sent: the robot's memory is full", type="negative")
 
         with ui.dialog() as dialog, ui.card():
