@@ -148,7 +148,7 @@ def test_commands_of_a_log_that_is_played_go_to_no_other_robot() -> None:
     settings = {"robot": "base", "listen": [], "robots": ["red"], "send": {"command": ["DriveCommand"]}}
     with ModuleHarness(Link, settings) as harness:
         offered: list[object] = []
-        harness.module.node.offer = lambda one, _now_ns: offered.append(one)  # type: ignore[method-assign]
+        harness.module.node.offer = lambda message, now_ns: offered.append(message)  # type: ignore[method-assign]
         for harness.module.plays in (False, True):
             harness.send(DriveCommand(linear_m_per_s=0.5), topic="manual")
             harness.send(OperatorRequest(wish=OperatorRequest.GO_ON), topic="operator_request")

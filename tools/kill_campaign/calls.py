@@ -131,10 +131,10 @@ class Caller(Module):
 
     def setup(self) -> None:
         """Journal a new incarnation."""
-        self.incarnation = (self.restored or 0) + 1
-        self.checkpoint(self.incarnation)
+        self.life = (self.restored or 0) + 1
+        self.checkpoint(self.life)
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
-        self.journal.note("S", self.incarnation)
+        self.journal.note("S", self.life)
         self.number = self.waiting = 0
         self.goal: SentGoal | None = None
 
@@ -143,7 +143,7 @@ class Caller(Module):
         if (self.output_directory / PAUSE_FILE).exists():
             self.status = f"{self.waiting} calls wait" if self.waiting else self._quiet()
             return
-        self.status = f"incarnation {self.incarnation}, {self.number} calls"
+        self.status = f"incarnation {self.life}, {self.number} calls"
         if self.waiting >= self.limit:
             return
         self.number += 1

@@ -70,12 +70,12 @@ class Painter(Module):
 
     def setup(self) -> None:
         """Start a new incarnation and journal it."""
-        self.incarnation = (self.restored or 0) + 1
-        self.checkpoint(self.incarnation)
+        self.life = (self.restored or 0) + 1
+        self.checkpoint(self.life)
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
-        self.journal.note("S", self.incarnation)
+        self.journal.note("S", self.life)
         self.number = 0
-        self.waits = self.incarnation > 1
+        self.waits = self.life > 1
         self.is_done = False
 
     def tick(self) -> None:
@@ -93,7 +93,7 @@ class Painter(Module):
         number, self.number = self.number, self.number + 1
         size = self.largest_bytes >> number % 4
         message = Painting(
-            incarnation=self.incarnation, number=number, payload=np.full(size, number % 256, np.uint8)
+            incarnation=self.life, number=number, payload=np.full(size, number % 256, np.uint8)
         )
         self.journal.note("I", number)
         accepted = self.publish(message, topic=self.name, latched=self.latched)
@@ -111,10 +111,10 @@ class Comer(Module):
 
     def setup(self) -> None:
         """Journal a new incarnation, and subscribe."""
-        self.incarnation = (self.restored or 0) + 1
-        self.checkpoint(self.incarnation)
+        self.life = (self.restored or 0) + 1
+        self.checkpoint(self.life)
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
-        self.journal.note("S", self.incarnation)
+        self.journal.note("S", self.life)
         self.has_subscribed = self.way != "after setup"
         if self.has_subscribed:
             self.listen()
@@ -137,7 +137,7 @@ class Comer(Module):
             self.has_subscribed = True
             self.listen()
         is_paused = (self.output_directory / PAUSE_FILE).exists()
-        self.status = QUIET if is_paused else f"incarnation {self.incarnation}"
+        self.status = QUIET if is_paused else f"incarnation {self.life}"
 
     def on_encoded(self, message: EncodedMessage) -> None:
         """Journal a message that came by a pattern."""

@@ -41,12 +41,12 @@ class Participant(Module):
 
     def setup(self) -> None:
         """Start a new incarnation and journal it."""
-        self.incarnation = (self.restored or 0) + 1
-        self.checkpoint(self.incarnation)
+        self.life = (self.restored or 0) + 1
+        self.checkpoint(self.life)
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
-        self.journal.note("S", self.incarnation)
+        self.journal.note("S", self.life)
         self.noise = Noise(self.largest_bytes)
-        self.random = random.Random(f"{self.name} {self.incarnation}")
+        self.random = random.Random(f"{self.name} {self.life}")
         self.number = 0
         self.handled = 0
         self.held: deque[NDArray[np.uint8]] = deque()
@@ -70,7 +70,7 @@ class Participant(Module):
             self.held.clear()
             self.status = f"paused, {self.outstanding} outstanding"
             return
-        self.status = f"incarnation {self.incarnation}, {self.number} published, {self.handled} handled"
+        self.status = f"incarnation {self.life}, {self.number} published, {self.handled} handled"
         if self.hoards and not self.may_hold:
             self.held.clear()
         elif self.held and not self.hoards and self.random.random() < 0.2:
@@ -109,12 +109,12 @@ class Participant(Module):
         number, self.number = self.number, self.number + 1
         low, high = math.log(self.smallest_bytes), math.log(self.largest_bytes)
         size = max(0, round(math.exp(self.random.uniform(low, high))) - 64)
-        payload = self.noise.payload(self.incarnation, number, size)
+        payload = self.noise.payload(self.life, number, size)
         fields: dict[str, Any] = {
             "publisher": self.name,
-            "incarnation": self.incarnation,
+            "incarnation": self.life,
             "number": number,
-            "checksum": checksum(self.name, self.incarnation, number, payload),
+            "checksum": checksum(self.name, self.life, number, payload),
         }
         self.journal.note("I", number)
         accepted = True
