@@ -7,6 +7,7 @@ import os
 import threading
 import time
 from pathlib import Path
+from random import Random
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from robbie_mp import (
     int32,
     setting,
 )
+from robbie_mp.bus.observe import RunObserver
 from robbie_mp.messages import DriveCommand, EmergencyStop, Image, ModuleState
 
 
@@ -323,6 +325,35 @@ class Scribbler(Module):
                 segment[at : at + 4096] = os.urandom(4096)
 
 
+class Scrawler(Journal):
+    """Overwrites some of the memory that it may write, other places in each of its lives, and dies soon."""
+
+    period_s = 0.02
+    seed: int = setting(0, "what it overwrites")
+
+    def setup(self) -> None:
+        self.note(1)
+        lives = len((self.output_directory / f"{self.name}.journal").read_text().split())
+        self.random = Random(1000 * self.seed + lives)
+        self.subscribe(DriveCommand, self.on_command)
+        self.checkpoint({"number": 1})
+
+    def on_command(self, _command: DriveCommand) -> None:
+        self.publish(Image(data=np.zeros(100, np.uint8)))
+
+    def tick(self) -> None:
+        draw = self.random
+        for segment in writable_segments():
+            if draw.random() < 0.3:
+                size = min(len(segment), draw.choice([1, 8, 64, 4096, len(segment)]))
+                at = draw.randrange(0, len(segment) - size + 1)
+                fill = draw.choice([b"\x00", b"\xff", b"\x7f", draw.randbytes(1), None])
+                segment[at : at + size] = draw.randbytes(size) if fill is None else fill * size
+            segment.close()
+        if draw.random() < 0.1:
+            os._exit(1)
+
+
 class Viewing(Module):
     """Looks at each image."""
 
@@ -344,6 +375,18 @@ class Staring(Viewing):
     def tick(self) -> None:
         if hasattr(self, "image"):
             self.status = f"sum {self.image.data.sum()}"
+
+
+class Watching(Staring):
+    """Reads the figures of all modules, as the operator station does."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.observer = RunObserver(self.run_id)
+
+    def tick(self) -> None:
+        super().tick()
+        self.observer.modules()
 
 
 class Truncator(Module):

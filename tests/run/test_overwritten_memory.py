@@ -19,7 +19,7 @@ modules:
   wild:
     class: "zoo.modules:{wild}"
     settings: {settings}
-    restart: {{max_restarts: {restarts}, backoff_s: 0.05}}
+    restart: {{max_restarts: {restarts}, backoff_s: 0.05, backoff_cap_s: 0.1}}
 """
 Figures = dict[str, dict[str, Any]]
 
@@ -55,6 +55,20 @@ def test_module_that_fills_its_memory_with_random_bytes_costs_nobody_else(robot:
     else:
         handled = robot.top()["listener"]["handled"]
         robot.until(lambda top: top["listener"]["handled"] > handled + 100)
+    check_end(robot, process, pids)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("pure_python")
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_modules_that_overwrite_other_places_in_each_life_cost_nobody_else(robot: Robot, seed: int) -> None:
+    robot.write_profile(PROFILE.format(wild="Scrawler", settings=f"{{seed: {seed}}}", restarts=20))
+    process = robot.start()
+    others = ("pulse", "listener", "viewer", "core")
+    figures = robot.until(lambda top: all(top[name]["state"] == "RUNNING" for name in others))
+    pids = {name: figures[name]["pid"] for name in others}
+    robot.until(lambda top: top["wild"]["state"] == "FAILED")
+    assert len(robot.journal("wild")) > 15, "it dies rarely in its setup"
     check_end(robot, process, pids)
 
 
@@ -113,9 +127,10 @@ def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot:
 @pytest.mark.usefixtures("pure_python")
 @pytest.mark.parametrize("kind", ["out", "in", "wakeup", "data"])
 def test_module_whose_memory_is_truncated_is_killed_alone(robot: Robot, kind: str) -> None:
-    """A subscriber that read a message just then got SIGBUS from its publisher's memory."""
+    """A subscriber that read a message just then got SIGBUS from its publisher's memory, and the operator
+    station got it from the figures of any module."""
     profile = PROFILE.format(wild="Scribbler", settings='{only: "nothing"}', restarts=2)
-    robot.write_profile(profile.replace("Viewing", "Staring"))
+    robot.write_profile(profile.replace("Viewing", "Watching"))
     process = robot.start()
     others = ("pulse", "listener", "viewer")
     figures = robot.until(lambda top: top["viewer"]["handled"] > 5)

@@ -1,5 +1,7 @@
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -104,6 +106,44 @@ def test_posts_wake_promptly_while_a_module_writes_into_the_memory(
         thread.join()
     assert woken == 200
     segment.close()
+    other.close()
+
+
+WRITE_THE_SAME = """
+import mmap, sys
+with open(sys.argv[1], "r+b") as file:
+    words = memoryview(mmap.mmap(file.fileno(), 0)).cast("Q")
+print("writes", flush=True)
+while True:
+    words[int(sys.argv[2])] = 7
+"""
+
+
+@pytest.mark.parametrize("poster", BOTH)
+def test_posts_wake_promptly_while_a_module_writes_the_same_number_again_and_again(
+    wakeup: Wakeup, asleep: memoryview, poster: Native | None
+) -> None:
+    """The process that waits was woken, found the number that it had seen last, and slept on."""
+    other = Wakeup.attach(NAME, poster, asleep.toreadonly())
+    command = [sys.executable, "-c", WRITE_THE_SAME, str(SHARED_MEMORY / NAME), str(layout.WAKEUP_POSTS)]
+    late = 0
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        try:
+            writer.stdout.readline()
+            for _ in range(100):
+                wakeup.wait(0)
+                waiting = threading.Thread(target=wakeup.wait, args=(1.0,))
+                waiting.start()
+                while waiting.is_alive() and not (asleep[0] and is_asleep(waiting)):
+                    time.sleep(0)
+                began = time.monotonic()
+                other.post()
+                waiting.join()
+                late += time.monotonic() - began > 0.9
+        finally:
+            writer.kill()
+    assert late == 0
     other.close()
 
 

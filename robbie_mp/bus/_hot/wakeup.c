@@ -64,7 +64,7 @@ void wakeup_end_wait(struct wakeup *wakeup)
         store(wakeup->asleep, 0);
 }
 
-/* Sleep until the posts differ from those seen; 0, or the error's number. */
+/* Sleep while the posts are those seen, until somebody wakes this thread; 0, or the error's number. */
 static int sleep_while_seen(const struct wakeup *wakeup, const struct timespec *until)
 {
     if (syscall(SYS_futex, wakeup->waited_on, FUTEX_WAIT_BITSET, wakeup->seen, until, NULL,
@@ -82,10 +82,10 @@ int wakeup_wait(struct wakeup *wakeup, int64_t timeout_ns)
     const int64_t ns = until.tv_nsec + timeout_ns % NS_PER_S;
     until.tv_sec += timeout_ns / NS_PER_S + ns / NS_PER_S;
     until.tv_nsec = ns % NS_PER_S;
-    while (!take_posts(wakeup, wakeup->waited_on)) {
-        const int error = sleep_while_seen(wakeup, timeout_ns < 0 ? NULL : &until);
-        if (error != 0)
-            return error;
-    }
-    return 0;
+    if (take_posts(wakeup, wakeup->waited_on))
+        return 0;
+    const int error = sleep_while_seen(wakeup, timeout_ns < 0 ? NULL : &until);
+    if (error == 0 && !take_posts(wakeup, wakeup->waited_on))
+        fence_loads(); /* woken, though another process has written back the number that was seen */
+    return error;
 }

@@ -36,9 +36,10 @@ class _Fence(threading.local):
 class Wakeup:
     """A word on whose change one thread of one process waits, and which any number of processes change.
 
-    A post that another one overwrites is not lost, as the word has changed all the same. Only a module that
-    runs wild can hide a post: it must write back the old value just when the other process falls asleep. That
-    process then sleeps until the next post or its time-out. Time-outs follow the monotonic clock.
+    A post that another one overwrites is not lost, as the word has changed all the same. A process that was
+    woken looks whatever the word says then. Only a module that runs wild can hide a post: it must write back
+    the old value just when the other process falls asleep. That process then sleeps until the next post or its
+    time-out. Time-outs follow the monotonic clock.
 
     Args:
         segment: its memory.
@@ -162,11 +163,12 @@ class Wakeup:
         self._asleep[self._at] = 1
         self._fence.issue()
         try:
-            while not self._take():
-                if not futex.sleep_while(self._word, self._seen, until_ns):
-                    return False
+            if not self._take() and not futex.sleep_while(self._word, self._seen, until_ns):
+                return False
         finally:
             self._asleep[self._at] = 0
+        self._take()
+        self._fence.issue()  # also if another process has written back the number that was seen
         return True
 
     def close(self) -> None:
