@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -125,8 +126,11 @@ def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("pure_python")
+@pytest.mark.parametrize("damage", [lambda path: os.truncate(path, 0), Path.unlink], ids=["cut", "removed"])
 @pytest.mark.parametrize("kind", ["out", "in", "wakeup", "data"])
-def test_module_whose_memory_is_truncated_is_killed_alone(robot: Robot, kind: str) -> None:
+def test_module_whose_memory_is_damaged_is_killed_alone(
+    robot: Robot, kind: str, damage: Callable[[Path], None]
+) -> None:
     """A subscriber that read a message just then got SIGBUS from its publisher's memory, and the operator
     station got it from the figures of any module."""
     profile = PROFILE.format(wild="Scribbler", settings='{only: "nothing"}', restarts=2)
@@ -138,6 +142,7 @@ def test_module_whose_memory_is_truncated_is_killed_alone(robot: Robot, kind: st
     run = robot.known_run()
     with surviving_truncation("/dev/shm/robbie-"):  # this process looks, too
         for path in Path(f"/dev/shm/robbie-{run.run_id}").glob(f"{kind}-4-1*"):
-            os.truncate(path, 0)
-        robot.until(lambda top: top["wild"]["incarnation"] == 2 and top["wild"]["state"] == "RUNNING")
+            damage(path)
+        if kind != "data" or damage is not Path.unlink:  # those that know the segment have mapped it
+            robot.until(lambda top: top["wild"]["incarnation"] == 2 and top["wild"]["state"] == "RUNNING")
         check_end(robot, process, pids)

@@ -122,7 +122,7 @@ def test_core_ends_while_its_supervisor_hangs_and_comes_back_with_it(robot: Robo
     assert "nothing may move without it" in robot.log("core")
 
 
-@pytest.mark.parametrize("removed", ["{memory}", "{memory}/core", "{memory}/out-1-1", "{folder}"])
+@pytest.mark.parametrize("removed", ["{memory}", "{memory}/core", "{memory}/wakeup-core", "{folder}"])
 def test_run_whose_files_are_removed_ends_with_the_reason(robot: Robot, removed: str) -> None:
     """Otherwise it went on for ever, and none of its modules could be restarted."""
     robot.write_profile(ENDLESS)

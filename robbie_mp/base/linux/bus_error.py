@@ -34,14 +34,15 @@ class _Action(ctypes.Structure):
 
 
 @contextlib.contextmanager
-def surviving_truncation(prefix: str, but: str = "") -> Iterator[list[str]]:
+def surviving_truncation(prefix: str, *, writable: bool = True) -> Iterator[list[str]]:
     """Replace by zeros what is cut off some mapped files; yield their paths, once for each page.
 
     Every other bus error has the effect that it had before.
 
     Args:
         prefix: how the paths of the files begin.
-        but: how the paths of the exceptions begin; '': there are none.
+        writable: whether also in memory that this process may write. Otherwise it ends by what was cut off
+            there: nobody would see what it writes from then on.
     """
     truncated: list[str] = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -52,7 +53,7 @@ def surviving_truncation(prefix: str, but: str = "") -> Iterator[list[str]]:
     def on_bus_error(_signal: int, information: int, _context: int) -> None:
         try:
             address = ctypes.c_size_t.from_address(information + _ADDRESS_AT).value
-            truncated.append(_replace(libc, address, prefix, but))
+            truncated.append(_replace(libc, address, prefix, writable))
         except BaseException:
             libc.sigaction(signal.SIGBUS, ctypes.byref(before), None)
 
@@ -64,15 +65,15 @@ def surviving_truncation(prefix: str, but: str = "") -> Iterator[list[str]]:
         libc.sigaction(signal.SIGBUS, ctypes.byref(before), None)
 
 
-def _replace(libc: ctypes.CDLL, address: int, prefix: str, but: str) -> str:
+def _replace(libc: ctypes.CDLL, address: int, prefix: str, writable: bool) -> str:
     """Map a page of zeros in the place of the one at an address; return the path of the file that it was of.
 
     Raises:
-        LookupError: it is of no such file.
+        LookupError: it is of no such file, or may be written although it must not be `writable`.
         OSError: there is no memory.
     """
-    path = _file_at(address)
-    if not path.startswith(prefix) or (but and path.startswith(but)):
+    allowed, path = _file_at(address)
+    if not path.startswith(prefix) or ("w" in allowed and not writable):
         raise LookupError(path)
     at = ctypes.c_void_p(address // mmap.PAGESIZE * mmap.PAGESIZE)
     flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_FIXED
@@ -84,10 +85,11 @@ def _replace(libc: ctypes.CDLL, address: int, prefix: str, but: str) -> str:
     return path
 
 
-def _file_at(address: int) -> str:
+def _file_at(address: int) -> tuple[str, str]:
+    """Return how the file that is mapped at an address may be used, such as "r--s", and its path."""
     for line in _MAPS.read_text().splitlines():
-        span, *_, path = line.split(maxsplit=5)
+        span, allowed, *_, path = line.split(maxsplit=5)
         start, end = (int(edge, 16) for edge in span.split("-"))
         if start <= address < end:
-            return path.removesuffix(" (deleted)")
+            return allowed, path.removesuffix(" (deleted)")
     raise LookupError(f"nothing is mapped at {address:#x}")

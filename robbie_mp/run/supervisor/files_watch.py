@@ -50,14 +50,17 @@ class FilesWatch:
         self.look()
 
     def look(self) -> list[Damage]:
-        """Return what has happened to files; nothing if it is not yet time to look again."""
+        """Return what has happened to files, to those that every process needs first.
+
+        Returns nothing if it is not yet time to look again.
+        """
         if self._clock() < self._next_s:
             return []
         self._next_s = self._clock() + CHECK_PERIOD_S
         needed = self._files()
         watched = {**self._passing(), **needed}
         sizes = {path: _size(path) for path in watched}
-        removed = [Damage(path, "removed", None) for path in needed if sizes[path] is None]
+        removed = [Damage(path, "removed", owner) for path, owner in needed.items() if sizes[path] is None]
         largest = {path: max(size or 0, self._largest.get(path, 0)) for path, size in sizes.items()}
         truncated = [
             Damage(path, "truncated", watched[path])
@@ -65,7 +68,7 @@ class FilesWatch:
             if size is not None and size < largest[path]
         ]
         self._largest = largest
-        return removed + truncated
+        return sorted(removed + truncated, key=lambda damage: damage.owner is not None)
 
 
 def _size(path: Path) -> int | None:

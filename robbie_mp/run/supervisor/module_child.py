@@ -133,16 +133,9 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
     gc.freeze()  # imported objects stay, so the collector need not scan them again
-    _run(runner, plan.run_id, slot, incarnation)
-    checkpoints.close()
-
-
-def _run(runner: ModuleRunner, run_id: str, slot: int, incarnation: int) -> None:
-    """Run a module; it survives truncated data of others, but not its own, or memory of the run."""
-    others = SHARED_MEMORY / names.folder(run_id) / "data-"
-    own = SHARED_MEMORY / names.data_prefix(run_id, slot, incarnation)
-    with surviving_truncation(str(others), but=str(own)):
+    with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/", writable=False):
         runner.run()
+    checkpoints.close()
 
 
 def line_writer(endpoint: Endpoint, words: Words, at: int) -> Callable[[str], None]:

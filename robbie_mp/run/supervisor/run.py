@@ -227,8 +227,8 @@ def _each_turn(
     for path, what, owner in files.look():
         if owner is None:
             tree.stop(f"{path} was {what}, and no process can start without it", has_failed=True)
-        else:
-            _kill(tree, tools, *owner, f"its shared memory {path} was {what}")
+            break  # all end in order
+        _kill(tree, tools, *owner, f"its shared memory {path} was {what}")
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
