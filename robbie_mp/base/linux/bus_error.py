@@ -2,7 +2,9 @@
 
 Nothing keeps a process of the same user from truncating a file in /dev/shm. The kernel then sends SIGBUS to
 each process that touches what was cut off, at the very instruction, so a handler of Python's (signal.signal)
-would come too late. The handler here puts a page of zeros there and lets the instruction be repeated.
+would come too late. The handler here puts zeros there, up to the end of the mapping, and lets the instruction
+be repeated. It needs the GIL: a thread of C code must not touch messages while another one waits for it with
+the GIL, or both wait until the supervisor kills the module.
 """
 
 import contextlib
@@ -34,8 +36,8 @@ class _Action(ctypes.Structure):
 
 
 @contextlib.contextmanager
-def surviving_truncation(prefix: str, *, writable: bool = True) -> Iterator[list[str]]:
-    """Replace by zeros what is cut off some mapped files; yield their paths, once for each page.
+def surviving_truncation(prefix: str, *, writable: bool = True) -> Iterator[dict[int, str]]:
+    """Replace by zeros what is cut off some mapped files; yield where, and the paths.
 
     Every other bus error has the effect that it had before.
 
@@ -44,7 +46,7 @@ def surviving_truncation(prefix: str, *, writable: bool = True) -> Iterator[list
         writable: whether also in memory that this process may write. Otherwise it ends by what was cut off
             there: nobody would see what it writes from then on.
     """
-    truncated: list[str] = []
+    truncated: dict[int, str] = {}
     libc = ctypes.CDLL(None, use_errno=True)
     libc.mmap.restype = ctypes.c_void_p
     before = _Action()
@@ -53,7 +55,14 @@ def surviving_truncation(prefix: str, *, writable: bool = True) -> Iterator[list
     def on_bus_error(_signal: int, information: int, _context: int) -> None:
         try:
             address = ctypes.c_size_t.from_address(information + _ADDRESS_AT).value
-            truncated.append(_replace(libc, address, prefix, writable))
+            page = address // mmap.PAGESIZE * mmap.PAGESIZE
+            end, allowed, path = _mapping_at(page)
+            if page in truncated and not path:
+                return  # another thread has just replaced it
+            if not path.startswith(prefix) or ("w" in allowed and not writable):
+                raise LookupError(path)
+            truncated[page] = path
+            _replace(libc, page, end - page)
         except BaseException:
             libc.sigaction(signal.SIGBUS, ctypes.byref(before), None)
 
@@ -65,31 +74,22 @@ def surviving_truncation(prefix: str, *, writable: bool = True) -> Iterator[list
         libc.sigaction(signal.SIGBUS, ctypes.byref(before), None)
 
 
-def _replace(libc: ctypes.CDLL, address: int, prefix: str, writable: bool) -> str:
-    """Map a page of zeros in the place of the one at an address; return the path of the file that it was of.
-
-    Raises:
-        LookupError: it is of no such file, or may be written although it must not be `writable`.
-        OSError: there is no memory.
-    """
-    allowed, path = _file_at(address)
-    if not path.startswith(prefix) or ("w" in allowed and not writable):
-        raise LookupError(path)
-    at = ctypes.c_void_p(address // mmap.PAGESIZE * mmap.PAGESIZE)
+def _replace(libc: ctypes.CDLL, address: int, size: int) -> None:
+    """Map zeros in the place of some pages; OSError: there is no memory."""
+    at = ctypes.c_void_p(address)
     flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_FIXED
     access = mmap.PROT_READ | mmap.PROT_WRITE
-    made = libc.mmap(at, ctypes.c_size_t(mmap.PAGESIZE), access, flags, -1, ctypes.c_long(0))
+    made = libc.mmap(at, ctypes.c_size_t(size), access, flags, -1, ctypes.c_long(0))
     if made == _FAILED:
         error = ctypes.get_errno()
         raise OSError(error, os.strerror(error))
-    return path
 
 
-def _file_at(address: int) -> tuple[str, str]:
-    """Return how the file that is mapped at an address may be used, such as "r--s", and its path."""
+def _mapping_at(address: int) -> tuple[int, str, str]:
+    """Return where the mapping at an address ends, how it may be used ("r--s"), and its file; '': it has none."""
     for line in _MAPS.read_text().splitlines():
-        span, allowed, *_, path = line.split(maxsplit=5)
+        span, allowed, _offset, _device, _inode, *path = line.split(maxsplit=5)
         start, end = (int(edge, 16) for edge in span.split("-"))
         if start <= address < end:
-            return allowed, path.removesuffix(" (deleted)")
+            return end, allowed, "".join(path).removesuffix(" (deleted)")
     raise LookupError(f"nothing is mapped at {address:#x}")

@@ -37,9 +37,9 @@ class Wakeup:
     """A word on whose change one thread of one process waits, and which any number of processes change.
 
     A post that another one overwrites is not lost, as the word has changed all the same. A process that was
-    woken looks whatever the word says then. Only a module that runs wild can hide a post: it must write back
-    the old value just when the other process falls asleep. That process then sleeps until the next post or its
-    time-out. Time-outs follow the monotonic clock.
+    woken looks for work whatever the word says then. Only a module that runs wild can hide a post: it must
+    write back the old value just when the other process falls asleep. That process then sleeps until the next
+    post or its time-out. Time-outs follow the monotonic clock.
 
     Args:
         segment: its memory.

@@ -68,8 +68,9 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
     core_wakeup = attach_core_wakeup(plan.run_id, core_segment, native)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)
-    sizes = planned.memory.segment_bytes, planned.memory.limit_bytes
-    blocks = make_block_store(plan.run_id, slot, incarnation, *sizes, native)
+    blocks = make_block_store(
+        plan.run_id, slot, incarnation, planned.memory.segment_bytes, planned.memory.limit_bytes, native
+    )
     wiring = Wiring(planned.topics, planned.namespace)
     outbox = Outbox(endpoint, blocks, words, SystemClock(), native, wiring)
     core = core_segment.words
