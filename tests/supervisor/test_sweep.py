@@ -52,6 +52,18 @@ def place(tmp_path: Path) -> Place:
     return Place(tmp_path)
 
 
+def test_folder_that_a_module_made_among_the_names_of_a_dead_run_is_removed(place: Place) -> None:
+    """The run's folder in /dev/shm stayed for ever."""
+    place.add_names(RUN)
+    folder = place.shared_memory / f"robbie-{RUN}"
+    (folder / "own" / "deeper").mkdir(parents=True)
+    (folder / "own" / "deeper" / "file").touch()
+    (folder / "link").symlink_to(place.base)
+    assert place.sweep().runs == (RUN,)
+    assert not folder.exists()
+    assert place.base.exists()
+
+
 def test_dead_run_is_removed_with_its_names(place: Place) -> None:
     (place.base / RUN).mkdir()
     (place.base / RUN / "run.json").write_text("{}")

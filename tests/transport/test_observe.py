@@ -12,7 +12,7 @@ from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.board import Board, SlotState, Totals
 from robbie_mp.bus.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.bus.transport.segment import Segment
-from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 from robbie_mp.bus.transport.tables import CoreTables, TableSizes
 from robbie_mp.bus.transport.words import WORD_MAX, write_text
 
@@ -87,3 +87,15 @@ def test_observer_keeps_no_memory_of_a_tool_that_has_left() -> None:
 
 def times_mapped(name: str) -> int:
     return Path("/proc/self/maps").read_text().count(name)
+
+
+@pytest.mark.parametrize("name", ["data-x-1", "out-999-1", "data", "checkpoint-1e3", "in--"])
+@pytest.mark.usefixtures("camera")
+def test_file_with_another_name_among_the_segments_belongs_to_nobody(name: str) -> None:
+    """`robbie top` ended by an error."""
+    path = SHARED_MEMORY / names.folder(RUN) / name
+    path.touch()
+    with closing(RunObserver(RUN)) as observer:
+        owners = {segment.name: segment.module for segment in observer.segments()}
+    assert owners[f"{names.folder(RUN)}/{name}"] == ""
+    assert owners[names.outbound(RUN, 1, 1)] == "camera"

@@ -86,7 +86,7 @@ def _replace(libc: ctypes.CDLL, address: int, size: int) -> None:
 
 
 def _mapping_at(address: int) -> tuple[int, str, str]:
-    """Return where the mapping at an address ends, how it may be used ("r--s"), and its file; '': it has none."""
+    """Return where the mapping at an address ends, how it may be used, as "r--s", and its file ('': none)."""
     for line in _MAPS.read_text().splitlines():
         span, allowed, _offset, _device, _inode, *path = line.split(maxsplit=5)
         start, end = (int(edge, 16) for edge in span.split("-"))

@@ -1,6 +1,7 @@
 """Reads all figures of a run."""
 
 import os
+import re
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -33,8 +34,8 @@ from robbie_mp.bus.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
 _HOT_PATHS = {int(path): path.name for path in HotPath}
-_OF_A_SLOT = ("out", "in", "data", "checkpoint")
-"""Kinds of segments that have the slot in their names."""
+_OF_A_SLOT = re.compile("(?:out|in|data|checkpoint)-([0-9]+)-.*")
+"""Names of segments that belong to a slot; others may stand beside them."""
 
 
 class RunObserver:
@@ -171,16 +172,20 @@ class RunObserver:
         found = []
         with suppress(SegmentMissing), opened_folder(folder) as folder_fd:
             for file in os.listdir(folder_fd):
-                kind, *rest = file.split("-")
                 try:
                     size = os.stat(file, dir_fd=folder_fd).st_size
                 except FileNotFoundError:
                     continue
-                owner = self._board.name(int(rest[0])) if kind in _OF_A_SLOT else ""
-                found.append(SegmentFigures(f"{folder}/{file}", kind, owner, size))
+                kind = file.partition("-")[0]
+                found.append(SegmentFigures(f"{folder}/{file}", kind, self._owner(file), size))
         return sorted(found, key=lambda segment: segment.name)
 
     # -- inside ----------------------------------------------------------------------------------------
+
+    def _owner(self, file: str) -> str:
+        """Return the name of the module whose segment it is, '' if it is of none."""
+        match = _OF_A_SLOT.fullmatch(file)
+        return self._board.name(int(match[1])) if match and int(match[1]) < self._board.slots else ""
 
     def _table(self, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
         """One of the core's tables, `(rows, row_words)`; the core may change it while you read."""

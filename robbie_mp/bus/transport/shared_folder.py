@@ -8,6 +8,7 @@ check of its owner and mode.
 
 import contextlib
 import os
+import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -87,12 +88,20 @@ def remove_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
     ):
         for file in sorted(os.listdir(fd)):
             with contextlib.suppress(OSError):
-                os.unlink(file, dir_fd=fd)
+                _remove(file, fd)
                 removed.append(f"{names.folder(run_id)}/{file}")
         with contextlib.suppress(OSError):
             os.rmdir(shared_memory / names.folder(run_id))
             removed.append(names.folder(run_id))
     return removed
+
+
+def _remove(file: str, folder_fd: int) -> None:
+    """Remove a file, or a folder that some module has made there."""
+    try:
+        os.unlink(file, dir_fd=folder_fd)
+    except IsADirectoryError:
+        shutil.rmtree(file, dir_fd=folder_fd)
 
 
 def is_own(found: os.stat_result) -> bool:
