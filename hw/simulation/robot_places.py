@@ -43,7 +43,8 @@ class RobotPlaces:
         """Write where this robot is, arena frame."""
         self._count += 1
         row = FORMAT.pack(self._count, *pose, time.monotonic(), self._count)
-        file = os.open(self._own, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW  # others may write there, too
+        file = os.open(self._own, flags, 0o600)
         try:
             os.pwrite(file, row, 0)
         finally:

@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from robbie_mp.base.linux.private_files import private_opener
+
 FORMAT = struct.Struct("<QQdQ")  # sequence, next time in ns, when it was written, sequence
 LEAD_NS = 10_000_000
 """A run may be so far ahead of the others, so that they need not wait for one another at each tick."""
@@ -119,7 +121,7 @@ class SharedTime:
 
     def _tell(self, due_ns: int) -> None:
         self._count += 1
-        file = os.open(self._own, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        file = private_opener(str(self._own), os.O_WRONLY | os.O_CREAT)
         try:
             os.pwrite(file, FORMAT.pack(self._count, due_ns, time.monotonic(), self._count), 0)
         finally:

@@ -15,6 +15,14 @@ def two(folder: Path) -> tuple[SharedTime, SharedTime]:
     return SharedTime(folder / "time", "red", 2), SharedTime(folder / "time", "blue", 2)
 
 
+def test_link_that_others_have_planted_in_the_folder_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "victim").write_text("a file of this user")
+    (tmp_path / "red.time").symlink_to("victim")
+    with pytest.raises(OSError, match="red.time"):
+        SharedTime(tmp_path, "red").may_go_to(STEP_NS)
+    assert (tmp_path / "victim").read_text() == "a file of this user"
+
+
 def test_no_time_passes_until_all_runs_are_there(tmp_path: Path) -> None:
     red, blue = two(tmp_path)
     assert not red.may_go_to(STEP_NS)

@@ -12,6 +12,14 @@ from robbie_robots.hw.simulation.robot_places import RobotPlaces
 from tests.hw.simulation.test_drive import EXACT, HALL, Clock, drive_for
 
 
+def test_link_that_others_have_planted_in_the_folder_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "victim").write_text("a file of this user")
+    (tmp_path / f"red{robot_places.SUFFIX}").symlink_to("victim")
+    with pytest.raises(OSError, match="red"):
+        RobotPlaces(tmp_path, "red").tell(Pose(1.0, 2.0, 0.5))
+    assert (tmp_path / "victim").read_text() == "a file of this user"
+
+
 def test_each_robot_knows_where_the_others_are_until_they_leave(tmp_path: Path) -> None:
     red, blue = RobotPlaces(tmp_path / "arena", "red"), RobotPlaces(tmp_path / "arena", "blue")
     red.tell(Pose(1.0, 2.0, 0.5))
