@@ -144,7 +144,10 @@ def test_latched_message_that_kills_its_handler_is_not_given_a_third_time(robot:
     assert figures["health"] == reason
     assert "DEGRADED: no longer" in robot.command("top", "--once", "--interval", "0").stdout
     assert "x: 13" in robot.command("echo", "Vector3", "--topic", "goal", "--once").stdout, "others do"
+    (robot.folder / "zoo" / "pilots.py").write_text(DEADLY.replace("13", "14"))
+    assert robot.command("module", "restart", "pilot").returncode == 0
+    figures = robot.until(lambda modules: modules["pilot"]["status"] == "flies to 13.0")
     assert robot.command("pub", "Vector3", "{x: 7}", "--topic", "goal", "--latched").returncode == 0
     figures = robot.until(lambda modules: modules["pilot"]["status"] == "flies to 7.0")
-    assert figures["pilot"]["restarts"] == 2
+    assert figures["pilot"]["restarts"] == 3
     assert figures["pilot"]["health"] == ""

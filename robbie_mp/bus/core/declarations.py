@@ -128,7 +128,13 @@ class Declarations:
         """Close all subscriptions of a module that will not come back."""
         for entry in [entry for entry in self._directory.subscriptions if entry.slot == slot]:
             self._close(entry, outcome)
-            self._directory.forget_deaths(entry)
+        self.forget_deaths(slot)
+
+    def forget_deaths(self, slot: int) -> None:
+        """Give a module that comes back as ordered all latched messages again; may be repeated."""
+        for entry in self._directory.subscriptions:
+            if entry.slot == slot:
+                self._directory.forget_deaths(entry)
 
     def _close(self, entry: Subscription, outcome: Outcome) -> None:
         slot = self._slots[entry.slot]

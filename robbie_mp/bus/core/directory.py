@@ -312,7 +312,7 @@ class Directory:
         self._row(entry).note_death(sequence, incarnation)
 
     def forget_deaths(self, entry: Subscription) -> None:
-        """Give a module that comes back as ordered all latched messages again; may be repeated."""
+        """Forget over which latched messages a module died; may be repeated."""
         self._row(entry).forget_deaths()
 
     def is_withheld(self, entry: Subscription, sequence: int) -> bool:

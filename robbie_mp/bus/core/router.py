@@ -278,6 +278,8 @@ class Router:
         elif kind == Outbound.MODULE_DOWN:
             if link is not None and link.incarnation == incarnation:
                 self._reclaim(link)
+            if record[3]:
+                self._declarations.forget_deaths(slot)
             self._blocks.mark_dead(slot, incarnation)
             self._members.notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
         elif kind == Outbound.MODULE_GONE:

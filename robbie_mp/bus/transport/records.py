@@ -14,7 +14,7 @@ Outbound, from a module to the core (kind, then up to six words):
 and, from the supervisor only:
 
     MODULE_UP    slot, incarnation
-    MODULE_DOWN  slot, incarnation, whether it ended cleanly
+    MODULE_DOWN  slot, incarnation, whether its restart was ordered
     MODULE_GONE  slot                                             it will not come back
 
 Inbound, from the core to a module; the first word of DELIVER is kind | declaration << 8 | channel << 32:

@@ -55,8 +55,14 @@ class Incarnations(Protocol):
     def last_words(self, name: str, incarnation: int) -> LastWords:
         """Return what a dead child left in its memory, for the crash report; called before `died`."""
 
-    def died(self, name: str, incarnation: int) -> None:
-        """Begin to reclaim. The process has been reaped and will never touch the memory again."""
+    def died(self, name: str, incarnation: int, *, was_ordered: bool = False) -> None:
+        """Begin to reclaim. The process has been reaped and will never touch the memory again.
+
+        Args:
+            name: the child.
+            incarnation: its incarnation.
+            was_ordered: whether somebody has ordered its restart, and may have changed what it died over.
+        """
 
     def is_reclaimed(self, name: str, incarnation: int) -> bool:
         """Return whether the next incarnation may be opened; asked every few ms in BACKOFF."""

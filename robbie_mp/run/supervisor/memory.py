@@ -67,8 +67,8 @@ class RunMemory:
         self._run_id = plan.run_id
         self._slots = {name: slot for slot, name in enumerate(plan.names)}
         self._incarnations: dict[int, tuple[int, IncarnationMemory]] = {}
-        self._dying: set[int] = set()
-        """Slots whose module is dead but not yet reclaimed."""
+        self._dying: dict[int, bool] = {}
+        """Slots whose module is dead but not yet reclaimed; whether its restart was ordered."""
         self._reclaimed: dict[int, int] = {}
         """For each slot, the incarnation that the core reclaimed last."""
         self._heartbeat_before = 0
@@ -137,8 +137,8 @@ class RunMemory:
             return
         for slot, (of_slot, _) in self._incarnations.items():
             if slot != SUPERVISOR_SLOT:
-                is_dead = slot in self._dying
-                self._endpoint.send(Outbound.MODULE_DOWN if is_dead else Outbound.MODULE_UP, slot, of_slot)
+                kind = Outbound.MODULE_DOWN if slot in self._dying else Outbound.MODULE_UP
+                self._endpoint.send(kind, slot, of_slot, self._dying.get(slot, False))
                 if self.board.read(slot).state == _FAILED:  # it hangs in the kernel and stays connected
                     self._endpoint.send(Outbound.MODULE_GONE, slot, 0)
 
@@ -204,7 +204,7 @@ class RunMemory:
             return LastWords()
         return self._last_words.read(memory.out.words, memory.into.words)
 
-    def died(self, name: str, incarnation: int) -> None:
+    def died(self, name: str, incarnation: int, *, was_ordered: bool = False) -> None:
         """Have the core reclaim what a dead module held; add its counters to those of its predecessors."""
         if name == CORE:
             return
@@ -218,8 +218,8 @@ class RunMemory:
             handled=row.past.handled + words[layout.OUT_HANDLED],
         )
         self.board.write(slot, replace(row, pid=0, past=past))
-        self._dying.add(slot)
-        self._endpoint.send(Outbound.MODULE_DOWN, slot, incarnation)
+        self._dying[slot] = was_ordered
+        self._endpoint.send(Outbound.MODULE_DOWN, slot, incarnation, was_ordered)
 
     def is_reclaimed(self, name: str, incarnation: int) -> bool:
         """Whether the core has reclaimed everything, so that the next incarnation may start."""
@@ -229,7 +229,7 @@ class RunMemory:
         self.read_notices()
         if self._reclaimed.get(slot) != incarnation:
             return False
-        self._dying.discard(slot)
+        self._dying.pop(slot, None)
         _, memory = self._incarnations.pop(slot)
         memory.close()
         memory.unlink()

@@ -410,7 +410,8 @@ class SupervisedChild:
         if status is not None and self._is_crash(status, is_clean=is_clean):
             self._crash_watch.report(status, reason, was_killed_by_us=bool(self._kill_reason))
         if self._is_opened:
-            self._incarnations.died(self.spec.name, self.incarnation)
+            was_ordered = self._then is Then.RESTART
+            self._incarnations.died(self.spec.name, self.incarnation, was_ordered=was_ordered)
         if status is not None and status.is_clean:
             self._owes_results = False
         if self._then is Then.RESTART and self._may_restart:

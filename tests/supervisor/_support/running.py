@@ -76,7 +76,7 @@ class FolderIncarnations:
         assert ("died", name, incarnation) not in self.calls
         return LastWords(activity="its duty")
 
-    def died(self, name: str, incarnation: int) -> None:
+    def died(self, name: str, incarnation: int, *, was_ordered: bool = False) -> None:
         assert ("died", name, incarnation) not in self.calls
         assert ("open", name, incarnation) in self.calls
         if pid := self.pids.get((name, incarnation)):
