@@ -1,6 +1,7 @@
 """No bridge and no link dies of a stock message with one damaged field, in either direction."""
 
 import logging
+import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -76,7 +77,7 @@ def ros2(accept: dict[str, str]) -> Iterator[tuple[ModuleHarness[Any], Feed]]:
         channels = {one[1].type_name: channel for channel, one in bridge.module._incoming.items()}
 
         def feed(message: Message) -> None:
-            bridge.module.inbox.put(channels[message.type_name], message.encode())
+            bridge.module.inbox.put(channels[message.type_name], message.encode(), time.time_ns())
             bridge.advance(0.02)
 
         yield bridge, feed

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import time
 from typing import Any
 from unittest.mock import Mock
 
@@ -82,7 +83,7 @@ def test_bridges_to_ros_refuse_an_ill_formed_message(message: Message, field: st
     with ModuleHarness(Ros2Bridge, {"connect": [], "accept": accept}) as ros2:
         (channel,) = ros2.module._incoming
         for one in (message, type(message)()):
-            ros2.module.inbox.put(channel, one.encode())
+            ros2.module.inbox.put(channel, one.encode(), time.time_ns())
             ros2.advance(0.02)
         assert ros2.module.ill_formed.by_kind == {(message.type_name, field): 1}
         assert (ros2.module.refused, len(ros2.published_encoded)) == (1, 1)

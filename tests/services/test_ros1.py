@@ -109,6 +109,21 @@ def test_an_old_or_endless_velocity_is_refused(bridge: Bridge, speed: float, wai
     assert not arrive(bridge, "/cmd_vel", Twist(linear=Vector3(x=speed)), waited_s)
 
 
+def test_velocity_whose_publisher_does_not_say_what_it_has_sent_is_refused(
+    bridge: Bridge, caplog: pytest.LogCaptureFixture
+) -> None:
+    kind = ros1_type(Twist)
+    (number,) = (number for number, (one, _) in bridge.module._incoming.items() if one.name == "/cmd_vel")
+    for _ in range(30):
+        frame = Frame(MESSAGE, number, 0, kind.to_ros1(Twist(linear=Vector3(x=0.25)).encode()))
+        bridge.module.ros._inbox.push(frame)
+        bridge.advance(0.05)
+    assert not bridge.take(DriveCommand, topic="manual")
+    assert bridge.module.refused == 30
+    (said,) = [one for one in caplog.messages if "/cmd_vel" in one]
+    assert "of unknown age" in said
+
+
 def test_an_initial_pose_is_taken_without_its_covariance(bridge: Bridge) -> None:
     def pose(x: float) -> PoseWithCovarianceStamped:
         return PoseWithCovarianceStamped(pose=PoseWithCovariance(pose=Pose(position=Point(x=x))))
@@ -203,6 +218,11 @@ def test_what_came_from_ros_does_not_go_back(bridge: Bridge) -> None:
     assert bridge.module.sent == 1
 
 
+def wish(topic: str, kind: str = "", *, latched: bool) -> dict[str, object]:
+    """What the node reads about a subscriber."""
+    return {"topic": topic, "md5": kind, "type": kind, "definition": "", "depth": 1, "latched": latched}
+
+
 def test_node_ignores_what_it_has_published_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     subscribed: dict[str, Any] = {}
     rospy = SimpleNamespace(
@@ -212,12 +232,14 @@ def test_node_ignores_what_it_has_published_itself(monkeypatch: pytest.MonkeyPat
         Subscriber=lambda topic, _kind, take, **_options: subscribed.update({topic: take}),
     )
     pushed: list[bytes] = []
-    outbox = SimpleNamespace(push=lambda _kind, _channel, data: pushed.append(data))
+    outbox = SimpleNamespace(push=lambda _kind, _channel, data, _sent_ns: pushed.append(data))
     monkeypatch.setenv("ROS_MASTER_URI", NOWHERE)
     near, far = socket.socketpair()
     with near, far:
         node = ros_node._Node(rospy, near, outbox)  # type: ignore[arg-type]
-        node._open_subscriber(1, {"topic": "/scan", "md5": "", "type": "", "definition": "", "depth": 1})
+        node._open_subscriber(
+            1, {"topic": "/scan", "md5": "", "type": "", "definition": "", "depth": 1, "latched": True}
+        )
         for caller in ("/robbie", "/other"):
             header = {"callerid": caller}
             subscribed["/scan"](SimpleNamespace(_connection_header=header, _buff=caller.encode()))
@@ -236,15 +258,14 @@ def test_order_that_ros_has_kept_from_before_is_not_given_again(
         Subscriber=lambda topic, _kind, take, **_options: subscribed.update({topic: take}),
     )
     now_s = [10.0]
-    monkeypatch.setattr(ros_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(ros_node, "time", SimpleNamespace(monotonic=lambda: now_s[0], monotonic_ns=lambda: 1))
     pushed: list[bytes] = []
-    outbox = SimpleNamespace(push=lambda _kind, _channel, data: pushed.append(data), dropped=0)
+    outbox = SimpleNamespace(push=lambda _kind, _channel, data, _sent_ns: pushed.append(data), dropped=0)
     monkeypatch.setenv("ROS_MASTER_URI", NOWHERE)
     near, far = socket.socketpair()
-    wish = {"topic": "/cmd_vel", "md5": "", "type": "", "definition": "", "depth": 1, "latched": takes_kept}
     with near, far:
         node = ros_node._Node(rospy, near, outbox)  # type: ignore[arg-type]
-        node._open_subscriber(1, wish)
+        node._open_subscriber(1, wish("/cmd_vel", latched=takes_kept))
         for latching, at_s, data in (("1", 10.1, b"old"), ("0", 10.2, b"stream"), ("1", 13.0, b"later")):
             now_s[0] = at_s
             header = {"callerid": "/other", "latching": latching}
@@ -266,7 +287,9 @@ def test_node_announces_the_type_of_each_connection_once(monkeypatch: pytest.Mon
     with near, far:
         outbox = ros_node._Outbox(near)
         node = ros_node._Node(rospy, near, outbox)
-        node._open_subscriber(1, {"topic": "/any", "md5": "*", "type": "*", "definition": "", "depth": 1})
+        node._open_subscriber(
+            1, {"topic": "/any", "md5": "*", "type": "*", "definition": "", "depth": 1, "latched": True}
+        )
         for i in range(MAX_ANNOUNCED + 1):
             header = {
                 "callerid": "/other",

@@ -5,6 +5,7 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
@@ -13,8 +14,6 @@ from typing import Any
 from xmlrpc import client
 
 import psutil
-
-from tools.robot import free_port
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 ROSCORE = "/usr/bin/roscore"
@@ -34,7 +33,9 @@ class Ros:
     """
 
     def __init__(self, folder: Path):
-        self.port = free_port()
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
         self.uri = f"http://127.0.0.1:{self.port}"
         self.environment = {
             **os.environ,

@@ -1,5 +1,7 @@
 """Hands messages that another system has sent to the robot, as themselves or as what they become."""
 
+import logging
+import math
 from typing import Any, cast
 
 from robbie_mp.connect.bridge.driving import drive_command
@@ -20,6 +22,36 @@ from robbie_mp.messages import (
 from robbie_mp.module.calls.errors import TooManyCalls
 from robbie_mp.module.module import Module
 
+IN_A_ROW = 20
+"""After this number of refused messages, their sender is known to be too far away."""
+
+
+class AgeLog:
+    """Says that a bridge refuses messages because of their age, unless it refuses only a few.
+
+    Args:
+        log: where to say it.
+        cause: what the age may come from, and what helps.
+    """
+
+    def __init__(self, log: logging.Logger, cause: str):
+        self._log, self._cause = log, cause
+        self._in_a_row = 0
+
+    def note(self, incoming: Incoming, age_s: float, valid_for_s: float) -> None:
+        """Note a message that may move the robot.
+
+        Args:
+            incoming: what the settings say about it.
+            age_s: its greatest age, s.
+            valid_for_s: how long a velocity is followed, s.
+        """
+        is_old = age_s > (valid_for_s if incoming.drives else RELEASE_WITHIN_S)
+        self._in_a_row = self._in_a_row + 1 if is_old else 0
+        if self._in_a_row == IN_A_ROW:
+            age = f"may be {age_s:.1f} s old" if math.isfinite(age_s) else "are of unknown age"
+            self._log.warning("messages on %s are refused: they %s; %s", incoming.name, age, self._cause)
+
 
 def hand_over(
     module: Module,
@@ -37,7 +69,8 @@ def hand_over(
         message_type: the class of the type on the other side.
         data: the message, encoded; it has been checked that it is well formed.
         valid_for_s: how long a velocity is followed, s.
-        waited_s: how long the message has waited since it arrived on this machine, s.
+        waited_s: its greatest age, as far as that is known; otherwise, how long it has waited since it
+            arrived on this machine, s.
 
     Returns:
         Whether it was handed over. It is not if the robot has no room for it, or if a velocity, a goal or the

@@ -11,7 +11,7 @@ from robbie_mp.bus.observe import RunReading, rates_between
 from robbie_mp.bus.observe.run_observer import RunObserver
 from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.bus.transport.endpoint import TooManyDeclarations
-from robbie_mp.connect.bridge.arrivals import hand_over
+from robbie_mp.connect.bridge.arrivals import AgeLog, hand_over
 from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.connect.bridge.foreign import ForeignTypeRefused, RecordersDoNotLearn, learn_foreign
 from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap, Rename
@@ -37,6 +37,7 @@ MAX_FRAMES = 4096
 ANY_TYPE = Ros1Type(ANY, ANY, "", Message)
 """Stands for the types of a topic in ROS that the robot does not know yet."""
 ROSOUT, DIAGNOSTICS_TOPIC = "/rosout", "/diagnostics"
+FAR = "their publisher is far away or slow, or does not answer; docs/ros1.md says what it must do"
 REPORT_NS = 1_000_000_000
 """Time between two reports of the state of all modules."""
 
@@ -115,6 +116,7 @@ class Ros1Bridge(Module):
         self.surroundings = Surroundings.of(self.run_id, self.name, CLASS_PATH)
         self.map = _mapping(self.send, self.accept, self.namespace, self.surroundings.types)
         self.warnings = WarnOnce(self.log)
+        self._ages = AgeLog(self.log, FAR)
         self.sent = self.unheard = self.accepted = self.refused = 0
         self._channels: dict[tuple[str, int, str], _Channel | None] = {}
         self._incoming: dict[int, tuple[Incoming, Ros1Type]] = {}
@@ -318,6 +320,8 @@ class Ros1Bridge(Module):
                 encoded = self._frames.inward(message_type)(encoded)
             if not self.ill_formed.admits(message_type.decode(encoded), f"on {incoming.name}"):
                 return False
+            if incoming.lets_move:
+                self._ages.note(incoming, waited_s, self.command_valid_s)
             return hand_over(self, incoming, message_type, encoded, self.command_valid_s, waited_s)
         except (ConversionError, ForeignFrame, MessageError, MessageTooLarge, TooManyDeclarations) as error:
             self.warnings.say(f"a message on {incoming.name} is refused", error)

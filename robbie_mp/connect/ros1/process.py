@@ -3,6 +3,7 @@
 import contextlib
 import json
 import logging
+import math
 import os
 import socket
 import subprocess
@@ -317,13 +318,17 @@ class RosProcess:
                 self._session.outbox.push(channel, frame, self._depths[channel])
 
     def received(self) -> Iterator[tuple[int, bytes, float]]:
-        """Yield channel, data, and the time since the arrival in ROS (s) of each message that has come.
+        """Yield channel, data, and the greatest age (s) of each message that has come.
+
+        The age counts from the arrival in ROS; of a message that may move the robot, from when it can have
+        been sent at the earliest, and is infinite if that is not known.
 
         A message on a topic that takes any type comes under a number of `announced`. If there was no room for
         its type there, it comes under its channel.
         """
         for frame in self._inbox.take():
-            yield frame.channel, frame.payload, (time.monotonic_ns() - frame.sent_ns) / 1e9
+            age_s = (time.monotonic_ns() - frame.sent_ns) / 1e9 if frame.sent_ns else math.inf
+            yield frame.channel, frame.payload, age_s
 
     # -- the process
 

@@ -7,6 +7,9 @@ second. It ends with the bridge.
 rospy never registers a node again when the ROS master has been restarted. So this node looks twice a second
 whether the master knows it, and otherwise registers all its topics once more, with the public calls of the
 master's and of the node's own XML-RPC server. Connections to other nodes stay as they are.
+
+Many messages that move the robot have no stamp, and TCP tells nobody how long they were under way. So this
+node asks their publishers again and again how many messages they have sent; see `_Origin`.
 """
 
 from __future__ import annotations
@@ -23,14 +26,14 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.client import HTTPException
 from importlib import import_module
 from typing import Any, NamedTuple
 from xmlrpc import client
 
 FRAME = struct.Struct("<IBHQ")
-"""Size of the payload, kind, channel, and the time on the machine's monotonic clock, in nanoseconds."""
+"""Size of the payload, kind, channel, and when it was sent: the machine's monotonic clock, in nanoseconds."""
 MAX_PAYLOAD = 256 << 20
 
 PUBLISH = 1  # to the node: publish on a topic; JSON
@@ -61,6 +64,16 @@ MASTER_TIMEOUT_S = 2.0
 BUFFER_BYTES = 16 << 20
 NO_MASTER = (ValueError, TypeError, IndexError, SyntaxError, HTTPException)
 """The errors of calls to a server that is no ROS master."""
+ASK_S, ASK_IDLE_S = 0.05, 0.25
+"""Time between two questions to a publisher that sends messages, and to one that does not."""
+BUSY_S = 2.0
+"""A publisher counts as sending for this time after a message."""
+ASKERS = 4
+"""Questions that are under way at a time, so that a slow network does not make them rarer."""
+MISSED_S, NEAR_S = 1.0, 0.1
+"""Messages that are missing for this time, over a connection that is faster than the second, never come."""
+MAX_ANSWERS = 256
+MAX_MET = 1000
 KEPT_S = 2.0
 """Latched messages that come this soon after the node has subscribed may be from before."""
 MAX_WAITING = 1000
@@ -68,7 +81,15 @@ MAX_WAITING_BYTES = 64 << 20
 
 
 class Frame(NamedTuple):
-    """The messages between the bridge and the node."""
+    """The messages between the bridge and the node.
+
+    Attributes:
+        kind: what it is.
+        channel: the number of its topic or type.
+        sent_ns: when it was sent. Of a message that may move the robot: the time after which its publisher
+            has sent it; 0 if that is not known.
+        payload: the message.
+    """
 
     kind: int
     channel: int
@@ -76,9 +97,10 @@ class Frame(NamedTuple):
     payload: bytes
 
 
-def pack(kind: int, channel: int, payload: bytes) -> bytes:
-    """Return a frame as bytes."""
-    return FRAME.pack(len(payload), kind, channel, time.monotonic_ns()) + payload
+def pack(kind: int, channel: int, payload: bytes, sent_ns: int | None = None) -> bytes:
+    """Return a frame as bytes; it is sent now unless another time is given."""
+    sent_ns = time.monotonic_ns() if sent_ns is None else sent_ns
+    return FRAME.pack(len(payload), kind, channel, sent_ns) + payload
 
 
 def frames(link: socket.socket) -> Iterator[Frame]:
@@ -117,8 +139,9 @@ class _Outbox:
             self._announcements.append(pack(ANNOUNCE, channel, payload))
             self._condition.notify()
 
-    def push(self, kind: int, channel: int, payload: bytes) -> None:
-        frame = pack(kind, channel, payload)
+    def push(self, kind: int, channel: int, payload: bytes, sent_ns: int | None = None) -> None:
+        """Append a frame, as `pack` makes it."""
+        frame = pack(kind, channel, payload, sent_ns)
         with self._condition:
             while self._waiting and (
                 len(self._waiting) >= MAX_WAITING or self._bytes + len(frame) > MAX_WAITING_BYTES
@@ -146,6 +169,104 @@ class _Outbox:
                 os._exit(0)
 
 
+class _Origin:
+    """A connection to a publisher, and how old what comes from it can be.
+
+    The publisher's node says how many messages it has sent on the connection (`getBusStats` of its XML-RPC
+    server). It has sent all later messages after that question, whatever any clock says, and however long
+    they wait in a buffer or in a network.
+
+    Args:
+        transport: rospy's end of the connection.
+        topic: the topic.
+        name: this node's name.
+        began_ns: before this time there was no connection; 0 if its first message may be older than it.
+        on_lost: called when messages were lost on the way, so that counting is no use any more.
+    """
+
+    def __init__(self, transport: Any, topic: str, name: str, began_ns: int, on_lost: Callable[[], object]):
+        self.header = transport.header
+        self._transport, self._topic, self._name, self._on_lost = transport, topic, name, on_lost
+        self._is_near = _is_near(transport.socket)
+        self._lock, self._turn, self._sends = threading.Lock(), threading.Lock(), threading.Event()
+        self._received = 0
+        self._received_s = self._complete_s = time.monotonic()
+        self._asked_ns: dict[int, int] = {}
+        """When a question was asked whose answer was this number of messages."""
+        self._after_ns = began_ns
+        self._is_silent = False
+        for _ in range(ASKERS):
+            threading.Thread(target=self._ask, daemon=True).start()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether messages may still come."""
+        return not self._transport.done and self._transport.header is self.header
+
+    def take(self) -> int:
+        """Count a message, and return the time after which it was sent; 0 if that is not known."""
+        with self._lock:
+            self._received += 1
+            self._received_s = time.monotonic()
+            told = [self._asked_ns.pop(sent) for sent in list(self._asked_ns) if sent < self._received]
+            self._after_ns = max(self._after_ns, *told, 0)
+        self._sends.set()
+        # Some nodes do not count. From this machine, messages come at once.
+        return time.monotonic_ns() if self._is_silent and self._is_near else self._after_ns
+
+    def _ask(self) -> None:
+        node, number = _proxy(self._transport.endpoint_id), None
+        while self.is_open:
+            with self._turn:
+                self._pause()
+            try:
+                number = self._number(node) if number is None else number
+                asked_ns = time.monotonic_ns()
+                self._learn(self._count(node, number), asked_ns)
+                self._is_silent = False
+            except (OSError, client.Error, *NO_MASTER):
+                self._is_silent, number = True, None
+
+    def _pause(self) -> None:
+        time.sleep(ASK_S)
+        if time.monotonic() - self._received_s > BUSY_S:
+            self._sends.clear()
+        self._sends.wait(ASK_IDLE_S - ASK_S)
+
+    def _number(self, node: Any) -> Any:
+        """Return the publisher's number of the connection: the newest one to this node."""
+        ours = [self._name, "o", "TCPROS", self._topic]
+        return [one[0] for one in node.getBusInfo(self._name)[2] if one[1:5] == ours][-1]
+
+    def _count(self, node: Any, number: Any) -> int:
+        """Return how many messages the publisher has sent."""
+        answer = node.getBusStats(self._name)
+        topics = answer[0] if isinstance(answer[0], list) else answer[2][0]  # roscpp leaves the code out
+        counts = [one for topic in topics if topic[0] == self._topic for one in topic[-1]]
+        *_, sent, _is_connected = next(one for one in counts if one[0] == number)
+        return int(sent)
+
+    def _learn(self, sent: int, asked_ns: int) -> None:
+        now_s = time.monotonic()
+        with self._lock:
+            if sent <= self._received or now_s - asked_ns / 1e9 > NEAR_S:
+                self._complete_s = now_s
+            if len(self._asked_ns) >= MAX_ANSWERS:
+                del self._asked_ns[min(self._asked_ns)]
+            self._asked_ns[sent] = max(self._asked_ns.get(sent, 0), asked_ns)
+        if now_s - self._complete_s > MISSED_S and self.is_open:
+            self._transport.close()
+            self._on_lost()
+
+
+def _is_near(link: socket.socket | None) -> bool:
+    """Whether both ends of a connection are on this machine."""
+    try:
+        return link is not None and bool(link.getpeername()[0] == link.getsockname()[0])
+    except OSError:  # it has ended
+        return False
+
+
 class _Node:
     """The node in ROS.
 
@@ -171,6 +292,14 @@ class _Node:
         self._failed = 0
         self._numbers: dict[tuple[int, str, str, str], int] = {}
         self._numbers_lock = threading.Lock()
+        self._looked_ns: dict[int, int] = {}
+        """When the publishers of a channel whose messages may move the robot were looked at last."""
+        self._began_ns: dict[int, dict[Any, int]] = {}
+        """By channel and connection: a time before it began."""
+        self._met: deque[tuple[int, str]] = deque(maxlen=MAX_MET)
+        """Channels and publishers that were connected."""
+        self._origins: list[_Origin] = []
+        self._origins_lock = threading.Lock()
 
     # -- from the bridge to ROS
 
@@ -203,23 +332,63 @@ class _Node:
 
     def _open_subscriber(self, channel: int, wish: dict[str, Any]) -> None:
         opened_s = time.monotonic()
+        moves = not wish["latched"]
+        if moves:
+            self._looked_ns[channel] = time.monotonic_ns()
 
         def is_old(header: dict[str, str]) -> bool:
             """Whether it may be an order from before that its publisher has kept."""
-            is_kept = header.get("latching") == "1" and time.monotonic() - opened_s < KEPT_S
-            return is_kept and not wish["latched"]
+            return moves and header.get("latching") == "1" and time.monotonic() - opened_s < KEPT_S
 
         def take(message: Any) -> None:
             header = message._connection_header
+            if header.get("callerid") == self._name:
+                return
+            sent_ns = self._sent_after_ns(channel, header) if moves else None
             if is_old(header):
                 self._outbox.dropped += 1
-            elif header.get("callerid") != self._name:
-                number = self._number(channel, header) if wish["type"] == ANY else channel
-                self._outbox.push(MESSAGE, number, message._buff)
+                return
+            number = self._number(channel, header) if wish["type"] == ANY else channel
+            self._outbox.push(MESSAGE, number, message._buff, sent_ns)
 
+        # What may move the robot has to be counted, and must not wait for more to send with it.
+        options = {"tcp_nodelay": True} if moves else {"queue_size": wish["depth"]}
         self._subscribers[channel] = self._rospy.Subscriber(
-            wish["topic"], self._raw_type(wish), take, queue_size=wish["depth"], buff_size=BUFFER_BYTES
+            wish["topic"], self._raw_type(wish), take, buff_size=BUFFER_BYTES, **options
         )
+
+    def _sent_after_ns(self, channel: int, header: dict[str, str]) -> int:
+        """Return the time after which a message of a connection was sent; 0 if that is not known."""
+        self._meet_publishers(channel)
+        return next((one.take() for one in list(self._origins) if one.header is header), 0)
+
+    def _meet_publishers(self, channel: int) -> None:
+        """Begin to ask the publishers of new connections."""
+        subscriber = self._subscribers.get(channel)
+        if subscriber is None:  # rospy is still opening it
+            return
+        with self._origins_lock:  # each connection has a thread
+            now_ns, looked_ns = time.monotonic_ns(), self._looked_ns[channel]
+            connections, before = list(subscriber.impl.connections), self._began_ns.get(channel, {})
+            self._began_ns[channel] = {one: before.get(one, looked_ns) for one in connections}
+            self._looked_ns[channel] = now_ns
+            self._origins = [one for one in self._origins if one.is_open]
+            known = [id(one.header) for one in self._origins]
+            for transport in connections:
+                header = transport.header or {"callerid": self._name}
+                if header.get("callerid") != self._name and id(header) not in known:
+                    self._meet(channel, transport, subscriber.resolved_name)
+
+    def _meet(self, channel: int, transport: Any, topic: str) -> None:
+        met = (channel, transport.endpoint_id)
+        keeps = transport.header.get("latching") == "1" and met in self._met  # it gives an old order again
+        began_ns = 0 if keeps else self._began_ns[channel][transport]
+        self._met.append(met)
+        self._origins.append(_Origin(transport, topic, self._name, began_ns, self._register_again))
+
+    def _register_again(self) -> None:
+        """Have `_look` register everything, and connect to publishers that are not connected."""
+        self._registered_at = 0
 
     def _number(self, channel: int, header: dict[str, str]) -> int:
         """Return the number for messages of a connection, which says what type they have."""
@@ -264,6 +433,8 @@ class _Node:
                 except (OSError, client.Error, *NO_MASTER):
                     is_there = False
             self._say(is_there)
+            for channel in list(self._looked_ns):
+                self._meet_publishers(channel)
             time.sleep(LOOK_S)
         os._exit(NAME_TAKEN)
 

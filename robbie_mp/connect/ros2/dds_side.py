@@ -173,7 +173,7 @@ class DdsSide:
             def on_data_available(self, reader: Any) -> None:
                 for sample in reader.take(MAX_TAKEN):
                     if hasattr(sample, "raw"):
-                        inbox.put(channel, sample.raw)
+                        inbox.put(channel, sample.raw, sample.sample_info.source_timestamp)
 
         topic, message_type = self._topic(channel)
         self._asked[f"rt{channel.name}"] = channel

@@ -11,7 +11,7 @@ from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import RunReading, rates_between
 from robbie_mp.bus.observe.run_observer import RunObserver
 from robbie_mp.bus.transport.blocks import MessageTooLarge
-from robbie_mp.connect.bridge.arrivals import hand_over
+from robbie_mp.connect.bridge.arrivals import AgeLog, hand_over
 from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap, Rename
@@ -59,6 +59,7 @@ DESCRIPTION = "robot_description"
 SHOWN_EVERY_NS = 1_000_000_000
 MAX_REMEMBERED = 4096
 MAX_NAMED = 256
+FAR = "the network is slow, or their sender's clock differs from this machine's; keep the clocks together"
 
 
 class Ros2Bridge(Module):
@@ -121,7 +122,7 @@ class Ros2Bridge(Module):
         "engage", "what ROS may do with the emergency stop", choices=("none", "engage", "release")
     )
     drive_for_s: float = setting(
-        0.5, "how long a velocity is followed if no other comes", minimum=0.05, maximum=MAX_VALID_FOR_S
+        0.3, "how long a velocity is followed after it was sent", minimum=0.05, maximum=MAX_VALID_FOR_S
     )
     inbox_messages: int = setting(1000, "messages that may wait until this module takes them", minimum=1)
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
@@ -158,6 +159,7 @@ class Ros2Bridge(Module):
         self.sent = self.received = self.withheld = self.unknown = 0
         self.malformed = self.late = self.refused = 0
         self._channels: dict[tuple[str, int, str], tuple[Channel, Rename] | None] = {}
+        self._ages = AgeLog(self.log, FAR)
         self._frames = FrameMap(self.frames)
         self._named: set[str] = set()
         self._shown_at_ns = 0
@@ -328,12 +330,14 @@ class Ros2Bridge(Module):
         if not self.ill_formed.admits(message, f"on {incoming.name}"):
             self.refused += 1
             return
+        waited_s = arrived.waited_s
+        if incoming.lets_move:
+            self._ages.note(incoming, waited_s, self.drive_for_s)
         try:
             if incoming.drives:
                 assert isinstance(message, Twist | TwistStamped)
-                done = self._drive(incoming, message, arrived.at_ns)
+                done = self._drive(incoming, message, waited_s)
             else:
-                waited_s = (time.monotonic_ns() - arrived.at_ns) * 1e-9
                 done = hand_over(self, incoming, message_type, rename(data), self.drive_for_s, waited_s)
         except (ForeignFrame, MessageError, MessageTooLarge) as error:
             self.log.warning("a message on %s cannot be published: %s", incoming.name, error)
@@ -341,8 +345,7 @@ class Ros2Bridge(Module):
         self.received += done
         self.refused += not done
 
-    def _drive(self, incoming: Incoming, velocity: Twist | TwistStamped, at_ns: int) -> bool:
-        waited_s = max(0.0, (time.monotonic_ns() - at_ns) * 1e-9)
+    def _drive(self, incoming: Incoming, velocity: Twist | TwistStamped, waited_s: float) -> bool:
         stamp = Time.from_nanoseconds(self._now_ns())
         command = drive_command(velocity, stamp, self.drive_for_s, waited_s)
         if command is None:

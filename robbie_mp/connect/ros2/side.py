@@ -1,5 +1,6 @@
 """The interface between the bridge to ROS 2 and each middleware."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
 
 MAX_DOMAIN = 232
 """The largest ROS_DOMAIN_ID."""
+CLOCKS_DIFFER_S = 0.1
+"""Most by which a message may come from the future: then the clocks differ, and do not tell its age."""
 MAX_CALLS = 64
 """Most requests that wait until the module takes them; the clients of further ones get no response."""
 
@@ -68,12 +71,19 @@ class Arrived(NamedTuple):
     Attributes:
         channel: the channel that it was asked for by.
         data: the encoded message.
+        age_s: its age when it arrived, by the clocks of both machines; infinite if they do not tell it.
         at_ns: when it arrived, by the machine's monotonic clock.
     """
 
     channel: Channel
     data: bytes
+    age_s: float
     at_ns: int
+
+    @property
+    def waited_s(self) -> float:
+        """How long ago it was sent, s."""
+        return self.age_s + (time.monotonic_ns() - self.at_ns) * 1e-9
 
 
 class Call(NamedTuple):
@@ -116,14 +126,14 @@ class Inbox:
         self.unnamed: deque[str] = deque(maxlen=32)
         """Descriptions of strangers, for the module to name in its log; the oldest go first."""
 
-    def put(self, channel: Channel, data: bytes) -> None:
-        """Keep a message for the module; in any thread."""
+    def put(self, channel: Channel, data: bytes, sent_ns: int) -> None:
+        """Keep a message for the module, and when its sender says that it has sent it; in any thread."""
         if len(data) > self._max_bytes:
             self.oversized += 1
         elif len(self._waiting) >= self._max_messages:
             self.overflowed += 1
         else:
-            self._waiting.append(Arrived(channel, data, time.monotonic_ns()))
+            self._waiting.append(Arrived(channel, data, _age_s(sent_ns), time.monotonic_ns()))
             self._wake()
 
     def put_call(self, service: str, data: bytes, answer: Callable[[bytes], None]) -> None:
@@ -150,6 +160,12 @@ class Inbox:
         """Take the requests that wait now."""
         for _ in range(len(self._calls)):
             yield self._calls.popleft()
+
+
+def _age_s(sent_ns: int) -> float:
+    """Return the age of a message that has arrived; infinite if the sender's clock is not as this one."""
+    age_s = (time.time_ns() - sent_ns) * 1e-9
+    return max(0.0, age_s) if age_s > -CLOCKS_DIFFER_S else math.inf
 
 
 class ReusedMemory:

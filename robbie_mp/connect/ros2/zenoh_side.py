@@ -197,7 +197,7 @@ class ZenohSide:
         if attached and attached.gid in self._gids:
             self.withheld += 1
             return
-        self.inbox.put(channel, sample.payload.to_bytes())
+        self.inbox.put(channel, sample.payload.to_bytes(), attached.sent_ns if attached else 0)
 
     def _on_query(self, name: str, key: str, query: "zenoh.Query") -> None:
         attached = query.attachment and Attachment.decode(query.attachment.to_bytes())

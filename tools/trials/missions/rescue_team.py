@@ -16,6 +16,7 @@ with one.
 
 import argparse
 import json
+import socket
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.generate_arena import generate_arena
 from robbie_robots.hw.simulation.reachable_area import reachable_area
 from robbie_robots.workers.planar_pose import relative
-from tools.robot import REPOSITORY, Robot, RobotTrouble, free_port
+from tools.robot import REPOSITORY, Robot, RobotTrouble
 from tools.trials.harness import Case, TrialSubject
 from tools.trials.missions.mission import Kills, all_in_order, mean, restarts_in, totals, watch
 from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
@@ -123,7 +124,9 @@ def run_team(
     arena = read_arena(folder / "arena.yaml")
     starts = {"red": arena.start} if is_alone else {"red": arena.start, "blue": second_start(arena)}
     outcome = TeamOutcome(seed, victims=len(arena.victims))
-    port = free_port()
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = int(free.getsockname()[1])
     robots: dict[str, Robot] = {}
     try:
         for name in starts:
