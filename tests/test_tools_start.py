@@ -34,7 +34,7 @@ def _files() -> list[Path]:
     """Return the files that may be programs; those of other rooms are parts of their package."""
     own = [*(ROOT / "tools").glob("**/__main__.py")]
     own += [path for room in ("", "docs", "pictures") for path in (ROOT / "tools" / room).glob("*.py")]
-    parts = ("bench/restart", "bench/ros2_overhead", "bench/scene_graph", "kill_campaign/soak")
+    parts = ("kill_campaign/soak",)
     return own + [ROOT / "tools" / f"{part}.py" for part in parts]
 
 

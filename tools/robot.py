@@ -4,14 +4,16 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import psutil
+import yaml
 
 from robbie_mp.attached.views.run_figures import state_name
 from robbie_mp.bus.observe import ModuleFigures, RunObserver
@@ -23,6 +25,10 @@ REPOSITORY = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 LIMIT_S = 60.0
 POLL_S = 0.02
+OFTEN = {"policy": "always", "max_restarts": 1_000_000, "backoff_s": 0.05, "backoff_cap_s": 0.1}
+"""The restart policy of modules that are killed far more often than modules fail."""
+SPARE = "spare"
+"""Process name of a spare interpreter that has finished its imports."""
 
 
 class RobotTrouble(RuntimeError):
@@ -51,8 +57,7 @@ class Robot:
         self.output = folder / "output"
         runtime = folder / "runtime"
         runtime.mkdir(parents=True, mode=0o700)
-        path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-        self.environment = dict(os.environ, XDG_RUNTIME_DIR=str(runtime), PYTHONPATH=path)
+        self.environment = environment() | {"XDG_RUNTIME_DIR": str(runtime)}
         self._stdout = (folder / "stdout").open("w+")
         self._stderr = (folder / "stderr").open("w+")
         self.supervisor = subprocess.Popen(
@@ -112,6 +117,15 @@ class Robot:
             time.sleep(POLL_S)
         return time.monotonic() - began_s
 
+    def wait_for_spare(self) -> None:
+        """Wait until a spare interpreter has finished its imports."""
+        supervisor = psutil.Process(self.supervisor.pid)
+
+        def is_warm() -> bool:
+            return any(_name(child) == SPARE for child in supervisor.children())
+
+        self.wait_for(is_warm, "no spare interpreter is warm")
+
     def send(self, pid: int, number: signal.Signals) -> bool:
         """Send a signal to a child of this supervisor and to no other process; False if it has ended."""
         try:
@@ -164,3 +178,51 @@ class Robot:
 
 def _is_running(module: ModuleFigures) -> bool:
     return state_name(module) == ChildState.RUNNING and module.pid != 0
+
+
+def _name(process: psutil.Process) -> str:
+    with contextlib.suppress(psutil.Error):
+        return process.name()
+    return ""
+
+
+def environment() -> dict[str, str]:
+    """Return an environment in which processes in other folders can import this repository."""
+    path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return dict(os.environ, PYTHONPATH=path)
+
+
+def free_port() -> int:
+    """Return a port of this machine that no process listens on."""
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        return int(listening.getsockname()[1])
+
+
+def write_profile(workspace: Path, profile: Mapping[str, Any], name: str = "robot") -> None:
+    """Write a profile into a workspace."""
+    (workspace / "profiles").mkdir(parents=True, exist_ok=True)
+    (workspace / "profiles" / f"{name}.yaml").write_text(yaml.safe_dump(dict(profile), sort_keys=False))
+
+
+@contextlib.contextmanager
+def running(
+    folder: Path, profile: Mapping[str, Any], name: str = "robot", on_host: Sequence[str] = ()
+) -> Iterator[Robot]:
+    """Run a profile until the end of the block, and stop it then if it still runs.
+
+    Args:
+        folder: its workspace; what the robot writes goes into a new folder there.
+        profile: the profile, as in its file.
+        name: of the profile.
+        on_host: the beginning of a command that runs it on another host of a test network.
+    """
+    write_profile(folder, profile, name)
+    robot = Robot(folder / name, folder, name, on_host=on_host)
+    try:
+        yield robot
+    finally:
+        with contextlib.suppress(RobotTrouble, subprocess.TimeoutExpired):
+            if robot.is_up:
+                robot.stop()
+        robot.close()

@@ -103,11 +103,17 @@ class StateMachine(Generic[State]):
         """Return whether no transition leads out of the current state."""
         return not self._transitions[self._state]
 
+    @property
+    def is_late(self) -> bool:
+        """Return whether the time-out of the current state has passed."""
+        time_out = self._time_outs.get(self._state)
+        return time_out is not None and self.time_in_state_s >= time_out.after_s
+
     def expire(self) -> bool:
         """Leave the current state if its time-out has passed; return whether it has."""
-        time_out = self._time_outs.get(self._state)
-        if time_out is None or self.time_in_state_s < time_out.after_s:
+        if not self.is_late:
             return False
+        time_out = self._time_outs[self._state]
         self.go(time_out.to, f"timed out after {time_out.after_s:g} s")
         return True
 

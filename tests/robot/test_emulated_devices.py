@@ -1,12 +1,18 @@
 """The stock robots drive and map with the drivers of real hardware, on serial lines to emulated devices."""
 
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.workers.maps.map_file import read_map
+from robbie_robots.workers.planar_pose import transform_points
 from tests.robot._support.stock_robot import PROJECT, StockRobot
-from tools.trials.devices.emulation import away_from_walls_m
+from tests.robot.test_stock_robot import INTEL, needs_intel
 
 ARENAS = PROJECT / "hw" / "simulation" / "arenas"
 ROOM = ARENAS / "rescue_small.yaml"
@@ -57,3 +63,26 @@ def test_bytes_of_serial_devices_become_a_map_of_the_arena_and_the_robot_comes_h
 def log_of(robot: StockRobot, module: str) -> str:
     """What a module has logged."""
     return (robot.output / "log" / f"{module}.jsonl").read_text()
+
+
+def away_from_walls_m(arena: Arena, map_file: Path) -> NDArray[np.float64]:
+    """Return the distance of each occupied cell of a map from the nearest true wall: (N,)."""
+    made = read_map(map_file)
+    rows, columns = np.nonzero(made.cells == 100)
+    places = made.corner_xy_m + (np.stack([columns, rows], axis=1) + 0.5) * made.resolution_m
+    return np.abs(arena.clearance_m(transform_points(np.array(arena.start), places)))
+
+
+@needs_intel
+@pytest.mark.slow
+@pytest.mark.timeout(360)
+def test_beginning_of_the_intel_log_is_mapped_through_serial_lines(robot: StockRobot, tmp_path: Path) -> None:
+    part = tmp_path / "part.clf"
+    part.write_text("".join(INTEL.read_text().splitlines(keepends=True)[:2000]))
+    settings = ("--set", f"playback.file={part}", "--set", "playback.rate=6.0")
+    code, _, errors = robot.run("intel-emulated", *settings, timeout_s=300.0)
+    assert code == 0, errors
+    played = json.loads((robot.output / "played.json").read_text())
+    mapped = json.loads((robot.output / "mapping.json").read_text())
+    assert played["sent"] == played["scans"] > 10
+    assert mapped["scans"] == played["scans"]

@@ -10,13 +10,11 @@ from typing import Any
 
 import psutil
 import pytest
-import yaml
 
 from robbie_mp.run.profile.model import CoreLimits, QueueLimits
 from tests._support.present import present
 from tools.bench.__main__ import main
 from tools.bench.contender import PeerContender, Trouble, wait_for_end
-from tools.bench.load import Bus, measure_bus
 from tools.bench.options import Options, peer, read_variant
 from tools.bench.peers.peer import Peer
 from tools.bench.processes import mapped_names, remove_unmapped
@@ -62,14 +60,12 @@ def measure(tmp_path: Path, *arguments: str) -> dict[str, Any]:
 
 
 def test_latency_of_robbie_and_others_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = measure(tmp_path, "latency", "--only=floor,robbie,queue,rospy", "--count=40")
-    floor, robbie, rospy, queue = run["results"][0]["contenders"]
-    for row in (floor, robbie, queue):
+    run = measure(tmp_path, "latency", "--only=floor,robbie,zeromq", "--count=40")
+    floor, robbie, zeromq = run["results"][0]["contenders"]
+    for row in (floor, robbie, *([] if zeromq["trouble"] else [zeromq])):
         assert (row["sent"], row["lost"], row["trouble"]) == ([40], [0], "")
         assert 0 < row["p50_us"][0] <= row["p99_us"][0] < 1e6
-    assert rospy["trouble"] == "rospy is not installed"
     printed = capsys.readouterr().out
-    assert "rospy is not installed" in printed
     assert "p50 ÷ floor" in printed
     assert run["machine"]["cores"] > 0
 
@@ -85,40 +81,14 @@ def test_round_trip_of_a_call_is_compared_with_one_way(
     assert "call and reply, 64 B each: p50 ÷ one way" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_link_is_compared_with_plain_zenoh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = measure(tmp_path, "link", "--only=robbie-link,zenoh_tcp", "--count=20")
-    for result, sent in zip(run["results"], (20, 2), strict=True):
-        for row in result["contenders"]:
-            assert (row["sent"], row["lost"], row["trouble"]) == ([sent], [0], "")
-    assert "over a link: 1 MB/s ÷ Zenoh" in capsys.readouterr().out
-
-
-def test_ways_to_wake_a_process_are_measured_in_one_run(tmp_path: Path) -> None:
-    floors = "floor,floor_futex,floor_eventfd,floor_fifo,floor_datagram"
-    run = measure(tmp_path, "wake", f"--only={floors}", "--count=20")
-    rows = run["results"][0]["contenders"]
-    assert len({row["name"] for row in rows}) == len(rows) == 2 * 5
-    assert [row["trouble"] for row in rows] == [""] * 10
-    assert all((row["lost"], row["wanted"]) == ([0], [20]) for row in rows)
-
-
-def test_all_processes_run_on_the_processors_of_the_work(tmp_path: Path) -> None:
+def test_all_processes_run_on_the_processors_of_the_work() -> None:
     cpu = min(os.sched_getaffinity(0))
     work = replace(WORK, cpus=(cpu,), realtime_priority=7)
-    RobbieContender().write_workspace(tmp_path, {"one": {}}, scheduling_of(work))
-    profile = yaml.safe_load((tmp_path / "profiles" / "bench.yaml").read_text())
+    profile = RobbieContender().profile({"one": {}}, scheduling_of(work))
     wanted = {"cpus": [cpu], "realtime_priority": 7}
     assert profile["core"] == {"scheduling": wanted}
     assert profile["modules"]["one"]["scheduling"] == wanted
     assert scheduling_of(WORK) == {}
-
-
-def test_message_is_constructed_encoded_and_decoded_in_measured_time(tmp_path: Path) -> None:
-    run = measure(tmp_path, "handling", "--quick")
-    rows = run["results"][0]["contenders"]
-    assert {row["name"].split()[0] for row in rows} == {"construct", "encode", "decode"}
-    assert all(0 < row["us"][0] < 1000 for row in rows)
 
 
 def test_burst_of_a_flat_out_publisher_fits_into_ring_and_queue() -> None:
@@ -127,9 +97,9 @@ def test_burst_of_a_flat_out_publisher_fits_into_ring_and_queue() -> None:
 
 
 def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path: Path) -> None:
-    run = measure(tmp_path, "fanout", "--only=robbie,queue", "--count=3", "--modules=2")
+    run = measure(tmp_path, "fanout", "--only=robbie", "--count=3", "--modules=2")
     rows = {row["name"]: row for row in run["results"][0]["contenders"]}
-    assert set(rows) == {"robbie in place", "robbie", "queue"}
+    assert set(rows) == {"robbie in place", "robbie"}
     assert all(row["sent"] == [3] for row in rows.values())
     assert rows["robbie"]["lost"] == rows["robbie in place"]["lost"] == [0]
 
@@ -154,26 +124,24 @@ def test_loaded_modules_are_compared_with_the_floor(tmp_path: Path) -> None:
         assert 0 < row["us_per_message"][0] < 1e4
 
 
+def test_time_from_kill_to_the_next_message_is_measured(tmp_path: Path) -> None:
+    run = measure(tmp_path, "restart", "--quick", "--count=1")
+    (row,) = run["results"][0]["contenders"]
+    assert len(row["away_ms"]) == 1
+    assert 0 < row["away_ms"][0] < 60_000
+
+
 def test_variant_changes_the_profile_that_is_measured(tmp_path: Path) -> None:
     file = tmp_path / "few.yaml"
     file.write_text("core: {credits: 2}\nmodule: {queue: {messages: 5}}")
     usual, few = Options(variants=dict([read_variant(f"few={file}")])).robbies()
     assert (usual.name, few.name) == ("robbie", "few")
     work = Work("variant", tmp_path, subscribers=2)
-    few.write_workspace(tmp_path, few.pair(work))
-    profile = yaml.safe_load((tmp_path / "profiles" / "bench.yaml").read_text())
+    profile = few.profile(few.pair(work))
     assert profile["core"] == {"credits": 2}
     assert set(profile["modules"]) == {"subscriber-0", "subscriber-1", "publisher"}
     assert all(module["queue"] == {"messages": 5} for module in profile["modules"].values())
     assert "credits" in few.how and "credits" not in usual.how
-
-
-def test_cost_of_a_message_is_measured_with_idle_modules_and_with_top() -> None:
-    watched = RobbieContender(with_top=True)
-    figures = measure_bus(watched, Bus("3 modules", pairs=1, idle=1, rate_hz=200.0), window_s=0.3)
-    assert 0 < figures["core_us_per_message"] < figures["robot_us_per_message"]
-    assert 0 < figures["p50_us"] <= figures["p99_us"]
-    assert figures["messages_per_s"] < 250
 
 
 def test_absent_or_broken_contenders_are_reported_and_the_others_are_measured() -> None:

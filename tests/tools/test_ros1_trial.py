@@ -9,7 +9,7 @@ import pytest
 
 from robbie_mp.logs.capture.recorded_run import RecordedRun
 from tests.ros1._support.ros import needs_ros1
-from tools.kill_campaign.journal import read_journal
+from tools.journal import read_journal
 from tools.robot import Robot
 from tools.ros1.ros import Ros
 from tools.ros1.trial import ALL, SCAN, robot_beside, run_trial

@@ -2,39 +2,29 @@
 
 import argparse
 import json
-import os
 import signal
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.base.linux.wake_latency import DEVICE, HOW_TO_ALLOW
 from tools.bench import load, messages
 from tools.bench.calling import call
 from tools.bench.goals import goal_table
-from tools.bench.handling import handling
-from tools.bench.linking import link
-from tools.bench.loaded import loaded
-from tools.bench.machine import describe_machine, processors_awake
+from tools.bench.machine import describe_machine
 from tools.bench.options import Options, read_variant
 from tools.bench.report import write_report
-from tools.bench.restarting import restart
+from tools.bench.restart import restart
 from tools.bench.table import table
 
 BENCHMARKS = {
     "latency": messages.latency,
-    "wake": messages.wake,
     "large": messages.large,
     "fanout": messages.fanout,
     "throughput": messages.throughput,
-    "scale": load.scale,
     "idle": load.idle,
-    "loaded": loaded,
+    "loaded": load.loaded,
     "restart": restart,
-    "handling": handling,
     "call": call,
-    "link": link,
 }
 
 
@@ -46,14 +36,11 @@ def main(arguments: list[str] | None = None) -> int:
     unknown = set(parsed.benchmarks) - set(BENCHMARKS)
     if unknown:
         parser.error(f"there is no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
-    if parsed.awake and not os.access(DEVICE, os.W_OK):
-        parser.error(f"--awake: {DEVICE} cannot be written; {HOW_TO_ALLOW}")
     if parsed.read:
         run = json.loads(parsed.read.read_text())
     else:
         machine = describe_machine()
-        with processors_awake() if parsed.awake else nullcontext():
-            results = _measure(parsed.benchmarks or list(BENCHMARKS), _options(parsed))
+        results = _measure(parsed.benchmarks or list(BENCHMARKS), _options(parsed))
         run = {"machine": machine, "command": " ".join(["python -m tools.bench", *given]), "results": results}
     if parsed.json:
         parsed.json.write_text(json.dumps(run, indent=1))
@@ -95,17 +82,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--modules", type=int, default=0, help="maximum number of modules or subscribers")
     add("--seconds", type=float, default=0.0, help="time for which processor time is measured")
     add(
-        "--awake",
-        action="store_true",
-        help="keep processors from sleeping while you measure; needs permission",
-    )
-    add("--with-top", action="store_true", help="also measure Robbie watched by robbie top")
-    add(
-        "--with-idle-features",
-        action="store_true",
-        help="also measure Robbie whose modules have latched topics and serve requests that nobody sends",
-    )
-    add(
         "--variant",
         action="append",
         default=[],
@@ -124,8 +100,6 @@ def _options(parsed: argparse.Namespace) -> Options:
         modules=parsed.modules,
         seconds=parsed.seconds,
         only=tuple(filter(None, parsed.only.split(","))),
-        with_top=parsed.with_top,
-        with_idle_features=parsed.with_idle_features,
         variants=dict(parsed.variant),
     )
 

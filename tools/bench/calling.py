@@ -3,14 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from tools.bench.contender import Contender
-from tools.bench.options import Options, peer
+from tools.bench.options import Options
 from tools.bench.robbie import MODULES, RobbieContender
 from tools.bench.rounds import Series, run_work
 from tools.bench.work import Work
-
-CALLING_PEERS = ("zeromq", "zeromq_call", "zenoh", "zenoh_call", "iceoryx2", "iceoryx2_call")
-"""Each peer's way for messages, and its way for requests and replies."""
 
 
 class CallingRobbie(RobbieContender):
@@ -23,21 +19,14 @@ class CallingRobbie(RobbieContender):
         """Return the server and the client, as in a profile."""
         file = work.folder / f"work{suffix}.json"
         work.save(file)
-        return {
-            f"server{suffix}": {"class": f"{MODULES}:Server"},
-            f"client{suffix}": {
-                "class": f"{MODULES}:Client",
-                "settings": {"work_file": str(file)},
-                "ends_run": True,
-            },
-        }
+        client = {"class": f"{MODULES}:Client", "settings": {"work_file": str(file)}, "ends_run": True}
+        return {f"server{suffix}": {"class": f"{MODULES}:Server"}, f"client{suffix}": client}
 
 
 def call(options: Options) -> list[dict[str, Any]]:
     """Measure 64 bytes one way, and 64 bytes and their reply of 64 bytes, at 1 kHz."""
     work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
-    measured: list[Contender] = [RobbieContender(), CallingRobbie(), *map(peer, CALLING_PEERS)]
-    series = options.chosen([Series(one) for one in measured])
+    series = options.chosen([Series(RobbieContender()), Series(CallingRobbie())])
     rows = run_work(series, work, options.times(5, 2), options.budget_s)
     title = "64 bytes one way, and there and back, 1 kHz"
     return [

@@ -18,8 +18,8 @@ from tools.bench import record
 from tools.bench.peers.peer import Peer
 from tools.bench.processes import mapped_names, remove_unmapped
 from tools.bench.work import Work
+from tools.robot import environment
 
-REPOSITORY = Path(__file__).parents[2]
 LIMIT_S = 60.0
 
 
@@ -203,9 +203,3 @@ def outcome(work: Work) -> Outcome:
         latencies.append(words[record.HEADER :])
     took_s = (last_ns - int(publisher[record.BEGAN_NS])) / 1e9
     return Outcome(int(publisher[record.SENT]), latencies, took_s)
-
-
-def environment() -> dict[str, str]:
-    """Return an environment in which processes in other folders can import this repository."""
-    path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return dict(os.environ, PYTHONPATH=path)

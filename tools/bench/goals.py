@@ -4,10 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tools.bench.options import EQUIPPED, IN_PLACE, WATCHED
+from tools.bench.options import IN_PLACE
 from tools.bench.table import middle, ratio, render
 
 Row = dict[str, Any]
+Figure = Callable[["Results"], tuple[float | None, str]]
+"""Returns the measured figure (None if it was not measured), and the title of what it is compared to."""
 
 
 @dataclass(frozen=True)
@@ -17,14 +19,13 @@ class Goal:
     Attributes:
         title: what is measured.
         limit: maximum of the figure, or its minimum with `at_least`.
-        figure: returns the measured figure (None if it was not measured) and the title of the contender
-            that it was compared to.
+        figure: finds it.
         at_least: whether `limit` is a minimum.
     """
 
     title: str
     limit: float
-    figure: Callable[["Results"], "tuple[float | None, str]"]
+    figure: Figure
     at_least: bool = False
 
 
@@ -65,9 +66,7 @@ def is_peer(row: Row) -> bool:
     return not row["name"].startswith(("robbie", "floor", "memcpy"))
 
 
-def _against(
-    benchmark: str, name: str, other: str, part: str = "", column: str = "p50_us"
-) -> Callable[[Results], Any]:
+def _against(benchmark: str, name: str, other: str, part: str = "", column: str = "p50_us") -> Figure:
     """Return a function that divides a contender's figure by that of another one."""
 
     def figure(results: Results) -> tuple[float | None, str]:
@@ -79,7 +78,7 @@ def _against(
 
 def _against_best(
     benchmark: str, name: str, part: str = "", column: str = "p50_us", *, in_place: bool = False
-) -> Callable[[Results], Any]:
+) -> Figure:
     """Return a function that divides a contender's figure by the best peer's."""
 
     def figure(results: Results) -> tuple[float | None, str]:
@@ -96,7 +95,7 @@ def _copy_and_wake(results: Results) -> tuple[float | None, str]:
     return (image / (copy + small) if image and copy and small else None), "memcpy + 64 B"
 
 
-def _of_row(benchmark: str, name: str, column: str) -> Callable[[Results], Any]:
+def _of_row(benchmark: str, name: str, column: str) -> Figure:
     def figure(results: Results) -> tuple[float | None, str]:
         values = results.row(benchmark, name).get(column, ())
         return middle([float(value) for value in values]), ""
@@ -104,52 +103,10 @@ def _of_row(benchmark: str, name: str, column: str) -> Callable[[Results], Any]:
     return figure
 
 
-def _of_bus(beginning: str, column: str, compared: str = "") -> Callable[[Results], Any]:
-    """Return a function that finds a figure of Robbie in `scale`, or its ratio to another bus."""
-
-    def find(results: Results, begins: str) -> float | None:
-        rows = [
-            row
-            for row in results.rows("scale")
-            if row["name"].startswith("robbie ") and begins in row["name"]
-        ]
-        return middle([each[column] for each in rows[0].get("each", ())]) if rows else None
-
-    def figure(results: Results) -> tuple[float | None, str]:
-        value = find(results, beginning)
-        if not compared:
-            return value, ""
-        base = find(results, compared)
-        return (value / base if value and base else None), compared
-
-    return figure
-
-
-def _hops_of_link(results: Results) -> tuple[float | None, str]:
-    rows = [results.row("link", name, "64") for name in ("robbie-link", "zenoh_tcp", "robbie")]
-    linked, plain, hop = (middle(row.get("p50_us", ())) for row in rows)
-    return ((linked - plain) / hop if linked and plain and hop else None), "Zenoh over TCP"
-
-
-def _restart_ms(results: Results) -> tuple[float | None, str]:
-    parts = results.row("restart", "robbie small").get("parts", {})
-    return parts.get("kill to handler", {}).get("median_ms"), ""
-
-
-def _throughput_of_peer(results: Results) -> tuple[float | None, str]:
-    row, compared = results.row("throughput", "robbie"), results.row("throughput", "iceoryx2")
-    return ratio(row, compared, "received_per_s"), "iceoryx2"
-
-
-def _throughput_share(results: Results, variant: str) -> tuple[float | None, str]:
-    row, compared = results.row("throughput", variant), results.row("throughput", "robbie")
-    return ratio(row, compared, "received_per_s"), compared.get("title", "robbie")
-
-
+IN = "robbie in place"
 OFTEN, SELDOM, FIFO = "64 bytes, 1 kHz, ", "64 bytes, 30 Hz, ", "64 bytes, 1 kHz at SCHED_FIFO"
 """Beginnings of the titles of the results of `latency`."""
-ALONE = "4 modules only"
-"""The bus that the other buses of `scale` are compared to."""
+TIME = "us_per_message"
 GOALS = (
     Goal("64 B, 1 kHz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor", OFTEN)),
     Goal("64 B, 1 kHz: p50 ÷ best peer", 0.75, _against_best("latency", "robbie", OFTEN)),
@@ -157,82 +114,37 @@ GOALS = (
     Goal("64 B, 30 Hz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor", SELDOM)),
     Goal("64 B, 30 Hz: p50 ÷ best peer", 0.75, _against_best("latency", "robbie", SELDOM)),
     Goal("64 B, all at SCHED_FIFO: p99 ÷ best peer", 1.0, _against_best("latency", "robbie", FIFO, "p99_us")),
-    Goal("1 MB in place: p50 ÷ own 64 B", 1.5, _against("large", "robbie in place", "robbie 64 B", "1 MB")),
-    Goal("6.2 MB in place: p50 ÷ own 64 B", 1.5, _against("large", "robbie in place", "robbie 64 B", "6.2")),
-    Goal(
-        "6.2 MB in place: p50 ÷ best peer that copies", 0.1, _against_best("large", "robbie in place", "6.2")
-    ),
-    Goal(
-        "1 MB in place: p50 ÷ best peer in place",
-        1.0,
-        _against_best("large", "robbie in place", "1 MB", in_place=True),
-    ),
-    Goal(
-        "6.2 MB in place: p50 ÷ best peer in place",
-        1.0,
-        _against_best("large", "robbie in place", "6.2", in_place=True),
-    ),
+    Goal("1 MB in place: p50 ÷ own 64 B", 1.5, _against("large", IN, "robbie 64 B", "1 MB")),
+    Goal("6.2 MB in place: p50 ÷ own 64 B", 1.5, _against("large", IN, "robbie 64 B", "6.2")),
+    Goal("6.2 MB in place: p50 ÷ best peer that copies", 0.1, _against_best("large", IN, "6.2")),
+    Goal("1 MB in place: p50 ÷ best peer in place", 1.0, _against_best("large", IN, "1 MB", in_place=True)),
+    Goal("6.2 MB in place: p50 ÷ best peer in place", 1.0, _against_best("large", IN, "6.2", in_place=True)),
     Goal("6.2 MB copied: p50 ÷ best peer", 1.0, _against_best("large", "robbie", "6.2")),
     Goal("6.2 MB copied: p50 ÷ (memcpy + 64 B)", 1.1, _copy_and_wake),
-    Goal("1 MB to 8 in place: p50 ÷ best peer that copies", 0.3, _against_best("fanout", "robbie in place")),
-    Goal(
-        "1 MB to 8 in place: p50 ÷ best peer in place",
-        0.8,
-        _against_best("fanout", "robbie in place", in_place=True),
-    ),
+    Goal("1 MB to 8 in place: p50 ÷ best peer that copies", 0.3, _against_best("fanout", IN)),
+    Goal("1 MB to 8 in place: p50 ÷ best peer in place", 0.8, _against_best("fanout", IN, in_place=True)),
     Goal("1 MB to 8 copied: p50 ÷ best peer", 0.3, _against_best("fanout", "robbie")),
-    Goal("flat out: messages/s", 200_000, _of_row("throughput", "robbie", "received_per_s"), at_least=True),
-    Goal("flat out: messages/s ÷ iceoryx2", 1.0, _throughput_of_peer, at_least=True),
+    Goal("flat out: messages/s", 200_000, _of_row("throughput", "robbie", "received_per_s"), True),
+    Goal(
+        "flat out: messages/s ÷ iceoryx2",
+        1.0,
+        _against("throughput", "robbie", "iceoryx2", column="received_per_s"),
+        True,
+    ),
     Goal("flat out: lost", 0, _of_row("throughput", "robbie", "lost")),
-    Goal("most ÷ 4 modules: core time", 1.1, _of_bus("4 exchange all", "core_us_per_message", ALONE)),
-    Goal("most ÷ 4 modules: p50", 1.2, _of_bus("4 exchange all", "p50_us", ALONE)),
     Goal("20 idle modules: % of a core", 1.0, _of_row("idle", "robbie", "cpu_percent")),
-    Goal("20 modules, 1,500 messages/s: core %", 3.0, _of_bus("1,500", "core_percent")),
-    Goal("20 modules, 1,500 messages/s: whole robot %", 12.0, _of_bus("1,500", "robot_percent")),
     Goal(
         "20 modules, 1,500 messages/s: robot ÷ floor",
         1.3,
-        _against("loaded", "robbie", "floor", column="us_per_message"),
+        _against("loaded", "robbie", "floor", column=TIME),
     ),
     Goal(
         "20 modules, 1,500 messages/s: robot ÷ best peer",
         1.0,
-        _against_best("loaded", "robbie", column="us_per_message"),
-    ),
-    Goal(
-        "construct a message of 64 B: µs",
-        0.3,
-        _of_row("handling", "construct 64 B, all 8 fields given", "us"),
+        _against_best("loaded", "robbie", column=TIME),
     ),
     Goal("call and reply, 64 B each: p50 ÷ one way", 2.2, _against("call", "robbie-call", "robbie")),
-    Goal("over a link: (p50 of 64 B - Zenoh) ÷ local hop", 2.0, _hops_of_link),
-    Goal(
-        "over a link: 1 MB/s ÷ Zenoh",
-        0.9,
-        _against("link", "robbie-link", "zenoh_tcp", "1 MB", "received_per_s"),
-        at_least=True,
-    ),
-    Goal("watched by `top`: p50 of 64 B ÷ unwatched", 1.1, _against("latency", WATCHED, "robbie")),
-    Goal("watched by `top`: p50 of 6.2 MB ÷ unwatched", 1.1, _against("large", WATCHED, "robbie", "6.2")),
-    Goal("watched by `top`: p50 of 1 MB to 8 ÷ unwatched", 1.1, _against("fanout", WATCHED, "robbie")),
-    Goal(
-        "watched by `top`: flat out ÷ unwatched",
-        0.9,
-        lambda results: _throughput_share(results, WATCHED),
-        at_least=True,
-    ),
-    Goal(
-        "idle latched topics and servers: p50 of 64 B ÷ without",
-        1.05,
-        _against("latency", EQUIPPED, "robbie"),
-    ),
-    Goal(
-        "idle latched topics and servers: flat out ÷ without",
-        0.95,
-        lambda results: _throughput_share(results, EQUIPPED),
-        at_least=True,
-    ),
-    Goal("SIGKILL to next message: median ms", 60.0, _restart_ms),
+    Goal("SIGKILL to next message: median ms", 60.0, _of_row("restart", "robbie small", "away_ms")),
 )
 
 

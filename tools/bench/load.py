@@ -1,20 +1,15 @@
-"""The benchmarks of processor time: `idle` and `scale`."""
+"""The benchmarks of processor time: `idle` and `loaded`."""
 
 import contextlib
-import subprocess
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-import psutil
-
 from tools.bench import record
-from tools.bench.contender import PeerContender, Trouble, wait_for_end, work_folder
-from tools.bench.goals import ALONE
-from tools.bench.options import Options, peers
-from tools.bench.processes import family, measure_cpu_ns, process_ns
+from tools.bench.contender import Contender, PeerContender, Trouble, wait_for_end, work_folder
+from tools.bench.options import Options, peer, peers
+from tools.bench.processes import family, measure_cpu_ns
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_rounds
 from tools.bench.work import Work
@@ -23,49 +18,15 @@ from tools.robot import Robot
 Result = dict[str, Any]
 
 IDLE_MODULES = 20
-MOST_MODULES = 64
+PAIRS = 10
+LOAD_HZ = 1500.0
 SETTLE_S = 1.0
 MARGIN_S = 2.0
-"""How much longer a peer's publisher is silent than the measurement takes."""
-SPARE = "spare"
-"""Process name of a spare interpreter that has finished its imports."""
+"""How much longer an idle publisher of a peer is silent than the measurement takes."""
+SPARE_S = 60.0
+"""How much longer publishers have messages than the measurement takes."""
 CONNECT_LIMIT_S = 30.0
 POLL_S = 0.05
-SCALE_HZ = 1000.0
-LOAD_HZ = 1500.0
-
-
-@dataclass(frozen=True)
-class Bus:
-    """The modules on the bus in one row of `scale`.
-
-    Attributes:
-        title: name of the row in the table.
-        pairs: number of pairs of a publisher and its subscriber. Each pair has a separate topic, and all
-            pairs have the same rate.
-        idle: number of subscribers to a topic on which no message is published.
-        rate_hz: rate of all messages together.
-    """
-
-    title: str
-    pairs: int
-    idle: int
-    rate_hz: float
-
-
-def buses(most: int) -> list[Bus]:
-    """Return the buses that `scale` measures. The next two are compared to the first.
-
-    Args:
-        most: maximum number of modules; even, and at least 4.
-    """
-    loaded = min(20, most)
-    return [
-        Bus(ALONE, 2, 0, SCALE_HZ),
-        Bus(f"{most} modules, 4 exchange all messages", 2, most - 4, SCALE_HZ),
-        Bus(f"{most} modules exchange messages", most // 2, 0, SCALE_HZ),
-        Bus(f"{loaded} modules, {LOAD_HZ:,.0f} messages/s", loaded // 2, 0, LOAD_HZ),
-    ]
 
 
 def idle(options: Options) -> list[Result]:
@@ -86,48 +47,36 @@ def idle(options: Options) -> list[Result]:
     return [{"benchmark": "idle", "title": title, "kind": "idle", "contenders": rows}]
 
 
-def scale(options: Options) -> list[Result]:
-    """Measure how the cost of a message grows with the number of modules on the bus."""
+def loaded(options: Options) -> list[Result]:
+    """Measure the processor time of 20 modules, and of as many processes of each peer and of the floor."""
     window_s = options.window_s(10.0, 2.0)
-    most = options.modules or (24 if options.quick else MOST_MODULES)
-    series = options.chosen(
-        [Series(one, {"bus": bus}, bus.title) for one in options.robbies() for bus in buses(most)]
-    )
+    pairs = options.modules // 2 or PAIRS
+    contenders: list[Contender] = [peer("floor"), *options.robbies(), *peers()]
+    series = options.chosen([Series(one) for one in contenders])
 
-    def run(one: Series) -> Result:
-        assert isinstance(one.contender, RobbieContender)
-        return measure_bus(one.contender, one.changes["bus"], window_s)
+    def run(one: Series) -> float:
+        if isinstance(one.contender, RobbieContender):
+            return _loaded_robot(one.contender, pairs, window_s)
+        assert isinstance(one.contender, PeerContender)
+        return _loaded_peer(one.contender, pairs, window_s)
 
     run_rounds(series, run, options.times(3, 1), options.budget_s)
-    rows = [one.describe() | {"each": one.outcomes} for one in series]
-    return [{"benchmark": "scale", "title": "cost of a message", "kind": "scale", "contenders": rows}]
+    rows = [
+        one.describe()
+        | {"us_per_message": one.outcomes, "cpu_percent": [us * LOAD_HZ / 1e4 for us in one.outcomes]}
+        for one in series
+    ]
+    title = f"{pairs} publishers, {pairs} subscribers, {LOAD_HZ:,.0f} messages/s: time of all processes"
+    return [{"benchmark": "loaded", "title": title, "kind": "loaded", "contenders": rows}]
 
 
 def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> float:
     with work_folder() as (topic, folder):
-        work = Work(topic, folder, subscribers=count)
-        with contender.robot(folder, subscribers_only(contender.pair(work))) as robot:
-            _settle(robot, contender)
+        modules = contender.pair(Work(topic, folder, subscribers=count))
+        del modules["publisher"]
+        with contender.robot(folder, modules) as robot:
+            _settle(robot)
             return measure_cpu_ns(family(robot.supervisor.pid), window_s) / 1e7 / window_s
-
-
-def _settle(robot: Robot, contender: RobbieContender) -> None:
-    """Wait until all modules run and the spare interpreter has done its imports."""
-    robot.wait_until_running()
-    supervisor = psutil.Process(robot.supervisor.pid)
-    robot.wait_for(lambda: any(_name(child) == SPARE for child in supervisor.children()), "no spare is warm")
-    time.sleep(SETTLE_S + contender.settle_s)
-
-
-def _name(process: psutil.Process) -> str:
-    with contextlib.suppress(psutil.Error):
-        return process.name()
-    return ""
-
-
-def subscribers_only(modules: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the subscribers among the modules."""
-    return {name: module for name, module in modules.items() if not name.startswith("publisher")}
 
 
 def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
@@ -136,7 +85,7 @@ def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
         work = Work(topic, folder, count=0, subscribers=count, warm_up=1, pause_s=pause_s)
         try:
             with contender.started(work) as processes:
-                _wait_for_pause(work, processes)
+                _wait_until(lambda: _has_warmed_up(work), f"the {count} subscribers did not connect")
                 pids = family(*(process.pid for process in processes))
                 percent = measure_cpu_ns(pids, window_s) / 1e7 / window_s
                 wait_for_end(processes, CONNECT_LIMIT_S)
@@ -145,54 +94,64 @@ def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
             contender.peer.clean(work)
 
 
-def _wait_for_pause(work: Work, processes: list[subprocess.Popen[bytes]]) -> None:
-    """Wait until all subscribers have received the warm-up. From then on, the publisher is silent."""
-    deadline_s = time.monotonic() + CONNECT_LIMIT_S
-    while not (record.publisher_file(work).exists() and record.map_publisher(work)[record.ENDED_NS]):
-        ended = [process.returncode for process in processes if process.poll() is not None]
-        if any(ended) or time.monotonic() > deadline_s:
-            raise Trouble(f"the {work.subscribers} subscribers did not connect")
-        time.sleep(POLL_S)
+def _has_warmed_up(work: Work) -> bool:
+    """Return whether all subscribers have received the warm-up. From then on, the publisher is silent."""
+    return record.publisher_file(work).exists() and bool(record.map_publisher(work)[record.ENDED_NS])
+
+
+def _loaded_robot(contender: RobbieContender, pairs: int, window_s: float) -> float:
+    """Run pairs of a publisher and a subscriber; return the processor time of a message in µs."""
+    with work_folder() as (topic, folder):
+        modules: dict[str, dict[str, Any]] = {}
+        for index in range(pairs):
+            modules |= contender.pair(_pair(topic, folder, index, pairs, window_s), f"-{index}")
+        with contender.robot(folder, modules) as robot:
+            _settle(robot)
+            assert robot.observer is not None
+            before = robot.observer.routed
+            used_ns = measure_cpu_ns(family(robot.supervisor.pid), window_s)
+            return used_ns / 1e3 / max(1, robot.observer.routed - before)
+
+
+def _loaded_peer(contender: PeerContender, pairs: int, window_s: float) -> float:
+    """Do the same with a peer."""
+    with contextlib.ExitStack() as stack:
+        topic, folder = stack.enter_context(work_folder())
+        works, pids = [], []
+        for index in range(pairs):
+            work = _pair(topic, folder, index, pairs, window_s)
+            stack.callback(contender.peer.clean, work)
+            processes = stack.enter_context(contender.started(work))
+            works.append(work)
+            pids += [process.pid for process in processes]
+        received = [record.map_subscriber(work, 0) for work in works]
+        _wait_until(lambda: all(_measured(received)), "not all subscribers received messages")
+        before = sum(_measured(received))
+        used_ns = measure_cpu_ns(family(*pids), window_s)
+        return used_ns / 1e3 / max(1, sum(_measured(received)) - before)
+
+
+def _measured(received: Sequence[memoryview]) -> list[int]:
+    return [words[record.MEASURED] for words in received]
+
+
+def _pair(topic: str, folder: Path, index: int, pairs: int, window_s: float) -> Work:
+    own, rate_hz = folder / f"pair-{index}", LOAD_HZ / pairs
+    own.mkdir()
+    return Work(f"{topic}-{index}", own, count=round(rate_hz * (window_s + SPARE_S)), rate_hz=rate_hz)
+
+
+def _settle(robot: Robot) -> None:
+    """Wait until all modules run and the spare interpreter has done its imports."""
+    robot.wait_until_running()
+    robot.wait_for_spare()
     time.sleep(SETTLE_S)
 
 
-def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result:
-    """Run a robot; return the processor time of core and robot, per message and in percent of a processor."""
-    with work_folder() as (topic, folder):
-        modules: dict[str, dict[str, Any]] = {}
-        works = []
-        for index in range(bus.pairs):
-            (folder / f"pair-{index}").mkdir()
-            rate_hz = bus.rate_hz / bus.pairs
-            count = round(rate_hz * (window_s + 120))
-            works.append(Work(f"{topic}-{index}", folder / f"pair-{index}", count=count, rate_hz=rate_hz))
-            modules |= contender.pair(works[-1], f"-{index}")
-        bystanders = Work(f"{topic}-silence", folder, count=0, subscribers=bus.idle)
-        modules |= subscribers_only(contender.pair(bystanders, "-idle")) if bus.idle else {}
-        with contender.robot(folder, modules) as robot:
-            _settle(robot, contender)
-            result = _sample(robot, window_s)
-        latencies_us = np.concatenate([_latencies_us(work) for work in works])
-        p50_us, p99_us = np.quantile(latencies_us, (0.5, 0.99))
-        return result | {"p50_us": float(p50_us), "p99_us": float(p99_us)}
-
-
-def _sample(robot: Robot, window_s: float) -> Result:
-    assert robot.observer is not None
-    pids, core = family(robot.supervisor.pid), robot.figures()["core"].pid
-    began_s, routed, core_began_ns = time.monotonic(), robot.observer.routed, process_ns(core)
-    all_ns = measure_cpu_ns(pids, window_s)
-    core_ns, messages = process_ns(core) - core_began_ns, robot.observer.routed - routed
-    took_s = time.monotonic() - began_s
-    return {
-        "messages_per_s": messages / took_s,
-        "core_us_per_message": core_ns / 1e3 / max(1, messages),
-        "robot_us_per_message": all_ns / 1e3 / max(1, messages),
-        "core_percent": core_ns / 1e7 / took_s,
-        "robot_percent": all_ns / 1e7 / took_s,
-    }
-
-
-def _latencies_us(work: Work) -> Any:
-    words = np.fromfile(record.subscriber_file(work, 0), np.int64)[record.HEADER :]
-    return words[words > 0] / 1e3
+def _wait_until(condition: Callable[[], bool], otherwise: str) -> None:
+    deadline_s = time.monotonic() + CONNECT_LIMIT_S
+    while not condition():
+        if time.monotonic() > deadline_s:
+            raise Trouble(otherwise)
+        time.sleep(POLL_S)
+    time.sleep(SETTLE_S)

@@ -1,30 +1,12 @@
-"""Describes the machine on which the figures are measured."""
+"""Describes the machine on which figures are measured."""
 
 import os
 import platform
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import psutil
-
-from robbie_mp.base.linux.wake_latency import limit_wake_latency
-
-
-@contextmanager
-def processors_awake() -> Iterator[None]:
-    """Keep the machine's processors from sleeping.
-
-    Raises:
-        OSError: the machine does not permit this.
-    """
-    device = limit_wake_latency(0)
-    try:
-        yield
-    finally:
-        os.close(device)
 
 
 def describe_machine() -> dict[str, Any]:

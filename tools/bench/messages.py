@@ -8,7 +8,6 @@ from typing import Any
 
 from tools.bench.contender import Contender
 from tools.bench.options import IN_PLACE, Options, peer, peers
-from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_work
 from tools.bench.work import PROBE_BYTES, Work
 
@@ -20,24 +19,6 @@ IMAGE_BYTES = 1920 * 1080 * 3
 IMAGE_HZ = 30.0
 FANOUT = 8
 REALTIME_PRIORITY = 10
-FLOORS = ("floor", "floor_futex", "floor_eventfd", "floor_fifo", "floor_datagram")
-SCHEDULED = (
-    RobbieContender(
-        "robbie-spinning", "Robbie-MP with a core that spins 2 ms", {"scheduling": {"spin_us": 2000}}
-    ),
-    RobbieContender(
-        "robbie-awake",
-        "Robbie-MP with processors that do not sleep",
-        {"scheduling": {"wake_latency_us": 0}},
-    ),
-    RobbieContender(
-        "robbie-realtime",
-        "Robbie-MP at real-time priority",
-        {"scheduling": {"realtime_priority": 10}},
-        {"scheduling": {"realtime_priority": 10}},
-    ),
-)
-"""Variants of Robbie, each with settings that a profile can give to its processes."""
 
 
 def latency(options: Options) -> list[Result]:
@@ -61,19 +42,6 @@ def latency(options: Options) -> list[Result]:
 def may_run_at(priority: int) -> bool:
     """Return whether this user may give processes a real-time priority."""
     return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= priority
-
-
-def wake(options: Options) -> list[Result]:
-    """Compare ways to wake a process, on all processors and on one, with and without Robbie."""
-    work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
-    rows: list[Contender] = [*(peer(name) for name in FLOORS), *options.robbies(), *SCHEDULED]
-    series = [
-        Series(one, {"cpus": cpus}, suffix)
-        for cpus, suffix in (((), ""), ((min(os.sched_getaffinity(0)),), "one processor"))
-        for one in rows
-        if not (cpus and one in SCHEDULED)
-    ]
-    return [_latencies(options, "wake", "64 bytes, 1 kHz, through three processes", work, series, (5, 1))]
 
 
 def large(options: Options) -> list[Result]:

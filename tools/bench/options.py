@@ -11,11 +11,9 @@ from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series
 from tools.bench.worker import load_peer
 
-PEERS = ("iceoryx2", "ecal", "lcm", "zeromq", "zenoh", "cyclonedds", "dora", "rospy", "queue")
+PEERS = ("iceoryx2", "lcm", "zeromq", "zenoh", "cyclonedds", "dora")
 QUICK_BUDGET_S = 22.0
 IN_PLACE = "in place"
-WATCHED = "robbie-top"
-EQUIPPED = "robbie-idle-features"
 
 
 @dataclass(frozen=True)
@@ -29,8 +27,6 @@ class Options:
         modules: maximum number of modules or subscribers.
         seconds: time for which processor time is measured.
         only: names of the contenders to measure; () for all.
-        with_top: also measure Robbie while `robbie top` observes it.
-        with_idle_features: also measure Robbie whose modules have idle latched topics and serve requests.
         variants: further variants of Robbie by name: the keys `core` and `module` of their profiles.
     """
 
@@ -40,8 +36,6 @@ class Options:
     modules: int = 0
     seconds: float = 0.0
     only: tuple[str, ...] = ()
-    with_top: bool = False
-    with_idle_features: bool = False
     variants: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
@@ -68,11 +62,6 @@ class Options:
     def robbies(self) -> list[RobbieContender]:
         """Return Robbie and the variants of it that the command line asks for."""
         found = [RobbieContender()]
-        if self.with_top:
-            found.append(RobbieContender(WATCHED, "Robbie-MP watched by robbie top", with_top=True))
-        if self.with_idle_features:
-            title = "Robbie-MP with idle latched topics and servers"
-            found.append(RobbieContender(EQUIPPED, title, with_idle_features=True))
         for name, profile in self.variants.items():
             core, module = profile.get("core"), profile.get("module")
             found.append(RobbieContender(name, f"Robbie-MP {name}", core, module))

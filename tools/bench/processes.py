@@ -42,11 +42,6 @@ def family(*pids: int) -> list[int]:
     return found
 
 
-def process_ns(pid: int) -> int:
-    """Return the processor time that the threads of one process have used so far, in ns."""
-    return sum(thread_times_ns([pid]).values())
-
-
 def mapped_names(pids: Iterable[int]) -> set[Path]:
     """Return the names that processes have mapped, including those of semaphores."""
     names = set()

@@ -19,16 +19,13 @@ from robbie_mp import (
     setting,
     uint8,
 )
-from tools.bench.record import BEGAN_NS, ENDED_NS, FINISHED, SENT, Receipts, map_publisher, map_subscriber
+from tools.bench.record import BEGAN_NS, ENDED_NS, SENT, Receipts, map_publisher
 from tools.bench.work import END, Work
 
 LOOK_EVERY_S = 0.01
 FLAT_OUT_OUTSTANDING = 800
 """Maximum number of unhandled messages when publishing flat out: less than a subscriber's queue holds (1000),
 and less than the ring to the core holds (1024 records, of which 128 are kept for releases)."""
-
-FAR_OUTSTANDING = 8
-"""Maximum number of large messages that the link has not taken."""
 
 
 class Probe(Message, name="bench_msgs/msg/Probe", version=1):
@@ -78,41 +75,17 @@ class Ask(Request[Answer], name="bench_msgs/srv/Ask_Request"):
     pitch: float64 = DEFAULT
 
 
-class Equipped(Module):
-    """A module that may have idle features."""
-
-    idle_features: bool = setting(
-        False, "publish a latched message once, subscribe one, and serve requests that nobody sends"
-    )
-
-    def setup(self) -> None:
-        """Prepare the idle features."""
-        if self.idle_features:
-            self.publish(Probe(number=0, stamp_ns=0), topic=f"idle/{self.name}", latched=True)
-            self.subscribe(Probe, self.ignore, topic="idle/publisher", optional=True)
-            self.serve(Ask, self.on_ask, topic=f"idle/{self.name}")
-
-    def ignore(self, _probe: Probe) -> None:
-        """Take the latched message."""
-
-    def on_ask(self, ask: Ask) -> Answer:
-        """Reply."""
-        return Answer(number=ask.number, stamp_ns=ask.stamp_ns, x=ask.x, y=ask.y, z=ask.z)
-
-
-class Publisher(Equipped):
+class Publisher(Module):
     """Publishes the messages, waits until all have been handled, and ends."""
 
     work_file: Path = setting(REQUIRED, "the work, as JSON")
 
     def setup(self) -> None:
         """Prepare the messages."""
-        super().setup()
         self.work = work = Work.load(self.work_file)
         self.period_s = 1 / work.rate_hz if work.rate_hz else LOOK_EVERY_S
         self.record = map_publisher(work)
         self.source = np.ones(work.size_bytes, np.uint8)
-        self.begins_ns = time.monotonic_ns() + round(work.settle_s * 1e9)
         self.numbers = self.upcoming()
         self.ended = False
 
@@ -128,22 +101,18 @@ class Publisher(Equipped):
         yield END
         self.ended = True
 
-    max_outstanding = FLAT_OUT_OUTSTANDING
-
     def tick(self) -> None:
         """Publish the next message, or at flat-out rate as many as the limit allows."""
-        if time.monotonic_ns() < self.begins_ns:
-            return
         if self.ended:
-            if self.outstanding <= self.idle_features:  # the core keeps the latched message
+            if not self.outstanding:
                 self.stop()
             return
         if self.work.rate_hz:
             self.publish_next()
             return
-        while not self.ended and self.outstanding < self.max_outstanding:
+        while not self.ended and self.outstanding < FLAT_OUT_OUTSTANDING:
             self.publish_next()
-        self.wake_after_freed(self.max_outstanding // 2)
+        self.wake_after_freed(FLAT_OUT_OUTSTANDING // 2)
 
     def publish_next(self) -> None:
         """Stamp and publish the next message."""
@@ -169,23 +138,7 @@ class Publisher(Equipped):
             self.publish(Picture(number=number, stamp_ns=time.monotonic_ns(), data=self.source), topic=topic)
 
 
-class FarPublisher(Publisher):
-    """Publishes for a subscriber in another robot, and ends when that has received the last message."""
-
-    def setup(self) -> None:
-        """Prepare the messages."""
-        super().setup()
-        if self.work.has_array:
-            self.max_outstanding = FAR_OUTSTANDING
-        self.far = map_subscriber(self.work, 0)
-
-    def tick(self) -> None:
-        """Publish, then wait."""
-        if not self.ended or self.far[FINISHED]:
-            super().tick()
-
-
-class Subscriber(Equipped):
+class Subscriber(Module):
     """Records when it receives each message."""
 
     work_file: Path = setting(REQUIRED, "the work, as JSON")
@@ -193,7 +146,6 @@ class Subscriber(Equipped):
 
     def setup(self) -> None:
         """Subscribe to the work's messages."""
-        super().setup()
         work = Work.load(self.work_file)
         self.handle = Receipts(work, self.index).handle
         if work.has_array:
@@ -212,12 +164,16 @@ class Subscriber(Equipped):
         self.handle(picture.number, stamp_ns, now_ns)
 
 
-class Server(Equipped):
+class Server(Module):
     """Replies with what it is asked."""
 
     def setup(self) -> None:
         """Serve."""
         self.serve(Ask, self.on_ask)
+
+    def on_ask(self, ask: Ask) -> Answer:
+        """Reply."""
+        return Answer(number=ask.number, stamp_ns=ask.stamp_ns, x=ask.x, y=ask.y, z=ask.z)
 
 
 class Client(Publisher):

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
 
+import numpy as np
+
 Row = dict[str, Any]
 Figures = Sequence[float | None]
 
@@ -117,40 +119,13 @@ def _loaded(result: Row) -> str:
     return render(["", "µs for each message", "% of one core"], lines)
 
 
-SCALE_COLUMNS = {
-    "messages_per_s": ("messages/s", 0),
-    "core_us_per_message": ("core µs/message", 1),
-    "robot_us_per_message": ("robot µs/message", 1),
-    "core_percent": ("core %", 1),
-    "robot_percent": ("robot %", 1),
-    "p50_us": ("p50 µs", 1),
-    "p99_us": ("p99 µs", 1),
-}
-
-
-def _scale(result: Row) -> str:
-    lines = [
-        [_title(row | {"version": ""})]
-        + [
-            number(middle([each[column] for each in row["each"]]), digits)
-            for column, (_, digits) in SCALE_COLUMNS.items()
-        ]
-        for row in result["contenders"]
-    ]
-    return render(["", *(title for title, _ in SCALE_COLUMNS.values())], lines)
-
-
 def _restart(result: Row) -> str:
     lines = []
     for row in result["contenders"]:
-        lines.append([_title(row)])
-        for part, figures in row["parts"].items():
-            lines.append([part, number(figures["median_ms"]), number(figures["p99_ms"])])
+        away_ms = row.get("away_ms") or [0.0]
+        figures = (middle(away_ms), float(np.quantile(away_ms, 0.99)))
+        lines.append([_title(row), *map(number, figures)])
     return render(["", "median ms", "p99 ms"], lines)
-
-
-def _handling(result: Row) -> str:
-    return render(["", "µs"], [[row["title"], number(middle(row["us"]), 2)] for row in result["contenders"]])
 
 
 TABLES: dict[str, Callable[[Row], str]] = {
@@ -158,9 +133,7 @@ TABLES: dict[str, Callable[[Row], str]] = {
     "throughput": _throughput,
     "idle": _idle,
     "loaded": _loaded,
-    "scale": _scale,
     "restart": _restart,
-    "handling": _handling,
 }
 
 

@@ -25,7 +25,6 @@ class Work:
         warm_up: number of messages that each subscriber receives before the measured ones.
         in_place: whether arrays are filled in the published memory, rather than copied from another array.
         lossless: whether the publisher waits for slow subscribers, if the transport can do that.
-        settle_s: time for which Robbie's publisher waits before it begins.
         pause_s: with a count of 0, the time for which all processes wait idle.
         cpus: processors on which all processes run; (): all.
         realtime_priority: of all processes under SCHED_FIFO; 0: they run under the usual scheduler.
@@ -40,7 +39,6 @@ class Work:
     warm_up: int = 100
     in_place: bool = False
     lossless: bool = False
-    settle_s: float = 0.0
     pause_s: float = 0.0
     cpus: tuple[int, ...] = ()
     realtime_priority: int = 0

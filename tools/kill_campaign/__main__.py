@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from tools.kill_campaign.campaign import Plan, run_campaign
-from tools.kill_campaign.stop_latency import measure_stop_latency
 from tools.robot import RobotTrouble
 
 VIOLATED = 1
@@ -31,14 +30,6 @@ def main(arguments: list[str] | None = None) -> int:
         "--mean-pause", type=float, default=0.3, metavar="S", help="mean time between attacks (0.3)"
     )
     parser.add_argument(
-        "--stop-latency",
-        action="store_true",
-        help="instead, measure what one stopped module costs the others",
-    )
-    parser.add_argument(
-        "--rounds", type=int, default=3, help="number of rounds of --stop-latency, each about 20 s (3)"
-    )
-    parser.add_argument(
         "--camera-rounds",
         type=int,
         default=3,
@@ -53,18 +44,15 @@ def main(arguments: list[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="robbie-campaign-") as temporary:
         folder = options.keep or Path(temporary)
         try:
-            if options.stop_latency:
-                report = measure_stop_latency(folder, options.rounds)
-            else:
-                plan = Plan(
-                    options.kills,
-                    options.seed,
-                    mean_pause_s=options.mean_pause,
-                    longest_stop_s=options.longest_stop,
-                    freeze_log=options.freeze_log,
-                    rounds_with_camera=options.camera_rounds,
-                )
-                report = run_campaign(plan, folder)
+            plan = Plan(
+                options.kills,
+                options.seed,
+                mean_pause_s=options.mean_pause,
+                longest_stop_s=options.longest_stop,
+                freeze_log=options.freeze_log,
+                rounds_with_camera=options.camera_rounds,
+            )
+            report = run_campaign(plan, folder)
         except RobotTrouble as trouble:
             report = {"violations": [str(trouble)]}
     print(json.dumps(report, indent=2) if options.json else as_text(report))

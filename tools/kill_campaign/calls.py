@@ -1,6 +1,6 @@
 """The part of the campaign's robot that calls: two clients, one server, and the verdict on their journals.
 
-Further lines of the journals (see `tools.kill_campaign.journal`):
+Further lines of the journals (see `tools.journal`):
 
     C number t                  the client is about to make this call, or with `g` to send this goal
     F number t                  feedback about a goal has come
@@ -28,7 +28,7 @@ from robbie_mp import (
     setting,
     uint64,
 )
-from tools.kill_campaign.journal import Journal, read_journal
+from tools.journal import Journal, read_journal
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
 
 STEPS = 5

@@ -1,6 +1,6 @@
 """The part of the campaign's robot with latched topics: publishers, subscribers, and the verdict on them.
 
-Lines of their journals (see `tools.kill_campaign.journal`), where a topic is the name of its publisher:
+Lines of their journals (see `tools.journal`), where a topic is the name of its publisher:
 
     S incarnation t                             a process has started
     I number t                                  the publisher is about to publish this number
@@ -23,7 +23,7 @@ import numpy as np
 
 from robbie_mp import EncodedMessage, Message, MessageHandling, Module, setting
 from robbie_mp.messages.primitives import Array, uint8, uint64
-from tools.kill_campaign.journal import Journal, read_journal
+from tools.journal import Journal, read_journal
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
 
 BEAT = "painter_beat"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp import MessageHandling, Module, setting
-from tools.kill_campaign.journal import Journal
+from tools.journal import Journal
 from tools.kill_campaign.message import Noise, Numbered, checksum, is_whole
 
 PAUSE_FILE = "pause"

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tools.kill_campaign.journal import read_journal
+from tools.journal import read_journal
 
 Key = tuple[int, int]
 """Incarnation and number of a message of one publisher."""

@@ -15,7 +15,7 @@ from robbie_mp.attached.tool.tool import Detached, RunEnded, Tool
 from robbie_mp.run.control import ControlRefused
 from robbie_mp.run.live_runs import choose_run
 from robbie_mp.run.run_directory import KnownRun
-from tools.kill_campaign.journal import Journal, read_journal
+from tools.journal import Journal, read_journal
 from tools.kill_campaign.latched import LATCHED, VISITOR, Painting, note_painting
 from tools.robot import REPOSITORY, Robot
 

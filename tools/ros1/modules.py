@@ -10,7 +10,7 @@ from robbie_mp.messages import (
     OccupancyGrid,
     PoseStamped,
 )
-from tools.kill_campaign.journal import Journal
+from tools.journal import Journal
 from tools.ros1.stock import TYPES_OF_ROS1, topic_of
 
 EACH_S = 0.2

@@ -5,7 +5,6 @@ import json
 import os
 import select
 import signal
-import socket
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
@@ -14,6 +13,8 @@ from typing import Any
 from xmlrpc import client
 
 import psutil
+
+from tools.robot import free_port
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 ROSCORE = "/usr/bin/roscore"
@@ -33,9 +34,7 @@ class Ros:
     """
 
     def __init__(self, folder: Path):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port()
         self.uri = f"http://127.0.0.1:{self.port}"
         self.environment = {
             **os.environ,

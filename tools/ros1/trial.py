@@ -13,7 +13,7 @@ import yaml
 
 from robbie_mp.connect.ros1 import ros_node
 from robbie_mp.connect.ros1.definitions import ros1_name
-from tools.kill_campaign.journal import read_journal
+from tools.journal import read_journal
 from tools.robot import Robot
 from tools.ros1.ros import Ros
 from tools.ros1.stock import TYPES_OF_ROS1, topic_of

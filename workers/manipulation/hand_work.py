@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_mp.base.procedure import Procedure, pause
 from robbie_mp.base.state_machine import StateMachine
 from robbie_robots.workers.manipulation.arm_model import ArmModel
 from robbie_robots.workers.manipulation.collisions import Shape, Surroundings
@@ -37,6 +39,8 @@ STOWED_RAD = 0.1
 GIVES_AWAY = {HandState.OFFER, HandState.OPEN, HandState.WITHDRAW}
 WRIST_PITCH = 4
 """Place of the joint that turns the hand up and down, if the forearm lies level."""
+LOOKS_AGAIN_S = 3.0
+"""The arm looks at least for this time for an object that it does not see."""
 MAX_GRASPS = 60
 """Poses of the hand that are tried for one object or place."""
 
@@ -54,6 +58,10 @@ class Outcome:
 
     is_done: bool
     text: str
+
+
+class _GivenUp(Exception):
+    """The order cannot be done, and would not be if it was tried again."""
 
 
 class HandWork:
@@ -107,6 +115,7 @@ class HandWork:
         self._way: Trajectory | None = None
         self._way_began_s = 0.0
         self._line: Floats | None = None
+        self._work: Procedure[Outcome] | None = None
 
     # -- what it is told ---------------------------------------------------------------------------------
 
@@ -150,209 +159,154 @@ class HandWork:
     def stop(self, reason: str) -> None:
         """End the order; the arm stands still."""
         if self.task is not None:
-            self._end(False, reason)
+            self._end(Outcome(False, reason))
 
     def _begin(self, task: Task, target: str) -> None:
         self.task, self.target, self.tries, self.outcome = task, target, 0, None
         self._is_released, self._problem = False, ""
         self.view = None if self.view is None else replace(self.view, stamp_s=-math.inf)
-        self._go(HandState.RECOVER, f"{task} {target}")
+        self._work = Procedure(self._carry_out(f"{task} {target}"))
 
-    # -- steps -------------------------------------------------------------------------------------------
+    # -- the order ---------------------------------------------------------------------------------------
 
-    def step(self) -> Order | None:
-        """Return where the joints should be now; None while it is not known where they are."""
-        if self._positions is None:
-            return None
-        if self._clock() - self._heard_s > self.settings.stale_s:
-            if self.task is not None and self.machine.state is not HandState.RECOVER:
-                self._go(HandState.RECOVER, "the joints are silent")
-            return None
-        if self.task is not None:
+    async def _carry_out(self, reason: str) -> Outcome:
+        """Try until the order is done. Before it fails, stow the arm: the robot will drive on."""
+        while True:
             try:
-                self._work()
+                return await self._attempt(reason)
+            except _GivenUp as error:
+                reason = str(error)
             except ManipulationError as error:
-                self._try_again(str(error))
-        if self._way is None:
-            self._way = self._standing()
-        passed_s = self._clock() - self._way_began_s
-        return Order(self._way.at(passed_s), self._opening_m)
-
-    def _work(self) -> None:
-        state = self.machine.state
-        if self._has_lost(state):
-            self.held = self._grasp = None
-            raise Unreachable(f"{self.target} slipped out of the hand")
-        if self.machine.expire():
-            if self.machine.state is HandState.REST:
-                if self.view is not None and self.tries:
-                    self._give_up(f"sees no {self.target} on a table")  # it has looked twice
-                else:
-                    self._try_again(f"sees no {self.target} on a table" if self.view else "sees no table")
-            else:
-                self._enter(self.machine.state)
-            return
-        following = getattr(self, f"_in_{state.name.lower()}")()
-        if following is not None:
-            self._go(*following)
-
-    def _has_lost(self, state: HandState) -> bool:
-        """Return whether what was held is not there any more."""
-        is_holding = self.held is not None and state not in GIVES_AWAY
-        return is_holding and self._half_m <= self.settings.empty_m
-
-    def _go(self, state: HandState, reason: str) -> None:
-        self.machine.go(state, reason)
-        self._enter(state)
-
-    def _enter(self, state: HandState) -> None:
-        """Stop where the arm is, and begin what the state does."""
-        self._way = self._standing() if self._positions is not None else None
-        begin = getattr(self, f"_begin_{state.name.lower()}", None)
-        if begin is not None:
-            begin()
-
-    def _end(self, is_done: bool, text: str) -> None:
-        self.outcome, self.task = Outcome(is_done, text), None
-        if self.machine.state is not HandState.REST:
-            self._go(HandState.REST, text)
-
-    def _try_again(self, reason: str) -> None:
-        """Begin the order again, unless it was tried too often."""
-        self.tries += 1
-        has_nothing = self._gives_away and self.held is None and not self._is_released
-        if self.tries >= self.settings.max_tries or has_nothing:
-            self._give_up(reason)
-        else:
-            self._recover(reason)
-
-    def _give_up(self, reason: str) -> None:
-        """End the order, but stow the arm first: the robot will drive on, and the arm must not stand out."""
-        if self._problem or self._is_stowed():
-            self._end(False, self._problem or reason)
-        else:
+                reason = str(error)
+                self.tries += 1
+                has_nothing = self._gives_away and self.held is None and not self._is_released
+                if self.tries < self.settings.max_tries and not has_nothing:
+                    continue
+            if self._problem or self._is_stowed():
+                return Outcome(False, self._problem or reason)
             self._problem = reason
-            self._recover(reason)
 
-    def _recover(self, reason: str) -> None:
-        if self.machine.state is HandState.RECOVER:
-            self.machine.go(HandState.REST, reason)
-        self._go(HandState.RECOVER, reason)
+    async def _attempt(self, reason: str) -> Outcome:
+        """Do what the order says, and stow the arm."""
+        if not await self._recover(reason):
+            await self._free()
+            is_over = self._is_released or self.task is Task.STOW
+        elif self.task is Task.HAND_OVER and not self._problem:
+            await self._let_go(await self._offer())
+            is_over = True
+        else:
+            await self._lift()
+            is_over = self.task is not Task.PUT_DOWN
+        if not is_over and not self._problem:
+            await self._look()
+            await self._reach()
+            if self.task is Task.PICK_UP:
+                await self._close()
+                await self._lift()
+            else:
+                await self._let_go("there")
+        return await self._stow()
 
-    # -- what each state does ------------------------------------------------------------------------------
-
-    def _begin_recover(self) -> None:
+    async def _recover(self, reason: str) -> bool:
+        """Find out whether the hand holds something."""
+        self._enter(HandState.RECOVER, reason)
         self._opening_m = 0.0 if self._grasp is not None else self._arm.opening_m
         self._halves.clear()
+        if not await self._until(self._gripper_stands):
+            return False
+        if self._half_m <= self.settings.empty_m:
+            self._grasp = None
+        self.held = self._grasp
+        if self._problem:
+            return self.held is not None
+        if self.held is None and self._gives_away and not self._is_released:
+            raise _GivenUp("there is nothing in the hand")
+        if self.held is not None and self.task is Task.PICK_UP and self.held.name != self.target:
+            raise _GivenUp(f"the hand holds {self.held.name}")
+        return self.held is not None
 
-    def _in_recover(self) -> tuple[HandState, str] | None:
-        if not self._gripper_stands():
-            return None
-        if self._grasp is not None and self._half_m <= self.settings.empty_m:
-            self.held = self._grasp = None
-        if self._grasp is not None:
-            self.held = self._grasp
-            if self.task is Task.HAND_OVER and not self._problem:
-                return HandState.OFFER, f"holds {self.held.name}"
-            if self.task is not Task.PICK_UP or self.held.name == self.target or self._problem:
-                return HandState.LIFT, f"holds {self.held.name}"
-            self._give_up(f"the hand holds {self.held.name}")
-            return None
-        if self._gives_away and not self._is_released and not self._problem:
-            self._give_up("there is nothing in the hand")
-            return None
-        return HandState.FREE, "holds nothing"
-
-    def _begin_free(self) -> None:
+    async def _free(self) -> None:
+        """Open the gripper, and move it away from where it is."""
+        self._enter(HandState.FREE, "holds nothing")
         self._opening_m = self._arm.opening_m
-        goal = moved_along(self._arm.pose(self._here()), ahead_m=-self.settings.back_m)
-        self._follow_if_possible(goal)
+        await self._move_hand(ahead_m=-self.settings.back_m)
 
-    def _in_free(self) -> tuple[HandState, str] | None:
-        if not self._has_arrived():
-            return None
-        is_over = self._is_released or self._problem or self.task is Task.STOW
-        return (HandState.STOW if is_over else HandState.ASIDE), "the hand is free"
-
-    def _begin_aside(self) -> None:
-        self._follow(self._plan_to(np.array(self.settings.aside)), self.settings.speed)
-
-    def _in_aside(self) -> tuple[HandState, str] | None:
-        return (HandState.LOOK, "out of view") if self._has_arrived() else None
-
-    def _begin_look(self) -> None:
+    async def _look(self) -> None:
+        """Look at the table with the arm aside, and choose a way to the object, or to a free place."""
+        self._enter(HandState.ASIDE, "has to see the table")
+        await self._move(self._plan_to(np.array(self.settings.aside)))
+        self._enter(HandState.LOOK, "out of view")
         self.view = None
+        self._choose_way(sees_target=await self._until(self._sees_target))
 
-    def _in_look(self) -> tuple[HandState, str] | None:
+    def _sees_target(self) -> bool:
+        if self.view is None or self.task is not Task.PICK_UP:
+            return self.view is not None
+        is_there = self.view.named(self.target) is not None
+        if not is_there and self.machine.time_in_state_s < LOOKS_AGAIN_S:
+            self.view = None
+        return is_there
+
+    def _choose_way(self, *, sees_target: bool) -> None:
         if self.view is None:
-            return None
-        if self.task is Task.PICK_UP:
-            shape = self.view.named(self.target)
-            if shape is None:
-                self.view = None if self.machine.time_in_state_s < 3.0 else self.view
-                return None
+            raise Unreachable("sees no table")
+        if not sees_target:
+            problem = f"sees no {self.target} on a table"
+            raise _GivenUp(problem) if self.tries else Unreachable(problem)  # it looks twice
+        shape = self.view.named(self.target)
+        if self.task is Task.PICK_UP and shape is not None:
             self._choose_grasp(self.view, shape)
-            return HandState.APPROACH, f"sees {self.target}"
-        self._choose_place(self.view)
-        return HandState.APPROACH, "sees a free place"
+        else:
+            self._choose_place(self.view)
 
-    def _in_approach(self) -> tuple[HandState, str] | None:
-        return (HandState.REACH, "near") if self._has_arrived() else None
-
-    def _begin_approach(self) -> None:
+    async def _reach(self) -> None:
+        """Move the hand to the object, or to the free place."""
         assert self._line is not None
-        self._follow(self._plan_to(self._line[0]), self.settings.speed)
+        self._enter(HandState.APPROACH, f"sees {self.target}" if self.held is None else "sees a free place")
+        await self._move(self._plan_to(self._line[0]))
+        self._enter(HandState.REACH, "near")
+        await self._move(self._line, self.settings.line_speed)
 
-    def _begin_reach(self) -> None:
-        assert self._line is not None
-        self._follow(self._line, self.settings.line_speed)
-
-    def _in_reach(self) -> tuple[HandState, str] | None:
-        if not self._has_arrived():
-            return None
-        return (HandState.CLOSE if self.task is Task.PICK_UP else HandState.OPEN), "there"
-
-    def _begin_close(self) -> None:
+    async def _close(self) -> None:
+        """Close the gripper around the object."""
+        self._enter(HandState.CLOSE, "there")
         assert self.view is not None
         shape = self.view.named(self.target)
         assert shape is not None
         self._grasp = replace(shape, pose=np.linalg.inv(self._arm.pose(self._here())) @ shape.pose)
         self._opening_m = 0.0
         self._halves.clear()
-
-    def _in_close(self) -> tuple[HandState, str] | None:
-        if not self._gripper_stands():
-            return None
-        if self._half_m <= self.settings.empty_m:
-            self._grasp = None
-            return HandState.OPEN, "the gripper is empty"
+        if not await self._until(self._gripper_stands) or self._half_m <= self.settings.empty_m:
+            await self._let_go("the gripper is empty")
+            raise Unreachable(f"the gripper closed, but {self.target} was not in it")
         self.held = self._grasp
-        return HandState.LIFT, f"holds something {2 * self._half_m:.3f} m wide"
 
-    def _begin_lift(self) -> None:
-        goal = moved_along(self._arm.pose(self._here()), up_m=self.settings.lift_m)
-        self._follow_if_possible(goal)
-
-    def _in_lift(self) -> tuple[HandState, str] | None:
-        if not self._has_arrived():
-            return None
-        is_over = self.task is not Task.PUT_DOWN or self._problem
-        return (HandState.STOW if is_over else HandState.ASIDE), "lifted"
-
-    def _begin_offer(self) -> None:
+    async def _lift(self) -> None:
+        """Lift what the hand holds."""
         assert self.held is not None
+        self._enter(HandState.LIFT, f"holds {self.held.name}, {2 * self._half_m:.3f} m wide")
+        await self._move_hand(up_m=self.settings.lift_m)
+
+    async def _offer(self) -> str:
+        """Hold out what the hand holds until somebody takes it; return how that showed."""
+        assert self.held is not None
+        self._enter(HandState.OFFER, f"holds {self.held.name}")
         self._calm_efforts = None
         offer = np.array(self.settings.offer)
         # The hand has the pitch again that it had when it grasped the object, which stood.
         pitch_rad = -math.asin(float(np.clip(np.linalg.inv(self.held.pose)[2, 0], -1.0, 1.0)))
         offer[WRIST_PITCH] = np.clip(pitch_rad, self._arm.lower[WRIST_PITCH], self._arm.upper[WRIST_PITCH])
         self._follow(self._plan_to(offer), self.settings.speed)
+        while not (sign := self._sign_of_taking()):
+            await pause()
+        return sign
 
-    def _in_offer(self) -> tuple[HandState, str] | None:
+    def _sign_of_taking(self) -> str:
+        """Return how it shows that somebody takes what the arm holds out; '' while nobody does."""
         if self._half_m <= self.settings.empty_m:
-            return HandState.OPEN, "somebody has taken it"
+            return "somebody has taken it"
         if not self._has_arrived():
-            return None
+            return ""
         assert self._way is not None
         held_out_s = self._clock() - self._way_began_s - self._way.duration_s
         if self._calm_efforts is None and held_out_s >= self.settings.still_s:
@@ -360,12 +314,14 @@ class HandWork:
         elif self._calm_efforts is not None and self._efforts is not None:
             change_nm = float(np.abs(self._efforts - self._calm_efforts).max())
             if change_nm >= self.settings.pull_nm:
-                return HandState.OPEN, f"somebody pulls with {change_nm:.1f} Nm"
+                return f"somebody pulls with {change_nm:.1f} Nm"
         if held_out_s >= self.settings.offer_s:
-            self._give_up(f"nobody has taken {self.target}")
-        return None
+            raise _GivenUp(f"nobody has taken {self.target}")
+        return ""
 
-    def _begin_open(self) -> None:
+    async def _let_go(self, reason: str) -> None:
+        """Open the gripper, and draw the hand back."""
+        self._enter(HandState.OPEN, reason)
         if self.task is Task.PUT_DOWN and self.held is not None and self.view is not None:
             # From now on, the arm must keep away from it.
             there = replace(self.held, pose=self._arm.pose(self._here()) @ self.held.pose)
@@ -375,34 +331,80 @@ class HandWork:
         self._opening_m = self._arm.opening_m
         self._grasp = None
         self._halves.clear()
+        await self._until(self._gripper_stands)
+        self._enter(HandState.WITHDRAW, "open")
+        await self._move_hand(ahead_m=-self.settings.back_m)
 
-    def _in_open(self) -> tuple[HandState, str] | None:
-        if not self._gripper_stands():
+    async def _stow(self) -> Outcome:
+        """Move the arm above the robot."""
+        self._enter(HandState.STOW, self._problem or "the robot will drive on")
+        await self._move(self._plan_to(np.array(self.settings.stow)))
+        if self._problem and not self._is_released:
+            return Outcome(False, self._problem)
+        if self.held is not None:
+            return Outcome(True, f"holds {self.target}")
+        done = "has handed over" if self.task is Task.HAND_OVER else "has put down"
+        return Outcome(True, "is stowed" if self.task is Task.STOW else f"{done} {self.target}")
+
+    # -- waiting -----------------------------------------------------------------------------------------
+
+    def step(self) -> Order | None:
+        """Return where the joints should be now; None while it is not known where they are."""
+        if self._positions is None:
             return None
-        return HandState.WITHDRAW, "open"
-
-    def _begin_withdraw(self) -> None:
-        goal = moved_along(self._arm.pose(self._here()), ahead_m=-self.settings.back_m)
-        self._follow_if_possible(goal)
-
-    def _in_withdraw(self) -> tuple[HandState, str] | None:
-        if not self._has_arrived():
+        if self._clock() - self._heard_s > self.settings.stale_s:
+            if self._work is not None and self.machine.state is not HandState.RECOVER:
+                self._work = Procedure(self._carry_out("the joints are silent"))
             return None
-        if self.task is Task.PICK_UP:
-            raise Unreachable(f"the gripper closed, but {self.target} was not in it")
-        return HandState.STOW, "free"
+        if self._work is not None:
+            self._work.tell()
+            if self._work.result is not None:
+                self._end(self._work.result)
+        if self._way is None:
+            self._way = self._standing()
+        passed_s = self._clock() - self._way_began_s
+        return Order(self._way.at(passed_s), self._opening_m)
 
-    def _begin_stow(self) -> None:
-        self._follow(self._plan_to(np.array(self.settings.stow)), self.settings.speed)
+    def _end(self, outcome: Outcome) -> None:
+        self.outcome, self.task, self._work = outcome, None, None
+        self._enter(HandState.REST, outcome.text)
 
-    def _in_stow(self) -> tuple[HandState, str] | None:
-        if self._has_arrived() and self._problem and not self._is_released:
-            self._end(False, self._problem)
-        elif self._has_arrived():
-            done = "has handed over" if self.task is Task.HAND_OVER else "has put down"
-            what = "is stowed" if self.task is Task.STOW else f"{done} {self.target}"
-            self._end(True, f"holds {self.target}" if self.held else what)
-        return None
+    def _enter(self, state: HandState, reason: str) -> None:
+        """Change the state; the arm stops where it is."""
+        self.machine.go(state, reason)
+        self._way = self._standing() if self._positions is not None else None
+
+    async def _until(self, is_over: Callable[[], bool]) -> bool:
+        """Wait until something is over; return False if the state takes too long.
+
+        Raises:
+            Unreachable: what was held is not there any more.
+        """
+        while True:
+            await pause()
+            is_holding = self.held is not None and self.machine.state not in GIVES_AWAY
+            if is_holding and self._half_m <= self.settings.empty_m:
+                self.held = self._grasp = None
+                raise Unreachable(f"{self.target} slipped out of the hand")
+            if self.machine.is_late:
+                return False
+            if is_over():
+                return True
+
+    async def _move(self, way: Floats, share: float | None = None) -> None:
+        """Follow a way to its end."""
+        self._follow(way, self.settings.speed if share is None else share)
+        await self._until(self._has_arrived)
+
+    async def _move_hand(self, *, ahead_m: float = 0.0, up_m: float = 0.0) -> None:
+        """Move the hand straight; if it cannot, the arm stays where it is."""
+        goal = moved_along(self._arm.pose(self._here()), ahead_m=ahead_m, up_m=up_m)
+        names = () if self.view is None else tuple(one.name for one in self.view.objects)
+        with contextlib.suppress(Unreachable):
+            around = self._around(0.0, (*names, ""))
+            line = straight_line(self._arm, around, self._here(), goal, self._opening_m)
+            self._follow(line, self.settings.line_speed)
+        await self._until(self._has_arrived)
 
     # -- planning ------------------------------------------------------------------------------------------
 
@@ -431,16 +433,6 @@ class HandWork:
                 if margin_m == MARGINS_M[-1]:
                     raise
         raise AssertionError("unreachable")
-
-    def _follow_if_possible(self, goal: Floats) -> None:
-        """Move the hand straight to a pose; if it cannot, the arm stays where it is."""
-        names = () if self.view is None else tuple(one.name for one in self.view.objects)
-        around = self._around(0.0, (*names, ""))
-        try:
-            line = straight_line(self._arm, around, self._here(), goal, self._opening_m)
-        except Unreachable:
-            return
-        self._follow(line, self.settings.line_speed)
 
     def _choose_grasp(self, view: TableView, shape: Shape) -> None:
         """Choose a grasp that the arm reaches, from which it can lift the object."""
@@ -571,7 +563,7 @@ class HandWork:
             self.view = TableView(-math.inf, table, tuple(objects))
         if memory["task"] is not None:
             self.task = Task(memory["task"])
-            self._go(HandState.RECOVER, "after a restart")
+            self._work = Procedure(self._carry_out("after a restart"))
 
 
 def _plain(shape: Shape) -> dict[str, Any]:

@@ -51,7 +51,7 @@ TRANSITIONS = {
     _S.OFFER: _ALWAYS | {_S.OPEN},
 }
 TIME_OUTS = {
-    _S.LOOK: TimeOut(6.0, _S.REST),
+    _S.LOOK: TimeOut(6.0, _S.RECOVER),
     _S.CLOSE: TimeOut(5.0, _S.OPEN),
     _S.RECOVER: TimeOut(6.0, _S.FREE),
 }

@@ -229,9 +229,9 @@ static int count_handled(struct subscriber_object *self, const struct handled_me
 {
     shared_word *words = self->words.words, *handled = words + OUT_HANDLED;
     self->is_handling = false;
+    MAY_DIE(return -1);
     if (message->is_lost || load(words + OUT_ILL_FORMED) != message->ill_formed_before)
         store(newest_of(words, message->delivery.declaration), message->newest_before_ns); /* no handler got it */
-    MAY_DIE(return -1);
     store(handled, load(handled) + 1);
     return 1;
 }

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from robbie_mp.base.state_machine import mermaid
+from robbie_mp.bus.checkpoint.image import decode, encode
 from robbie_robots.hw.joints import Joint
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena_file import read_arena
@@ -36,6 +37,8 @@ JOINTS = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_ro
 ARENA = read_arena(ARENAS / "arm.yaml")
 STANDS = Pose(3.39, 1.78, 0.03)
 STEP_S = 0.04
+PICKS = "RECOVER FREE ASIDE LOOK APPROACH REACH CLOSE LIFT STOW"
+PUTS = "RECOVER LIFT ASIDE LOOK APPROACH REACH OPEN WITHDRAW STOW"
 
 
 class World:
@@ -114,6 +117,15 @@ class World:
                 self.joints.command({**goals, "gripper": float(order.half_opening_m)}, 0.3)
         raise AssertionError
 
+    def restart(self, state: HandState) -> None:
+        """Kill the process when it comes to a state; its commands expire before the next one goes on."""
+        self.run(until=state)
+        assert self.work.machine.state is state
+        kept = decode(encode(self.work.memory())).state
+        self.now_s += 1.0
+        self.work = self.new_work()
+        self.work.remember(kept)
+
     def at(self) -> dict[str, float]:
         return dict(zip([*JOINTS, "gripper"], self.joints.read().positions_rad, strict=True))
 
@@ -144,32 +156,25 @@ def test_arm_picks_up_carries_and_puts_down_without_touching_anything_else() -> 
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("state", [HandState.OPEN, HandState.WITHDRAW])
-def test_next_process_knows_that_the_object_has_been_put_down(state: HandState) -> None:
+@pytest.mark.parametrize("state", [HandState[name] for name in PICKS.split()])
+def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None:
+    world = World()
+    world.work.pick_up("soup")
+    world.restart(state)
+    assert world.run() == Outcome(True, "holds soup")
+    assert world.objects.held == "soup"
+    assert world.is_unharmed
+
+
+@pytest.mark.parametrize("state", [HandState[name] for name in PUTS.split()])
+def test_next_process_puts_down_what_the_last_one_held_or_knows_that_it_has(state: HandState) -> None:
     world = World()
     world.work.pick_up("soup")
     world.run()
     world.work.put_down()
-    world.run(until=state)
-    kept = world.work.memory()
-    world.work = world.new_work()
-    world.work.remember(kept)
+    world.restart(state)
     assert world.run() == Outcome(True, "has put down soup")
     assert world.objects.held is None and world.stands("soup")
-    assert world.is_unharmed
-
-
-@pytest.mark.parametrize("state", [HandState.CLOSE, HandState.LIFT])
-def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None:
-    world = World()
-    world.work.pick_up("soup")
-    world.run(until=state)
-    kept = world.work.memory()
-    world.now_s += 1.0  # the command expires meanwhile
-    world.work = world.new_work()
-    world.work.remember(kept)
-    assert world.run() == Outcome(True, "holds soup")
-    assert world.objects.held == "soup"
     assert world.is_unharmed
 
 
@@ -206,10 +211,7 @@ def test_orders_that_cannot_be_done_end_with_the_reason() -> None:
 def test_arm_is_stowed_before_a_failed_order_ends_because_the_robot_then_drives() -> None:
     world = World()
     world.work.pick_up("mustard")
-    world.run(120.0, until=HandState.STOW)
-    kept = world.work.memory()
-    world.work = world.new_work()
-    world.work.remember(kept)
+    world.restart(HandState.STOW)
     assert world.run() == Outcome(False, "sees no mustard on a table")
     at = np.array([world.at()[name] for name in JOINTS])
     np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
@@ -269,10 +271,7 @@ def test_object_is_held_out_upright_and_let_go_when_a_person_pulls(restarts: boo
     world.work.hand_over()
     world.run(until=HandState.OFFER)
     if restarts:
-        kept = world.work.memory()
-        world.now_s += 1.0  # the command expires meanwhile
-        world.work = world.new_work()
-        world.work.remember(kept)
+        world.restart(HandState.OFFER)
     world.run(until=HandState.OPEN)
     held = world.objects.pose("cola")
     assert world.objects.held == "cola"

@@ -33,7 +33,6 @@ class Peer:
         how: one line about the messages and how the subscriber waits.
         can_fill_in_place: whether arrays can be filled in the published memory.
         has_relay: whether there is a third process between publisher and subscriber.
-        most_subscribers: maximum number of subscribers.
     """
 
     title: str
@@ -42,7 +41,6 @@ class Peer:
     how: str
     can_fill_in_place = False
     has_relay = False
-    most_subscribers = 1000
 
     def publisher(self, work: Work) -> AbstractContextManager[Send]:
         """Yield a function that publishes. It works until the context ends."""

@@ -18,7 +18,7 @@ from robbie_mp.messages import (
     Odometry,
 )
 from robbie_mp.messages.primitives import Array, int64, uint8, uint64
-from tools.kill_campaign.journal import Journal
+from tools.journal import Journal
 
 RECEIVED, SENT = "G", "P"
 VALID_FOR_S = 0.25

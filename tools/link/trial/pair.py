@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from robbie_mp.messages import LinkState
-from tools.kill_campaign.journal import read_journal
+from tools.journal import read_journal
 from tools.link.trial.modules import LET_GO_FILE, RECEIVED, SENT
 from tools.robot import Robot, RobotTrouble
 from tools.test_network.network import Network

@@ -30,8 +30,8 @@ from robbie_mp.bus.observe import ModuleFigures
 from robbie_mp.bus.transport.histogram import quantile_s
 from robbie_mp.messages import DeviceState, Imu, LaserScan, Message, Odometry, SettingChange
 from robbie_mp.run.run_directory import list_runs
+from tools.busy import busy
 from tools.robot import REPOSITORY, Robot, RobotTrouble
-from tools.trials.devices.drivers import load
 from tools.trials.harness import Case, TrialSubject
 
 PROFILE = "rescue-emulated"
@@ -326,7 +326,7 @@ def play(case: Case) -> dict[str, Any]:
     """Run robots and pull their plugs, until there were enough rounds."""
     chosen, result, chance = case.options, Trial(), random.Random(case.seed)
     until_s = time.monotonic() + chosen.seconds
-    with load(chosen.load):
+    with busy(chosen.load):
         for number in range(MAX_RUNS):
             if result.rounds >= chosen.rounds or time.monotonic() >= until_s:
                 break

@@ -16,7 +16,6 @@ with one.
 
 import argparse
 import json
-import socket
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.generate_arena import generate_arena
 from robbie_robots.hw.simulation.reachable_area import reachable_area
 from robbie_robots.workers.planar_pose import relative
-from tools.robot import REPOSITORY, Robot, RobotTrouble
+from tools.robot import REPOSITORY, Robot, RobotTrouble, free_port
 from tools.trials.harness import Case, TrialSubject
 from tools.trials.missions.mission import Kills, all_in_order, mean, restarts_in, totals, watch
 from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
@@ -124,9 +123,7 @@ def run_team(
     arena = read_arena(folder / "arena.yaml")
     starts = {"red": arena.start} if is_alone else {"red": arena.start, "blue": second_start(arena)}
     outcome = TeamOutcome(seed, victims=len(arena.victims))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = int(free.getsockname()[1])
+    port = free_port()
     robots: dict[str, Robot] = {}
     try:
         for name in starts:

@@ -24,8 +24,8 @@ from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.format import ChannelKey, TopicNames
 from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from robbie_mp.messages import LaserScan, Odometry
+from tools.busy import busy
 from tools.robot import REPOSITORY, Robot
-from tools.trials.devices.drivers import load
 from tools.trials.harness import Case, TrialSubject
 from tools.trials.recordings import intel
 
@@ -144,7 +144,7 @@ def violations(same: Sequence[Outcome], killed: Outcome, less: Outcome) -> list[
 def campaign(folder: Path, log: Path) -> intel.Report:
     """Make all runs and compare them."""
     calm = [play(folder / f"calm{number}", log) for number in range(3)]
-    with load(2 * (os.cpu_count() or 1)):
+    with busy(2 * (os.cpu_count() or 1)):
         loaded = play(folder / "loaded", log)
     killed = play(folder / "killed", log, kill_at=(calm[0].odometry + calm[0].scans) // 2)
     with open_log(log) as opened:

@@ -1,10 +1,10 @@
-"""Stamps of all lasers are within 1 ms of the emulated laser's clock: the issue's goal, in simulated time."""
+"""Stamps of all lasers and bases are within 1 ms of the emulated device's clock, in simulated time."""
 
 import numpy as np
 import pytest
 
 from robbie_robots.hw.emulation.faults import Faults
-from tools.trials.devices.stamps import LATE, STAMP_S, SUBJECTS, stamp_errors
+from tests.hw._support.stamps import LATE, STAMP_S, SUBJECTS, stamp_errors
 
 
 @pytest.mark.parametrize("name", SUBJECTS)

@@ -1,22 +1,10 @@
-"""Drivers on emulated devices: plugs pulled under load, and processor time.
+"""Every driver on its emulated device, whose plug is pulled again and again."""
 
-    python -m tools.trials drivers [DEVICE ...] [--rounds 50] [--load 2]
-    python -m tools.trials drivers [DEVICE ...] --cost [--seconds 6]
-
-The tool pulls each plug, waits, plugs in again and takes the time until the next measurement, while other
-processes compute. It also takes the time until a moving device stands after its plug was pulled. With
-`--cost`, it takes the processor time of the driver alone: its thread's.
-"""
-
-import argparse
 import random
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -54,15 +42,13 @@ from robbie_robots.hw.sick.cola import Dialect
 from robbie_robots.hw.sick.cola_laser import SickColaLaser
 from robbie_robots.hw.sick.lms2xx import SickLms2xx
 from robbie_robots.hw.xsens.imu import XsensImu
-from tools.trials.harness import Case, TrialSubject, names_of
 
 LIMIT_S = 20.0
-BACK_S, STANDS_S = 2.0, 0.4
 WALL_M = np.linspace(0.5, 9.5, len(UTM_30LX.angles_rad()))
 
 
 @dataclass(frozen=True)
-class Trial:
+class DriverTrial:
     """A device and its driver.
 
     Attributes:
@@ -78,31 +64,31 @@ class Trial:
     stands: Callable[[Any], bool] | None = None
 
 
-def _rplidar(model: RpLidarModel, mode: str) -> Trial:
-    return Trial(
+def _rplidar(model: RpLidarModel, mode: str) -> DriverTrial:
+    return DriverTrial(
         lambda: EmulatedRpLidar(lambda _, angles: 3 + np.cos(angles), model),
         lambda url: RpLidar(url, bit_rate=model.bit_rate, mode=mode),
     )
 
 
 TRIALS = {
-    "create": Trial(EmulatedCreate, CreateBase, lambda base: base.command(0.2, 0.0, 5.0)),
-    "pioneer": Trial(
+    "create": DriverTrial(EmulatedCreate, CreateBase, lambda base: base.command(0.2, 0.0, 5.0)),
+    "pioneer": DriverTrial(
         lambda: EmulatedPioneer(base=Base(watchdog_s=0.2)),
         PioneerBase,
         lambda base: base.command(0.2, 0.0, 5.0),
         lambda device: device.velocity == (0.0, 0.0),
     ),
-    "hokuyo": Trial(lambda: EmulatedHokuyo(UTM_30LX, lambda _: WALL_M), HokuyoLaser),
-    "lms2xx": Trial(
+    "hokuyo": DriverTrial(lambda: EmulatedHokuyo(UTM_30LX, lambda _: WALL_M), HokuyoLaser),
+    "lms2xx": DriverTrial(
         lambda: EmulatedLms2xx(lambda _, angles: 3 + angles),
         lambda url: SickLms2xx(url, bit_rate=500_000, resolution_deg=1.0),
     ),
-    "cola-a": Trial(
+    "cola-a": DriverTrial(
         lambda: EmulatedSickScanner(lambda _: 3 + TIM_561.angles_rad(), TIM_561, is_text=True),
         lambda url: SickColaLaser(url, dialect=Dialect.A),
     ),
-    "cola-b": Trial(
+    "cola-b": DriverTrial(
         lambda: EmulatedSickScanner(lambda _: 3 + LMS_111.angles_rad(), LMS_111),
         lambda url: SickColaLaser(url, intensities=True),
     ),
@@ -111,13 +97,13 @@ TRIALS = {
     "rplidar-ultra": _rplidar(A3, "ultra"),
     "rplidar-hq": _rplidar(A3, "hq"),
     "rplidar-dense": _rplidar(S2, "dense"),
-    "xsens": Trial(EmulatedMti, lambda url: XsensImu(url, 400)),
-    "mip": Trial(EmulatedMip, lambda url: MicroStrainImu(url, 500)),
-    "nmea": Trial(lambda: EmulatedNmea(bit_rate=NMEA_BIT_RATE, period_s=0.1), NmeaReceiver),
-    "ubx": Trial(EmulatedUblox, lambda url: UbxReceiver(url, period_s=0.1)),
-    "ptu": Trial(EmulatedPtu, FlirPanTilt),
-    "lcus": Trial(EmulatedRelays, lambda url: RelayLights(url, ["headlight", "rear light"])),
-    "dynamixel": Trial(
+    "xsens": DriverTrial(EmulatedMti, lambda url: XsensImu(url, 400)),
+    "mip": DriverTrial(EmulatedMip, lambda url: MicroStrainImu(url, 500)),
+    "nmea": DriverTrial(lambda: EmulatedNmea(bit_rate=NMEA_BIT_RATE, period_s=0.1), NmeaReceiver),
+    "ubx": DriverTrial(EmulatedUblox, lambda url: UbxReceiver(url, period_s=0.1)),
+    "ptu": DriverTrial(EmulatedPtu, FlirPanTilt),
+    "lcus": DriverTrial(EmulatedRelays, lambda url: RelayLights(url, ["headlight", "rear light"])),
+    "dynamixel": DriverTrial(
         lambda: EmulatedServos(range(1, 7)),
         lambda url: DynamixelJoints(
             url, [ServoJoint(f"joint{number}", servo=number) for number in range(1, 7)], rate_hz=100.0
@@ -126,7 +112,7 @@ TRIALS = {
         lambda device: device.servos[1].is_halted or not device.servos[1].table[64],
     ),
     # Nothing stops these when their cable is pulled.
-    "dynamixel1": Trial(
+    "dynamixel1": DriverTrial(
         lambda: EmulatedOldServos(dict.fromkeys(range(1, 7), AX_12)),
         lambda url: Protocol1Joints(
             url, [Protocol1Joint(f"joint{number}", servo=number) for number in range(1, 7)], rate_hz=50.0
@@ -151,20 +137,7 @@ class Replugs:
 
 
 @contextmanager
-def load(processes: int) -> Iterator[None]:
-    """Keep processors busy with processes that have sessions of their own, as modules have."""
-    command = [sys.executable, "-c", "while True: pass"]
-    busy = [subprocess.Popen(command, start_new_session=True) for _ in range(processes)]
-    try:
-        yield
-    finally:
-        for process in busy:
-            process.kill()
-            process.wait()
-
-
-@contextmanager
-def connected(trial: Trial, folder: Path) -> Iterator[tuple[EmulatedLine, PluggableDevice[Any]]]:
+def connected(trial: DriverTrial, folder: Path) -> Iterator[tuple[EmulatedLine, PluggableDevice[Any]]]:
     """Plug a device in, and wait for its first measurement."""
     with (
         EmulatedLine(trial.emulated(), PseudoTerminal(folder / "device")) as line,
@@ -174,7 +147,7 @@ def connected(trial: Trial, folder: Path) -> Iterator[tuple[EmulatedLine, Plugga
         yield line, driver
 
 
-def replug(trial: Trial, rounds: int, folder: Path, seed: int = 0) -> Replugs:
+def replug(trial: DriverTrial, rounds: int, folder: Path, seed: int = 0) -> Replugs:
     """Pull the plug again and again, at random moments."""
     chance = random.Random(seed)
     back_s, stands_s = [], []
@@ -220,40 +193,6 @@ class _Watch:
         self._stood_s = [time.monotonic() - self._began_s]
 
 
-@contextmanager
-def served(trial: Trial, folder: Path) -> Iterator[str]:
-    """Emulate a device in a process of its own; return the URL of its line."""
-
-    def serve() -> None:
-        with EmulatedLine(trial.emulated(), PseudoTerminal(folder / "device")):
-            end.wait()
-
-    context = get_context("fork")
-    end = context.Event()
-    process = context.Process(target=serve)
-    process.start()
-    try:
-        yield str(folder / "device")
-    finally:
-        end.set()
-        process.join()
-
-
-def cost(trial: Trial, seconds: float, folder: Path) -> tuple[float, float]:
-    """Return the share of a core that the driver takes, and its measurements each second.
-
-    The device is emulated in another process, so that the driver does not wait for Python's lock, as little
-    as in its module.
-    """
-    with served(trial, folder) as url, closing(trial.driver(url)) as driver:
-        _until(driver, bool)
-        count, began_s, began_cpu_s = 0, time.monotonic(), time.thread_time()
-        while time.monotonic() < began_s + seconds:
-            count += len(driver.poll(0.1))
-        passed_s = time.monotonic() - began_s
-        return (time.thread_time() - began_cpu_s) / passed_s, count / passed_s
-
-
 def _until(driver: PluggableDevice[Any], is_reached: Callable[[list[Any]], bool]) -> None:
     limit_s = time.monotonic() + LIMIT_S
     while not is_reached(driver.poll(0.02)):
@@ -263,46 +202,3 @@ def _until(driver: PluggableDevice[Any], is_reached: Callable[[list[Any]], bool]
 def _check(limit_s: float) -> None:
     if time.monotonic() > limit_s:
         raise TimeoutError(f"the device did not do what it should within {LIMIT_S:g} s")
-
-
-def play(case: Case) -> dict[str, Any]:
-    """Replug a device, or take the processor time of its driver."""
-    chosen, device = case.options, TRIALS[case.kind]
-    if chosen.cost:
-        share, rate_hz = cost(device, chosen.seconds, case.folder)
-        return {"device": case.kind, "share": round(share, 4), "rate_hz": round(rate_hz, 1)}
-    with load(chosen.load):
-        result = replug(device, chosen.rounds, case.folder, case.seed)
-    times = {"back": result.back_s, "stands": result.stands_s}
-    return {"device": case.kind, "replugs": len(result.back_s)} | {
-        f"{what}_{name}_s": round(float(figure(values)), 2)
-        for what, values in times.items()
-        if values
-        for name, figure in (("median", np.median), ("worst", max))
-    }
-
-
-def in_time(results: list[dict[str, Any]]) -> bool:
-    """Return whether every device was back, and stood, in time."""
-    limits = {"back_worst_s": BACK_S, "stands_worst_s": STANDS_S}
-    return all(one.get(name, 0.0) <= limit_s for one in results for name, limit_s in limits.items())
-
-
-def options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of devices."""
-    parser.add_argument("devices", nargs="*", metavar="DEVICE", help=f"of {', '.join(TRIALS)}; default: all")
-    parser.add_argument("--cost", action="store_true", help="take the processor time of the driver instead")
-    parser.add_argument("--rounds", type=int, default=50, help="replugs of each device")
-    parser.add_argument("--load", type=int, default=2, help="processes that compute meanwhile")
-    parser.add_argument("--seconds", type=float, default=6.0, help="time for each measurement of --cost")
-
-
-SUBJECT = TrialSubject(
-    play=play,
-    options=options,
-    kinds=lambda chosen: names_of(chosen.devices, TRIALS),
-    is_good=in_time,
-    results="devices",
-    seeds=1,
-    seed_makes="the moments of replugs",
-)

@@ -1,18 +1,14 @@
 """Stamps of the drivers of lasers and bases, on emulated devices in simulated time.
 
-    python -m tools.trials stamps [DEVICE ...] [--seconds 120] [--seeds 5]
-
 The line has 2 ms of jitter, 3 % of its frames are late by 30 ms more, and each byte takes its time. A stamp
 should name the time at which the first beam of the sweep was measured (Hokuyo: the one moment at which the
 emulated laser measures), or at which the base read its encoders. In simulated time a busy machine adds
 nothing: the error is the driver's. The device's clock runs 0.01 % too fast.
 """
 
-import argparse
 import math
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +34,6 @@ from robbie_robots.hw.rplidar.laser import RpLidar
 from robbie_robots.hw.sick.cola import Dialect
 from robbie_robots.hw.sick.cola_laser import SickColaLaser
 from robbie_robots.hw.sick.lms2xx import SickLms2xx
-from tools.trials.harness import Case, TrialSubject, names_of
 
 Array = NDArray[np.float64]
 
@@ -242,63 +237,3 @@ def stamp_errors(subject: Driver, seconds: float, seed: int = 0, faults: Faults 
                     stamp_s, number = subject.seen(value)
                     errors.append(stamp_s - measured.began_s[number])
     return np.array(errors)
-
-
-@dataclass(frozen=True)
-class Stamps:
-    """How late the stamps of one run are.
-
-    Attributes:
-        device: its name in `SUBJECTS`.
-        seed: of the delays.
-        stamps: their number.
-        within: how many are right within 1 ms.
-        mean_ms: mean error.
-        worst_ms: largest absolute error.
-    """
-
-    device: str
-    seed: int
-    stamps: int
-    within: int
-    mean_ms: float
-    worst_ms: float
-
-
-def play(case: Case) -> Stamps:
-    """Measure the stamps of one driver."""
-    errors_ms = 1000 * stamp_errors(SUBJECTS[case.kind], case.options.seconds, case.seed)
-    within = int((np.abs(errors_ms) <= 1000 * STAMP_S).sum())
-    mean_ms, worst_ms = float(errors_ms.mean()), float(np.abs(errors_ms).max())
-    return Stamps(case.kind, case.seed, len(errors_ms), within, round(mean_ms, 4), round(worst_ms, 3))
-
-
-def summary(results: list[Stamps]) -> dict[str, Any]:
-    """Return the figures of each device, all seeds together."""
-    found = {}
-    for device in dict.fromkeys(one.device for one in results):
-        those = [one for one in results if one.device == device]
-        count = sum(one.stamps for one in those)
-        found[device] = {
-            "stamps": count,
-            "within_1_ms": round(sum(one.within for one in those) / count, 5),
-            "mean_ms": round(sum(one.stamps * one.mean_ms for one in those) / count, 3),
-            "worst_ms": max(one.worst_ms for one in those),
-        }
-    return found
-
-
-def options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of devices."""
-    parser.add_argument("devices", nargs="*", metavar="DEVICE", help=f"of {'; '.join(SUBJECTS)}")
-    parser.add_argument("--seconds", type=float, default=120.0, help="simulated time for each seed")
-
-
-SUBJECT = TrialSubject(
-    play=play,
-    options=options,
-    kinds=lambda chosen: names_of(chosen.devices, SUBJECTS),
-    summary=summary,
-    seeds=5,
-    seed_makes="other random delays",
-)

@@ -1,1 +1,0 @@
-"""Measures how links scale with the number of robots at one router of Zenoh."""
