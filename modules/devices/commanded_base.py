@@ -50,8 +50,9 @@ class CommandedBase(Module):
     """A module whose drive follows `DriveCommand` and `EmergencyStop`, and stops on an empty battery.
 
     It owns the state of who controls the robot, and publishes it as `ControlState` on topic `control`:
-    commands on topic `manual` take over; other commands are followed only in AUTO. After an emergency stop,
-    and when an operator has let go, the robot holds until an operator drives or `SetControl` orders AUTO.
+    commands on topic `manual` take over; other commands are followed only in AUTO, and only those of one
+    module: it keeps control until it is silent for `let_go_s`. After an emergency stop, and when an operator
+    has let go, the robot holds until an operator drives or `SetControl` orders AUTO.
 
     A command is followed until it expires, or until what it rests on is older than `max_age_s`. Where
     `guard_topics` names lasers, commands by hand are slowed as what these see requires.
@@ -65,7 +66,9 @@ class CommandedBase(Module):
 
     max_age_s: float = MAX_AGE_S
     let_go_s: float = setting(
-        0.5, "an operator has let go when no command by hand has come for this time", minimum=0.1
+        0.5,
+        "an operator, or a module that drives, has let go when it has sent no command for this time",
+        minimum=0.1,
     )
     starts_in_auto: bool = setting(True, "false: the robot holds at the start until it is ordered to go on")
     guard_topics: list[str] = setting(
@@ -96,13 +99,13 @@ class CommandedBase(Module):
         """Follow the command if its sender is in control, while it and what it rests on are fresh."""
         by_hand = self.envelope.topic == MANUAL_TOPIC
         moves = bool(command.linear_m_per_s or command.angular_rad_per_s)
-        if by_hand:
-            sent_s = self.envelope.published_ns / 1e9
-            refusal = self.control.refuses_by_hand(self.envelope.sender, moves, sent_s)
-        else:
-            refusal = self.control.refuses_module()
+        sent_s = self.envelope.published_ns / 1e9
+        refuses = self.control.refuses_by_hand if by_hand else self.control.refuses_module
+        refusal = refuses(self.envelope.sender, moves, sent_s)
         if refusal:
-            self._refuse("not in control", refusal, is_loud=by_hand)
+            # Modules go on sending while the robot holds; that two send at once is a mistake.
+            is_loud = by_hand or self.control.mode is ControlMode.AUTO
+            self._refuse("not in control", refusal, is_loud=is_loud)
         elif not moves:
             self.drive.stop()
         else:

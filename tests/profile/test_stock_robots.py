@@ -17,6 +17,14 @@ PROFILES = sorted((ROBOTS / "profiles").rglob("*.yaml"))
 BARE = re.compile(r"""(?<![\w./-])(?:modules|workers|hw)(?:\.\w+)+:[A-Z]|[ {]\w+: ["']?hw/""")
 """A class or a file of a stock robot by a name that would be looked up in the user's workspace."""
 
+DRIVERS = {
+    name
+    for path in (ROBOTS / "modules").rglob("*.py")
+    if "DriveCommand(\n" in (text := path.read_text()) and 'topic="manual"' not in text
+    for name in re.findall(r"^class (\w+)\(Module\)", text, re.MULTILINE)
+}
+"""The modules that publish `DriveCommand` by themselves."""
+
 
 class Reader:
     file: Path = setting(REQUIRED, "a file", must_exist=True)
@@ -49,6 +57,16 @@ def test_users_own_names_never_stand_for_stock_ones(robot: Robot) -> None:
 def test_stock_robot_without_its_prefix_is_suggested(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="did you mean 'robbie:home'"):
         load_profile("home", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "file", [one for one in PROFILES if one.parent.name == "profiles"], ids=lambda file: file.stem
+)
+def test_no_stock_robot_has_two_modules_that_drive(file: Path, tmp_path: Path) -> None:
+    """The base follows one of them."""
+    modules = load_profile(f"robbie:{file.stem}", tmp_path).modules
+    drivers = [one.name for one in modules if one.class_path.partition(":")[2] in DRIVERS]
+    assert len(drivers) <= 1
 
 
 @pytest.mark.parametrize("file", PROFILES, ids=lambda file: file.stem)

@@ -16,6 +16,10 @@ class Robot:
         """Command by hand; return whether it is followed."""
         return not self.control.refuses_by_hand(who, moves, self.now_s)
 
+    def by_module(self, who: str = "navigation", moves: bool = True) -> bool:
+        """Command as a module; return whether it is followed."""
+        return not self.control.refuses_module(who, moves, self.now_s)
+
     def wait(self, time_s: float) -> None:
         for _ in range(round(time_s / 0.1)):
             self.now_s += 0.1
@@ -31,10 +35,10 @@ def robot() -> Robot:
 
 
 def test_modules_drive_until_an_operator_takes_over(robot: Robot) -> None:
-    assert not robot.control.refuses_module()
+    assert robot.by_module()
     assert robot.by_hand()
     assert robot.control.mode is MANUAL
-    assert "MANUAL" in robot.control.refuses_module()
+    assert "MANUAL" in robot.control.refuses_module("navigation", True, robot.now_s)
 
 
 def test_operator_who_lets_go_leaves_a_robot_that_holds(robot: Robot) -> None:
@@ -44,14 +48,14 @@ def test_operator_who_lets_go_leaves_a_robot_that_holds(robot: Robot) -> None:
     robot.wait(0.3)
     assert robot.control.mode is HOLD
     robot.wait(60.0)
-    assert robot.control.refuses_module()
+    assert not robot.by_module()
 
 
 def test_order_lets_a_holding_robot_go_on(robot: Robot) -> None:
     robot.by_hand()
     robot.wait(1.0)
     assert robot.control.order(AUTO, "page", "") == ""
-    assert not robot.control.refuses_module()
+    assert robot.by_module()
 
 
 def test_released_stop_holds_the_robot_until_an_order(robot: Robot) -> None:
@@ -60,7 +64,7 @@ def test_released_stop_holds_the_robot_until_an_order(robot: Robot) -> None:
     robot.release()
     robot.wait(60.0)
     assert robot.control.mode is HOLD
-    assert robot.control.refuses_module()
+    assert not robot.by_module()
     assert robot.control.order(AUTO, "page", "go on") == ""
 
 
@@ -210,3 +214,43 @@ def test_many_senders_do_not_fill_the_memory(robot: Robot) -> None:
         robot.by_hand(who=f"tool {number}")
     robot.control.see_stop(True, "page", "")
     assert len(robot.control.memory()["must_let_go"]) <= 64
+
+
+def test_of_two_modules_that_drive_one_does_until_it_is_silent(robot: Robot) -> None:
+    for _ in range(20):
+        assert robot.by_module("navigation")
+        assert not robot.by_module("exploration")
+        robot.wait(0.1)
+    assert robot.by_module("navigation", moves=False)  # it waits for a door
+    robot.wait(0.4)
+    assert "navigation drives" in robot.control.refuses_module("exploration", True, robot.now_s)
+    robot.wait(0.2)
+    assert robot.by_module("exploration")
+    assert not robot.by_module("navigation")
+
+
+def test_every_module_may_let_the_robot_stand_but_does_not_get_control_by_it(robot: Robot) -> None:
+    robot.by_module("navigation")
+    assert robot.by_module("obstacles", moves=False)
+    assert robot.by_module("navigation")
+    robot.wait(1.0)
+    assert robot.by_module("obstacles", moves=False)
+    assert robot.by_module("navigation")
+
+
+def test_commands_that_waited_in_a_stopped_base_are_no_silence_of_the_module_that_drives(
+    robot: Robot,
+) -> None:
+    robot.by_module("navigation")
+    sent_s, robot.now_s = robot.now_s, robot.now_s + 5.0
+    while (sent_s := sent_s + 0.1) < robot.now_s:
+        assert robot.control.refuses_module("exploration", True, sent_s)
+        assert not robot.control.refuses_module("navigation", True, sent_s)
+
+
+def test_after_a_hold_another_module_may_drive_at_once(robot: Robot) -> None:
+    robot.by_module("navigation")
+    robot.control.see_stop(True, "page", "button")
+    robot.release()
+    robot.control.order(AUTO, "page", "go on")
+    assert robot.by_module("exploration")

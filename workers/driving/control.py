@@ -39,6 +39,7 @@ class DriveControl:
         mode: how the robot is controlled.
         who: who caused the last change; '' at the start.
         reason: why it changed.
+        driver: the module that is followed in AUTO; '' if none has moved the robot yet.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class DriveControl:
         self._held_s = -math.inf
         """When somebody has last ordered to hold."""
         self._stop = False
+        self.driver, self._driven_s = "", -math.inf
         self.mode, self.who, self.reason = mode, "", "the run has started"
         if before is not None:
             self._remember(before)
@@ -132,9 +134,27 @@ class DriveControl:
             self._go(ControlMode.MANUAL, who, "an operator drives")
         return ""
 
-    def refuses_module(self) -> str:
-        """Return why a module's command is refused; '' if it is followed."""
-        return "" if self.mode is ControlMode.AUTO else f"{self.mode.name}: {self.reason}"
+    def refuses_module(self, who: str, moves: bool, sent_s: float) -> str:
+        """Return why a module's command is refused; '' if it is followed.
+
+        The module that moves the robot keeps control until it has sent nothing for the let-go time. Every
+        module may let the robot stand.
+
+        Args:
+            who: who has sent it.
+            moves: whether it moves the robot.
+            sent_s: when it was sent, by the clock.
+        """
+        if self.mode is not ControlMode.AUTO:
+            return f"{self.mode.name}: {self.reason}"
+        sent_s = min(sent_s, self._clock())
+        if moves and who != self.driver:
+            if sent_s - self._driven_s < self._let_go_s:
+                return f"{self.driver} drives, until it has sent nothing for {self._let_go_s:g} s"
+            self.driver = who
+        if who == self.driver:
+            self._driven_s = max(self._driven_s, sent_s)
+        return ""
 
     def look_after(self) -> None:
         """Hold the robot if its operator has let go. Call it several times a second."""
@@ -160,3 +180,5 @@ class DriveControl:
 
     def _go(self, mode: ControlMode, who: str, reason: str) -> None:
         self.mode, self.who, self.reason = mode, who, reason[:MAX_REASON]
+        if mode is not ControlMode.AUTO:
+            self.driver, self._driven_s = "", -math.inf

@@ -47,10 +47,10 @@ def base(settings: dict[str, object]) -> Iterator[Base]:
 
 
 def send(
-    base: Base, topic: str = "", age_s: float = 0.0, valid_s: float = 0.3, unguarded: bool = False
+    base: Base, topic: str = "", age_s: float = 0.0, unguarded: bool = False, sender: str = "test"
 ) -> None:
     command = DriveCommand(linear_m_per_s=0.3, valid_for=Duration.from_seconds(0.3), unguarded=unguarded)
-    base.send(fresh(base, command, age_s), topic=topic)
+    base.send(fresh(base, command, age_s), topic=topic, sender=sender)
 
 
 def see(
@@ -137,6 +137,23 @@ def test_driving_by_hand_ends_in_hold_and_an_order_lets_modules_drive_again(base
     assert speed(base) == 0.0
     assert base.call(SetControl(mode=ControlState.AUTO)).mode == ControlState.AUTO
     send(base)
+    assert speed(base) > 0.0
+
+
+def test_of_two_modules_that_drive_the_base_follows_one_and_names_both(
+    base: Base, caplog: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(20):
+        send(base, sender="navigation")
+        base.advance(0.05)
+        backwards = DriveCommand(linear_m_per_s=-0.3, valid_for=Duration.from_seconds(0.3))
+        base.send(fresh(base, backwards), sender="exploration")
+        base.advance(0.05)
+    assert base.take(Odometry, "odom")[-1].twist.twist.linear.x == pytest.approx(0.3)
+    assert "20 not in control" in base.module.status
+    assert caplog.text.count("refused a drive command of exploration: navigation drives") == 1
+    base.advance(0.5)
+    send(base, sender="exploration")
     assert speed(base) > 0.0
 
 
