@@ -33,8 +33,10 @@ for name in sys.argv[1:]:
 def _files() -> list[Path]:
     """Return the files that may be programs; those of other rooms are parts of their package."""
     own = [*(ROOT / "tools").glob("**/__main__.py")]
-    own += [path for room in ("", "docs", "pictures") for path in (ROOT / "tools" / room).glob("*.py")]
-    parts = ("kill_campaign/soak",)
+    own += [
+        path for room in ("", "docs", "operator", "pictures") for path in (ROOT / "tools" / room).glob("*.py")
+    ]
+    parts = ("kill_campaign/soak", "link/campaign", "link/trial")
     return own + [ROOT / "tools" / f"{part}.py" for part in parts]
 
 

@@ -2,8 +2,8 @@
 
 - trials: what robots and parts of them do over many seeds, judged by the truth; `python -m tools.trials`
 - bench: how fast messages are, beside other middleware
-- load: what the logger, the operator's page and clients of Foxglove cost the modules
-- kill_campaign, link, operator, ros1: what remains promised while processes die and networks fail
+- load: what the logger costs the modules
+- kill_campaign, link, operator, ros1, standstill: what remains promised while processes die and networks fail
 - fuzz: hostile modules and damaged bytes
 - docs, pictures: what makes the website, its generated page and its pictures
 - arm64: the tests on an emulated ARM machine

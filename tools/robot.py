@@ -117,14 +117,14 @@ class Robot:
             time.sleep(POLL_S)
         return time.monotonic() - began_s
 
-    def wait_for_spare(self) -> None:
+    def wait_for_spare(self, limit_s: float = LIMIT_S) -> None:
         """Wait until a spare interpreter has finished its imports."""
         supervisor = psutil.Process(self.supervisor.pid)
 
         def is_warm() -> bool:
             return any(_name(child) == SPARE for child in supervisor.children())
 
-        self.wait_for(is_warm, "no spare interpreter is warm")
+        self.wait_for(is_warm, "no spare interpreter is warm", limit_s)
 
     def send(self, pid: int, number: signal.Signals) -> bool:
         """Send a signal to a child of this supervisor and to no other process; False if it has ended."""

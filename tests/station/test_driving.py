@@ -14,9 +14,9 @@ from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
 from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of
+from tests.station._support.cut_link import HERE as HERE_ADDRESS
+from tests.station._support.cut_link import cut_link, why_no_link
 from tests.station.test_page import address_of
-from tools.operator.stops.cut_link import HERE as HERE_ADDRESS
-from tools.operator.stops.cut_link import cut_link, why_no_link
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(300)]
 HERE = Path(__file__).parent

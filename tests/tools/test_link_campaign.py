@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tools.link.campaign.campaign import Campaign, Epoch, judge, judge_closed, since
+from tools.link.campaign import Campaign, Epoch, judge, judge_closed, since
 
 SENT = {"reliable": [1, 2, 3, 4, 5]}
 BOOKS = {"reliable": (5, 4, 1)}

@@ -3,17 +3,8 @@
 import math
 from pathlib import Path
 
-from tools.link.trial.__main__ import MAX_STOP_S
-from tools.link.trial.conditions import (
-    TRIALS,
-    Figures,
-    Trial,
-    _greatest_age_s,
-    _judge,
-    cut_while_driving,
-    run_trial,
-)
-from tools.link.trial.pair import Received, linked_pair
+from tools.link.pair import Received
+from tools.link.trial import TRIALS, Figures, Trial, _greatest_age_s, _judge, linked_pair, run_trial
 from tools.test_network.network import Conditions, Network
 
 GOOD = Figures("good", 1.0, 5.0, 20.0, 30.0, 20.0, 150.0, 100.0, 0, 15.0)
@@ -43,13 +34,9 @@ def test_age_of_the_newest_counts_until_the_next_one_comes() -> None:
     assert math.isnan(_greatest_age_s(found[:1], 10.0, 11.0))
 
 
-def test_short_play_drives_a_robot_over_a_bad_network(network: Network, tmp_path: Path) -> None:
+def test_short_play_over_a_bad_network_loses_nothing_uncounted(network: Network, tmp_path: Path) -> None:
     with linked_pair(tmp_path, network) as pair:
         figures = run_trial(pair, Trial("2 % loss", Conditions(20e6, loss=0.02, delay_s=0.005)), 2.0)
-        stops = cut_while_driving(pair, 2)
     assert not [one for one in figures.failures if "duplicates" in one or "reordered" in one]
     assert figures.commands_received > 0.5
     assert figures.reliable_missing == 0
-    assert max(stops.times_s) <= MAX_STOP_S
-    assert stops.oldest_s <= MAX_STOP_S
-    assert stops.by_itself == 0

@@ -11,7 +11,7 @@ from pathlib import Path
 from playwright.sync_api import Page, Route
 
 from tools.docs.site import DIAGRAM, DIAGRAMS, ROOT, picture_name
-from tools.operator.stops.chromium import chromium
+from tools.operator.chromium import chromium
 
 FOLDER = ROOT / "docs" / DIAGRAMS
 ORIGIN = "http://diagrams.invalid/"

@@ -1,1 +1,1 @@
-"""What something beside the modules costs them: the logger, the operator's page, clients of Foxglove."""
+"""What recording everything costs the other modules."""

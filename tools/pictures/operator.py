@@ -25,7 +25,7 @@ from robbie_mp.bus.observe import RunObserver
 from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.run.operator_link import read_link
 from robbie_mp.run.run_directory import KnownRun, list_runs
-from tools.operator.stops.chromium import chromium
+from tools.operator.chromium import chromium
 
 FOLDER = Path("docs/images")
 SIZE: ViewportSize = {"width": 1280, "height": 800}

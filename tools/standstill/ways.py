@@ -18,8 +18,8 @@ import yaml
 from playwright.sync_api import Page
 
 from robbie_mp.connect.ros1 import ros_node
-from tools.operator.stops import scene as page_scene
-from tools.operator.stops.chromium import CHROMIUM, chromium
+from tools.operator import scene as page_scene
+from tools.operator.chromium import CHROMIUM, chromium
 from tools.robot import COMMAND, REPOSITORY, Robot
 from tools.ros1.ros import ROSCORE, SYSTEM_PYTHON
 from tools.standstill.scene import TrialRobot

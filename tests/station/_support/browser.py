@@ -10,7 +10,7 @@ from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from tests._support.robot import LIMIT_S
-from tools.operator.stops.chromium import CHROMIUM, chromium
+from tools.operator.chromium import CHROMIUM, chromium
 
 __all__ = [
     "CHROMIUM",

@@ -3,28 +3,22 @@
 import re
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 
-import psutil
-import yaml
 from playwright.sync_api import Browser, Page
 
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.run.run_directory import list_runs
-from tools.operator.stops.journal import Journal
-from tools.robot import Robot, RobotTrouble
+from tools.operator.journal import Journal
+from tools.robot import OFTEN, Robot, RobotTrouble, write_profile
 
 TOKEN = "an-operator-on-trial"
 LENGTH_CELLS = 57
-LAYOUTS = ("Drive", "Mission", "Engineer", "Tablet", "Playback")
-CANNOT_DRIVE = ("Engineer",)
-"""Layouts without pad and camera, in which keys do not drive."""
-OFTEN = {"policy": "always", "max_restarts": 100_000, "stable_after_s": 1.0}
-"""The trials kill modules far more often than failures do."""
+LAYOUT = "Drive"
 LIMIT_S = 60.0
 SPARE_LIMIT_S = 10.0
 """If modules die often, a spare interpreter may never be ready."""
@@ -52,7 +46,7 @@ def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) ->
                 "class": "robbie_robots.modules.devices.laser:SimulatedLaserRangeFinder",
                 "settings": settings,
             },
-            "witness": {"class": "tools.operator.stops.witness:Witness"},
+            "witness": {"class": "tools.operator.witness:Witness"},
             "operator": {
                 "class": "robbie_mp.station:OperatorStation",
                 "settings": station,
@@ -84,20 +78,17 @@ class Scene:
         on_host: Sequence[str] = (),
     ):
         workspace = folder / "workspace"
-        (workspace / "profiles").mkdir(parents=True)
+        workspace.mkdir(parents=True)
         wall, floor = "#" * (LENGTH_CELLS + 3), "." * LENGTH_CELLS
         (workspace / "operator.token").touch(mode=0o600)
         (workspace / "operator.token").write_text(TOKEN)
         if arena is None:
             arena = workspace / "arena.yaml"
             arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
-        made = yaml.safe_dump(profile(arena, others, linear_m_per_s), sort_keys=False)
-        (workspace / "profiles" / "trial.yaml").write_text(made)
+        write_profile(workspace, profile(arena, others, linear_m_per_s), "trial")
         self.robot = Robot(folder / "run", workspace, "trial", on_host=on_host)
         self.journal = Journal(self.robot.output / "witness.txt")
         self._bases = [folder / "run" / "runtime" / "robbie"]
-        self.layout = LAYOUTS[0]
-        """The layout of the pages that are opened."""
 
     def begin(self) -> None:
         """Wait until all modules run."""
@@ -135,10 +126,8 @@ class Scene:
 
     def wait_for_spare(self) -> None:
         """Wait until a spare interpreter is ready, but not for ever."""
-        supervisor = psutil.Process(self.robot.supervisor.pid)
-        until_s = time.monotonic() + SPARE_LIMIT_S
-        while time.monotonic() < until_s and "spare" not in map(_name, supervisor.children()):
-            time.sleep(POLL_S)
+        with suppress(RobotTrouble):
+            self.robot.wait_for_spare(SPARE_LIMIT_S)
 
     def stop(self, *, engaged: bool) -> None:
         """Engage or release the emergency stop by a message, without the page."""
@@ -155,13 +144,6 @@ class Scene:
             time.sleep(POLL_S)
         return at_ns
 
-    def drive(self, page: Page, key: str) -> None:
-        """Hold a key down until the robot drives at full speed."""
-        page.bring_to_front()
-        page.keyboard.up(key)  # a key that is still held from before does not count
-        page.keyboard.down(key)
-        self.robot.wait_for(lambda: abs(self.journal.newest("speed")) > 0.19, "the robot does not drive")
-
     @contextmanager
     def page(self, browser: Browser, host: str) -> Iterator[Page]:
         """Open the page and log in."""
@@ -172,7 +154,7 @@ class Scene:
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
         page.wait_for_selector("#layouts")
-        page.goto(f"{self.address(host)}?layout={self.layout}")
+        page.goto(f"{self.address(host)}?layout={LAYOUT}")
         self.wait_for_page(page)
         page.wait_for_selector("#emergency-stop-state:has-text('ready')")
         try:
@@ -182,16 +164,8 @@ class Scene:
 
     def wait_for_page(self, page: Page) -> None:
         """Wait until a page shows its layout, and can drive if the layout can."""
-        page.wait_for_selector(f"#layouts:has-text('{self.layout}')")
-        if self.layout not in CANNOT_DRIVE:
-            page.wait_for_selector(".drives >> visible=true")
-
-
-def _name(process: psutil.Process) -> str:
-    try:
-        return process.name()
-    except psutil.NoSuchProcess:
-        return ""
+        page.wait_for_selector(f"#layouts:has-text('{LAYOUT}')")
+        page.wait_for_selector(".drives >> visible=true")
 
 
 @contextmanager
@@ -203,7 +177,3 @@ def scene(folder: Path) -> Iterator[Scene]:
         yield made
     finally:
         made.close()
-
-
-Event = Callable[[], int]
-"""Causes an event, and returns the time of it (ns, monotonic clock)."""

@@ -7,8 +7,7 @@ from robbie_mp.messages import EmergencyStop, Odometry
 class Witness(Module):
     """Writes lines with the kind, the time of publication (ns, monotonic clock) and a number.
 
-    `speed`: speed of the base (m/s). `moving`: 1 while it drives or turns, otherwise 0. `x`, `y`: its true
-    place (m). `asked`: 1 for a request of the emergency stop, 0 for its release.
+    `speed`: speed of the base (m/s). `asked`: 1 for a request of the emergency stop, 0 for its release.
     `stopped`: 1 while the base is stopped, otherwise 0.
     """
 
@@ -25,11 +24,7 @@ class Witness(Module):
 
     def on_odometry(self, odometry: Odometry) -> None:
         """Record the robot's speed."""
-        moves, place = odometry.twist.twist, odometry.pose.pose.position
-        self._write("speed", moves.linear.x)
-        self._write("moving", float(bool(moves.linear.x or moves.angular.z)))
-        self._write("x", place.x)
-        self._write("y", place.y)
+        self._write("speed", odometry.twist.twist.linear.x)
 
     def on_stop(self, state: EmergencyStop) -> None:
         """Record whether the base is stopped."""

@@ -1,15 +1,12 @@
 """Runs the robot once, with or without a recorder, and returns the figures."""
 
-import contextlib
-import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psutil
-import yaml
 
 from robbie_mp.bus.observe.figures import RunReading
 from robbie_mp.bus.observe.rates import rates_between
@@ -17,43 +14,26 @@ from robbie_mp.bus.transport.histogram import Histogram
 from robbie_mp.logs.recording.info import last_counts
 from robbie_mp.logs.recording.reader import open_log
 from tools.bench.contender import work_folder
-from tools.robot import Robot
+from tools.robot import Robot, running
 
 Result = dict[str, Any]
 
-MODULES = "tools.load.logger.modules"
-LOGGER = "logger"
-WITHOUT, TAKER, PATIENT, BYSTANDER = "without", "taker", "patient", "bystander"
-DISCARD, NULL, MEMORY, MESSAGE_LOGGER = "discard", "null", "memory", "logger"
-CLASSES = {
-    TAKER: f"{MODULES}:Taker",
-    PATIENT: f"{MODULES}:PatientTaker",
-    BYSTANDER: f"{MODULES}:Bystander",
-    DISCARD: f"{MODULES}:DiscardingLogger",
-    NULL: f"{MODULES}:NullLogger",
-    MEMORY: "robbie_mp.logs.message_logger:MessageLogger",
-    MESSAGE_LOGGER: "robbie_mp.logs.message_logger:MessageLogger",
-}
-"""The modules of the recorders, from one that only takes messages to the logger itself."""
-LOGGERS = (DISCARD, NULL, MEMORY, MESSAGE_LOGGER)
-SHARED_MEMORY = Path("/dev/shm")
+MODULES = "tools.load.modules"
+RECORDER = "recorder"
+WITHOUT, TAKER, LOGGER = "without", "taker", "logger"
+CLASSES = {TAKER: f"{MODULES}:Taker", LOGGER: "robbie_mp.logs.message_logger:MessageLogger"}
 PAIRS = 9
 SMALL_HZ = 2000.0
 SETTLE_S = 3.0
 MEGABYTE = 1e6
 
 
-def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+def profile(recorder: str) -> dict[str, Any]:
     """Return a profile of twenty modules and possibly a recorder, which is the first and so stops last."""
     modules: dict[str, Any] = {}
     if recorder in CLASSES:
-        own = dict(settings) if recorder in LOGGERS else {}
-        modules[LOGGER] = {
-            "class": CLASSES[recorder],
-            "settings": own,
-            "queue": {"messages": 20_000, "bytes": 1 << 27},
-            "stop_grace_s": 30.0,
-        }
+        queue = {"messages": 20_000, "bytes": 1 << 27}
+        modules[RECORDER] = {"class": CLASSES[recorder], "queue": queue, "stop_grace_s": 30.0}
     modules["viewer"] = {"class": f"{MODULES}:Viewer"}
     for number in range(PAIRS):
         modules[f"listener{number}"] = {"class": f"{MODULES}:Listener", "settings": {"number": number}}
@@ -64,59 +44,44 @@ def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     return {"modules": modules}
 
 
-def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s: float = SETTLE_S) -> Result:
+def measure(recorder: str, seconds: float, settle_s: float = SETTLE_S) -> Result:
     """Run the robot for a time. Return the figures of that time and those of the whole log."""
-    with work_folder() as (topic, folder), contextlib.ExitStack() as cleanup:
-        (folder / "profiles").mkdir()
-        if recorder == MEMORY:
-            logs = SHARED_MEMORY / f"logger-load-{topic.rpartition('-')[2]}"
-            cleanup.callback(shutil.rmtree, logs, ignore_errors=True)
-            settings = {**settings, "folder": str(logs)}
-        (folder / "profiles" / "load.yaml").write_text(
-            yaml.safe_dump(profile(recorder, settings), sort_keys=False)
-        )
-        robot = Robot(folder, folder, "load")
-        try:
-            robot.wait_until_running()
-            time.sleep(settle_s)
-            assert robot.observer is not None
-            before, written = robot.observer.read(), _written_bytes(robot)
-            time.sleep(seconds)
-            now, written_now = robot.observer.read(), _written_bytes(robot)
-            summary = robot.stop()
-        finally:
-            robot.close()
+    with work_folder() as (_, folder), running(folder, profile(recorder)) as robot:
+        robot.wait_until_running()
+        time.sleep(settle_s)
+        assert robot.observer is not None
+        before, written = robot.observer.read(), _written_bytes(robot)
+        time.sleep(seconds)
+        now, written_now = robot.observer.read(), _written_bytes(robot)
+        summary = robot.stop()
         result: Result = {"recorder": recorder} | _figures(before, now)
         if recorder in CLASSES:
             took_s = (now.at_ns - before.at_ns) / 1e9
             result["disk_mb_per_s"] = (written_now - written) / MEGABYTE / took_s
-            result |= _books(summary)
-        if recorder in (MEMORY, MESSAGE_LOGGER):
-            result |= _log_figures(Path(settings.get("folder") or robot.output))
+            (counted,) = [module for module in summary["modules"] if module["name"] == RECORDER]
+            result |= {"handled": counted["handled"], "lost": counted["lost"]}
+            result["dropped"] = counted["dropped"] - counted["left"]
+        if recorder == LOGGER:
+            result |= _log_figures(robot.output)
         return result
 
 
 def _written_bytes(robot: Robot) -> int:
     """Return how much the recorder's process has written to the disk so far."""
-    logger = robot.figures().get(LOGGER)
-    return psutil.Process(logger.pid).io_counters().write_bytes if logger is not None else 0
+    recorder = robot.figures().get(RECORDER)
+    return psutil.Process(recorder.pid).io_counters().write_bytes if recorder is not None else 0
 
 
 def _figures(before: RunReading, now: RunReading) -> Result:
     rates = rates_between(before, now)
-    listeners = [f"listener{number}" for number in range(PAIRS)]
     result: Result = {
-        "routed_hz": rates.routed_hz,
         "core_percent": rates.modules["core"].cpu_percent,
         "machine_percent": sum(rates.cpu_percent) / len(rates.cpu_percent),
-        "refused": sum(module.refused for module in now.modules),
-        "small": latency_of(before, now, listeners),
+        "small": latency_of(before, now, [f"listener{number}" for number in range(PAIRS)]),
         "image": latency_of(before, now, ["viewer"]),
     }
-    logger = now.module(LOGGER)
-    if logger is not None:
-        result["logger_percent"] = rates.modules[LOGGER].cpu_percent
-        result["waiting_peak"] = logger.waiting_peak
+    if now.module(RECORDER) is not None:
+        result["recorder_percent"] = rates.modules[RECORDER].cpu_percent
     return result
 
 
@@ -138,13 +103,6 @@ def histogram_of(reading: RunReading, names: Sequence[str]) -> Histogram:
     return Histogram(
         sum(latency.sum_ns for latency in latencies), max(latency.max_ns for latency in latencies), counts
     )
-
-
-def _books(summary: Mapping[str, Any]) -> Result:
-    """Return the core's counters of the recorder over the whole run."""
-    (logger,) = [module for module in summary["modules"] if module["name"] == LOGGER]
-    kept = {f"core_{kind}": logger[kind] for kind in ("handled", "left", "lost")}
-    return kept | {"core_dropped": logger["dropped"] - logger["left"]}
 
 
 def _log_figures(output: Path) -> Result:

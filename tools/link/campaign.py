@@ -1,6 +1,18 @@
-"""Plays a campaign and judges it."""
+"""Kills the links of two robots at random, and judges what arrived.
 
+    python -m tools.link.campaign --kills 200 --seed 1 [--robots] [--router] [--json]
+
+Robot `red` sends messages of each class, robot `blue` receives them. At random moments a link is killed; with
+`--router`, also the router of Zenoh between them; with `--robots`, also whole robots.
+"""
+
+import argparse
+import json
 import random
+import signal
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -8,8 +20,11 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.messages import LinkChannel, LinkState
-from tools.link.campaign.modules import CLASSES, PAUSE_FILE
-from tools.link.campaign.robots import ROUTER, Robots, wait_until
+from tools.link.pair import LinkedRobot, start_router
+from tools.robot import free_port
+
+CLASSES = ("command", "state", "reliable", "bulk", "urgent")
+PERIOD_S, BULK_BYTES = 0.02, 20_000
 
 ROBOT_SHARE = 0.1
 """Share of the kills that kill a whole robot."""
@@ -36,10 +51,6 @@ class Report:
     """Messages that red's core could not give to the link, because it was dead for too long."""
     books: dict[str, str] = field(default_factory=dict)
     violations: list[str] = field(default_factory=list)
-
-    def as_data(self) -> dict[str, Any]:
-        """Return the report as plain data."""
-        return asdict(self)
 
     def __str__(self) -> str:
         lines = [
@@ -85,9 +96,26 @@ class Campaign:
     """
 
     def __init__(self, folder: Path, seed: int, *, kills_robots: bool = False, has_router: bool = False):
-        self._robots = Robots(folder, has_router=has_router)
+        self._address = f"tcp/127.0.0.1:{free_port()}"
+        self._router: subprocess.Popen[bytes] | None = None
+        self._has_router, self._kills_robots = has_router, kills_robots
         self._random = random.Random(seed)
-        self._kills_robots = kills_robots
+        at = [self._address]
+        common: dict[str, Any] = {
+            "mode": "client" if has_router else "peer",
+            "state_hz": 1000.0,
+            "accept": {"*": ["*"]},
+        }
+        send = {one: [f"Probe {one}"] for one in CLASSES}
+        red: dict[str, Any] = {
+            "listen": [] if has_router else at,
+            "connect": at if has_router else [],
+            "robots": ["blue"],
+        }
+        red |= {"send": send, "command_expires_s": 2.0}
+        sends, more = dict.fromkeys(CLASSES, PERIOD_S), {"bulk_bytes": BULK_BYTES}
+        self.red = LinkedRobot(folder, "red", common | red, sends, (), more=more)
+        self.blue = LinkedRobot(folder, "blue", common | {"listen": [], "connect": at}, {}, CLASSES)
         self.report = Report()
         self._epochs: list[Epoch] = []
         """Those of the sender's lives that are over."""
@@ -101,70 +129,83 @@ class Campaign:
         Args:
             kills: how many.
         """
-        began_s = time.monotonic()
-        robots, report = self._robots, self.report
+        began_s, report = time.monotonic(), self.report
         try:
-            if robots.has_router:
-                robots.start_router()
-            for name in ("red", "blue"):
-                robots.start(name)
-            wait_until(lambda: bool(robots.numbers("blue", "got-urgent")), "the first message")
+            self._start_router()
+            for robot in (self.red, self.blue):
+                robot.start()
+            self.blue.wait_until_heard(["urgent"])
             while report.links_killed + report.robots_killed + report.routers_killed < kills:
                 self._kill()
                 if self._random.random() < FLOW_SHARE:
-                    self._wait_for_news()
+                    self.blue.wait_until_heard(["urgent"])
                 time.sleep(self._random.uniform(0.0, MAX_PAUSE_S))
-            self._wait_for_news()
+            self.blue.wait_until_heard(["urgent"])
             self._come_to_rest()
         finally:
-            robots.stop()
+            self._stop()
         report.duration_s = time.monotonic() - began_s
         self._judge()
         return report
 
+    def _start_router(self) -> None:
+        if self._has_router:
+            self._kill_router()
+            self._router = start_router(self._address)
+
+    def _kill_router(self) -> None:
+        if self._router is not None:
+            self._router.kill()
+            self._router.wait()
+
+    def _stop(self) -> None:
+        for robot in (self.red, self.blue):
+            if robot.lives:
+                if robot.run.is_up:
+                    robot.run.stop()
+                robot.close()
+        self._kill_router()
+
     def _kill(self) -> None:
-        if self._robots.has_router and self._random.random() < ROUTER_SHARE:
-            self._robots.kill(ROUTER)
-            self._robots.start_router()
-            self.report.routers_killed += 1
+        report = self.report
+        if self._has_router and self._random.random() < ROUTER_SHARE:
+            self._start_router()
+            report.routers_killed += 1
             return
-        name = self._random.choice(["red", "blue"])
+        robot = self._random.choice([self.red, self.blue])
         if self._kills_robots and self._random.random() < ROBOT_SHARE:
-            self._robots.kill(name)
-            if name == "red":
+            robot.kill()
+            if robot is self.red:
                 self._close_epoch()
             else:
                 self._receivers_killed += 1
-            self._robots.start(name)
-            self.report.robots_killed += 1
-            return
-        if self._robots.kill_link(name):
-            self.report.links_killed += 1
+            robot.start()
+            report.robots_killed += 1
+        elif (robot.run.observer or robot.run.attach()) and self._kill_link(robot):
+            report.links_killed += 1
             self._links_killed += 1
+
+    def _kill_link(self, robot: LinkedRobot) -> bool:
+        pid = robot.run.figures()["link"].pid
+        return bool(pid) and robot.run.send(pid, signal.SIGKILL)
 
     def _close_epoch(self) -> None:
         """Keep the books of the sender, which has been killed: its next life begins with new ones."""
-        last = max(max(self._robots.numbers("red", f"sent-{one}"), default=0) for one in CLASSES)
-        state = self._robots.state("red")
+        last = max(max(self.red.sent(one), default=0) for one in CLASSES)
+        state = self.red.state()
         books = books_of(state) if state is not None else {}
         self._epochs.append(Epoch(self._first, last, books, self._links_killed, self._receivers_killed))
-        self._robots.forget_state("red")
         self._first, self._links_killed, self._receivers_killed = last + 1, 0, 0
-
-    def _wait_for_news(self) -> None:
-        """Wait until blue receives something new."""
-        before = len(self._robots.numbers("blue", "got-urgent"))
-        wait_until(lambda: len(self._robots.numbers("blue", "got-urgent")) > before, "a new message")
 
     def _come_to_rest(self) -> None:
         """Have red send nothing more, and wait until nothing is under way."""
-        self._robots.output("red").joinpath(PAUSE_FILE).touch()
-
+        self.red.pause()
         last: LinkState | None = None
 
         def is_at_rest() -> bool:
             nonlocal last
-            before, last = last, self._robots.state("red")
+            before, last = last, self.red.state()
+            time.sleep(1.5)
             return (
                 before is not None
                 and last is not None
@@ -174,14 +215,15 @@ class Campaign:
                 and len({one.topic for one in last.channels} & set(CLASSES)) == len(CLASSES)
             )
 
-        wait_until(is_at_rest, "nothing under way", pause_s=1.5)
-        self.report.not_taken = self._robots.core_counts("red")
+        self.red.run.wait_for(is_at_rest, "messages are still under way", 120.0)
+        books = self.red.run.figures()["link"].subscriptions
+        self.report.not_taken = {one.topic: one.dropped + one.lost for one in books}
 
     def _judge(self) -> None:
-        state = self._robots.state("red")
+        state = self.red.state()
         assert state is not None
-        sent = {one: self._robots.numbers("red", f"sent-{one}") for one in CLASSES}
-        received = {one: self._robots.numbers("blue", f"got-{one}") for one in CLASSES}
+        sent = {one: list(self.red.sent(one)) for one in CLASSES}
+        received = {one: [each.number for each in self.blue.received(one)] for one in CLASSES}
         self.report.sent = {one: len(numbers) for one, numbers in sent.items()}
         self.report.received = {one: len(numbers) for one, numbers in received.items()}
         self.report.books = {one.topic: describe(one) for one in state.channels if one.topic in CLASSES}
@@ -295,3 +337,27 @@ def judge_closed(
                 f"under way, and {untold} sent since the books were told"
             )
     return violations
+
+
+def main() -> int:
+    """Play a campaign, print its report; return 1 if something was violated."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.link.campaign",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--robots", action="store_true", help="kill whole robots, too")
+    parser.add_argument("--router", action="store_true", help="link through a router, and kill it, too")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="link-campaign-") as folder:
+        options = {"kills_robots": arguments.robots, "has_router": arguments.router}
+        report = Campaign(Path(folder), arguments.seed, **options).play(arguments.kills)
+    print(json.dumps(asdict(report), indent=2) if arguments.json else report)
+    return 1 if report.violations else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

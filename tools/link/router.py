@@ -1,4 +1,4 @@
-"""A router of Zenoh, as a process: `python -m tools.link.campaign.router ADDRESS`."""
+"""A router of Zenoh, as a process: `python -m tools.link.router ADDRESS`."""
 
 import json
 import sys

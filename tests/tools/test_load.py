@@ -1,7 +1,7 @@
 """The evaluation of the measurement of the logger's load, and one session."""
 
-from tools.load.logger.__main__ import as_table, ratios_to_without
-from tools.load.logger.measure import PAIRS, PATIENT, WITHOUT, Result, measure, profile
+from tools.load.__main__ import as_table, ratios_to_without
+from tools.load.measure import PAIRS, TAKER, WITHOUT, Result, measure, profile
 
 
 def session(recorder: str, round_number: int, p50_us: float) -> Result:
@@ -33,15 +33,15 @@ def test_ratio_above_the_goal_is_marked() -> None:
 
 
 def test_twenty_modules_are_measured_and_the_recorder_stops_last() -> None:
-    assert len(profile(WITHOUT, {})["modules"]) == 2 * PAIRS + 2 == 20
-    assert next(iter(profile(PATIENT, {})["modules"])) == "logger"
+    assert len(profile(WITHOUT)["modules"]) == 2 * PAIRS + 2 == 20
+    assert next(iter(profile(TAKER)["modules"])) == "recorder"
 
 
 def test_session_has_the_stated_traffic_and_its_counters_balance() -> None:
-    result = measure(PATIENT, {}, seconds=2.0, settle_s=0.0)
+    result = measure(TAKER, seconds=2.0, settle_s=0.0)
     assert result["small"]["count"] > 10
     assert result["image"]["count"] >= 1
-    assert (result["core_dropped"], result["core_lost"]) == (0, 0)
-    assert result["core_handled"] >= result["small"]["count"] + result["image"]["count"]
-    assert result["logger_percent"] > 0
+    assert (result["dropped"], result["lost"]) == (0, 0)
+    assert result["handled"] >= result["small"]["count"] + result["image"]["count"]
+    assert result["recorder_percent"] > 0
     assert "log_dropped" not in result

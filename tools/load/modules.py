@@ -1,20 +1,9 @@
-"""The modules of the recorded robot, and loggers that do only a part of a logger's work."""
-
-import os
-import zlib
-from collections.abc import Callable, Mapping
-from pathlib import Path
+"""The modules of the recorded robot."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp import EncodedMessage, Message, Module, setting
-from robbie_mp.logs.message_logger import MessageLogger
-from robbie_mp.logs.recording.chunk import Chunk, Compression, compress
-from robbie_mp.logs.recording.format import ChannelKey
-from robbie_mp.logs.recording.log_writer import LogWriter
-from robbie_mp.logs.recording.part_writer import RecordedChannel
-from robbie_mp.logs.recording.recorder import LOGGER_NICE
 from robbie_mp.messages import DriveCommand, Image, PoseStamped, TwistStamped
 
 HEIGHT, WIDTH, CHANNELS = 1080, 1920, 3
@@ -101,76 +90,3 @@ class Taker(Module):
     def on_message(self, message: EncodedMessage) -> None:
         """Read the size of the message."""
         self.last_bytes = len(message.data)
-
-
-class PatientTaker(Taker):
-    """Takes messages only every 20 ms, as the logger does."""
-
-    patience_s = 0.02
-
-
-class DiscardingLogger(MessageLogger):
-    """Copies every message into chunks, as the logger does, and discards the chunks."""
-
-    def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
-        """Return a writer that does nothing."""
-        return _make(DiscardingWriter, self, recording, dropped)
-
-
-class NullLogger(MessageLogger):
-    """Works like the logger, but writes to /dev/null, without file system and disk."""
-
-    def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
-        """Return a writer to /dev/null."""
-        return _make(NullWriter, self, recording, dropped)
-
-
-class DiscardingWriter(LogWriter):
-    """Drops every chunk."""
-
-    def write(self, chunk: Chunk, channels: Mapping[int, RecordedChannel]) -> None:
-        """Count it."""
-        self._channels = channels
-        self.bytes += len(chunk.data)
-
-
-class NullWriter(DiscardingWriter):
-    """Compresses every chunk as the logger does, and writes it to /dev/null."""
-
-    def write(self, chunk: Chunk, channels: Mapping[int, RecordedChannel]) -> None:
-        """Take the checksum, compress, write."""
-        super().write(chunk, channels)
-        zlib.crc32(chunk.data)
-        fd = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
-        try:
-            for piece in compress([chunk.data], self._compression):
-                os.write(fd, piece)
-        finally:
-            os.close(fd)
-
-
-def _make(
-    writer: type[LogWriter],
-    logger: MessageLogger,
-    recording: Path,
-    dropped: Callable[[], Mapping[ChannelKey, int]],
-) -> LogWriter:
-    real = MessageLogger.make_writer(logger, recording, dropped)
-    return writer(recording, real._compression, real._run, real._split, real._budget, dropped)
-
-
-class Bystander(Module):
-    """Takes no messages, but compresses as much data as this robot's logger, with the same priority."""
-
-    period_s = 1 / IMAGE_HZ
-    nice = LOGGER_NICE
-
-    def setup(self) -> None:
-        """Draw what is compressed."""
-        self.picture = draw_picture()
-
-    def tick(self) -> None:
-        """Copy, take the checksum, compress."""
-        data = bytearray(self.picture)
-        zlib.crc32(data)
-        compress([data], Compression.ZSTD)

@@ -1,16 +1,35 @@
-"""The conditions of the network in a trial, and what is measured in each."""
+"""Measures what a link keeps of its promises over a bad network. Needs root.
 
+    python -m tools.link.trial --seconds 20 --json FILE
+
+Two robots run on two hosts of a test network. All the time, bulk messages fill the link, and the laptop sends
+commands to the robot. The exit code is 1 if a promise was broken.
+"""
+
+import argparse
+import json
 import math
+import sys
+import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from tools.link.trial.pair import PERIODS_S, SEEN_S, Pair, Received
-from tools.test_network.network import PERFECT, Conditions
+from tools.bench.machine import describe_machine
+from tools.bench.table import render
+from tools.link.pair import LinkedRobot, Received
+from tools.robot import RobotTrouble
+from tools.test_network.network import PERFECT, Conditions, Network, NoTestNetwork
+
+PORT = 7447
+PERIODS_S = {"urgent": 0.5, "state": 0.1, "reliable": 0.02, "bulk": 0.06}
+"""With the size of the bulk messages, about 27 Mbit/s: more than any condition carries."""
+COMMAND, COMMAND_PERIOD_S = "command", 0.05
 
 SETTLE_S = 3.0
 """Time from a change of the network until the measurement: the link measures the network first."""
@@ -18,10 +37,6 @@ DRAIN_S = 15.0
 """Time limit in which reliable messages arrive that a bad network has held back."""
 COMMAND_ALLOWANCE_S = 0.05
 STATE_PERIODS = 3
-CUT_S = 1.0
-"""Time for which the network is cut."""
-LINKED_S = 0.5
-"""Time for which the base is watched after the link has returned."""
 GOOD = Conditions(bandwidth_bit_per_s=20e6, delay_s=0.005)
 
 
@@ -88,6 +103,46 @@ class Figures:
     failures: list[str] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class Pair:
+    """The robot and the laptop, and the network between them."""
+
+    robot: LinkedRobot
+    laptop: LinkedRobot
+    network: Network
+
+
+@contextmanager
+def linked_pair(folder: Path, network: Network) -> Iterator[Pair]:
+    """Start both in a folder, and wait until they are linked.
+
+    Raises:
+        RobotTrouble: they do not start, or do not find each other, or one has ended by itself.
+    """
+    here, there = network.host("robot"), network.host("laptop")
+    address = f"tcp/{here.address}:{PORT}"
+    sent = {topic: [f"Probe {topic}"] for topic in PERIODS_S}
+    link = {"listen": [address], "send": sent, "state_hz": 100.0, "accept": {"laptop": [f"Probe {COMMAND}"]}}
+    robot = LinkedRobot(folder, "robot", link, PERIODS_S, [COMMAND], on_host=here.command())
+    send = {"command": [f"Probe {COMMAND}"]}
+    link = {"listen": [], "connect": [address], "send": send, "accept": {"robot": ["*"]}}
+    sends = {COMMAND: COMMAND_PERIOD_S}
+    laptop = LinkedRobot(folder, "laptop", link, sends, list(PERIODS_S), on_host=there.command())
+    with ExitStack() as started:
+        for one in (robot, laptop):
+            one.start()
+            started.callback(one.close)
+        for one in (robot, laptop):
+            one.run.wait_until_running()
+        robot.wait_until_heard([COMMAND])
+        laptop.wait_until_heard(["state"])
+        yield Pair(robot, laptop, network)
+        for one in (laptop, robot):
+            if not one.run.is_up:
+                raise RobotTrouble(f"a run has ended by itself: {one.run.said()[-2000:]}")
+            one.run.stop()
+
+
 def run_trial(pair: Pair, trial: Trial, duration_s: float) -> Figures:
     """Set the network, measure, and set it perfect again."""
     pair.network.set(trial.conditions)
@@ -118,7 +173,7 @@ def _drain(pair: Pair, until_s: float) -> None:
     """Wait until the reliable messages that were sent until then have arrived, or for a while."""
     limit_s = time.monotonic() + DRAIN_S
     while time.monotonic() < limit_s:
-        received = pair.received("reliable")
+        received = pair.laptop.received("reliable")
         if received and received[-1].sent_s > until_s:
             return
         time.sleep(0.2)
@@ -129,7 +184,8 @@ def _evaluate(pair: Pair, trial: Trial, began_s: float, ended_s: float) -> Figur
         return [one for one in found if began_s <= one.sent_s < ended_s]
 
     figures = Figures(trial.title)
-    everything = {topic: pair.received(topic) for topic in ("manual", *PERIODS_S)}
+    everything = {topic: pair.laptop.received(topic) for topic in PERIODS_S}
+    everything[COMMAND] = pair.robot.received(COMMAND)
     for topic, found in everything.items():
         numbers = [one.number for one in found]
         if len(set(numbers)) != len(numbers):
@@ -137,8 +193,8 @@ def _evaluate(pair: Pair, trial: Trial, began_s: float, ended_s: float) -> Figur
         if numbers != sorted(numbers):
             figures.failures.append(f"{topic}: reordered")
     within = {topic: sent_within(found) for topic, found in everything.items()}
-    commands = [one.latency_s * 1e3 for one in within["manual"]]
-    sent = [at_s for at_s in pair.sent("manual").values() if began_s <= at_s < ended_s]
+    commands = [one.latency_s * 1e3 for one in within[COMMAND]]
+    sent = [at_s for at_s in pair.laptop.sent(COMMAND).values() if began_s <= at_s < ended_s]
     figures.commands_received = len(commands) / max(1, len(sent))
     if commands:
         figures.command_p50, figures.command_p99 = map(float, np.percentile(commands, [50, 99]))
@@ -147,7 +203,7 @@ def _evaluate(pair: Pair, trial: Trial, began_s: float, ended_s: float) -> Figur
     figures.state_age_max = _greatest_age_s(everything["state"], began_s, ended_s) * 1e3
     reliable = [one.latency_s * 1e3 for one in within["reliable"]]
     figures.reliable_p99 = float(np.percentile(reliable, 99)) if reliable else math.nan
-    expected = {number for number, at_s in pair.sent("reliable").items() if began_s <= at_s < ended_s}
+    expected = {number for number, at_s in pair.robot.sent("reliable").items() if began_s <= at_s < ended_s}
     figures.reliable_missing = len(expected - {one.number for one in within["reliable"]})
     bulk = [one for one in everything["bulk"] if began_s <= one.at_s < ended_s]
     figures.bulk_mbit_per_s = len(bulk) * 200_000 * 8e-6 / (ended_s - began_s)
@@ -176,74 +232,58 @@ def _judge(figures: Figures, trial: Trial) -> None:
         figures.failures.append(f"reliable: {figures.reliable_missing} missing")
 
 
-@dataclass
-class Stops:
-    """The result of cuts while driving.
-
-    Attributes:
-        times_s: from each cut until the base stood.
-        oldest_s: greatest age of a command that the base has obeyed.
-        by_itself: commands obeyed after the link had returned, although the operator had let go.
-    """
-
-    times_s: list[float] = field(default_factory=list)
-    oldest_s: float = 0.0
-    by_itself: int = 0
+HEADINGS = (
+    "network", "commands: received", "p50, p99, max ms", "urgent: max ms", "state: greatest age ms",
+    "reliable: p99 ms, missing", "bulk Mbit/s", "broken",
+)  # fmt: skip
 
 
-def cut_while_driving(pair: Pair, count: int, seed: int = 0) -> Stops:
-    """Cut the network at random moments, and restore it a second later. Meanwhile the operator lets go."""
-    random = np.random.default_rng(seed)
-    cuts = []
-    pair.network.set(GOOD)
-    for _ in range(count):
-        time.sleep(random.uniform(0.5, 0.8))
-        pair.network.cut()
-        cut_s = time.monotonic()
-        time.sleep(random.uniform(0.0, CUT_S))
-        pair.let_go(True)
-        time.sleep(max(0.0, cut_s + CUT_S - time.monotonic()))
-        mended_s = time.monotonic()
-        pair.network.restore()
-        pair.wait_until_linked(["state"])
-        time.sleep(LINKED_S)
-        cuts.append((cut_s, mended_s, time.monotonic()))
-        pair.let_go(False)
-        pair.wait_until_linked()
-    pair.network.set(PERFECT)
-    commands = pair.received("manual")
-    stops = Stops(oldest_s=max(one.latency_s for one in commands))
-    for cut_s, mended_s, held_s in cuts:
-        last = max(one.at_s + one.valid_s for one in commands if one.at_s < mended_s)
-        stops.times_s.append(max(0.0, last - cut_s))
-        stops.by_itself += sum(mended_s <= one.at_s < held_s for one in commands)
-    return stops
+def row(one: Figures) -> list[str]:
+    """Return a row of the table."""
+    return [
+        one.title,
+        f"{one.commands_received:.1%}",
+        f"{one.command_p50:.0f}, {one.command_p99:.0f}, {one.command_max:.0f}",
+        f"{one.urgent_max:.0f}",
+        f"{one.state_age_max:.0f}",
+        f"{one.reliable_p99:.0f}, {one.reliable_missing}",
+        f"{one.bulk_mbit_per_s:.1f}",
+        "; ".join(one.failures) or "-",
+    ]
 
 
-OPERATED = Conditions(5e6, delay_s=0.05)
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.link.trial",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--seconds", type=float, default=20.0, help="length of each measurement (20)")
+    parser.add_argument(
+        "--only", metavar="WORD", default="", help="only conditions whose title has this word"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    options = parser.parse_args()
+    found = []
+    try:
+        with (
+            Network("robot", "laptop") as network,
+            tempfile.TemporaryDirectory(prefix="robbie-link-") as folder,
+            linked_pair(Path(folder), network) as pair,
+        ):
+            for trial in (one for one in TRIALS if options.only in one.title):
+                found.append(run_trial(pair, trial, options.seconds))
+                print(found[-1], flush=True)
+    except NoTestNetwork as error:
+        print(f"not measured: {error}", file=sys.stderr)
+        return 2
+    print(render(HEADINGS, [row(one) for one in found]))
+    if options.json:
+        report = {"machine": describe_machine(), "conditions": [asdict(one) for one in found]}
+        options.json.write_text(json.dumps(report, indent=2))
+    return int(any(one.failures for one in found))
 
 
-def operate(pair: Pair, duration_s: float) -> str:
-    """Drive a robot with a camera and a map over a slow network; return what its operator has.
-
-    Args:
-        pair: from `operated_pair`.
-        duration_s: length of the measurement.
-    """
-    pair.network.set(OPERATED)
-    time.sleep(SETTLE_S)
-    began_s = time.monotonic()
-    time.sleep(duration_s)
-    ended_s = time.monotonic()
-    pair.network.set(PERFECT)
-    lines = []
-    for topic in ("manual", *SEEN_S):
-        found = [one for one in pair.received(topic) if began_s <= one.at_s < ended_s]
-        late = [one.latency_s * 1e3 for one in found] or [math.nan]
-        p50, p99 = np.percentile(late, [50, 99])
-        age = _greatest_age_s(pair.received(topic), began_s, ended_s)
-        lines.append(
-            f"{topic}: {len(found) / duration_s:.1f}/s, p50 {p50:.0f}, p99 {p99:.0f} ms, "
-            f"at most {age:.2f} s old"
-        )
-    return "\n".join(lines)
+if __name__ == "__main__":
+    sys.exit(main())

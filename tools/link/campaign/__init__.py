@@ -1,1 +1,0 @@
-"""Kills links and robots at random while two robots exchange messages, and judges their journals."""

@@ -1,1 +1,0 @@
-"""Measures what a link between two robots keeps of its promises over a bad network."""

@@ -1,1 +1,0 @@
-"""Measures what it costs a robot to record everything: processor time, disk, and latency of other modules."""
