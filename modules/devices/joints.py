@@ -5,14 +5,23 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp import REQUIRED, Header, MessageHandling, Module, SettingError, Time, setting
-from robbie_mp.messages import EmergencyStop, JointCommand, JointLimits, JointState, PanTiltCommand
+from robbie_mp import REQUIRED, CallError, Header, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp.messages import (
+    ControlSet,
+    ControlState,
+    EmergencyStop,
+    JointCommand,
+    JointLimits,
+    JointState,
+    PanTiltCommand,
+    SetControl,
+)
 from robbie_robots.hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol1Joints
 from robbie_robots.hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
 from robbie_robots.hw.joints import Joint, JointCommandError, JointReading, Joints, checked
 from robbie_robots.hw.simulation.joints import SimulatedJoints
 from robbie_robots.modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
-from robbie_robots.modules.devices.joint_stop import JointStop
+from robbie_robots.modules.devices.joint_control import JointControl, Source
 from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 PAN_TILT = ["pan", "tilt"]
@@ -24,9 +33,13 @@ class CommandedJoints(Module):
     When a `JointCommand` expires, the joints are let go. A `PanTiltCommand` has no expiry: the unit holds
     its direction.
 
+    One sender at a time moves the joints, until it is silent for 0.5 s. A command by hand (`by_hand`) takes
+    over, and then the robot holds: the module orders it from the base.
+
     While the base tells that the emergency stop is engaged, joints stay where they are, as long as commands
-    come; but for a pan-tilt unit, which only turns a camera. After it, a control that was held must be let go
-    first, or commands must begin where the joints were stopped.
+    come; so they do at commands of modules while the base does not tell AUTO. After it, a control that was
+    held must be let go first, or commands must begin where the joints were stopped. All this does not bind
+    a `PanTiltCommand`, nor does `ControlState` bind a pan-tilt unit, which only turns a camera.
 
     Publishes `JointState` on a topic named after the module, and follows `JointCommand` on the same topic.
     There it also publishes `JointLimits`, which is latched.
@@ -65,8 +78,10 @@ class CommandedJoints(Module):
             topic=self.name,
             latched=True,
         )
-        self.stop_of_joints = JointStop(self._monotonic_s)
-        self.until_s = -math.inf
+        self.control = JointControl(self._monotonic_s)
+        self.mode: int | None = None
+        self.asks_to_hold = False
+        self.refused = 0
         self.subscribe(JointCommand, self.on_joint_command, topic=self.name, optional=True)
         if sorted(self.names) == PAN_TILT:
             self.subscribe(PanTiltCommand, self.on_pan_tilt, optional=True)
@@ -75,6 +90,7 @@ class CommandedJoints(Module):
         self.subscribe(
             EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state", optional=True
         )
+        self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
 
     def on_joint_command(self, command: JointCommand) -> None:
         """Move the joints while the command is valid, and what it rests on is fresh."""
@@ -91,12 +107,24 @@ class CommandedJoints(Module):
     def on_emergency_stop(self, state: EmergencyStop) -> None:
         """Stop the joints at once, and keep them there, or let them follow new commands."""
         if not state.engaged:
-            self.stop_of_joints.release()
-        elif not self.stop_of_joints.is_engaged:
-            self.stop_of_joints.engage()
-            left_s = self.until_s - self._monotonic_s()
-            if left_s > 0.0:
-                self.moved.command(self.stop_of_joints.kept, left_s)
+            self.control.release()
+        elif not self.control.is_stopped:
+            self.control.stop()
+            self._keep_joints()
+
+    def on_control(self, state: ControlState) -> None:
+        """Keep the joints where they are while an operator drives or the robot holds, unless by hand."""
+        self.mode = state.mode
+        if state.mode == ControlState.AUTO:
+            self.control.go_on()
+        elif self.control.hold(hands_too=state.mode == ControlState.HOLD and state.who != self.name):
+            self._keep_joints()
+
+    def _keep_joints(self) -> None:
+        """Stop the joints where they are, as long as the last command is valid."""
+        left_s = self.control.until_s - self._monotonic_s()
+        if left_s > 0.0:
+            self.moved.command(self.control.kept, left_s)
 
     def on_pan_tilt(self, command: PanTiltCommand) -> None:
         """Look in a direction."""
@@ -118,7 +146,7 @@ class CommandedJoints(Module):
     def see_joints(self, reading: JointReading) -> None:
         """Know where the joints are when an emergency stop comes."""
         rows = zip(self.names, reading.positions_rad, reading.speeds_rad_per_s, strict=True)
-        self.stop_of_joints.see({name: (at, speed) for name, at, speed in rows if math.isfinite(at)})
+        self.control.see({name: (at, speed) for name, at, speed in rows if math.isfinite(at)})
 
     def limits(self, place: int) -> dict[str, float]:
         """Return the limits of one joint, as arguments of `Joint`."""
@@ -127,6 +155,11 @@ class CommandedJoints(Module):
             "most_rad": self.most_rad[place] if self.most_rad else math.pi,
             "speed_rad_per_s": self.speed_rad_per_s,
         }
+
+    def figures(self, expired: int) -> str:
+        """Return how many commands have expired or were refused, for a status line."""
+        refused = f", {self.refused} refused commands" if self.refused else ""
+        return f"{expired} expired commands{refused}"
 
     def _monotonic_s(self) -> float:
         return self.clock.monotonic_ns() / 1e9
@@ -138,12 +171,36 @@ class CommandedJoints(Module):
                 self.moved.command(positions_rad, math.inf)
                 return
             checked(self.moved.joints, positions_rad, fresh_s)
-            sent_s = self.envelope.published_ns / 1e9
-            self.until_s = self._monotonic_s() + fresh_s
-            followed = self.stop_of_joints.followed(self.envelope.sender, positions_rad, sent_s)
+            source = Source(self.envelope.sender, command.by_hand)
+            sent_s, until_s = self.envelope.published_ns / 1e9, self._monotonic_s() + fresh_s
+            followed = self.control.followed(source, positions_rad, sent_s, until_s)
+            if followed is None:
+                self._refuse()
+                return
             self.moved.command(followed, fresh_s)
+            if command.by_hand and self.mode == ControlState.AUTO:
+                self._ask_to_hold()
         except (JointCommandError, StaleCommand) as error:
             self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
+
+    def _refuse(self) -> None:
+        """Count a command of a sender while another one moves the joints."""
+        self.refused += 1
+        if self.refused.bit_count() == 1:  # the 1st, 2nd, 4th, 8th …
+            mover, sender = self.control.mover, self.envelope.sender
+            text = "refused a command of %s: %s moves the joints (%d refused)"
+            self.log.warning(text, sender, mover, self.refused)
+
+    def _ask_to_hold(self) -> None:
+        """Let the robot hold, because an operator has taken over its joints."""
+        if self.asks_to_hold:
+            return
+        self.asks_to_hold = True
+        reason = f"{self.envelope.sender} moves {self.name} by hand"
+        self.call(SetControl(mode=ControlState.HOLD, reason=reason), self._asked, self._asked)
+
+    def _asked(self, _answer: ControlSet | CallError) -> None:
+        self.asks_to_hold = False
 
 
 class SimulatedJointsModule(CommandedJoints):
@@ -163,7 +220,7 @@ class SimulatedJointsModule(CommandedJoints):
         reading = self.simulated.read()
         now_s = self.clock.now_ns() / 1e9
         self.publish_state(JointReading(now_s, reading.positions_rad, reading.speeds_rad_per_s))
-        self.status = f"{len(self.names)} joints, {self.simulated.expired_commands} expired commands"
+        self.status = f"{len(self.names)} joints, {self.figures(self.simulated.expired_commands)}"
 
 
 class DynamixelModule(CommandedJoints, PluggableDeviceModule[JointReading]):
@@ -250,5 +307,5 @@ class DynamixelModule(CommandedJoints, PluggableDeviceModule[JointReading]):
             return super().status_line()
         problems = "".join(f", {problem}" for problem in self.problems)
         torque = "torque on" if self.driver.has_torque else "torque off"
-        expired = f"{self.driver.expired_commands} expired commands"
-        return f"{torque}, {super().status_line()}, {expired}{problems}"
+        figures = self.figures(self.driver.expired_commands)
+        return f"{torque}, {super().status_line()}, {figures}{problems}"

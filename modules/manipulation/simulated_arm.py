@@ -126,7 +126,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         self._publish(reading, np.array(efforts), now)
         self.checkpoint({"joints": self._positions(), "objects": self.objects.memory()})
         held = f"holds {self.objects.held}" if self.objects.held else "holds nothing"
-        self.status = f"{held}, {self.simulated.expired_commands} expired commands"
+        self.status = f"{held}, {self.figures(self.simulated.expired_commands)}"
 
     def teardown(self) -> None:
         """Write where the objects truly are, and what the arm touched, to `arm.json`."""

@@ -123,7 +123,7 @@ def test_damaged_bytes_of_an_old_version_are_a_decode_error() -> None:
 
 @pytest.mark.parametrize("command", [DriveCommand, JointCommand, PanTiltCommand])
 def test_command_of_an_old_log_rests_on_what_was_known_at_its_stamp(command: type[DriveCommand]) -> None:
-    new = {"based_on", "unguarded"} | (
+    new = {"based_on", "unguarded", "by_hand"} | (
         {"valid_for"} if command.type_name == PanTiltCommand.type_name else set()
     )
     lines = schema_text(command).splitlines(keepends=True)

@@ -242,8 +242,11 @@ class PanTiltCommand(
 class JointCommand(
     Message,
     name="robbie_msgs/msg/JointCommand",
-    version=2,
-    upgrades={1: Upgrade(_rests_on_its_stamp)},
+    version=3,
+    upgrades={
+        1: Upgrade(_rests_on_its_stamp),
+        2: Upgrade(lambda fields: {**fields, "by_hand": False}),
+    },
     checked=True,
 ):
     """Move joints to positions. When `valid_for` passes without a newer command, the device lets them go."""
@@ -253,6 +256,7 @@ class JointCommand(
     position: Array[float64] = DEFAULT  # (joints,) rad or m
     valid_for: Duration = DEFAULT
     based_on: Time = DEFAULT  # stamp of the oldest measurement, or operator's input, that it rests on
+    by_hand: bool = DEFAULT  # True: an operator moves them; modules are not obeyed meanwhile
 
     def flaw(self) -> Flaw | None:
         """Return whether a joint has no finite position, or the validity is too long."""

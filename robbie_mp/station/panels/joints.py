@@ -69,7 +69,7 @@ class JointsPanel(Panel):
     """Sliders for all joints that modules offer with `JointLimits`, poses of the profile, and all lights.
 
     A joint moves only while the operator holds its slider or button: each `JointCommand` expires, as commands
-    of the drive do.
+    of the drive do. The robot then holds, until it is ordered to go on.
     """
 
     name = "joints"
@@ -151,6 +151,7 @@ class JointsPanel(Panel):
                 position=np.array([*goals.values()]),
                 valid_for=VALID_FOR,
                 based_on=time_before(header.stamp, age_s),
+                by_hand=True,
             )
             for topic, goals in wanted.items()
         }

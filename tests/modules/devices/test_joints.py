@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from robbie_mp import Duration, ModuleHarness
-from robbie_mp.messages import DeviceState, EmergencyStop, JointCommand, JointState, PanTiltCommand
+from robbie_mp.messages import (
+    ControlState,
+    DeviceState,
+    EmergencyStop,
+    JointCommand,
+    JointState,
+    PanTiltCommand,
+    SetControl,
+    replace,
+)
 from robbie_robots.hw.emulation import dynamixel1
 from robbie_robots.hw.emulation.carrier import PseudoTerminal
 from robbie_robots.hw.emulation.dynamixel import GOAL, TORQUE, EmulatedServos
@@ -99,12 +108,26 @@ def arm() -> Iterator[Arm]:
         yield harness
 
 
+def send(arm: Arm, elbow: float, sender: str = "manipulation") -> None:
+    """Command the elbow; the sender "page" does so by hand."""
+    wanted = replace(fresh(arm, command(0.17, elbow=elbow)), by_hand=sender == "page")
+    arm.send(wanted, topic="arm", sender=sender)
+
+
 def lift(arm: Arm, elbow: float, sender: str = "page") -> float:
     """Command the elbow for a while; return where it is then."""
     for _ in range(4):
-        arm.send(fresh(arm, command(0.17, elbow=elbow)), topic="arm", sender=sender)
+        send(arm, elbow, sender)
         arm.advance(0.05)
+    return at(arm)
+
+
+def at(arm: Arm) -> float:
     return float(arm.take(JointState)[-1].position[0])
+
+
+def control(arm: Arm, mode: int, who: str = "page") -> None:
+    arm.send(ControlState(mode=mode, who=who), topic="control", sender="base")
 
 
 def stop(arm: Arm, engaged: bool) -> None:
@@ -135,8 +158,8 @@ def test_module_whose_arm_never_rests_goes_on_from_where_it_was_stopped(arm: Arm
     stop(arm, True)
     before = lift(arm, 1.0, "manipulation")
     stop(arm, False)
-    at = lift(arm, before + 0.05, "manipulation")
-    assert lift(arm, at + 0.3, "manipulation") > at + 0.15
+    begun = lift(arm, before + 0.05, "manipulation")
+    assert lift(arm, begun + 0.3, "manipulation") > begun + 0.15
     assert arm.module.simulated.expired_commands == 0
 
 
@@ -148,3 +171,108 @@ def test_gripper_goes_on_pressing_during_an_emergency_stop() -> None:
         stop(arm, True)
         lift(arm, -1.0)
         assert arm.module.simulated.is_pushing("elbow")
+
+
+@pytest.mark.parametrize("mode", [ControlState.HOLD, ControlState.MANUAL])
+def test_no_module_moves_an_arm_unless_the_robot_is_in_auto_and_its_load_does_not_fall(
+    arm: Arm, mode: int
+) -> None:
+    before = lift(arm, 1.0, "manipulation")
+    control(arm, mode)
+    for _ in range(5):
+        assert lift(arm, 1.0, "manipulation") == pytest.approx(before, abs=0.03)
+    arm.advance(1.0)
+    assert lift(arm, 1.0, "another module") == pytest.approx(before, abs=0.03)
+    arm.advance(1.0)
+    control(arm, ControlState.AUTO)
+    assert lift(arm, 1.0, "manipulation") > before + 0.15
+
+
+def test_module_that_went_on_commanding_while_the_robot_held_must_begin_where_the_arm_is(arm: Arm) -> None:
+    before = lift(arm, 1.0, "manipulation")
+    control(arm, ControlState.HOLD)
+    lift(arm, 1.0, "manipulation")
+    control(arm, ControlState.AUTO)
+    assert lift(arm, 1.0, "manipulation") == pytest.approx(before, abs=0.03)
+    assert lift(arm, before + 0.09, "manipulation") > before + 0.05
+
+
+def test_operator_takes_over_the_arm_and_has_the_robot_hold(arm: Arm) -> None:
+    control(arm, ControlState.AUTO)
+    before = lift(arm, 1.0, "manipulation")
+    for _ in range(8):
+        send(arm, 1.0, "manipulation")
+        send(arm, -1.0, "page")
+        arm.advance(0.05)
+    assert at(arm) < before - 0.3
+    (order,) = arm.take(SetControl)
+    assert (order.mode, order.reason) == (ControlState.HOLD, "page moves arm by hand")
+    assert "7 refused commands" in arm.module.status
+    control(arm, ControlState.HOLD, who="arm")
+    assert lift(arm, -1.0) < before - 0.4
+
+
+def test_module_holds_the_arm_where_the_operator_has_left_it(arm: Arm) -> None:
+    control(arm, ControlState.AUTO)
+    lift(arm, 1.0, "manipulation")
+    lift(arm, -1.0)
+    control(arm, ControlState.HOLD, who="arm")
+    moved = lift(arm, -1.0)
+    assert moved < -0.1
+    arm.advance(0.2)
+    moved = at(arm)
+    for _ in range(5):
+        assert lift(arm, 1.0, "manipulation") == pytest.approx(moved, abs=0.03)
+
+
+def test_module_of_a_robot_without_a_base_does_not_take_the_arm_back(arm: Arm) -> None:
+    lift(arm, 1.0, "manipulation")
+    for _ in range(8):
+        send(arm, 1.0, "manipulation")
+        send(arm, -1.0, "page")
+        arm.advance(0.05)
+    moved = at(arm)
+    for _ in range(5):
+        assert lift(arm, 1.0, "manipulation") == pytest.approx(moved, abs=0.2)  # until the last one expires
+    assert not arm.take(SetControl)
+
+
+def test_order_to_hold_stops_an_operator_who_moves_the_arm(arm: Arm) -> None:
+    control(arm, ControlState.AUTO)
+    before = lift(arm, 1.0)
+    control(arm, ControlState.HOLD, who="another page")
+    assert lift(arm, 1.0) == pytest.approx(before, abs=0.03)
+    arm.advance(0.6)
+    assert lift(arm, 1.0) > before + 0.15
+
+
+def test_of_two_modules_one_moves_the_arm_until_it_is_silent(
+    arm: Arm, caplog: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(20):
+        send(arm, 1.0, "manipulation")
+        send(arm, -1.0, "waving")
+        arm.advance(0.05)
+    assert at(arm) > 0.9
+    assert "20 refused commands" in arm.module.status
+    assert "refused a command of waving: manipulation moves the joints (16 refused)" in caplog.text
+    assert caplog.text.count("refused a command") == 5
+    arm.advance(0.5)
+    assert lift(arm, -1.0, "waving") < 0.9
+
+
+def test_arm_whose_command_has_expired_does_not_move_during_an_emergency_stop(arm: Arm) -> None:
+    before = lift(arm, 1.0)
+    arm.advance(0.3)
+    before = at(arm)
+    stop(arm, True)
+    assert lift(arm, 1.0) == pytest.approx(before, abs=0.03)
+
+
+def test_pan_tilt_unit_looks_around_while_the_robot_holds() -> None:
+    with ModuleHarness(SimulatedJointsModule, {"names": ["pan", "tilt"]}, name="head") as head:
+        head.advance(10.0)
+        head.send(ControlState(mode=ControlState.HOLD), topic="control")
+        head.send(fresh(head, command(pan=0.2)), topic="head", sender="mission")
+        head.advance(0.4)
+        assert head.take(JointState)[-1].position[0] == pytest.approx(0.2)
