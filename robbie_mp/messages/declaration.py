@@ -44,7 +44,7 @@ TAKEN_NAMES = frozenset(
         "self",
     }
 )
-"""Names that `Message` itself has, or that generated code needs."""
+"""Names that `Message` itself has, or that its methods need."""
 
 
 class Constant(NamedTuple):

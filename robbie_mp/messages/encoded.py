@@ -1,10 +1,8 @@
 """Checks of encoded messages, whose types may have no class in this program."""
 
-from robbie_mp.messages.codec.placement import ENCAPSULATION_SIZE
+from robbie_mp.messages.codec.cdr import CDR_LITTLE_ENDIAN, ENCAPSULATION_SIZE
 from robbie_mp.messages.declaration import TYPE_NAME
 from robbie_mp.messages.errors import DeclarationError, DecodeError, VersionError
-
-_CDR_LITTLE_ENDIAN = b"\x00\x01"
 
 
 def check_encapsulation(type_name: str, data: memoryview) -> None:
@@ -13,7 +11,7 @@ def check_encapsulation(type_name: str, data: memoryview) -> None:
     Raises:
         DecodeError: they do not begin with a supported encapsulation.
     """
-    if len(data) < ENCAPSULATION_SIZE or data[:2] != _CDR_LITTLE_ENDIAN:
+    if len(data) < ENCAPSULATION_SIZE or data[:2] != CDR_LITTLE_ENDIAN[:2]:
         begin = bytes(data[:ENCAPSULATION_SIZE]).hex(" ") or "nothing"
         raise DecodeError(
             f"{type_name}: {len(data)} bytes that begin with {begin} are not an encoded message; XCDR1 "

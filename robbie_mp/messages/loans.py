@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
+from robbie_mp.messages.codec.fields import Lent
 from robbie_mp.messages.errors import FieldTypeError, FieldValueError
 from robbie_mp.messages.field_types import Numbers
-from robbie_mp.messages.message import Message, fields_of, loan_encoder, replace
+from robbie_mp.messages.message import Message, fields_of, replace
 
 _Message = TypeVar("_Message", bound=Message)
 _Message_co = TypeVar("_Message_co", bound=Message, covariant=True)
@@ -58,7 +59,7 @@ def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layou
 
 @dataclass(frozen=True, slots=True)
 class PythonLayout(Generic[_Message]):
-    """A `Layout` written by the generated functions."""
+    """A `Layout` written by the codec in Python."""
 
     size: int
     loaned: frozenset[str]
@@ -66,17 +67,16 @@ class PythonLayout(Generic[_Message]):
 
     def write(self, buffer: memoryview, offset: int = 0) -> _Message:
         """Write everything except the elements of the loaned arrays, see `Layout`."""
+        self._outline.encode_into(buffer, offset)
         if not self.loaned:
-            self._outline.encode_into(buffer, offset)
             return self._outline
-        encode = loan_encoder(type(self._outline), self.loaned)
-        return replace(self._outline, **encode(self._outline, buffer, offset))
+        return replace(self._outline, **{name: getattr(self._outline, name).array for name in self.loaned})
 
 
 def lay_out_in_python(message_type: type[_Message], fields: Mapping[str, object]) -> PythonLayout[_Message]:
     """Lay out a message as `lay_out`, which calls this for what C does not do."""
     lent = {
-        field.name: _Elements(_checked(f"{message_type.type_name}.{field.schema_name}", field.type, count))
+        field.name: Lent(_checked(f"{message_type.type_name}.{field.schema_name}", field.type, count))
         for field in fields_of(message_type)
         if isinstance(field.type, Numbers) and isinstance(count := fields.get(field.name), int)
     }
@@ -84,18 +84,6 @@ def lay_out_in_python(message_type: type[_Message], fields: Mapping[str, object]
     for name, elements in lent.items():
         object.__setattr__(outline, name, elements)
     return PythonLayout(outline.encoded_size(), frozenset(lent), outline)
-
-
-class _Elements:
-    """A placeholder for a lent array whose address is not known yet; the encoder needs only its length."""
-
-    __slots__ = ("_count",)
-
-    def __init__(self, count: int):
-        self._count = count
-
-    def __len__(self) -> int:
-        return self._count
 
 
 def _checked(path: str, kind: Numbers, count: int) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, cast, 
 import numpy as np
 
 from robbie_mp.bus._hot.choice import native
-from robbie_mp.messages.codec.generate import LoanEncoder, generate, generate_loan_encoder
+from robbie_mp.messages.codec.functions import FUNCTIONS
 from robbie_mp.messages.codec.table import tabulate
 from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration, read_fields
 from robbie_mp.messages.errors import DeclarationError, NotAMessage
@@ -26,13 +26,11 @@ if TYPE_CHECKING:
 
 _NATIVE = native()
 """Chosen here, because classes get their functions when they are made, and most are made by imports."""
-GENERATED = ("__new__", "encoded_size", "encode_into", "decode")
-"""The methods that are generated for each class, unless they are in C."""
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 class MessageType(type):
-    """Creates a message class from a class body: fields become slots, and the codec is generated.
+    """Creates a message class from a class body: fields become slots, and the codec is made from them.
 
     Args:
         class_name: the name of the class.
@@ -98,16 +96,14 @@ class MessageType(type):
             ),
             "_constants": declaration.constants,
             "_upgrades": dict(upgrades or {}),
-            "_source": {},
-            "_loan_encoders": {},
         }
         made: Any = super().__new__(metacls, class_name, (*bases, blank), body)
         made._layout = MessageLayout(name, version, declaration.fields, blank, made)
         made.has_views = made._layout.has_views
         made.has_rules = "flaw" in namespace or bool(made._ruled)
         if _NATIVE is not None:
-            codec = _NATIVE.MessageCodec(made, partial(tabulate, made._layout), partial(_generate, made))
-            for function in (*GENERATED, "forget_arrays"):
+            codec = _NATIVE.MessageCodec(made, partial(tabulate, made._layout), partial(_make, made))
+            for function in (*FUNCTIONS, "forget_arrays"):
                 if function not in namespace and (function != "__new__" or "__init__" not in namespace):
                     codec.install(function)
         return cast("MessageType", made)
@@ -165,15 +161,12 @@ class Message(metaclass=MessageType):
     """The fields with messages that have rules, and whether each is a list of them."""
     _constants: ClassVar[tuple[Constant, ...]]
     _upgrades: ClassVar[dict[int, Upgrade]]
-    _source: ClassVar[dict[str, str]]
-    """The source of the functions generated so far, by name; with C, of those that it left something to."""
     _codec: ClassVar[MessageCodec | None] = None
-    """Does in C what the generated functions do, if C is used."""
-    _loan_encoders: ClassVar[dict[frozenset[str], LoanEncoder]]
+    """Does in C what the functions of `robbie_mp.messages.codec` do, if C is used."""
 
-    # Four functions are generated for each class at their first call, by these functions, unless C does them.
+    # Four functions are made for each class at their first call, by these functions, unless C does them.
 
-    def __new__(cls, **fields: Any) -> Self:
+    def __new__(cls, /, **fields: Any) -> Self:
         """Create a message."""
         made: Self = _install(cls, "__new__")(cls, **fields)
         return made
@@ -271,17 +264,17 @@ def _decode_as(message_type: type[Message], data: bytes) -> Message:
 
 
 def _install(message_type: type[Message], name: str) -> Callable[..., Any]:
-    """Generate one of the four functions of a message class, install it in the class, and return it."""
-    made = _generate(message_type, name)
+    """Make one of the four functions of a message class, install it in the class, and return it."""
+    made = _make(message_type, name)
     setattr(message_type, name, staticmethod(made) if name in ("__new__", "decode") else made)
     return made
 
 
-def _generate(message_type: type[Message], name: str) -> Callable[..., Any]:
-    """Generate one of the four functions of a message class, and return it; others it inherits."""
-    if name not in GENERATED:
+def _make(message_type: type[Message], name: str) -> Callable[..., Any]:
+    """Make one of the four functions of a message class, and return it; others it inherits."""
+    if name not in FUNCTIONS:
         return cast("Callable[..., Any]", getattr(Message, name))
-    made, message_type._source[name] = generate(message_type._layout, name)
+    made = FUNCTIONS[name](message_type._layout)
     made.__doc__ = getattr(Message, name).__doc__
     made.__qualname__ = f"{message_type.__qualname__}.{name}"
     return made
@@ -301,17 +294,6 @@ def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
 def nested(message_type: type[Message]) -> Nested:
     """Return the field type for a message nested in another."""
     return Nested(message_type._layout)
-
-
-def loan_encoder(message_type: type[Message], loaned: frozenset[str]) -> LoanEncoder:
-    """Return the function that encodes a message except the elements of the sequences named in `loaned`.
-
-    It is generated at the first call, and kept by the class.
-    """
-    known = message_type._loan_encoders
-    if loaned not in known:
-        known[loaned] = generate_loan_encoder(message_type._layout, loaned)
-    return known[loaned]
 
 
 _Message = TypeVar("_Message", bound=Message)

@@ -26,9 +26,9 @@ MAX_TEXT_BYTES = 256 << 10
 """Longest definition with all types in it, including comments."""
 MAX_LINE_CHARACTERS = 4096
 MAX_FIELDS = 5000
-"""Most fields of a message with all nested messages: code is generated for each of them."""
+"""Most fields of a message with all nested messages: the codec has something for each of them."""
 MAX_NESTING = 16
-"""Deepest nesting of messages; generated code has a loop for each list, and Python allows 20 nested ones."""
+"""Deepest nesting of messages: the codec calls itself for each."""
 MAX_FIXED_BYTES = 64 << 20
 """Largest message with empty sequences: the memory that a message takes before any field is set."""
 OBJECT_BYTES = 64

@@ -1,8 +1,5 @@
 """The encoding, byte for byte, where other readers are silent; and where it is written."""
 
-import inspect
-import traceback
-
 import numpy as np
 import pytest
 
@@ -21,7 +18,6 @@ from robbie_mp.messages import (
     message_type_from_schema,
     uint8,
 )
-from robbie_mp.messages.codec.generate import generate
 
 
 class Empty(Message, name="test_msgs/msg/Empty"):
@@ -33,7 +29,7 @@ class Fleet(Message, name="test_msgs/msg/Fleet"):
 
 
 class Awkward(Message, name="test_msgs/msg/Awkward"):
-    """Fields named as what generated code uses."""
+    """Fields named as what the codec uses."""
 
     type: uint8
     len: str
@@ -57,7 +53,7 @@ def test_a_message_without_fields_is_one_byte() -> None:
         Empty.decode(b"\x00\x01\x00\x00")
 
 
-def test_fields_may_be_named_like_what_generated_code_uses() -> None:
+def test_fields_may_be_named_like_what_the_codec_uses() -> None:
     message = Awkward(type=3, len="abc", range=["d", "ef"], bytes=1.5)
     assert Awkward.decode(message.encode()) == message
 
@@ -128,16 +124,3 @@ def test_up_to_three_bytes_may_follow_a_message() -> None:
 
 def test_an_empty_string_may_come_without_its_nul() -> None:
     assert Header.decode(b"\x00\x01\x00\x00" + bytes(12)) == Header()
-
-
-def test_the_generated_code_can_be_read() -> None:
-    """Where C does the common case, too: what it leaves to Python is generated, and tracebacks show it."""
-    made, source = generate(Header._layout, "encode_into")
-    assert "def encode_into" in source
-    assert inspect.getsource(made) == source
-    assert "Write the encoding" in (Header.encode_into.__doc__ or "")
-    with pytest.raises(DecodeError) as caught:
-        Header.decode(b"")
-    assert "def decode" in Header._source["decode"]
-    text = "".join(traceback.format_exception(caught.value))
-    assert "<decode of std_msgs/msg/Header version 1>" in text and "raise _locate_failure" in text

@@ -94,7 +94,7 @@ def test_the_loaned_elements_are_not_written() -> None:
 def test_a_large_loan_allocates_no_memory_for_its_elements() -> None:
     size = 6_000_000
     buffer = memoryview(bytearray(size + 1000))
-    lay_out(Image, {"data": size}).write(buffer)  # generates code
+    lay_out(Image, {"data": size}).write(buffer)  # makes the encoder
     tracemalloc.start()
     try:
         layout = lay_out(Image, {"data": size})

@@ -1,4 +1,4 @@
-"""The codec written in C does what the generated Python does: the same bytes, messages and errors."""
+"""The codec written in C does what Python does: the same bytes, messages and errors."""
 
 import array
 import gc

@@ -12,7 +12,7 @@ static struct message_codec *codec_of_message(PyObject *message)
     return codec;
 }
 
-/* Call a generated function with `self` before the arguments; `values` as in a vectorcall. */
+/* Call a function in Python with `self` before the arguments; `values` as in a vectorcall. */
 static PyObject *call_python(struct message_codec *codec, enum message_function function, PyObject *self,
                              PyObject *const *values, Py_ssize_t count, PyObject *names)
 {

@@ -202,11 +202,11 @@ int codec_describe(struct message_codec *codec)
 PyObject *codec_python(struct message_codec *codec, enum message_function function)
 {
     if (codec->python[function] == NULL) {
-        if (codec->generated == NULL) {
+        if (codec->make == NULL) {
             PyErr_SetString(PyExc_RuntimeError, "the message class is being deleted");
             return NULL;
         }
-        codec->python[function] = PyObject_CallFunction(codec->generated, "s", FUNCTION_NAMES[function]);
+        codec->python[function] = PyObject_CallFunction(codec->make, "s", FUNCTION_NAMES[function]);
     }
     return codec->python[function];
 }
@@ -215,17 +215,17 @@ PyObject *codec_python(struct message_codec *codec, enum message_function functi
 
 static PyObject *codec_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords)
 {
-    PyObject *message_type, *describe_, *generated;
-    static char *names[] = {"message_type", "describe", "generated", NULL};
+    PyObject *message_type, *describe_, *make;
+    static char *names[] = {"message_type", "describe", "make", NULL};
     if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "O!OO", names, &PyType_Type, &message_type,
-                                     &describe_, &generated))
+                                     &describe_, &make))
         return NULL;
     struct message_codec *codec = (struct message_codec *)type->tp_alloc(type, 0);
     if (codec == NULL)
         return NULL;
     codec->message_type = (PyTypeObject *)Py_NewRef(message_type);
     codec->describe = Py_NewRef(describe_);
-    codec->generated = Py_NewRef(generated);
+    codec->make = Py_NewRef(make);
     return (PyObject *)codec;
 }
 
@@ -234,7 +234,7 @@ static int codec_traverse(PyObject *self, visitproc visit, void *arg)
     struct message_codec *codec = (struct message_codec *)self;
     Py_VISIT(codec->message_type);
     Py_VISIT(codec->describe);
-    Py_VISIT(codec->generated);
+    Py_VISIT(codec->make);
     for (size_t index = 0; index < Py_ARRAY_LENGTH(codec->python); index++)
         Py_VISIT(codec->python[index]);
     for (struct message_field *field = codec->fields; field < codec->fields + codec->count; field++) {
@@ -256,7 +256,7 @@ static int codec_clear(PyObject *self)
     codec->is_described = false;
     free_fields(fields, count);
     Py_CLEAR(codec->describe);
-    Py_CLEAR(codec->generated);
+    Py_CLEAR(codec->make);
     for (size_t index = 0; index < Py_ARRAY_LENGTH(codec->python); index++)
         Py_CLEAR(codec->python[index]);
     Py_CLEAR(codec->message_type);

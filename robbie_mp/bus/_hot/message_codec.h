@@ -1,5 +1,5 @@
-/* Messages as C sees them: what codec/generate.py generates for each message class, done from a table of its
- * fields. Whatever is uncommon or wrong is left to the generated Python, which also words the errors. */
+/* Messages as C sees them: what messages/codec does in Python, done from a table of the fields of each message
+ * class. Whatever is uncommon or wrong is left to Python, which also words the errors. */
 #ifndef ROBBIE_MESSAGE_CODEC_H
 #define ROBBIE_MESSAGE_CODEC_H
 
@@ -31,7 +31,7 @@ struct message_codec {
     PyObject_HEAD
     PyTypeObject *message_type;
     PyObject *describe;  /* called once: returns the fields of the class */
-    PyObject *generated; /* called with the name of a function: returns it, generated in Python */
+    PyObject *make; /* called with the name of a function: returns it, in Python */
     PyObject *python[5]; /* these functions, as far as they were needed */
     bool is_installed[5]; /* whether the class has ours, and none of its own */
     bool is_described;
@@ -41,10 +41,10 @@ struct message_codec {
     struct message_field *fields;
 };
 
-/* The functions of a message class that the generated Python has too. */
+/* The functions of a message class that Python has too. */
 enum message_function { FUNCTION_NEW, FUNCTION_SIZE, FUNCTION_ENCODE, FUNCTION_DECODE, FUNCTION_FORGET };
 
-/* The generated function, borrowed; NULL with an exception set. */
+/* The function in Python, borrowed; NULL with an exception set. */
 PyObject *codec_python(struct message_codec *codec, enum message_function function);
 
 extern PyMethodDef codec_methods[];

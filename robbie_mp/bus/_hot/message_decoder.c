@@ -1,4 +1,4 @@
-/* Decodes messages; the same as codec/decoder.py. Whatever is wrong with the bytes is left to Python, which
+/* Decodes messages; the same as codec/fields.py. Whatever is wrong with the bytes is left to Python, which
  * finds the place and words the error. */
 #include "message_codec.h"
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Encodes messages, and measures the encoding; the same as codec/encoder.py and codec/sizer.py for messages
+/* Encodes messages, and measures the encoding; the same as codec/fields.py for messages
  * whose fields nobody has changed. All functions return -1, or false, for what is left to Python. */
 #include "message_codec.h"
 #include <string.h>

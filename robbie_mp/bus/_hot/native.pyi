@@ -66,14 +66,14 @@ class MessageCodec:
     Args:
         message_type: the class.
         describe: called at the first use; returns the fields, as `tabulate` does.
-        generated: given the name of a function, returns the one that was generated in Python.
+        make: given the name of a function, returns the one in Python.
     """
 
     def __init__(
         self,
         message_type: type[Any],
         describe: Callable[[], tuple[Any, ...]],
-        generated: Callable[[str], Callable[..., Any]],
+        make: Callable[[str], Callable[..., Any]],
     ) -> None: ...
     def install(self, name: str, /) -> None:
         """Give the class `__new__`, `encoded_size`, `encode_into`, `decode` or `forget_arrays`."""

@@ -1,4 +1,4 @@
-"""Converts encoded messages to ROS 1's serialisation and back, with code that is generated for each type.
+"""Converts encoded messages to ROS 1's serialisation and back, by a list of steps for each type.
 
 Both are the same values in the same order. ROS 1 has neither encapsulation nor alignment, its strings end
 without a NUL, its headers begin with a sequence number, and its empty messages are empty.
@@ -9,42 +9,30 @@ https://wiki.ros.org/ROS/Technical%20Overview#Message_serialization_and_msg_MD5_
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Callable, Iterator
-from functools import cache, partial
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import groupby
 from struct import Struct
-from typing import TYPE_CHECKING, NamedTuple, cast
+from struct import error as StructError
+from typing import TYPE_CHECKING, NamedTuple
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.connect.ros1.definitions import HEADER, definition, md5, ros1_name
 from robbie_mp.messages import DecodeError, Message
-from robbie_mp.messages.codec.decoder import MAX_TRAILING_BYTES
-from robbie_mp.messages.codec.encoder import CDR_LITTLE_ENDIAN
-from robbie_mp.messages.codec.placement import LARGEST_ALIGNMENT, Placement, padding
-from robbie_mp.messages.codec.plan import (
-    ROOT,
-    Encapsulation,
-    Filler,
-    FixedNumbers,
-    Length,
-    Loop,
-    NumbersBody,
-    Plan,
-    Run,
-    RunItem,
-    Value,
-    plan_message,
+from robbie_mp.messages.codec.cdr import (
+    CDR_LITTLE_ENDIAN,
+    ENCAPSULATION_SIZE,
+    LARGEST_ALIGNMENT,
+    MAX_TRAILING_BYTES,
+    padding,
 )
-from robbie_mp.messages.codec.source import Source
-from robbie_mp.messages.codec.step_writer import StepWriter
-from robbie_mp.messages.field_types import Text
-from robbie_mp.messages.message import fields_of
+from robbie_mp.messages.codec.fields import WORD
+from robbie_mp.messages.field_types import Items, MessageLayout, Nested, Numbers, Primitive, Text
+from robbie_mp.messages.message import nested
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
-
-_EXACT = {"f": "I", "d": "Q", "?": "B"}
-"""Codes of the struct module that keep every bit, also of a NaN."""
 
 
 class ConversionError(RobbieError, ValueError):
@@ -79,7 +67,15 @@ class Ros1Type(NamedTuple):
         Raises:
             ConversionError: the bytes do not encode a message of this type.
         """
-        return _converter(self.message_type, _ToRos1)(data, sequence)
+        job = _Job(data, sequence)
+        try:
+            _take_encapsulation(job)
+            for step in _steps_of(self.message_type):
+                step.to_ros1(job)
+            job.check_left(MAX_TRAILING_BYTES)
+        except (ValueError, StructError) as error:
+            raise self._error(job, error) from None
+        return b"".join(job.parts)
 
     def from_ros1(self, data: Buffer) -> bytes:
         """Return the encoding of a message that ROS 1 has serialised; a module can decode it.
@@ -87,12 +83,25 @@ class Ros1Type(NamedTuple):
         Raises:
             ConversionError: the bytes are no message of this type.
         """
-        encoded = _converter(self.message_type, _FromRos1)(data, 0)
+        job = _Job(data, 0)
+        try:
+            job.put(CDR_LITTLE_ENDIAN)
+            for step in _steps_of(self.message_type):
+                step.from_ros1(job)
+            job.check_left(0)
+        except (ValueError, StructError) as error:
+            raise self._error(job, error) from None
+        return self._checked(b"".join(job.parts))
+
+    def _checked(self, encoded: bytes) -> bytes:
         try:
             self.message_type.decode(encoded)
         except DecodeError as error:
             raise ConversionError(str(error)) from None
         return encoded
+
+    def _error(self, job: _Job, error: Exception) -> ConversionError:
+        return ConversionError(f"{len(job.data)} bytes are no {self.name} message: {error}")
 
 
 @cache
@@ -102,249 +111,253 @@ def ros1_type(message_type: type[Message]) -> Ros1Type:
     return Ros1Type(name, md5(message_type), definition(message_type), message_type)
 
 
-Converter = Callable[["Buffer", int], bytes]
+class _Job:
+    """The conversion of one message.
+
+    Attributes:
+        data: the given bytes.
+        sequence: the number for the header of the message in ROS 1.
+        read: how many bytes have been read.
+        parts: the bytes made so far.
+        written: how many these are, if they are an encoding.
+    """
+
+    def __init__(self, data: Buffer, sequence: int):
+        self.data = memoryview(data).cast("B")
+        self.sequence = sequence
+        self.read = 0
+        self.parts: list[bytes | memoryview] = []
+        self.written = 0
+
+    def word(self) -> int:
+        """Read a length word."""
+        (word,) = WORD.unpack_from(self.data, self.read)
+        self.read += WORD.size
+        return int(word)
+
+    def encoded_word(self) -> int:
+        """Read a length word of an encoding, which is aligned."""
+        self.read += -self.read % WORD.size
+        return self.word()
+
+    def take(self, size: int) -> memoryview:
+        """Read bytes.
+
+        Raises:
+            ValueError: there are fewer.
+        """
+        if self.read + size > len(self.data):
+            raise ValueError("it ends too early")
+        self.read += size
+        return self.data[self.read - size : self.read]
+
+    def put(self, part: bytes | memoryview) -> None:
+        """Write bytes of an encoding."""
+        self.parts.append(part)
+        self.written += len(part)
+
+    def put_encoded_word(self, word: int) -> None:
+        """Write a length word of an encoding, aligned."""
+        self.put(bytes(-self.written % WORD.size) + WORD.pack(word))
+
+    def check_left(self, most: int) -> None:
+        """Check that at most this number of bytes is left.
+
+        Raises:
+            ValueError: there are more.
+        """
+        if len(self.data) - self.read > most:
+            raise ValueError("bytes behind the last field")
+
+
+class _Step(ABC):
+    """Converts the next bytes of a message.
+
+    What is read in `to_ros1`, and written in `from_ros1`, is the encoding, and aligned.
+    """
+
+    @abstractmethod
+    def to_ros1(self, job: _Job) -> None:
+        """Read an encoding, write ROS 1's serialisation."""
+
+    @abstractmethod
+    def from_ros1(self, job: _Job) -> None:
+        """Read ROS 1's serialisation, write an encoding."""
+
+
+class _SequenceNumber(_Step):
+    """The first field of a header in ROS 1."""
+
+    def __init__(self, is_outermost: bool):
+        self._is_outermost = is_outermost
+
+    def to_ros1(self, job: _Job) -> None:
+        job.parts.append(WORD.pack(job.sequence if self._is_outermost else 0))
+
+    def from_ros1(self, job: _Job) -> None:
+        job.take(WORD.size)
+
+
+class _Filler(_Step):
+    """The byte of an empty message, which ROS 1 does not have."""
+
+    def to_ros1(self, job: _Job) -> None:
+        job.take(1)
+
+    def from_ros1(self, job: _Job) -> None:
+        job.put(b"\0")
+
+
+class _Fixed(NamedTuple):
+    """Elements that are the same bytes in both; the alignment is the size of one."""
+
+    alignment: int
+    size: int
+
+
+class _Run(_Step):
+    """All that is of fixed size until something is not."""
+
+    def __init__(self, items: Sequence[_Fixed]):
+        self._structs = [_lay_out(items, start) for start in range(LARGEST_ALIGNMENT)]
+
+    def to_ros1(self, job: _Job) -> None:
+        encoded, _ = self._structs[job.read % LARGEST_ALIGNMENT]
+        job.parts += encoded.unpack_from(job.data, job.read)
+        job.read += encoded.size
+
+    def from_ros1(self, job: _Job) -> None:
+        encoded, serialised = self._structs[job.written % LARGEST_ALIGNMENT]
+        job.put(encoded.pack(*serialised.unpack_from(job.data, job.read)))
+        job.read += serialised.size
+
+
+class _Text(_Step):
+    """A string: in ROS 1 without the NUL, which its length does not count either."""
+
+    def to_ros1(self, job: _Job) -> None:
+        length = job.encoded_word()
+        octets = job.take(length)
+        if length and octets[-1]:
+            raise ValueError("no NUL at the end of a string")
+        job.parts += (WORD.pack(max(length - 1, 0)), octets[:-1])
+
+    def from_ros1(self, job: _Job) -> None:
+        octets = bytes(job.take(job.word()))
+        if 0 in octets:
+            raise ValueError("a NUL within a string")
+        job.put_encoded_word(len(octets) + 1)
+        job.put(octets + b"\0")
+
+
+class _Sequence(_Step):
+    """An array of primitives of this size, of variable length."""
+
+    def __init__(self, size: int):
+        self._size = size
+
+    def to_ros1(self, job: _Job) -> None:
+        count = job.encoded_word()
+        job.parts.append(WORD.pack(count))
+        if count:
+            job.read += padding(job.read, self._size)
+            job.parts.append(job.take(count * self._size))
+
+    def from_ros1(self, job: _Job) -> None:
+        count = job.word()
+        job.put_encoded_word(count)
+        if count:
+            job.put(bytes(padding(job.written, self._size)))
+            job.put(job.take(count * self._size))
+
+
+class _List(_Step):
+    """A list of strings or messages; `length` is None for one of variable length."""
+
+    def __init__(self, length: int | None, steps: Sequence[_Step]):
+        self._length = length
+        self._steps = steps
+
+    def to_ros1(self, job: _Job) -> None:
+        count = self._length
+        if count is None:
+            count = _possible(job, job.encoded_word())
+            job.parts.append(WORD.pack(count))
+        for _ in range(count):
+            for step in self._steps:
+                step.to_ros1(job)
+
+    def from_ros1(self, job: _Job) -> None:
+        count = self._length
+        if count is None:
+            count = _possible(job, job.word())
+            job.put_encoded_word(count)
+        for _ in range(count):
+            for step in self._steps:
+                step.from_ros1(job)
 
 
 @cache
-def _converter(message_type: type[Message], writer: type[_Writer]) -> Converter:
-    source = Source()
-    source.name("_failure", ConversionError)
-    source.name("_explain", partial(_explain, ros1_name(message_type.type_name)))
-    plan = plan_message(fields_of(message_type))
-    writer(source, set(_headers(message_type, plan)), message_type).write(plan)
-    made = source.compile(f"<{writer.__name__} of {message_type.type_name} version {message_type.version}>")
-    return cast("Converter", made["convert"])
+def _steps_of(message_type: type[Message]) -> list[_Step]:
+    return _steps(nested(message_type).layout, is_outermost=True)
 
 
-def _explain(name: str, data: Buffer, error: Exception) -> str:
-    return f"{len(memoryview(data))} bytes are no {name} message: {error}"
-
-
-def _headers(message_type: type[Message], plan: Plan) -> Iterator[str]:
-    """Return the variable of the first field of each header in a message."""
-    if message_type.type_name == HEADER:
-        yield _first(ROOT)
-    yield from _nested_headers(plan)
-
-
-def _nested_headers(plan: Plan) -> Iterator[str]:
-    for structure in plan.structures:
-        if structure.type.layout.type_name == HEADER:
-            yield _first(structure.value)
-    for step in plan.steps:
-        if isinstance(step, Loop):
-            yield from _nested_headers(step.body)
-
-
-def _first(header: Value) -> str:
-    return header.member("stamp").member("sec").variable
-
-
-class _Writer(StepWriter):
-    """Appends the function `convert(_buffer, _sequence)`.
-
-    The position in the encoding is the cursor's. `_j` is the position in what ROS 1 has serialised.
-    """
-
-    def __init__(self, source: Source, headers: set[str], message_type: type[Message]):
-        super().__init__(source)
-        self._headers = headers
-        own = ROOT if message_type.type_name == HEADER else ROOT.member("header")
-        self._outermost = _first(own)
-
-    def write(self, plan: Plan) -> None:
-        line, block = self.source.line, self.source.block
-        with block("def convert(_buffer, _sequence):"):
-            with block("try:"):
-                line('_data = _memoryview(_buffer).cast("B")')
-                line("_end = _len(_data)")
-                line("_parts = []")
-                line("_append = _parts.append")
-                self.body(plan)
-                line('return b"".join(_parts)')
-            with block("except _Exception as _error:"):
-                line("raise _failure(_explain(_buffer, _error)) from None")
-
-    @abstractmethod
-    def body(self, plan: Plan) -> None:
-        """Append the code for all steps, and the check that nothing is left."""
-
-    def encoded(self, run: Run, start: int) -> Struct:
-        """Return the struct of a run in an encoding, from a position on."""
-        position, format_ = start, "<"
-        for item in run.items:
-            gap = padding(position, item.primitive.size)
-            code, size = _code(item)
-            format_ += "x" * gap + code
-            position += gap + size
-        return Struct(format_)
-
-    def serialised(self, run: Run, *, skip_sequence: bool) -> Struct:
-        """Return the struct of a run in ROS 1."""
-        format_ = "<"
-        for item in run.items:
-            if self.begins_header(item):
-                format_ += "4x" if skip_sequence else "I"
-            if not isinstance(item, Encapsulation | Filler):
-                format_ += _code(item)[0]
-        return Struct(format_)
-
-    def begins_header(self, item: RunItem) -> bool:
-        """Whether a sequence number comes before an item in ROS 1."""
-        return not isinstance(item, Encapsulation | Filler | Length) and item.value.variable in self._headers
-
-    def structs(self, run: Run, placements: dict[int, Placement], method: str) -> str:
-        """Return the expression for `pack` or `unpack_from` of a run in the encoding, at the cursor.
-
-        Where the position is not known, a line that sets `_here` and `_size` comes before.
-        """
-        made = {start: getattr(self.encoded(run, start), method) for start in placements}
-        if len(made) == 1:
-            return self.source.name("_encoded", *made.values())
-        entries = tuple(
-            (made[start], placements[start].size) if start in made else None
-            for start in range(LARGEST_ALIGNMENT)
-        )
-        table = self.source.name("_encodings", entries)
-        self.source.line(f"_here, _size = {table}[{self.cursor.expression} & 7]")
-        return "_here"
-
-    def advance(self, placements: dict[int, Placement]) -> None:
-        """Move the cursor past a run."""
-        if len(placements) == 1:
-            self.cursor.advance(next(iter(placements.values())).size)
+def _steps(layout: MessageLayout, *, is_outermost: bool) -> list[_Step]:
+    steps: list[_Step] = []
+    for is_fixed, group in groupby(_items(layout, is_outermost), lambda item: isinstance(item, _Fixed)):
+        if is_fixed:
+            steps.append(_Run([item for item in group if isinstance(item, _Fixed)]))
         else:
-            self.cursor.advance_by_table(placements, "_size")
-
-    def loop(self, loop: Loop) -> None:
-        count = f"{loop.value.length}" if loop.length is None else str(loop.length)
-        if loop.length is None:
-            with self.source.block(f"if {count} > _end:"):
-                self.source.line('raise _ValueError("a list is longer than the message")')
-        with self.cursor.loop(loop), self.source.block(f"for _ in _range({count}):"):
-            self.steps(loop.body)
-
-    def cut(self, start: str, stop: str) -> None:
-        """Append the line that passes bytes on."""
-        with self.source.block("if _stop > _end:"):
-            self.source.line('raise _ValueError("it ends too early")')
-        self.source.line(f"_append(_data[{start}:{stop}])")
+            steps += [item for item in group if isinstance(item, _Step)]
+    return steps
 
 
-class _ToRos1(_Writer):
-    def body(self, plan: Plan) -> None:
-        self.steps(plan)
-        with self.source.block(f"if _end - {self.cursor.expression} > {MAX_TRAILING_BYTES}:"):
-            self.source.line('raise _ValueError("bytes behind the last field")')
+def _items(layout: MessageLayout, is_outermost: bool) -> Iterator[_Fixed | _Step]:
+    """Yield the items of a message and of those nested in it, in order.
 
-    def run(self, run: Run, placements: dict[int, Placement]) -> None:
-        unpack = self.structs(run, placements, "unpack_from")
-        names = ", ".join(map(_variable, filter(_has_value, run.items)))
-        call = f"{unpack}(_data, {self.cursor.expression})"
-        self.source.line(f"[{names}] = {call}" if names else call)
-        if any(isinstance(item, Encapsulation) for item in run.items):
-            with self.source.block(f"if _encapsulation & 0xFFFF != 0x{CDR_LITTLE_ENDIAN:04x}:"):
-                self.source.line('raise _ValueError("it does not begin with 00 01")')
-        self.advance(placements)
-        values = list(self._values(run))
-        if values:
-            pack = self.source.name("_pack", self.serialised(run, skip_sequence=False).pack)
-            self.source.line(f"_append({pack}({', '.join(values)}))")
-
-    def _values(self, run: Run) -> Iterator[str]:
-        for item in run.items:
-            if self.begins_header(item):
-                yield "_sequence" if _variable(item) == self._outermost else "0"
-            if isinstance(item, Length) and isinstance(item.type, Text):
-                yield f"{_variable(item)} - 1"
-            elif not isinstance(item, Encapsulation | Filler):
-                yield _variable(item)
-
-    def text(self, value: Value) -> None:
-        start = self.cursor.expression
-        self.source.line(f"_stop = {start} + {value.length}")
-        self.cut(start, "_stop - 1")
-        with self.source.block("if _data[_stop - 1]:"):
-            self.source.line('raise _ValueError("no NUL at the end of a string")')
-        self.cursor.move_past_text("_stop")
-
-    def numbers(self, step: NumbersBody) -> None:
-        self.cursor.materialise()
-        with self.source.block(f"if {step.value.length}:"):
-            self.cursor.align_numbers(step.element.size)
-            self.source.line(f"_stop = _i + {step.value.length} * {step.element.size}")
-            self.cut("_i", "_stop")
-            self.source.line("_i = _stop")
-        self.cursor.move_past_numbers(step.element.size)
+    `is_outermost` is whether its header, or it itself, is the one with the sequence number.
+    """
+    if layout.type_name == HEADER:
+        yield _SequenceNumber(is_outermost)
+    if not layout.fields:
+        yield _Filler()
+    for field in layout.fields:
+        match field.type:
+            case Primitive(size=size):
+                yield _Fixed(size, size)
+            case Numbers(element=element, length=None):
+                yield _Sequence(element.size)
+            case Numbers(element=element, length=int(length)):
+                yield _Fixed(element.size, element.size * length)
+            case Text():
+                yield _Text()
+            case Nested(layout=inner):
+                is_header = field.name == "header" and inner.type_name == HEADER
+                yield from _items(inner, is_outermost and is_header)
+            case Items(element=Text(), length=count):
+                yield _List(count, [_Text()])
+            case Items(element=Nested(layout=inner), length=count):
+                yield _List(count, _steps(inner, is_outermost=False))
 
 
-class _FromRos1(_Writer):
-    def body(self, plan: Plan) -> None:
-        self.source.line("_j = 0")
-        self.steps(plan)
-        with self.source.block("if _j != _end:"):
-            self.source.line('raise _ValueError("bytes behind the last field")')
-
-    def run(self, run: Run, placements: dict[int, Placement]) -> None:
-        struct = self.serialised(run, skip_sequence=True)
-        items = [item for item in run.items if not isinstance(item, Encapsulation | Filler)]
-        if struct.size:
-            names = ", ".join(map(_variable, items))
-            unpack = self.source.name("_unpack", struct.unpack_from)
-            self.source.line(f"[{names}] = {unpack}(_data, _j)")
-            self.source.line(f"_j += {struct.size}")
-        pack = self.structs(run, placements, "pack")
-        self.source.line(f"_append({pack}({', '.join(filter(None, map(_packed, run.items)))}))")
-        self.advance(placements)
-
-    def text(self, value: Value) -> None:
-        self.source.line(f"_stop = _j + {value.length}")
-        self.cut("_j", "_stop")
-        with self.source.block("if 0 in _parts[-1]:"):
-            self.source.line('raise _ValueError("a NUL within a string")')
-        self.source.line(r'_append(b"\0")')
-        self.source.line("_j = _stop")
-        self.cursor.move_past_text(f"{self.cursor.expression} + {value.length} + 1")
-
-    def numbers(self, step: NumbersBody) -> None:
-        self.cursor.materialise()
-        with self.source.block(f"if {step.value.length}:"):
-            self.cursor.align_numbers(step.element.size, r'_append(b"\0\0\0\0")')
-            self.source.line(f"_stop = _j + {step.value.length} * {step.element.size}")
-            self.cut("_j", "_stop")
-            self.source.line("_i += _stop - _j")
-            self.source.line("_j = _stop")
-        self.cursor.move_past_numbers(step.element.size)
+def _lay_out(items: Sequence[_Fixed], start: int) -> tuple[Struct, Struct]:
+    """Return the structs of a run that begins at a position: in the encoding, and in ROS 1."""
+    position, encoded, serialised = start, "<", "<"
+    for item in items:
+        gap = padding(position, item.alignment)
+        encoded += f"{gap}x{item.size}s"
+        serialised += f"{item.size}s"
+        position += gap + item.size
+    return Struct(encoded), Struct(serialised)
 
 
-def _code(item: RunItem) -> tuple[str, int]:
-    """Return the code of an item in the struct module, and its size."""
-    if isinstance(item, FixedNumbers):
-        return f"{item.size}s", item.size
-    if isinstance(item, Filler):
-        return "x", 1
-    return _EXACT.get(item.primitive.code, item.primitive.code), item.primitive.size
+def _take_encapsulation(job: _Job) -> None:
+    if job.take(ENCAPSULATION_SIZE)[:2] != CDR_LITTLE_ENDIAN[:2]:
+        raise ValueError("it does not begin with 00 01")
 
 
-def _has_value(item: RunItem) -> bool:
-    return not isinstance(item, Filler)
-
-
-def _variable(item: RunItem) -> str:
-    match item:
-        case Encapsulation():
-            return "_encapsulation"
-        case Length():
-            return item.value.length
-        case Filler():
-            return ""
-        case _:
-            return item.value.variable
-
-
-def _packed(item: RunItem) -> str:
-    """Return the value of an item in the encoding; "" for an item that only takes space."""
-    if isinstance(item, Encapsulation):
-        return f"0x{CDR_LITTLE_ENDIAN:04x}"
-    is_text = isinstance(item, Length) and isinstance(item.type, Text)
-    return f"{_variable(item)} + 1" if is_text else _variable(item)
+def _possible(job: _Job, count: int) -> int:
+    """Return the number of elements of a list, if the message can have as many."""
+    if count > len(job.data):
+        raise ValueError("a list is longer than the message")
+    return count

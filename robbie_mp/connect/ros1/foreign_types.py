@@ -34,7 +34,7 @@ from robbie_mp.messages.schema_parser import (
 )
 
 MAX_FIELDS = 2000
-"""Most fields of a type, with those of all types in it: code is generated for each."""
+"""Most fields of a type, with those of all types in it: the codec has something for each."""
 MAX_TYPES = 256
 """Most types in a definition."""
 MAX_VALUES = 1_000_000

@@ -1,1 +1,1 @@
-"""XCDR1 little endian, generated: for each message type its own encoder, decoder, sizer and constructor."""
+"""XCDR1 little endian: what makes, encodes, measures and decodes the messages of each type."""

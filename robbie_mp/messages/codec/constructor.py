@@ -1,4 +1,4 @@
-"""Writes the constructor, which ensures that every existing message can be encoded.
+"""Makes the constructor, which ensures that every existing message can be encoded.
 
 It also converts values to what a decoder returns (a float32 field holds a float32 value, an integer is an
 `int`), so that publisher and subscriber see the same message.
@@ -6,78 +6,101 @@ It also converts values to what a decoder returns (a float32 field holds a float
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from struct import Struct
+from typing import Any
 
 import numpy as np
 
-from robbie_mp.messages.codec.source import Source
-from robbie_mp.messages.field_types import Field, Items, MessageLayout, Nested, Numbers, Primitive, Text
+from robbie_mp.messages.field_types import Field, FieldType, MessageLayout, Nested, Numbers, Primitive, Text
+from robbie_mp.messages.fitting import fit
+
+Values = dict[str, Any]
+Named = Iterable[tuple[str, Any]]
 
 
-def write_constructor(source: Source, layout: MessageLayout) -> None:
-    """Append the function `__new__(cls, *, field=default, …)`.
+def constructor(layout: MessageLayout) -> Callable[..., Any]:
+    """Return the function `__new__(cls, *, field=default, …)`."""
+    defaults = {field.name: field.default for field in layout.fields}
+    fit_numbers = _number_fitter(layout, [field for field in layout.fields if _is_number(field)])
+    others = [(field, field.name, _holder(field.type)) for field in layout.fields if not _is_number(field)]
+    blank, final = layout.blank, layout.final
 
-    The lines expect a name `_fit`: given the name of a field and a value it returns what the field can hold,
-    or raises a FieldError.
-    """
-    fields = layout.fields
-    blank, final = source.name("_Blank", layout.blank), source.name("_message", layout.final)
-    parameters = [f"{field.name}={source.name('_default', field.default)}" for field in fields]
-    with source.block(f"def __new__({', '.join(['_cls', *(['*', *parameters] if fields else [])])}):"):
-        _write_scalars(source, [f for f in fields if isinstance(f.type, Primitive) and f.type.name != "bool"])
-        for field in fields:
-            _write_check(source, field)
-        source.line(f"self = {blank}()")
-        for field in fields:
-            source.line(f"self.{field.name} = {field.name}")
-        source.line(f"self.__class__ = {final}")
-        source.line("return self")
+    def __new__(_cls: type[Any], /, **given: Any) -> Any:
+        values = {**defaults, **given}
+        if len(values) > len(defaults):
+            raise _unknown(final, given.keys() - defaults.keys())
+        self = blank()
+        for name, value in fit_numbers(values):
+            setattr(self, name, value)
+        for field, name, holds in others:
+            value = values[name]
+            setattr(self, name, value if holds(value) else _fitted(layout, field, value))
+        self.__class__ = final
+        return self
 
-
-def _write_check(source: Source, field: Field) -> None:
-    """Append the check of one field; only a value that fails the fast check gets the slow one."""
-    fit = f'{field.name} = _fit("{field.name}", {field.name})'
-    if isinstance(field.type, Items):
-        source.line(fit)
-    elif doubt := _doubt(source, field):
-        with source.block(f"if {doubt}:"):
-            source.line(fit)
+    return __new__
 
 
-def _write_scalars(source: Source, fields: Sequence[Field]) -> None:
-    """Append the check of all numbers at once: pack them and unpack them again."""
-    if not fields:
-        return
-    scalars = Struct("<" + "".join(field.type.code for field in fields if isinstance(field.type, Primitive)))
-    pack, unpack = source.name("_pack_scalars", scalars.pack), source.name("_unpack_scalars", scalars.unpack)
-    names = ", ".join(field.name for field in fields) + ("," if len(fields) == 1 else "")
-    with source.block("try:"):
-        source.line(f"{names} = {unpack}({pack}({names}))")
-    with source.block("except _Exception:"):
-        for field in fields:
-            source.line(f'{field.name} = _fit("{field.name}", {field.name})')
+def _unknown(message_type: type[Any], names: set[str]) -> TypeError:
+    """Return the error that Python raises for arguments of other names."""
+    return TypeError(
+        f"{message_type.__qualname__}.__new__() got an unexpected keyword argument {min(names)!r}"
+    )
 
 
-def _doubt(source: Source, field: Field) -> str:
-    """Return the condition under which a value needs the slow check; "" if it has been checked."""
-    name, kind = field.name, field.type
+def _is_number(field: Field) -> bool:
+    return isinstance(field.type, Primitive) and field.type.name != "bool"
+
+
+def _fitted(layout: MessageLayout, field: Field, value: Any) -> Any:
+    return fit(f"{layout.type_name}.{field.schema_name}", field.type, value)
+
+
+def _number_fitter(layout: MessageLayout, fields: Sequence[Field]) -> Callable[[Values], Named]:
+    """Return what converts all numbers of a message at once: it packs them and unpacks them again."""
+    names = [field.name for field in fields]
+    together = Struct("<" + "".join(f.type.code for f in fields if isinstance(f.type, Primitive)))
+    pack, unpack = together.pack, together.unpack
+
+    def fit_numbers(values: Values) -> Named:
+        try:
+            return zip(names, unpack(pack(*[values[name] for name in names])), strict=True)
+        except Exception:  # whatever a value's own __float__ raises, too: `fit` says which value it was
+            return [(field.name, _fitted(layout, field, values[field.name])) for field in fields]
+
+    return fit_numbers if fields else lambda values: ()
+
+
+def _holder(kind: FieldType) -> Callable[[Any], bool]:
+    """Return a fast check of whether a field can hold a value as it is; False: it needs a closer look."""
     match kind:
-        case Primitive(name="bool"):
-            return f"{name} is not True and {name} is not False"
-        case Text():
-            too_long = "" if kind.max_length is None else f" or _len({name}) > {kind.max_length}"
-            return f'_type({name}) is not _str or not {name}.isascii() or "\\0" in {name}{too_long}'
-        case Nested():
-            return f"_type({name}) is not {source.name(f'_{kind.message.__name__}', kind.message)}"
+        case Primitive():
+            return lambda value: value is True or value is False
+        case Text(max_length=limit):
+            return lambda value: (
+                type(value) is str
+                and value.isascii()
+                and "\0" not in value
+                and (limit is None or len(value) <= limit)
+            )
+        case Nested(layout=layout):
+            return lambda value: type(value) is layout.final
         case Numbers():
-            dtype = source.name(f"_{kind.element}", kind.element.dtype)
-            array = source.name("_ndarray", np.ndarray)
-            if kind.length is not None:
-                shape = f"{name}.shape != ({kind.length},)"
-            else:  # one stride of one element: one-dimensional and without gaps; an empty array has stride 0
-                shape = f"({name}.strides != ({kind.element.size},) and {name}.shape != (0,))"
-            too_long = "" if kind.max_length is None else f" or _len({name}) > {kind.max_length}"
-            return f"_type({name}) is not {array} or {name}.dtype is not {dtype} or {shape}{too_long}"
+            return _array_holder(kind)
         case _:
-            return ""
+            return lambda value: False
+
+
+def _array_holder(kind: Numbers) -> Callable[[Any], bool]:
+    dtype, length, limit, stride = kind.element.dtype, kind.length, kind.max_length, (kind.element.size,)
+
+    def holds(value: Any) -> bool:
+        if type(value) is not np.ndarray or value.dtype is not dtype:
+            return False
+        if length is not None:
+            return bool(value.shape == (length,))
+        # One stride of one element: one-dimensional and without gaps; an empty array has stride 0.
+        return (value.strides == stride or value.shape == (0,)) and (limit is None or len(value) <= limit)
+
+    return holds

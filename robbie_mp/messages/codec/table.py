@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from robbie_mp.messages.codec.decoder import smallest_size
-from robbie_mp.messages.codec.plan import ROOT, Plan
+from robbie_mp.messages.codec.messages import codec_for
 from robbie_mp.messages.field_types import (
     Field,
     FieldType,
@@ -78,9 +77,7 @@ def _row(field: Field) -> Row:
             empty = natural_default(Numbers(element, kind.length))
             return row._replace(code=element.code, size=element.size, dtype=element.dtype, empty=empty)
         case Items(element=element):
-            smallest = Plan()
-            smallest.add(ROOT, element)
-            row = row._replace(smallest_item=smallest_size(smallest))
+            row = row._replace(smallest_item=codec_for(element).smallest)
             if isinstance(element, Text):
                 return row._replace(max_text=_limit(element.max_length))
             return row._replace(message=element.message)
