@@ -2,15 +2,14 @@
 
 import math
 
-from robbie_mp import CallError, setting
+from robbie_mp import setting
 from robbie_robots.modules.devices.simulated_world import DoorMoved, MoveDoor, SharedWorld, SimulatedDevice
+from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.speech_messages import Say
 from robbie_robots.workers.home.household import OPEN_DOOR
 
 HEARS_M = 2.0
 """The robot is heard this far from a door."""
-
-REPEAT_S = 1.0
 
 
 class SimulatedDoorkeeper(SimulatedDevice):
@@ -27,7 +26,8 @@ class SimulatedDoorkeeper(SimulatedDevice):
         """Enter the world; listen."""
         self.world = SharedWorld(self)
         self.doors = self.world.arena.doors
-        self.door, self.due_s, self.asked_s = "", math.inf, -math.inf
+        self.door, self.due_s = "", math.inf
+        self.errand = Errand(self)
         if self.restored:
             self.door, self.due_s = self.restored
         self.subscribe(Say, self.on_say, optional=True)
@@ -49,15 +49,11 @@ class SimulatedDoorkeeper(SimulatedDevice):
             self.status = "waits"
             return
         self.status = f"goes to the door {self.door}"
-        if truth is not None and truth.stamp_s >= max(self.due_s, self.asked_s + REPEAT_S):
-            self.asked_s = truth.stamp_s
-            self.call(MoveDoor(door=self.door, open=True), self._on_moved, self._on_not_moved)
+        if truth is not None and truth.stamp_s >= self.due_s:
+            self.errand.want(f"open {self.door}", MoveDoor(door=self.door, open=True), self._on_moved)
 
     def _on_moved(self, _reply: DoorMoved) -> None:
         self.log.info("opens the door %s", self.door)
         self.door = ""
+        self.errand.forget()
         self.checkpoint(None)
-
-    def _on_not_moved(self, error: CallError) -> None:
-        """Report it; `tick` asks again."""
-        self.log.warning("cannot open the door %s: %s", self.door, error)

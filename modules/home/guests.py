@@ -4,9 +4,10 @@ import json
 import math
 from typing import Any
 
-from robbie_mp import CallError, Header, SentGoal, Time, setting
+from robbie_mp import Header, Time, setting
 from robbie_robots.hw.pose import Pose
 from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.home.messages import WhoIsWho, WhoIsWhoResult
 from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
 from robbie_robots.workers.planar_pose import relative
@@ -41,8 +42,7 @@ class SimulatedGuests(SimulatedDevice):
         self.known: list[str] = kept["known"]
         self.spoke_s: dict[str, float] = kept["spoke_s"]
         self.answer: dict[str, Any] | None = kept["answer"]
-        self.goal: SentGoal | None = None
-        self.asked_s = -math.inf
+        self.errand = Errand(self, ASK_AGAIN_S)
         self.advertise(SpokenOrder)
         self.subscribe(Say, self.on_say, optional=True)
 
@@ -63,8 +63,8 @@ class SimulatedGuests(SimulatedDevice):
             self.began_s = truth.stamp_s
             self._keep()
         self._introduce(truth.stamp_s, truth.pose)
-        if truth.stamp_s - self.began_s >= self.asks_s:
-            self._ask(truth.stamp_s)
+        if truth.stamp_s - self.began_s >= self.asks_s and self.answer is None:
+            self.errand.want("who is who", WhoIsWho(), self._on_answer)
         self.status = f"{len(self.known)} of {len(self.introduce)} guests are known"
 
     def _introduce(self, now_s: float, robot: Pose) -> None:
@@ -86,24 +86,12 @@ class SimulatedGuests(SimulatedDevice):
         slots = [SpokenSlot(name="name", words=name)]
         self.publish(SpokenOrder(header=header, order="name", text=text, slots=slots))
 
-    def _ask(self, now_s: float) -> None:
-        """Ask who is who, and again if the question got lost."""
-        if self.goal is not None or self.answer is not None or now_s - self.asked_s < ASK_AGAIN_S:
-            return
-        self.asked_s = now_s
-        self.goal = self.send_goal(WhoIsWho(), self._on_answer, self._on_no_answer)
-
     def _on_answer(self, result: WhoIsWhoResult) -> None:
-        self.goal = None
         found = [
             {"name": one.name, "x_m": one.position.x, "y_m": one.position.y, "faces": one.faces}
             for one in result.persons
         ]
         self._end({"found": found, "duration_s": result.duration_s})
-
-    def _on_no_answer(self, error: CallError) -> None:
-        self.goal = None
-        self.log.warning("no answer: %s: %s", type(error).__name__, error)
 
     def _end(self, answer: dict[str, Any]) -> None:
         """Note where everybody is at this moment, and end the run."""

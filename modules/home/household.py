@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,11 @@ from robbie_mp import (
     ActiveGoal,
     CallError,
     CallRefused,
-    GoalAborted,
-    GoalCancelled,
+    Goal,
     Header,
     MessageHandling,
     Module,
-    NoServer,
     Request,
-    SentGoal,
     SettingError,
     Time,
     replace,
@@ -37,6 +35,7 @@ from robbie_mp.messages import (
     TaughtNames,
 )
 from robbie_robots.modules.devices.command_age import is_late
+from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.home.messages import (
     CancelOrder,
     CarryOut,
@@ -53,12 +52,9 @@ from robbie_robots.modules.home.messages import (
 )
 from robbie_robots.modules.manipulation.messages import (
     HandOver,
-    HandOverResult,
     HandStatus,
     PickUp,
-    PickUpResult,
     PutDown,
-    PutDownResult,
     StowArm,
     TableObjects,
 )
@@ -76,22 +72,14 @@ from robbie_robots.workers.planar_pose import wrap_angle
 from robbie_robots.workers.speech.order_grammar import WrongGrammar, words_with
 
 CarryOutGoal = ActiveGoal[CarryOut, CarryOutFeedback, CarryOutResult]
-REPEAT_S = 1.0
-"""Time after which a call is repeated whose end an accident has kept from the robot."""
 MAX_POSE_AGE_S = 1.0
 """A place is learnt only from a pose that is not older."""
 SEVERAL = "several"
 """The name of spoken orders that have several tasks."""
-CALL_S = 2.0
 AHEAD_RAD = 0.1
 """Beams at most this far beside the robot's heading tell how far it sees ahead."""
 FOLLOWS_NOBODY = "IDLE"
-RESULTS = {
-    HouseholdState.PICK: PickUpResult,
-    HouseholdState.PUT: PutDownResult,
-    HouseholdState.HAND: HandOverResult,
-}
-"""What the arm's goals of each state end with."""
+OTHERS_DRIVE = {HouseholdState.FOLLOW, HouseholdState.WHO}
 START_S = 20.0
 """Time after which an order of the start that the robot cannot begin is given up."""
 
@@ -154,12 +142,9 @@ class Household(Module):
         self.work.doors = self.doors
         self.open = list(self.start_orders)
         self.active: CarryOutGoal | None = None
-        self.arm: SentGoal | None = None
-        self.arm_task: HouseholdState | None = None
-        self.round: SentGoal | None = None
-        self.arm_stands_out = False
-        self.arm_s = self.round_s = self.asked_s = self.pose_s = -math.inf
-        self.is_asking = self.follows = self.has_taught = False
+        self.places_errand, self.follow_errand, self.errand = Errand(self), Errand(self), Errand(self)
+        self.arm_stands_out = self.follows = self.has_taught = False
+        self.pose_s = -math.inf
         self.began_s = self.accepted_s = self._time_s()
         self.pose: tuple[float, float, float] | None = None
         self.annotations: MapAnnotations | None = None
@@ -246,7 +231,7 @@ class Household(Module):
 
     def _stop_all(self) -> None:
         """End the order and every drive, also those that others have ordered."""
-        says_it_itself = self.work.follows or self.work.asks_who
+        says_it_itself = self.work.state in OTHERS_DRIVE
         had_order = self.on_cancel_order(CancelOrder(reason="was told to stop")).had_order
         if had_order and not says_it_itself:
             self._say("I stop.")
@@ -306,9 +291,9 @@ class Household(Module):
     def on_following(self, message: Following) -> None:
         """Notice that the robot follows nobody any more."""
         self.following = message.state
-        if self.follows and self.work.follows and message.state == FOLLOWS_NOBODY:
+        if self.follows and self.work.state is HouseholdState.FOLLOW and message.state == FOLLOWS_NOBODY:
             self.follows = False
-            self.work.follow_ended(message.reason == "was told to stop", message.reason)
+            self.work.ended(message.reason == "was told to stop", message.reason)
 
     # -- what it does --------------------------------------------------------------------------------------
 
@@ -321,11 +306,9 @@ class Household(Module):
         work.step()
         for text in work.sayings():
             self._say(text)
-        self._drive()
-        self._tell_arm()
-        self._learn()
         self._follow()
-        self._look_who()
+        self._drive()
+        self._have_done()
         self._tell_client()
         self._keep()
         self._tell()
@@ -358,36 +341,58 @@ class Household(Module):
             self.log.error("cannot carry out %r: %s", text, error)
         self.open.pop(0)
 
-    def _ask(
-        self, request: Request[Any], done: Callable[[Any], None], failed: Callable[[CallError], None]
-    ) -> None:
-        """Send a request, unless one is under way or has just failed."""
-        if self.is_asking or self._time_s() - self.asked_s < REPEAT_S:
+    # -- what other modules do -----------------------------------------------------------------------------
+
+    def _teach_places(self) -> None:
+        """Have the map take the profile's places that it lacks, once."""
+        if self.has_taught or self.annotations is None:
             return
-        self.is_asking, self.asked_s = True, self._time_s()
+        missing = {name: place for name, place in self.places.items() if name not in self.work.places}
+        if missing:
+            self.places_errand.want("places", annotation(missing), self._on_known, self._on_not_known)
+        else:
+            self.has_taught = True
 
-        def on_reply(reply: Any) -> None:
-            self.is_asking, self.asked_s = False, -math.inf
-            done(reply)
+    def _on_known(self, _reply: MapAnnotated) -> None:
+        self.has_taught = True
 
-        def on_error(error: CallError) -> None:
-            self.is_asking = False
-            self.log.warning("%s: %s: %s", type(request).__name__, type(error).__name__, error)
-            failed(error)
+    def _on_not_known(self, error: CallError) -> None:
+        self.has_taught = isinstance(error, CallRefused)
 
-        self.call(request, on_reply, on_error, timeout_s=CALL_S)
+    def _follow(self) -> None:
+        """Have the module that follows begin, or end, what this one or another has ordered."""
+        is_to_follow = self.work.state is HouseholdState.FOLLOW
+        if is_to_follow and not self.follows:
+            order = FollowOrder(order="follow")
+            self.follow_errand.want("follow", order, self._on_follows, self._on_not_followed)
+        elif not is_to_follow and (self.follows or self._is_led_away):
+            order = FollowOrder(order="stop")
+            self.follow_errand.want("stop following", order, self._on_follows_nobody, self._on_follows_nobody)
+        else:
+            self.follow_errand.drop("not wanted any more")
 
-    # -- driving -------------------------------------------------------------------------------------------
+    @property
+    def _is_led_away(self) -> bool:
+        """Return whether the robot follows somebody though it should drive elsewhere."""
+        return self.work.goal is not None and self.following not in ("", FOLLOWS_NOBODY)
+
+    def _on_follows(self, _reply: FollowOrderTaken) -> None:
+        self.follows = True
+
+    def _on_not_followed(self, _error: CallError) -> None:
+        self.work.ended(False, "I cannot follow anybody")
+
+    def _on_follows_nobody(self, _end: FollowOrderTaken | CallError) -> None:
+        """Forget that the robot follows; also if nothing is there that could."""
+        self.follows, self.following = False, ""
 
     def _drive(self) -> None:
-        goal = self.work.goal
-        if self.pose is None or self.work.follows or self.work.asks_who:
+        """Have navigation drive to the goal, unless others drive."""
+        goal, state = self.work.goal, self.work.state
+        if self.pose is None:
             return
-        if goal is not None and self.following not in ("", FOLLOWS_NOBODY):
-            self._ask(FollowOrder(order="stop"), self._on_follow_stopped, self._on_not_told)
-            goal = None
-        if goal is None or self.arm_stands_out:
-            self.goals.cancel(self.work.machine.reason)
+        if goal is None or self._is_led_away or self.arm_stands_out:
+            self.goals.cancel(state.value if state in OTHERS_DRIVE else self.work.machine.reason)
         else:
             self.goals.drive_to(goal, self.pose)
 
@@ -396,146 +401,46 @@ class Household(Module):
         if reason is not None:
             self.log.info("cannot drive: %s", reason)
 
-    # -- following -----------------------------------------------------------------------------------------
+    def _have_done(self) -> None:
+        """Have the arm, or another module, do what is due."""
+        what, asked = self._due()
+        if asked is None or what != self.errand.wanted:
+            self.errand.drop("not wanted any more")
+        if asked is not None:
+            self.errand.want(what, asked, partial(self._on_done, what), partial(self._on_failed, what))
 
-    def _follow(self) -> None:
-        """Have the module that follows begin, or end, what this one has reported it."""
-        if self.work.follows and not self.follows:
-            self.goals.cancel("follows a person")
-            self._ask(FollowOrder(order="follow"), self._on_follows, self._on_not_followed)
-        elif self.follows and not self.work.follows:
-            self._ask(FollowOrder(order="stop"), self._on_follow_stopped, self._on_not_told)
+    def _due(self) -> tuple[HouseholdState, Request[Any] | Goal[Any, Any] | None]:
+        """Return what is due, and in which state; IDLE stands for all that have nothing else to do."""
+        work, state, order = self.work, self.work.state, self.work.order
+        asked: Request[Any] | Goal[Any, Any] | None = None
+        if order is None:
+            return state, None
+        match state:
+            case HouseholdState.PICK:
+                asked = PickUp(object=order.object)
+            case HouseholdState.PUT:
+                asked = PutDown(object=work.holds)
+            case HouseholdState.HAND:
+                asked = HandOver(object=work.holds)
+            case HouseholdState.WHO:
+                asked = WhoIsWho()
+            case HouseholdState.LEARN if self._time_s() - self.pose_s > MAX_POSE_AGE_S:
+                work.ended(False, "I do not know where I am")
+            case HouseholdState.LEARN if self.pose is not None:
+                asked = annotation({order.place: self.pose})
+            case _ if self.arm_stands_out:  # an order that was cancelled has left the arm where it was
+                return HouseholdState.IDLE, StowArm()
+        return state, asked
 
-    def _on_follows(self, _reply: FollowOrderTaken) -> None:
-        self.follows = True
+    def _on_done(self, state: HouseholdState, end: object) -> None:
+        if state is self.work.state:
+            met = f"has met {len(end.persons)} persons" if isinstance(end, WhoIsWhoResult) else ""
+            self.work.ended(True, met)
 
-    def _on_follow_stopped(self, _reply: FollowOrderTaken) -> None:
-        self.follows, self.following = False, ""
-
-    def _on_not_followed(self, error: CallError) -> None:
-        if isinstance(error, NoServer | CallRefused):
-            self.work.follow_ended(False, "I cannot follow anybody")
-
-    def _on_not_told(self, error: CallError) -> None:
-        """Forget that the robot follows if nothing is there that could."""
-        if isinstance(error, NoServer | CallRefused):
-            self.follows, self.following = False, ""
-
-    # -- who is who ----------------------------------------------------------------------------------------
-
-    def _look_who(self) -> None:
-        """Have the module that knows faces find out who is where, or end that."""
-        if not self.work.asks_who:
-            if self.round is not None and self.round.is_active:
-                self.round.cancel("not wanted any more")
-            self.round = None
-        elif self.round is None and self._time_s() - self.round_s >= REPEAT_S:
-            self.goals.cancel("finds out who is where")
-            self.round_s = self._time_s()
-            self.round = self.send_goal(WhoIsWho(), self._on_looked, self._on_not_looked)
-
-    def _on_looked(self, result: WhoIsWhoResult) -> None:
-        self.round = None
-        self.work.who_ended(True, f"has met {len(result.persons)} persons")
-
-    def _on_not_looked(self, error: CallError) -> None:
-        """Give up what cannot be done; `_look_who` repeats what an accident has ended."""
-        self.round = None
-        self.log.warning("who is who: %s: %s", type(error).__name__, error)
-        if isinstance(error, GoalAborted | GoalCancelled | CallRefused | NoServer):
-            self.work.who_ended(False, str(error))
-
-    # -- places --------------------------------------------------------------------------------------------
-
-    def _teach_places(self) -> None:
-        """Have the map take the profile's places that it lacks, once."""
-        if self.has_taught or self.annotations is None:
-            return
-        missing = {name: place for name, place in self.places.items() if name not in self.work.places}
-        if missing:
-            self._ask(self._annotation(missing), self._on_taught, self._on_not_taught)
-        else:
-            self.has_taught = True
-
-    def _annotation(self, places: Mapping[str, Sequence[float]]) -> AnnotateMap:
-        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
-        return AnnotateMap(
-            places=[
-                PointOfInterest(name=name, pose=pose_stamped(place, header).pose)
-                for name, place in places.items()
-            ]
-        )
-
-    def _on_taught(self, _reply: MapAnnotated) -> None:
-        self.has_taught = True
-
-    def _on_not_taught(self, error: CallError) -> None:
-        if isinstance(error, CallRefused):
-            self.log.error("the map does not take the profile's places: %s", error)
-            self.has_taught = True
-
-    def _learn(self) -> None:
-        """Have the map keep the name of the place where the robot stands."""
-        lesson = self.work.lesson
-        if lesson is None:
-            return
-        name, place = lesson
-        if self._time_s() - self.pose_s > MAX_POSE_AGE_S:
-            self.work.learnt("I do not know where I am")
-        else:
-            self._ask(self._annotation({name: place.tolist()}), self._on_learnt, self._on_not_learnt)
-
-    def _on_learnt(self, _reply: MapAnnotated) -> None:
-        self.work.learnt()
-
-    def _on_not_learnt(self, error: CallError) -> None:
-        if isinstance(error, NoServer | CallRefused):
-            self.work.learnt(str(error))
-
-    # -- the arm -------------------------------------------------------------------------------------------
-
-    def _tell_arm(self) -> None:
-        """Have the arm do what is due, once; and again if that got lost."""
-        task = self.work.arm_task
-        if task is not self.arm_task:
-            if self.arm is not None and self.arm.is_active:
-                self.arm.cancel("not wanted any more")
-            self.arm, self.arm_task, self.arm_s = None, task, -math.inf
-        order = self.work.order
-        stows = task is None and self.arm_stands_out
-        if order is None or self.arm is not None or (task is None and not stows):
-            return
-        if self._time_s() - self.arm_s < REPEAT_S:
-            return
-        self.arm_s = self._time_s()
-        what = self.work.holds
-        if stows:  # an order that was cancelled has left the arm where it was
-            self.arm = self.send_goal(StowArm(), lambda _result: self._on_stowed(), self._on_not_stowed)
-        elif task is HouseholdState.PICK:
-            self.arm = self.send_goal(PickUp(object=order.object), self._on_arm_done, self._on_arm_error)
-        elif task is HouseholdState.PUT:
-            self.arm = self.send_goal(PutDown(object=what), self._on_arm_done, self._on_arm_error)
-        else:
-            self.arm = self.send_goal(HandOver(object=what), self._on_arm_done, self._on_arm_error)
-
-    def _on_stowed(self) -> None:
-        self.arm = None
-
-    def _on_not_stowed(self, error: CallError) -> None:
-        self.arm = None
-        self.log.warning("the arm is not stowed: %s: %s", type(error).__name__, error)
-
-    def _on_arm_done(self, result: PickUpResult | PutDownResult | HandOverResult) -> None:
-        self.arm = None
-        if isinstance(result, RESULTS.get(self.work.state, ())):
-            self.work.arm_done()
-
-    def _on_arm_error(self, error: CallError) -> None:
-        """Give up what the arm cannot do; `_tell_arm` repeats what an accident has ended."""
-        self.arm = None
-        self.log.warning("the arm: %s: %s", type(error).__name__, error)
-        if isinstance(error, GoalAborted | CallRefused | NoServer):
-            self.work.arm_failed(str(error), is_refused=isinstance(error, CallRefused))
+    def _on_failed(self, state: HouseholdState, error: CallError) -> None:
+        """Give up what cannot be done; what an accident has ended is repeated."""
+        if state is self.work.state:
+            self.work.ended(False, str(error), is_refused=isinstance(error, CallRefused))
 
     # -- clients -------------------------------------------------------------------------------------------
 
@@ -601,6 +506,17 @@ class Household(Module):
 
     def _time_s(self) -> float:
         return self.clock.monotonic_ns() / 1e9
+
+
+def annotation(places: Mapping[str, Sequence[float]]) -> AnnotateMap:
+    """Return the request to keep places, x, y (m) and heading (rad) in the map frame, by their names."""
+    header = Header(frame_id="map")
+    return AnnotateMap(
+        places=[
+            PointOfInterest(name=name, pose=pose_stamped(place, header).pose)
+            for name, place in places.items()
+        ]
+    )
 
 
 def task_order(message: HouseholdTask) -> TaskOrder:

@@ -128,10 +128,14 @@ class StateMachine(Generic[State]):
             raise IllegalTransition(
                 f"{self._state.name} to {state.name} ({reason}) is not declared; declared are: {allowed}"
             )
+        self.resume(state, reason)
+        self._on_change(state)
+
+    def resume(self, state: State, reason: str) -> None:
+        """Go on in a state of which a checkpoint tells; no transition is needed."""
         self._state = state
         self._since_s = self._clock()
         self.reason = reason
-        self._on_change(state)
 
 
 def mermaid(

@@ -1,39 +1,40 @@
 """Carries out the orders of a household, one task after another. It decides; it does not drive or grasp.
 
-Call `step` a few times each second, and do what `goal`, `arm_task`, `lesson`, `follows` and `asks_who` say.
+Call `step` a few times each second, and do what `state` and `goal` say.
+Each task is a procedure that reads from top to bottom; its journal survives a restart.
 """
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_mp.base.procedure import Journal, Procedure, WrongJournal, pause
 from robbie_mp.base.state_machine import StateMachine
 from robbie_robots.workers.home.follow import PersonReport
 from robbie_robots.workers.home.household_states import (
-    ARM_WORKS,
     DRIVES,
     TRANSITIONS,
-    WAYS,
     HouseholdSettings,
     HouseholdState,
 )
 from robbie_robots.workers.home.orders import NEEDS_ARM, Task, TaskOrder, WrongOrder, check_orders
+from robbie_robots.workers.home.takers import Takers
 
 Array = NDArray[np.float64]
 
 MAX_SAYINGS = 8
 MAX_ENDS = 100
-MAX_GIVERS = 8
 TAKE_IT = "Here is the {}. Please take it."
 COME = "I have the {}. Please come to me."
-STILL_HERE_M = 0.5
-"""Until the robot has driven this far, it looks for the person who has given the order."""
 OPEN_DOOR = "Please open the door to the {}."
+UNEXPLAINED = "no reason was given"
+SAYS_IT_ITSELF = {Task.FOLLOW, Task.WHO}
+"""Tasks of other modules, which say themselves how they have ended."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +54,28 @@ class TaskEnd:
     duration_s: float
 
 
-class _Giver(NamedTuple):
-    """Somebody who may have given the order; the likeliest is the least."""
+class _Drove(NamedTuple):
+    """Navigation has reached the goal (''), or has given it up for a reason."""
 
-    has_one_leg: bool
-    is_aside: bool
-    away_m: float
-    xy_m: tuple[float, float]
+    problem: str
+
+
+class _Ended(NamedTuple):
+    """The arm, or another module, has ended what it had to do."""
+
+    is_done: bool
+    reason: str
+    is_refused: bool
+
+
+class _Failed(Exception):
+    """The task cannot be done; the text says why, in plain words."""
 
 
 class HouseholdWork:
     """Carries out one order at a time, which has one or several tasks.
 
-    Its owner drives to `goal`, has the arm do `arm_task`, keeps the place of `lesson`, follows while
-    `follows`, and looks for persons while `asks_who`; and it says how each ends.
+    Its owner drives to `goal`, has the arm or other modules do what `state` says, and tells how each ends.
 
     Args:
         clock: Returns the time in s.
@@ -108,29 +117,16 @@ class HouseholdWork:
         self.ends: deque[TaskEnd] = deque(maxlen=MAX_ENDS)
         self._clock = clock
         self._tables = tuple(tables)
-        self._pose: Array | None = None
-        self._given_at: Array | None = None
-        self._givers: dict[str, _Giver] = {}
-        self._is_where_given = False
-        self._persons: list[PersonReport] = []
-        self._things: list[PersonReport] = []
+        self._takers = Takers(self.settings)
         self._sayings: deque[str] = deque(maxlen=MAX_SAYINGS)
         self._began_s = clock()
-        self._renew()
-
-    def _renew(self) -> None:
-        """Forget what belongs to the last task."""
-        self._table = ""
-        self._to_search: list[str] = []
-        self._rounds = self._tries = self._losses = self._failed_drives = 0
+        self._destination = ""
         self._meeting: tuple[Array, Array] | None = None
-        self._taker_xy_m: Array | None = None
-        self._refusals: list[Array] = []
         self._is_near_person = self._has_called = False
         self._requests = 0
-        self._behind = HouseholdState.GO
-        self._at_door_s = math.inf
         self._ahead_m = 0.0
+        self._journal = Journal()
+        self._work: Procedure[None] | None = None
 
     # -- what the owner does -----------------------------------------------------------------------------
 
@@ -147,45 +143,13 @@ class HouseholdWork:
     @property
     def goal(self) -> Array | None:
         """Return where the robot should be: (3,), x, y (m) and heading (rad), map frame. None: it stands."""
-        order = self.order
         if self.state is HouseholdState.MEET:
             return self._meeting[0] if self._meeting is not None else None
         if self.state is HouseholdState.DOOR:
             return np.array(self.doors[self._destination])
-        if order is None or self.state not in DRIVES:
+        if self.state not in DRIVES:
             return None
-        if self.state is HouseholdState.FETCH:
-            return self._place(self._table)
-        return self._place(order.place) if order.place else self._given_at
-
-    @property
-    def _destination(self) -> str:
-        """Return the name of the place to which the present task leads now; '' if it has none."""
-        drive = self._behind if self.state is HouseholdState.DOOR else self.state
-        return self._table if drive is HouseholdState.FETCH or self.order is None else self.order.place
-
-    @property
-    def arm_task(self) -> HouseholdState | None:
-        """Return PICK, PUT or HAND while the arm should work."""
-        return self.state if self.state in ARM_WORKS else None
-
-    @property
-    def lesson(self) -> tuple[str, Array] | None:
-        """Return the name of the place that is to be kept, and where it is; None if there is none."""
-        order = self.order
-        if self.state is not HouseholdState.LEARN or order is None or self._pose is None:
-            return None
-        return order.place, self._pose
-
-    @property
-    def follows(self) -> bool:
-        """Return whether the robot should follow a person."""
-        return self.state is HouseholdState.FOLLOW
-
-    @property
-    def asks_who(self) -> bool:
-        """Return whether the robot should find out who is where."""
-        return self.state is HouseholdState.WHO
+        return self._place(self._destination) if self._destination else self._takers.given_at
 
     @property
     def status(self) -> str:
@@ -216,106 +180,372 @@ class HouseholdWork:
         check_orders(orders, self.places, self.holds)
         self.cancel("another order has come")
         self.orders, self.at = tuple(orders), 0
-        self._order_is_given_here()
-        self._begin_task()
-
-    def _order_is_given_here(self) -> None:
-        """Note where the robot is, and where those stand to whom it may bring things."""
-        self._given_at = None if self._pose is None else self._pose.copy()
-        self._givers, self._is_where_given = {}, True
-        self._note_givers()
-
-    def _note_givers(self) -> None:
-        """Note where the persons stand who may have given the order: the one in front, or else the nearest.
-
-        Corners of furniture look like one leg, so they come last.
-
-        Persons need a moment to be noticed, so the robot goes on with it until it has driven away.
-        """
-        if not self._is_where_given or self._pose is None or self._given_at is None:
-            return
-        x, y, heading = self._given_at.tolist()
-        self._is_where_given = math.dist(self._pose[:2], (x, y)) <= STILL_HERE_M
-        for one in self._fresh(self._persons) if self._is_where_given else ():
-            away_m = math.dist(one.xy_m, (x, y))
-            bearing = math.atan2(one.xy_m[1] - y, one.xy_m[0] - x)
-            is_aside = abs(math.remainder(bearing - heading, math.tau)) > self.settings.front_rad
-            if away_m <= self.settings.person_m and (
-                one.name in self._givers or len(self._givers) < MAX_GIVERS
-            ):
-                has_one_leg = one.two_legs < self.settings.two_legs
-                self._givers[one.name] = _Giver(has_one_leg, is_aside, away_m, one.xy_m)
-
-    def _likely_givers(self) -> list[Array]:
-        """Return where those stand who may have given the order and have not refused, the likeliest first."""
-        places = [np.array(giver.xy_m) for giver in sorted(self._givers.values())]
-        return [xy_m for xy_m in places if not self._has_refused(xy_m)]
-
-    def _fresh(self, persons: Iterable[PersonReport]) -> list[PersonReport]:
-        return [one for one in persons if one.unseen_s <= self.settings.fresh_s]
+        self._takers.order_is_given_here()
+        self._go_on(Journal())
 
     def cancel(self, reason: str) -> bool:
         """End the order; the robot stands, and holds what it holds. Return whether there was one."""
-        if not self.orders:
+        if self._work is None or not self.orders:
             return False
-        self._end(False, reason, says=False)
+        self._work.cancel()
+        self._end(False, reason)
+        self.orders, self.at = (), 0
+        return True
+
+    async def _carry_out(self) -> None:
+        """Do one task after another; one that fails ends the order."""
+        while (order := self.order) is not None:
+            self._journal.once(self._begin_task)
+            if await self._is_done(order) and self.at + 1 < len(self.orders):
+                self.at += 1
+            else:
+                self.orders, self.at = (), 0
+            self._journal.clear()
+
+    async def _is_done(self, order: TaskOrder) -> bool:
+        """Do a task, and return whether that has worked."""
+        try:
+            self._end(True, await self._do(order))
+        except _Failed as error:
+            self._end(False, str(error))
+            if order.task not in SAYS_IT_ITSELF:
+                self._sayings.append(f"I could not {order.text}: {error}.")
+            return False
         return True
 
     def _begin_task(self) -> None:
         order = self.orders[self.at]
-        self._renew()
-        self._began_s = self._clock()
+        self._began_s, self._requests, self._meeting = self._clock(), 0, None
+        self._is_near_person = self._has_called = False
+        self._takers.begin_task()
         if order.task is not Task.LEARN:
             self._sayings.append(f"I {order.text}.")
-        match order.task:
-            case Task.GO:
-                self.machine.go(HouseholdState.GO, order.text)
-            case Task.LEARN:
-                self.machine.go(HouseholdState.LEARN, order.text)
-            case Task.FOLLOW:
-                self.machine.go(HouseholdState.FOLLOW, order.text)
-            case Task.WHO:
-                self.machine.go(HouseholdState.WHO, order.text)
-            case Task.BRING | Task.PUT if self.holds and order.object in ("", self.holds):
-                self.machine.go(HouseholdState.CARRY, f"holds {self.holds}")
-            case Task.BRING | Task.PUT if order.object:
-                self._search("")
-            case Task.BRING | Task.PUT:
-                self._end(False, "there is nothing in the hand")
 
-    def _end(self, is_done: bool, reason: str, *, says: bool = True) -> None:
-        """End the task; after a success, begin the next one."""
-        order = self.orders[self.at]
-        self.ends.append(TaskEnd(order, is_done, reason, self._clock() - self._began_s))
+    def _end(self, is_done: bool, reason: str) -> None:
+        self.ends.append(TaskEnd(self.orders[self.at], is_done, reason, self._clock() - self._began_s))
         if self.state is not HouseholdState.IDLE:
             self.machine.go(HouseholdState.IDLE, reason)
         if not is_done and self.has_arm:
             self.holds = self._hand_holds
-        if not is_done and says:
-            self._sayings.append(f"I could not {order.text}: {reason}.")
-        if is_done and self.at + 1 < len(self.orders):
-            self.at += 1
-            self._begin_task()
-        else:
-            self.orders, self.at = (), 0
 
-    # -- inputs ------------------------------------------------------------------------------------------
+    # -- tasks -------------------------------------------------------------------------------------------
+
+    async def _do(self, order: TaskOrder) -> str:
+        """Do a task, and return how it has ended."""
+        match order.task:
+            case Task.GO:
+                await self._drive(HouseholdState.GO, order.place, order.text)
+                return "there"
+            case Task.LEARN:
+                reason = await self._have_done(HouseholdState.LEARN, order.text)
+                self._sayings.append(f"This is the {order.place}.")
+                return reason
+            case Task.FOLLOW:
+                reason = await self._have_done(HouseholdState.FOLLOW, order.text)
+                self._takers.order_is_given_here()  # the person is here now
+                return reason
+            case Task.WHO:
+                return await self._have_done(HouseholdState.WHO, order.text)
+            case Task.BRING | Task.PUT:
+                return await self._bring_or_put(order)
+
+    async def _have_done(self, state: HouseholdState, reason: str) -> str:
+        """Have another module do something, and return how it has ended."""
+        ended = await self._end_of(state, reason)
+        if not ended.is_done:
+            raise _Failed(ended.reason)
+        return ended.reason
+
+    async def _bring_or_put(self, order: TaskOrder) -> str:
+        """Fetch an object unless the hand holds it, and deliver it; again if the hand loses it."""
+        has_it = self._journal.once(lambda: bool(self.holds) and order.object in ("", self.holds))
+        if not has_it and not order.object:
+            raise _Failed("there is nothing in the hand")
+        tables, problem = self._tables_for(order.object), ""
+        for _ in range(self.settings.max_tries):
+            if not has_it:
+                await self._fetch(order.object, tables, problem)
+            problem = await self._deliver(order)
+            if not problem:
+                return f"it is on the {order.place}" if order.task is Task.PUT else "handed over"
+            if not order.object:
+                break
+            has_it = False
+        raise _Failed(problem)
+
+    async def _fetch(self, name: str, tables: Iterator[str], problem: str) -> None:
+        """Pick the object up from the first table on which it is.
+
+        Args:
+            name: of the object.
+            tables: those on which it may be.
+            problem: why the robot has to fetch it once more; '' if it has not.
+        """
+        for table in tables:
+            problem = await self._journal.step(self._pick_up_at(table, name))
+            if not problem:
+                return
+        raise _Failed(problem or "I know no table")
+
+    async def _pick_up_at(self, table: str, name: str) -> str:
+        """Pick an object up from a table, again while it is there; return '', or why the robot cannot."""
+        reason, problem = f"looks on the {table}", ""
+        for _ in range(self.settings.max_tries):
+            problem = await self._journal.step(self._come_to(HouseholdState.FETCH, table, reason))
+            if problem:
+                return f"cannot come to the {table}: {problem}"
+            problem, is_here = await self._journal.step(self._pick_up(table, name))
+            if not problem or not is_here:
+                break
+            reason = f"once more: {problem}"
+        return problem
+
+    async def _pick_up(self, table: str, name: str) -> tuple[str, bool]:
+        """Pick an object up; return '', or why the robot cannot, and whether it has seen it here."""
+        self._journal.once(lambda: self.seen.pop(name, None))
+        ended = await self._end_of(HouseholdState.PICK, f"in front of the {table}")
+        if not ended.is_done:
+            return ended.reason, self.seen.get(name) == table
+        self.holds = name
+        self.seen.pop(name, None)
+        return "", True
+
+    async def _deliver(self, order: TaskOrder) -> str:
+        """Hand over what the hand holds, or put it down; return '', or why the hand has nothing."""
+        puts, problem, again = order.task is Task.PUT, "", ""
+        for turn in range(self.settings.max_tries):
+            if puts or turn == 0:
+                await self._drive(HouseholdState.CARRY, order.place, again or f"holds {self.holds}")
+            work = self._put(order.place) if puts else self._hand_over(again or "where the order was given")
+            problem, is_empty = await self._journal.step(work)
+            if not problem or is_empty:
+                return problem
+            again = f"once more: {problem}"
+        raise _Failed(problem)
+
+    async def _put(self, place: str) -> tuple[str, bool]:
+        """Put down what the hand holds; return '', or why the arm cannot, and whether the hand was empty."""
+        ended = await self._end_of(HouseholdState.PUT, f"in front of the {place}")
+        if ended.is_done and self.holds:
+            self.seen[self.holds] = place
+        return self._let_go(ended)
+
+    async def _hand_over(self, reason: str) -> tuple[str, bool]:
+        """Hand over what the hand holds to a person; return the same as `_put`."""
+        found = await self._journal.step(self._meet(reason))
+        ended = await self._end_of(HouseholdState.HAND, found)
+        if not ended.is_done and not ended.is_refused:
+            self._takers.refuses()
+            self._meeting = None
+        return self._let_go(ended)
+
+    def _let_go(self, ended: _Ended) -> tuple[str, bool]:
+        if ended.is_done or ended.is_refused:
+            self.holds = ""
+        return "" if ended.is_done else ended.reason, ended.is_refused
+
+    # -- what another module does ------------------------------------------------------------------------
+
+    async def _end_of(self, state: HouseholdState, reason: str) -> _Ended:
+        """Have the arm, or another module, do what a state says, and return how that has ended."""
+        self._enter(state, reason)
+        while not isinstance(event := await self._next(), _Ended):
+            pass
+        return event
+
+    def _enter(self, state: HouseholdState, reason: str) -> None:
+        """Change the state, unless the robot was in it, or in a later one, before a restart."""
+        if not self._journal.is_replaying and state is not self.state:
+            self.machine.go(state, reason)
+
+    async def _next(self) -> object:
+        """Wait for what happens next; None: only time has passed."""
+        event = await pause()
+        if event is None and self.machine.is_late:
+            raise _Failed(f"{self.state.value}: that took too long")
+        return event
+
+    # -- driving -----------------------------------------------------------------------------------------
+
+    async def _drive(self, state: HouseholdState, place: str, reason: str) -> None:
+        """Drive to a place without which the task fails; '' is where the order was given."""
+        if problem := await self._journal.step(self._come_to(state, place, reason)):
+            raise _Failed(problem)
+
+    async def _come_to(self, state: HouseholdState, place: str, reason: str) -> str:
+        """Drive to a place, also through its door; return '', or why the robot cannot come there."""
+        self._destination = place
+        self._enter(state, reason)
+        problem = ""
+        for _ in range(self.settings.max_tries):
+            while problem := await self._journal.step(self._arrival()):
+                if place not in self.doors or not self._journal.once(self._may_ask):
+                    break
+                reason = await self._journal.step(self._pass_door(problem))
+                self._enter(state, reason)
+            else:
+                return ""
+        return problem
+
+    async def _arrival(self) -> str:
+        """Wait until the robot is where it should be; return '', or why navigation has given up."""
+        while True:
+            event = await self._next()
+            if isinstance(event, _Drove) and (event.problem or self._stands_right()):
+                return event.problem
+
+    def _stands_right(self) -> bool:
+        """Return whether the robot stands right for its arm; anywhere near will do without it."""
+        goal, pose, order = self.goal, self._takers.pose, self.order
+        if self.state is HouseholdState.GO:
+            return True
+        if goal is None or pose is None or order is None:
+            return False
+        if self.state is HouseholdState.CARRY and order.task is Task.BRING:
+            return True
+        turned_rad = math.remainder(float(goal[2] - pose[2]), math.tau)
+        near = math.dist(goal[:2], pose[:2]) <= self.settings.at_table_m
+        return near and abs(turned_rad) <= self.settings.at_table_rad
+
+    def _may_ask(self) -> bool:
+        return self._requests < self.settings.max_requests
+
+    async def _pass_door(self, problem: str) -> str:
+        """Wait before the door, and ask for it, until it is open; return why the robot drives on."""
+        self._enter(HouseholdState.DOOR, f"cannot come to the {self._destination}: {problem}")
+        reason = await self._end_at_door(math.inf)
+        while not reason and self._may_ask():
+            self._requests += 1
+            self._ahead_m = 0.0
+            self._sayings.append(OPEN_DOOR.format(self._destination))
+            reason = await self._end_at_door(self.settings.door_s)
+        return reason or "nobody has opened the door"
+
+    async def _end_at_door(self, limit_s: float) -> str:
+        """Wait to be at the door, or for a time until it is open; return why the robot drives on, or ''."""
+        began_s = self._clock()
+        while True:
+            event = await self._next()
+            if isinstance(event, _Drove) and event.problem:
+                self._requests = self.settings.max_requests
+                return f"cannot come to the door: {event.problem}"
+            if isinstance(event, _Drove) and limit_s == math.inf:
+                return ""
+            # Only after a step, the owner sends the new goal before the end of the one at the door counts.
+            if event is None and limit_s < math.inf and self._ahead_m >= self.settings.open_m:
+                return "the door is open"
+            if event is None and self._clock() - began_s >= limit_s:
+                return ""
+
+    # -- persons and objects -----------------------------------------------------------------------------
+
+    async def _meet(self, reason: str) -> str:
+        """Come to the person who takes what the robot brings; return how near that is."""
+        self._enter(HouseholdState.MEET, reason)
+        while True:
+            event = await self._next()
+            self._is_near_person = self._is_near_person or isinstance(event, _Drove)
+            if event is None and (found := self._approach()):
+                return found
+
+    def _approach(self) -> str:
+        """Choose where to meet a person; return how near somebody is who can take it now, or ''."""
+        pose = self._takers.pose
+        if pose is None:
+            return ""
+        waits = self.machine.time_in_state_s < self.settings.wait_s
+        xy_m = self._takers.taker(waits)
+        if xy_m is None:
+            if self._meeting is None and (givers := self._takers.likely_givers()):
+                self._come_near(givers[0])  # the person may be hidden from here
+            if not waits and not self._has_called:
+                self._has_called = True
+                self._sayings.append(COME.format(self.holds))
+            return ""
+        away_m, bearing = self._takers.direction(xy_m)
+        aside_rad = abs(math.remainder(bearing - float(pose[2]), math.tau))
+        limit_m = self.settings.far_m if self._is_near_person else self.settings.near_m
+        has_moved = self._meeting is None or math.dist(self._meeting[1], xy_m) > self.settings.moved_m
+        if away_m <= limit_m and aside_rad <= self.settings.ahead_rad:
+            self._sayings.append(TAKE_IT.format(self.holds))
+            self._takers.offer_to(xy_m)
+            return f"a person is {away_m:.1f} m away"
+        if has_moved or self._is_near_person:
+            self._come_near(xy_m)
+        return ""
+
+    def _come_near(self, xy_m: Array) -> None:
+        """Drive to the place before a person; only turn if that is near enough, or nearer is not possible."""
+        pose = self._takers.pose
+        assert pose is not None
+        away_m, bearing = self._takers.direction(xy_m)
+        before_m = self.settings.before_m
+        before = xy_m - before_m * np.array([math.cos(bearing), math.sin(bearing)])
+        if away_m <= (self.settings.far_m if self._is_near_person else before_m):
+            before = pose[:2]
+        self._meeting = np.array([*before, bearing]), xy_m
+        self._is_near_person = False
+
+    def _tables_for(self, name: str) -> Iterator[str]:
+        """Yield tables on which an object may be: where it was seen last, then the nearest; each twice."""
+        for _ in range(self.settings.rounds):
+            yield from self._journal.once(lambda: self._ranked_tables(name))
+
+    def _ranked_tables(self, name: str) -> list[str]:
+        known = [table for table in self._tables if table in self.places]
+        last = self.seen.get(name)
+        return sorted(known, key=lambda table: (table != last, self._way_m(table)))
+
+    def _way_m(self, name: str) -> float:
+        place, pose = self._place(name), self._takers.pose
+        return math.inf if place is None or pose is None else math.dist(place[:2], pose[:2])
+
+    def _place(self, name: str) -> Array | None:
+        return np.array(self.places[name]) if name in self.places else None
+
+    # -- what happens ------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        """Let time pass: end what takes too long, and find a person who takes what the robot brings."""
+        self._tell(None)
+
+    def arrived(self) -> None:
+        """Record that navigation has reached the goal; in front of a table, the pose must be right."""
+        self._tell(_Drove(""))
+
+    def unreachable(self, reason: str) -> None:
+        """Record that navigation has given the goal up; the owner sends it again."""
+        self._tell(_Drove(reason or UNEXPLAINED))
+
+    def ended(self, is_done: bool, reason: str = "", is_refused: bool = False) -> None:
+        """Record how the arm, or another module, has ended what `state` says.
+
+        Args:
+            is_done: whether it is done.
+            reason: why it ended, in plain words.
+            is_refused: whether the arm did not even begin: the hand is not what the robot took it for.
+        """
+        self._tell(_Ended(is_done, reason or UNEXPLAINED, is_refused))
+
+    def _tell(self, event: object) -> None:
+        if self._work is not None:
+            self._work.tell(event)
 
     def see_pose(self, pose: ArrayLike) -> None:
         """Take the robot's pose (x, y, heading), m and rad, map frame."""
-        self._pose = np.asarray(pose, float)
-        if self._given_at is None and self.orders:
-            self._order_is_given_here()
-        self._note_givers()
+        self._takers.pose = np.asarray(pose, float)
+        if self._takers.given_at is None and self.orders:
+            self._takers.order_is_given_here()
+        self._takers.note_givers()
 
     def see_persons(self, persons: Iterable[PersonReport]) -> None:
         """Take all persons that are tracked now."""
-        self._persons = list(persons)
-        self._note_givers()
+        self._takers.persons = list(persons)
+        self._takers.note_givers()
 
     def see_things(self, things: Iterable[PersonReport]) -> None:
         """Take what looks like the legs of standing persons, but is on the map: it may be furniture."""
-        self._things = list(things)
+        self._takers.things = list(things)
 
     def see_hand(self, holds: str) -> None:
         """Take what the arm says that it holds; without an order, others may have used it."""
@@ -326,266 +556,11 @@ class HouseholdWork:
     def see_objects(self, names: Iterable[str]) -> None:
         """Take what stands on the table in front of the robot."""
         if self.state is HouseholdState.PICK:
-            self.seen.update(dict.fromkeys(names, self._table))
-
-    def arrived(self) -> None:
-        """Record that navigation has reached the goal; in front of a table, the pose must be right."""
-        if self.state is HouseholdState.MEET:
-            self._is_near_person = True
-        elif self.state is HouseholdState.DOOR:
-            self._arrived_at_door()
-        elif self.state is HouseholdState.GO:
-            self._end(True, "there")
-        elif self.state in DRIVES and self._is_at(self.goal):
-            self._failed_drives = 0
-            if self.state is HouseholdState.FETCH:
-                if (order := self.order) is not None:
-                    self.seen.pop(order.object, None)
-                self.machine.go(HouseholdState.PICK, f"in front of the {self._table}")
-            elif (order := self.order) is not None and order.task is Task.PUT:
-                self.machine.go(HouseholdState.PUT, f"in front of the {order.place}")
-            else:
-                self.machine.go(HouseholdState.MEET, "where the order was given")
-
-    def unreachable(self, reason: str) -> None:
-        """Record that navigation has given the goal up; the owner sends it again."""
-        if self.state is HouseholdState.MEET:
-            self._is_near_person = True
-        elif self.state is HouseholdState.DOOR:
-            self._requests = self.settings.max_requests
-            self._drive_on(f"cannot come to the door: {reason}")
-        elif self.state in DRIVES:
-            if self._destination in self.doors and self._requests < self.settings.max_requests:
-                self._behind = self.state
-                self.machine.go(HouseholdState.DOOR, f"cannot come to the {self._destination}: {reason}")
-                return
-            self._failed_drives += 1
-            if self._failed_drives < self.settings.max_tries:
-                return
-            if self.state is HouseholdState.FETCH:
-                self._search(f"cannot come to the {self._table}: {reason}")
-            else:
-                self._end(False, reason)
-
-    def arm_done(self) -> None:
-        """Record that the arm has done its task."""
-        order = self.order
-        if order is None:
-            return
-        if self.state is HouseholdState.PICK:
-            self.holds, self._tries = order.object, 0
-            self.seen.pop(order.object, None)
-            self.machine.go(HouseholdState.CARRY, f"holds {self.holds}")
-        elif self.state is HouseholdState.PUT:
-            if self.holds:
-                self.seen[self.holds] = order.place
-            self.holds = ""
-            self._end(True, f"it is on the {order.place}")
-        elif self.state is HouseholdState.HAND:
-            self.holds = ""
-            self._end(True, "handed over")
-
-    def arm_failed(self, reason: str, is_refused: bool = False) -> None:
-        """Record that the arm could not do its task.
-
-        Args:
-            reason: why, in plain words.
-            is_refused: whether it did not even begin, because the hand is not what the robot took it for.
-        """
-        order = self.order
-        if order is None or self.state not in ARM_WORKS:
-            return
-        if self.state is HouseholdState.PICK:
-            self._tries += 1
-            is_here = self.seen.get(order.object) == self._table
-            if is_here and self._tries < self.settings.max_tries:
-                self.machine.go(HouseholdState.FETCH, f"once more: {reason}")
-            else:
-                self._search(reason)
-        elif is_refused:
-            self.holds = ""
-            self._losses += 1
-            if order.object and self._losses < self.settings.max_tries:
-                self._search(reason)
-            else:
-                self._end(False, reason)
-        else:
-            self._tries += 1
-            again = HouseholdState.CARRY if self.state is HouseholdState.PUT else HouseholdState.MEET
-            if self._taker_xy_m is not None:
-                self._refusals.append(self._taker_xy_m)
-                self._meeting = self._taker_xy_m = None
-            if self._tries < self.settings.max_tries:
-                self.machine.go(again, f"once more: {reason}")
-            else:
-                self._end(False, reason)
-
-    def learnt(self, error: str = "") -> None:
-        """Record that the place has its name, or why not."""
-        order = self.order
-        if self.state is HouseholdState.LEARN and order is not None:
-            if not error:
-                self._sayings.append(f"This is the {order.place}.")
-            self._end(not error, error or "has its name")
-
-    def follow_ended(self, is_done: bool, reason: str) -> None:
-        """Record that the robot follows nobody any more."""
-        if self.state is HouseholdState.FOLLOW:
-            self._order_is_given_here()  # the person is here now
-            self._end(is_done, reason, says=False)  # the one that follows has said why
-
-    def who_ended(self, is_done: bool, reason: str) -> None:
-        """Record that the robot has found out who is where, or why not."""
-        if self.state is HouseholdState.WHO:
-            self._end(is_done, reason, says=False)  # the one that looks has said it
-
-    def step(self) -> None:
-        """End what takes too long; find a person who takes what the robot brings."""
-        state = self.state
-        if self.machine.expire():
-            self._end(False, f"{state.value}: that took too long")
-        elif state is HouseholdState.MEET:
-            self._meet()
-        elif state is HouseholdState.DOOR and self._at_door_s < math.inf:
-            self._watch_door()
-
-    # -- doors -------------------------------------------------------------------------------------------
+            self.seen.update(dict.fromkeys(names, self._destination))
 
     def see_ahead(self, range_m: float) -> None:
         """Take how far the laser sees straight ahead; so the robot notices that a door is open."""
         self._ahead_m = range_m
-
-    def _watch_door(self) -> None:
-        """Drive on if the door is open, and ask again if it is not for too long.
-
-        Only a step does this: its owner then sends the new goal at once, so the end of the old one, at the
-        door, does not count for the new one.
-        """
-        if self._ahead_m >= self.settings.open_m:
-            self._drive_on("the door is open")
-        elif self._clock() - self._at_door_s >= self.settings.door_s:
-            self._at_door_s = math.inf
-            self._arrived_at_door()
-
-    def _arrived_at_door(self) -> None:
-        """Ask for the door, and wait."""
-        if self._at_door_s == math.inf and self._requests < self.settings.max_requests:
-            self._requests += 1
-            self._at_door_s, self._ahead_m = self._clock(), 0.0
-            self._sayings.append(OPEN_DOOR.format(self._destination))
-        elif self._at_door_s == math.inf:
-            self._drive_on("nobody has opened the door")
-
-    def _drive_on(self, reason: str) -> None:
-        """Drive to where the door leads."""
-        self._at_door_s = math.inf
-        self.machine.go(self._behind, reason)
-
-    # -- objects and persons -----------------------------------------------------------------------------
-
-    def _search(self, reason: str) -> None:
-        """Drive to the next table on which the object may be."""
-        order = self.orders[self.at]
-        if not self._to_search and self._rounds < self.settings.rounds:
-            self._rounds += 1
-            known = [name for name in self._tables if name in self.places]
-            last = self.seen.get(order.object)
-            self._to_search = sorted(known, key=lambda name: (name != last, self._way_m(name)))
-        if not self._to_search:
-            self._end(False, reason or "I know no table")
-            return
-        self._table = self._to_search.pop(0)
-        self._tries = self._failed_drives = 0
-        if self.state is not HouseholdState.FETCH:
-            self.machine.go(HouseholdState.FETCH, f"looks on the {self._table}")
-
-    def _way_m(self, name: str) -> float:
-        place = self._place(name)
-        return math.inf if place is None or self._pose is None else math.dist(place[:2], self._pose[:2])
-
-    def _place(self, name: str) -> Array | None:
-        return np.array(self.places[name]) if name in self.places else None
-
-    def _is_at(self, goal: Array | None) -> bool:
-        """Return whether the robot stands right for its arm; anywhere near will do for a person."""
-        order = self.order
-        if goal is None or self._pose is None or order is None:
-            return False
-        if self.state is HouseholdState.CARRY and order.task is Task.BRING:
-            return True
-        turned_rad = math.remainder(float(goal[2] - self._pose[2]), math.tau)
-        near = math.dist(goal[:2], self._pose[:2]) <= self.settings.at_table_m
-        return near and abs(turned_rad) <= self.settings.at_table_rad
-
-    def _meet(self) -> None:
-        """Come to the person who gave the order, or else to the nearest one, and then hand over."""
-        if self._pose is None:
-            return
-        waits = self.machine.time_in_state_s < self.settings.wait_s
-        xy_m = self._taker(waits)
-        if xy_m is None:
-            if self._meeting is None and (givers := self._likely_givers()):
-                self._come_to(givers[0])  # the person may be hidden from here
-            if not waits and not self._has_called:
-                self._has_called = True
-                self._sayings.append(COME.format(self.holds))
-            return
-        away_m, bearing = self._direction(xy_m)
-        aside_rad = abs(math.remainder(bearing - float(self._pose[2]), math.tau))
-        limit_m = self.settings.far_m if self._is_near_person else self.settings.near_m
-        has_moved = self._meeting is None or math.dist(self._meeting[1], xy_m) > self.settings.moved_m
-        if away_m <= limit_m and aside_rad <= self.settings.ahead_rad:
-            self._sayings.append(TAKE_IT.format(self.holds))
-            self._taker_xy_m = xy_m
-            self.machine.go(HouseholdState.HAND, f"a person is {away_m:.1f} m away")
-        elif has_moved or self._is_near_person:
-            self._come_to(xy_m)
-
-    def _taker(self, waits: bool) -> Array | None:
-        """Return where the person is who should take what the robot brings; None if nobody is seen.
-
-        Args:
-            waits: whether only the person who gave the order may take it, if the robot has seen that person.
-        """
-        assert self._pose is not None
-        persons, things = (
-            [xy_m for one in self._fresh(seen) if not self._has_refused(xy_m := np.asarray(one.xy_m))]
-            for seen in (self._persons, self._things)
-        )
-        settings = self.settings
-        givers = self._likely_givers()
-        for giver in givers:
-            # Near by, the legs of somebody who stands get on the map as those of furniture do. But here the
-            # robot has seen a person before.
-            for places, within_m in ((persons, settings.same_m), (things, settings.thing_m)):
-                away = [(math.dist(place, giver), tuple(place)) for place in places]
-                if away and min(away)[0] <= within_m:
-                    return np.array(min(away)[1])
-        if givers and waits:
-            return None
-        away = [(self._direction(place)[0], tuple(place)) for place in persons]
-        return np.array(min(away)[1]) if away and min(away)[0] <= settings.person_m else None
-
-    def _has_refused(self, xy_m: Array) -> bool:
-        """Return whether nobody there has taken the object: what looked like legs may be furniture."""
-        return any(math.dist(place, xy_m) <= self.settings.refused_m for place in self._refusals)
-
-    def _direction(self, xy_m: Array) -> tuple[float, float]:
-        """Return how far away a place is, m, and its bearing, rad, map frame."""
-        assert self._pose is not None
-        x, y = (xy_m - self._pose[:2]).tolist()
-        return math.hypot(x, y), math.atan2(y, x)
-
-    def _come_to(self, xy_m: Array) -> None:
-        """Drive to the place before a person; only turn if that is near enough, or nearer is not possible."""
-        assert self._pose is not None
-        away_m, bearing = self._direction(xy_m)
-        before_m = self.settings.before_m
-        before = xy_m - before_m * np.array([math.cos(bearing), math.sin(bearing)])
-        if away_m <= (self.settings.far_m if self._is_near_person else before_m):
-            before = self._pose[:2]
-        self._meeting = np.array([*before, bearing]), xy_m
-        self._is_near_person = False
 
     # -- restarts ----------------------------------------------------------------------------------------
 
@@ -595,15 +570,12 @@ class HouseholdWork:
             "state": self.state.name,
             "orders": [_plain(one) for one in self.orders],
             "at": self.at,
+            "journal": self._journal.memory,
+            "destination": self._destination,
+            "requests": self._requests,
             "holds": self.holds,
             "seen": dict(self.seen),
-            "table": self._table,
-            "to_search": list(self._to_search),
-            "counts": [self._rounds, self._tries, self._losses, self._failed_drives, self._requests],
-            "behind": self._behind.name,
-            "given_at": None if self._given_at is None else self._given_at.tolist(),
-            "givers": {name: [*giver[:-1], *giver.xy_m] for name, giver in self._givers.items()},
-            "is_where_given": self._is_where_given,
+            "takers": self._takers.memory(),
             "used_s": self._clock() - self._began_s,
             "ends": [[_plain(one.order), one.is_done, one.reason, one.duration_s] for one in self.ends],
         }
@@ -614,19 +586,21 @@ class HouseholdWork:
         for (task, thing, place), is_done, reason, duration_s in memory["ends"]:
             self.ends.append(TaskEnd(TaskOrder(Task(task), thing, place), is_done, reason, duration_s))
         self.orders = tuple(TaskOrder(Task(task), *rest) for task, *rest in memory["orders"])
-        self.at = memory["at"]
-        self._table, self._to_search = memory["table"], list(memory["to_search"])
-        self._rounds, self._tries, self._losses, self._failed_drives, self._requests = memory["counts"]
-        self._behind = HouseholdState[memory["behind"]]
-        self._given_at = None if memory["given_at"] is None else np.array(memory["given_at"])
-        self._is_where_given = memory["is_where_given"]
-        for name, (has_one_leg, is_aside, away_m, x, y) in memory["givers"].items():
-            self._givers[name] = _Giver(has_one_leg, is_aside, away_m, (x, y))
+        self.at, self._destination, self._requests = memory["at"], memory["destination"], memory["requests"]
+        self._takers.remember(memory["takers"])
         self._began_s = self._clock() - memory["used_s"]
-        last = HouseholdState[memory["state"]]
-        ways = (*WAYS[self._behind], last) if last is HouseholdState.DOOR else WAYS[last]
-        for state in ways if self.orders else ():
-            self.machine.go(state, "goes on after a restart")
+        if self.orders:
+            self.machine.resume(HouseholdState[memory["state"]], "goes on after a restart")
+            self._go_on(Journal(memory["journal"]))
+
+    def _go_on(self, journal: Journal) -> None:
+        """Begin or go on with the order; a journal of another version of this program ends it."""
+        self._journal = journal
+        try:
+            self._work = Procedure(self._carry_out())
+        except WrongJournal as error:
+            self._end(False, str(error))
+            self.orders, self.at = (), 0
 
 
 def _plain(order: TaskOrder) -> list[str]:

@@ -40,19 +40,6 @@ TRANSITIONS = {
 }
 DRIVES = frozenset({_S.FETCH, _S.CARRY, _S.GO})
 ARM_WORKS = frozenset({_S.PICK, _S.PUT, _S.HAND})
-WAYS = {
-    _S.FETCH: (_S.FETCH,),
-    _S.PICK: (_S.FETCH, _S.PICK),
-    _S.CARRY: (_S.CARRY,),
-    _S.PUT: (_S.CARRY, _S.PUT),
-    _S.MEET: (_S.CARRY, _S.MEET),
-    _S.HAND: (_S.CARRY, _S.MEET, _S.HAND),
-    _S.GO: (_S.GO,),
-    _S.LEARN: (_S.LEARN,),
-    _S.FOLLOW: (_S.FOLLOW,),
-    _S.WHO: (_S.WHO,),
-}
-"""The states by which a restarted task comes to its state; to DOOR, it comes from the drive before."""
 
 
 @dataclass(frozen=True)

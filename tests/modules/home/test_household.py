@@ -310,7 +310,7 @@ def test_robot_follows_by_the_module_that_follows_until_that_ends(robot: Robot) 
     robot.wait(0.4)
     robot.harness.send(Following(state="STAND"))
     robot.wait(0.4)
-    assert robot.harness.module.work.follows and not robot.harness.take(NavigateTo)
+    assert robot.harness.module.work.state.name == "FOLLOW" and not robot.harness.take(NavigateTo)
     robot.harness.send(Following(state="IDLE", reason="was told to stop"))
     robot.wait(0.4)
     assert robot.harness.take(NavigateTo)[-1].pose.pose.position.x == pytest.approx(2.0)
@@ -379,7 +379,7 @@ def test_arm_task_that_is_not_wanted_any_more_is_cancelled(robot: Robot) -> None
     robot.wait(0.4)
     (end,) = robot.harness.take(GoalEnd, "person")
     assert (end.outcome, end.reason) == (GoalEnd.PREEMPTED, "other has given another order")
-    assert robot.harness.module.arm is None
+    assert robot.harness.module.errand.wanted is None
     robot.harness.end_goal(pick, PickUpResult())  # it ends too late
     robot.wait(0.4)
     assert robot.harness.module.work.holds == ""
