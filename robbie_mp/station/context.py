@@ -1,331 +1,120 @@
-"""The interfaces that panels use: the operator station, and a page that is open in a browser."""
+"""What the operator station offers to its panels. Each takes in its constructor what it uses."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from nicegui import ui
-
-from robbie_mp.messages import Header, IllFormed, Time, check_well_formed
-from robbie_mp.messages.refusals import Refusals
-from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
-from robbie_mp.station.driving.dead_man import ORDER_LIMIT_S, DeadManSwitch
-from robbie_mp.station.requests import Asked, Asking
-from robbie_mp.station.watch.latest import MessageSource
-from robbie_mp.station.web.access import Role
+from robbie_mp.messages import Header, Time, TimeJump
+from robbie_mp.scene import SceneGraphListener
+from robbie_mp.station.driving.command import RobotCommand
+from robbie_mp.station.driving.motion import Motion
+from robbie_mp.station.driving.operators import Operators
+from robbie_mp.station.live import LiveParts
+from robbie_mp.station.map.marks import MapMarks, PlacesWatch
+from robbie_mp.station.watch.cameras import Cameras
+from robbie_mp.station.watch.lights import LightsWatch
+from robbie_mp.station.watch.run import RunWatch
+from robbie_mp.station.watch.settings import SettingsWatch
 
 if TYPE_CHECKING:
     import logging
     from pathlib import Path
 
-    from robbie_mp.messages import Message
     from robbie_mp.module.clock import Clock
     from robbie_mp.run.run_directory import KnownRun
-    from robbie_mp.scene import SceneGraphListener
-    from robbie_mp.station.driving.command import RobotCommand
-    from robbie_mp.station.driving.motion import Motion
-    from robbie_mp.station.driving.seat import DriversSeat
-    from robbie_mp.station.live import LiveParts
-    from robbie_mp.station.map.marks import MapMarks, PlacesWatch
-    from robbie_mp.station.watch.cameras import Cameras
-    from robbie_mp.station.watch.lights import LightsWatch
-    from robbie_mp.station.watch.run import RunWatch
-    from robbie_mp.station.watch.settings import SettingsWatch
-    from robbie_mp.station.web.access import Access
+    from robbie_mp.station.module import StationModule
+    from robbie_mp.station.settings import StationSettings
+    from robbie_mp.station.watch.latest import MessageSource
 
 MAX_AGE_S = 3600.0
 
 
-class StationContext(MessageSource, Protocol):
+@dataclass(frozen=True)
+class RunView:
+    """The run that the station is part of."""
+
+    known: KnownRun
+    output_directory: Path
+    figures: RunWatch
+    """The figures of all processes and channels."""
+    settings: SettingsWatch
+    """The settings of all modules that can be changed."""
+
+
+@dataclass(frozen=True)
+class RobotView:
+    """What the robot does and sees."""
+
+    scene: SceneGraphListener
+    motion: Motion
+    """Its movement, and what it is commanded."""
+    cameras: Cameras
+    """Those that have sent an image."""
+    lights: LightsWatch
+
+
+@dataclass(frozen=True)
+class MapView:
+    """What the map and the 3-D view show besides the robot."""
+
+    marks: MapMarks
+    """Marks and layers of panels."""
+    places: PlacesWatch
+    """Points of interest that modules publish."""
+
+
+@dataclass(frozen=True)
+class StationContext:
     """The operator station as its panels see it.
 
-    The module's thread runs `setup`, the constructors of panels, their `tick`s and all message handlers. The
-    page server's thread runs everything else.
-
-    Attributes:
-        pages: the open pages, by their keys.
-        live: the parts that pages draw many times a second.
-        map_marks: the marks on the map and in the 3-D view.
-        run_watch: the figures of all processes and channels.
-        drivers_seat: the page that drives.
-        robot_command: the operator who has control of the robot, here or elsewhere.
-        motion: the robot's movement, and what it is commanded.
-        cameras: the cameras that have sent an image.
-        lights: the robot's lights.
-        refusals: the log of refused actions of visitors; its rate is limited.
+    The module's thread runs the constructors of panels, their `tick`s and all message handlers. The page
+    server's thread runs everything else.
     """
 
-    run_id: str
-    log: logging.Logger
-    clock: Clock
-    output_directory: Path
-    known_run: KnownRun
-    access: Access
-    refusals: logging.Logger
-    drivers_seat: DriversSeat
-    pages: dict[str, Page]
-    run_watch: RunWatch
-    scene: SceneGraphListener
+    messages: MessageSource
+    settings: StationSettings
+    run: RunView
+    robot: RobotView
+    map: MapView
+    operators: Operators
+    """The open pages, and who drives."""
     live: LiveParts
-    map_marks: MapMarks
-    places_watch: PlacesWatch
-    settings_watch: SettingsWatch
-    robot_command: RobotCommand
-    motion: Motion
-    cameras: Cameras
-    lights: LightsWatch
-    panels: list[str]
-    tabs: dict[str, str]
-    layouts: dict[str, dict[str, list[int]]]
-    layouts_file: Path | None
-    max_linear_m_per_s: float
-    max_angular_rad_per_s: float
-    map_topic: str
-    robot_size_m: list[float]
-    robot_model: Path | None
-    poses: dict[str, dict[str, float]]
-    speech_commands: list[str]
-    persons: list[str]
-    objects: list[str]
-
-    @property
-    def ill_formed(self) -> Refusals:
-        """Counts the ill-formed messages that pages wanted to publish."""
-
-    def publish(self, message: Message, *, topic: str = "") -> bool:
-        """Publish a message from any thread. Panels use `Page.publish`, which checks the visitor's role."""
-
-    def ask(self, message: Asking, what: str, topic: str = "", within_s: float | None = None) -> Asked:
-        """Send a request or goal from any thread. Panels use `Page.ask`, which checks the visitor's role."""
-
-    def opened(self, page: Page) -> None:
-        """Add an open page; called in the page server's thread."""
-
-    def closed(self, page: Page) -> None:
-        """Remove a page, which then no longer drives; called in the page server's thread."""
+    """The parts that pages draw many times a second."""
+    clock: Clock
+    log: logging.Logger
 
 
-def header_of_now(station: StationContext, frame_id: str = "") -> Header:
+def context_of(station: StationModule) -> StationContext:
+    """Return what a station offers to its panels; called in its `setup`."""
+    settings_watch = SettingsWatch(station, station.known_run.folder)
+    figures = RunWatch(station.run_id)
+    run = RunView(station.known_run, station.output_directory, figures, settings_watch)
+    scene = SceneGraphListener(station, hears_time_jumps=False)
+    station.hear(TimeJump, lambda _jump: scene.forget())
+    places = PlacesWatch(station)
+    operators = Operators(RobotCommand(station, lambda request, topic: station.publish(request, topic=topic)))
+    motion = Motion(station, scene, operators.pages, station.robot_size_m)
+    robot = RobotView(scene, motion, Cameras(station), LightsWatch(station))
+    return StationContext(
+        messages=station,
+        settings=station,
+        run=run,
+        robot=robot,
+        map=MapView(MapMarks(), places),
+        operators=operators,
+        live=LiveParts(),
+        clock=station.clock,
+        log=station.log,
+    )
+
+
+def header_of_now(clock: Clock, frame_id: str = "") -> Header:
     """Return the header of a message that is created now."""
-    return Header(stamp=Time.from_nanoseconds(station.clock.now_ns()), frame_id=frame_id)
+    return Header(stamp=Time.from_nanoseconds(clock.now_ns()), frame_id=frame_id)
 
 
 def time_before(stamp: Time, age_s: float) -> Time:
     """Return the time before a stamp, such as that of an operator's input; 0 if too long ago."""
     age_ns = min(max(age_s, 0.0), MAX_AGE_S) * 1e9
     return Time.from_nanoseconds(max(0, stamp.nanoseconds - round(age_ns)))
-
-
-class Link(Protocol):
-    """The connection to a browser."""
-
-    @property
-    def is_free(self) -> bool:
-        """Whether the browser has received almost everything that was sent."""
-
-
-class Key(NamedTuple):
-    """An action that a key starts."""
-
-    text: str
-    action: Callable[[], None] | None
-
-
-class Drives(Protocol):
-    """Drives the robot for an operator's page.
-
-    Attributes:
-        linear_m_per_s: speed while a control is held to its end.
-        angular_rad_per_s: turn rate while a control is held to its end.
-        without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
-    """
-
-    linear_m_per_s: float
-    angular_rad_per_s: float
-    without_guard: bool
-
-    @property
-    def refused(self) -> int:
-        """Number of commands refused here because an operator elsewhere drives."""
-
-    @property
-    def stale(self) -> int:
-        """Number of commands that came too late."""
-
-    @property
-    def is_other_driving(self) -> bool:
-        """Whether another page, or an operator elsewhere, drives."""
-
-    @property
-    def delay(self) -> str:
-        """Why the network does not allow to drive; '' if it does."""
-
-    def take_over(self) -> None:
-        """Drive instead of the page or the operator elsewhere that drives now."""
-
-    def change_limits(self, up: bool) -> None:
-        """Drive faster or slower from now on."""
-
-
-class Page:
-    """One page that is open in a browser, and the only way from it to the robot.
-
-    Permissions are checked here, on every action: an event can come from any element of the page, whether
-    or not it is drawn, enabled or visible.
-
-    Args:
-        key: identifies the page among all open ones.
-        session: the visitor's session.
-        station: the station that serves the page.
-        link: the connection to the browser.
-    """
-
-    def __init__(self, key: str, session: str, station: StationContext, link: Link):
-        self.key = key
-        self.session = session
-        self.link = link
-        self._station = station
-        self._asked: list[tuple[Asked, str]] = []
-        """The requests that have not ended yet, each with the text to show when it succeeds."""
-        self._timers: list[tuple[str, ui.timer]] = []
-        """The timers of panels, which run only while the page shows these."""
-        self.shown: frozenset[str] = frozenset()
-        """Names of the panels that the page shows now."""
-        self.dead_man = DeadManSwitch()
-        self.driver: Drives | None = None
-        """Drives for an operator; None on an observer's page."""
-        self.keys: dict[str, Key] = {}
-        """Actions by the keys that start them."""
-
-    @property
-    def role(self) -> Role | None:
-        """The visitor's role now; None if the session has ended."""
-        return self._station.access.role_of(self.session)
-
-    def may(self, what: str, needs: Role = Role.OPERATOR) -> bool:
-        """Return whether the visitor may do something now. If not, report it on the page and in the trace.
-
-        Args:
-            what: the action, such as "the order".
-            needs: the role that the action needs.
-        """
-        role = self.role
-        if role is not None and role >= needs:
-            return True
-        whose = "a session that has ended" if role is None else f"an {role.name.lower()}"
-        self._station.refusals.warning("refused %s from a page of %s", what, whose)
-        ui.notify(f"{what} was refused: it needs an {needs.name.lower()}", type="negative")
-        return False
-
-    def may_move(self, what: str) -> bool:
-        """Return whether the visitor may give an order that lets the robot move. It must not be late."""
-        if not self.may(what):
-            return False
-        if self.dead_man.is_prompt(time.monotonic()):
-            return True
-        self._station.refusals.warning("refused %s of a page: it may have waited too long", what)
-        ui.notify(f"{what} was refused: it may have waited too long; give it again", type="negative")
-        return False
-
-    def publish(self, message: Message, what: str, topic: str = "", needs: Role = Role.OPERATOR) -> bool:
-        """Publish a message for the visitor, or show on the page why not.
-
-        Args:
-            message: the message.
-            what: a name for the message in texts, such as "the order".
-            topic: topic of the message.
-            needs: the role that the action needs.
-
-        Returns:
-            Whether it was published. It is not if the visitor lacks the role, the message is ill-formed, or
-            the robot's memory is full.
-        """
-        if not self.may(what, needs):
-            return False
-        try:
-            check_well_formed(message)
-        except IllFormed as error:
-            self._station.ill_formed.count(error, f"{what} of a page")
-            ui.notify(f"{what} was refused: {error}", type="negative")
-            return False
-        is_sent = self._station.publish(message, topic=topic)
-        if not is_sent:
-            ui.notify(f"{what} was not sent: the robot's memory is full", type="negative")
-        return is_sent
-
-    def ask(
-        self, message: Asking, what: str, success: str = "", topic: str = "", *, moves: bool = False
-    ) -> Asked | None:
-        """Send a request or a goal for an operator. Whatever ends it is shown on the page.
-
-        Args:
-            message: the request or goal, for the module that serves it.
-            what: a name for it in texts, such as "the order".
-            success: shown when the reply or result arrives; '' shows nothing.
-            topic: name of the service, if several modules serve the same type.
-            moves: whether it lets the robot move: then it is refused if it is late.
-
-        Returns:
-            How it ends, in a while; None if the visitor lacks the role, or it is late.
-        """
-        if not (self.may_move(what) if moves else self.may(what)):
-            return None
-        asked = self._station.ask(message, what, topic, within_s=ORDER_LIMIT_S if moves else None)
-        self._asked.append((asked, success))
-        return asked
-
-    def show_ends(self) -> None:
-        """Show how requests and goals have ended."""
-        for entry in [entry for entry in self._asked if entry[0].has_ended]:
-            self._asked.remove(entry)
-            asked, success = entry
-            if asked.error is not None:
-                ui.notify(ending(asked), type="negative", timeout=8000)
-            elif success:
-                ui.notify(success, type="positive")
-
-    def add_key(self, key: str, text: str, action: Callable[[], None] | None = None) -> None:
-        """Let a key start an action wherever the focus is, but for texts; `?` lists it.
-
-        Args:
-            key: the character, in lower case. If another action has it already, that one keeps it.
-            text: what it does.
-            action: called in the page server's thread; None: a script of the page listens itself.
-        """
-        self.keys.setdefault(key, Key(text, action))
-
-    def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
-        """Call an update periodically while the page shows a panel.
-
-        If the update is a coroutine, it ends before the next one begins.
-        """
-        timer = self.always(period_s, update)
-        timer.active = panel in self.shown
-        self._timers.append((panel, timer))
-
-    def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> ui.timer:
-        """Call an update periodically whatever the page shows, except while the browser does not keep up."""
-        return ui.timer(period_s, lambda: update() if self.link.is_free else None)
-
-    def show(self, panels: frozenset[str]) -> None:
-        """Show these panels, and update no others."""
-        self.shown = panels
-        for panel, timer in self._timers:
-            timer.active = panel in panels
-
-
-def ending(asked: Asked) -> str:
-    """Return a text that says why a request or goal has failed."""
-    match asked.error:
-        case CallRefused():
-            return f"{asked.what} was refused: {asked.error}"
-        case GoalCancelled():
-            return f"{asked.what} was cancelled: {asked.error}"
-        case GoalPreempted():
-            return f"{asked.what} was given up: {asked.error}"
-        case GoalAborted():
-            return f"{asked.what} cannot be reached: {asked.error}"
-        case _:
-            return f"{asked.what} failed: {asked.error}"

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.context import StationContext
     from robbie_mp.station.page.log_events import EventKind
+    from robbie_mp.station.page.page import Page
     from robbie_mp.station.page.state_item import StateItem
 
 
@@ -22,8 +23,8 @@ class Panel(ABC):
     """One tile of the page.
 
     Args:
-        station: source of messages. Subscribe in the constructor, usually with `station.newest`. Publish with
-            `Page.publish`, in any thread.
+        station: what there is. Take what the panel uses in its constructor, and subscribe there, usually with
+            `station.messages.newest`. Publish with `Page.publish`, in any thread.
     """
 
     name: ClassVar[str]
@@ -35,7 +36,7 @@ class Panel(ABC):
     """Kinds of events in a log that the playback's bar shows, besides crashes and marks."""
 
     def __init__(self, station: StationContext):
-        self.station = station
+        self._pages = station.operators.pages
 
     @classmethod
     def is_wanted(cls, _station: StationContext) -> bool:
@@ -45,7 +46,7 @@ class Panel(ABC):
     @property
     def is_looked_at(self) -> bool:
         """Whether any page shows the panel. Otherwise it need not prepare anything."""
-        return any(self.name in page.shown for page in tuple(self.station.pages.values()))
+        return any(self.name in page.shown for page in tuple(self._pages.values()))
 
     def state_items(self) -> Iterable[StateItem]:
         """Return what the strip at the top shows in every layout. Runs in the module's thread."""

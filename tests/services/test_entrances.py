@@ -33,8 +33,8 @@ from robbie_mp.messages import (
     PoseWithCovariance,
 )
 from robbie_mp.messages.refusals import Refusals
-from robbie_mp.station import context
-from robbie_mp.station.context import Page
+from robbie_mp.station.page import page as page_module
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.web.access import Role
 from tests.services.test_ros1 import arrive
 
@@ -105,13 +105,13 @@ def test_play_of_a_log_skips_an_ill_formed_message(message: Message, field: str)
 def test_page_sends_no_ill_formed_message_and_says_why(
     message: Message, field: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(context, "ui", Mock())
+    monkeypatch.setattr(page_module, "ui", Mock())
     monkeypatch.setattr(Page, "role", Role.OPERATOR)
     station = Mock()
     station.ill_formed = Refusals(logging.getLogger("test"))
-    page = Page("key", "session", station, Mock())
+    page = Page("key", "session", Mock(), station, Mock())
     assert not page.publish(message, "the message")
     station.publish.assert_not_called()
-    said = context.ui.notify.call_args.args[0]  # type: ignore[attr-defined]
+    said = page_module.ui.notify.call_args.args[0]  # type: ignore[attr-defined]
     assert said.startswith("the message was refused") and field in said
     assert station.ill_formed.by_kind == {(message.type_name, field): 1}

@@ -1,7 +1,6 @@
 """Only authorized visitors steer the robot: tokens, sessions, origins, and one driver at a time."""
 
 import asyncio
-import logging
 import sys
 from contextlib import closing
 from typing import Any
@@ -45,7 +44,7 @@ class Visitor:
         self.access = Access(operator_token, observer_token)
         self.connections = Connections()
         self.connections.enter(Transport())  # type: ignore[arg-type]
-        self.gate = Gate(self._behind, self.access, self.connections, logging.getLogger("gate"))
+        self.gate = Gate(self._behind, self.access, self.connections)
         self.reached = 0
 
     async def _behind(self, scope: Scope, receive: Any, send: Any) -> None:

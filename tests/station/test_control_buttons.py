@@ -21,8 +21,8 @@ def state() -> Latest[ControlState]:
 
 @pytest.fixture
 def control(state: Latest[ControlState]) -> ControlButtons:
-    station: Any = SimpleNamespace(newest=lambda *_: state, robot_command=Mock(is_elsewhere=False))
-    return ControlButtons(station)
+    messages: Any = SimpleNamespace(newest=lambda *_: state)
+    return ControlButtons(messages, Mock(is_elsewhere=False))
 
 
 def test_strip_says_who_controls_the_robot_and_why(
@@ -68,9 +68,9 @@ def test_only_operators_order_and_only_what_changes_something(
 
 def test_orders_to_a_robot_elsewhere_are_wishes_that_pass_the_link(state: Latest[ControlState]) -> None:
     command, page = Mock(is_elsewhere=True), Mock()
-    station: Any = SimpleNamespace(newest=lambda *_: state, robot_command=command)
-    ControlButtons(station).order(page, ControlState.AUTO)
+    messages: Any = SimpleNamespace(newest=lambda *_: state)
+    ControlButtons(messages, command).order(page, ControlState.AUTO)
     page.may.return_value = False
-    ControlButtons(station).order(page, ControlState.HOLD)
+    ControlButtons(messages, command).order(page, ControlState.HOLD)
     command.ask.assert_called_once_with(OperatorRequest.GO_ON)
     page.ask.assert_not_called()

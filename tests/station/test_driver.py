@@ -27,11 +27,13 @@ class Scene:
         monkeypatch.setattr(driver, "time", clock)
         monkeypatch.setattr(held_control, "time", clock)
         self.seat = DriversSeat()
-        self.station = Mock(max_linear_m_per_s=0.4, max_angular_rad_per_s=1.0, drivers_seat=self.seat)
+        settings = Mock(max_linear_m_per_s=0.4, max_angular_rad_per_s=1.0)
+        self.command = Mock(other="", is_here=False)
+        self.station = Mock(settings=settings, operators=Mock(seat=self.seat, command=self.command))
         self.station.clock.now_ns = lambda: round(self.now_s * 1e9)
-        self.station.robot_command = Mock(other="", is_here=False)
+        self.publish = Mock()
         self.page = Mock(key="anna", dead_man=DeadManSwitch())
-        self.driver = driver.Driver(self.station, self.page)
+        self.driver = driver.Driver(self.station, self.page, self.publish)
         keys = elements.return_value.props.return_value
         self._answer = keys.run_method
         (((_, self._drive), _),) = keys.on.call_args_list
@@ -60,7 +62,7 @@ class Scene:
 
     def told(self) -> list[DriveCommand]:
         """Return what the station has published without the page."""
-        return [call.args[0] for call in self.station.publish.call_args_list]
+        return [call.args[0] for call in self.publish.call_args_list]
 
 
 def test_robot_is_stopped_at_once_when_the_driving_page_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,7 +72,7 @@ def test_robot_is_stopped_at_once_when_the_driving_page_is_gone(monkeypatch: pyt
     scene.disconnect()
     (stop,) = scene.told()
     assert (stop.linear_m_per_s, stop.angular_rad_per_s, stop.valid_for) == (0.0, 0.0, VALID_FOR)
-    assert scene.station.publish.call_args.kwargs == {"topic": "manual"}
+    assert scene.publish.call_args.kwargs == {"topic": "manual"}
 
 
 def test_page_that_does_not_drive_stops_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +103,7 @@ def test_page_of_a_slow_network_does_not_drive_and_gives_up_control(
     scene.hold(1.0)
     assert (len(scene.commands()), scene.seat.holder, scene.driver.stale) == (1, None, 2)
     assert scene.driver.delay == f"delay {2 * delay_s:.1f} s: too long to drive"
-    scene.station.robot_command.give_up.assert_called()
+    scene.command.give_up.assert_called()
     scene.hold(1.0, held=False)
     assert scene.commands()[-1].linear_m_per_s == 0, "letting go did not count"
 

@@ -10,7 +10,7 @@ from robbie_mp.module.calls.errors import GoalAborted
 from robbie_mp.module.envelope import Envelope
 from robbie_mp.station.map.goals import MAX_GOALS, NEXT_GOAL, GoalList, Placement
 from robbie_mp.station.map.trail import MAX_POINTS, Trail
-from robbie_mp.station.requests import Asked
+from robbie_mp.station.page.requests import Asked
 from robbie_mp.station.watch.latest import Latest
 
 

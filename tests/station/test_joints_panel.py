@@ -20,12 +20,14 @@ POSES = {"wave": {"wrist": 0.5}, "of another arm": {"elbow": 1.0}}
 
 
 class Station:
-    """The part of a station that the panel uses."""
+    """The part of a station that the panel uses, with its messages."""
 
     def __init__(self) -> None:
-        self.poses = POSES
-        self.drivers_seat = DriversSeat()
-        self.robot_command = SimpleNamespace(is_here=True, other="", text="", take=lambda: None)
+        self.messages = self
+        self.settings = SimpleNamespace(poses=POSES)
+        self.robot = SimpleNamespace(lights=None)
+        self.command = SimpleNamespace(is_here=True, other="", text="", take=lambda: None)
+        self.operators = SimpleNamespace(pages={}, seat=DriversSeat(), command=self.command)
         self.clock = SimpleNamespace(now_ns=lambda: 200_000_007)
         self.envelope = SimpleNamespace(topic="arm")
         self.handlers: dict[type[Message], Callable[[Any], None]] = {}
@@ -81,7 +83,7 @@ def test_commands_expire_end_at_the_limits_and_go_to_the_module_of_each_joint(
 ) -> None:
     station.tell(limits("pan"), topic="neck")
     goals = {"arm/wrist": 9.0, "arm/gripper": -0.5, "neck/pan": 0.1, "arm/elbow": 1.0}
-    commands = panel.commands(goals, 0.1, header_of_now(panel.station))
+    commands = panel.commands(goals, 0.1, header_of_now(station.clock))
     assert {topic: dict(zip(one.name, one.position, strict=True)) for topic, one in commands.items()} == {
         "arm": {"wrist": 2.0, "gripper": -0.5},
         "neck": {"pan": 0.1},
@@ -126,7 +128,7 @@ def test_control_counts_only_for_the_operator_who_drives_and_while_it_is_fresh(
     def control(key: str) -> HeldControl:
         page = SimpleNamespace(key=key, may=lambda _what: rights[key], dead_man=DeadManSwitch())
         page.dead_man.pong(page.dead_man.ping(time_s[0]), time_s[0], time_s[0])
-        return HeldControl(station, page, "moving a joint")  # type: ignore[arg-type]
+        return HeldControl(station.operators, page, "moving a joint")  # type: ignore[arg-type]
 
     def begins(one: HeldControl) -> bool:
         return one.age_s(held=True, begins=True, sent_s=time_s[0]) is not None
@@ -142,21 +144,21 @@ def test_control_counts_only_for_the_operator_who_drives_and_while_it_is_fresh(
     assert first.age_s(held=False, begins=False, sent_s=late) == pytest.approx(0.4, abs=0.01)
     assert second.age_s(held=False, begins=False, sent_s=late) is None
     assert first.stale == 1
-    station.robot_command.other, station.robot_command.text = "pit", "the operator at pit drives"
+    station.command.other, station.command.text = "pit", "the operator at pit drives"
     assert not begins(first)
     assert (first.refused, first.is_other_driving) == (1, True)
     assert shown == ["the operator at pit drives: your commands are refused. Take over to drive"]
 
 
 def test_simulated_arm_follows_a_held_control_and_stops_when_it_is_released(station: Station) -> None:
-    panel = JointsPanel(station)  # type: ignore[arg-type]
     settings = {"names": ["wrist"], "least_rad": [-1.0], "most_rad": [2.0]}
     with ModuleHarness(SimulatedJointsModule, settings, name="arm") as arm:
         station.clock = SimpleNamespace(now_ns=arm.clock.now_ns)
+        panel = JointsPanel(station)  # type: ignore[arg-type]
         station.tell(arm.take(JointLimits, "arm")[0])
         for _ in range(5):
             arm.send(
-                panel.commands({"arm/wrist": 2.0}, 0.0, header_of_now(panel.station))["arm"], topic="arm"
+                panel.commands({"arm/wrist": 2.0}, 0.0, header_of_now(station.clock))["arm"], topic="arm"
             )
             arm.advance(0.1)
         arm.advance(1.0)

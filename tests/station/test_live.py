@@ -15,7 +15,7 @@ from engineio.async_socket import AsyncSocket
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SMALL_BYTES, Follower
 from robbie_mp.station.live.server import serve
-from robbie_mp.station.page.page import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
+from robbie_mp.station.page.build import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
 from robbie_mp.station.web.listening import listen
 
 LARGE = bytes(SMALL_BYTES + 1)

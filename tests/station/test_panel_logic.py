@@ -12,8 +12,8 @@ from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
-from robbie_mp.station.context import Page
 from robbie_mp.station.map.goals import checked
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panels import plots
 from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, way_points
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
@@ -124,7 +124,7 @@ def test_panel_is_updated_only_while_the_page_shows_it(monkeypatch: pytest.Monke
         return timers[-1]
 
     monkeypatch.setattr("nicegui.ui.timer", timer)
-    page = Page("key", "session", Mock(), Mock())
+    page = Page("key", "session", Mock(), Mock(), Mock())
     page.every(0.1, "map", Mock())
     page.every(0.1, "view", Mock())
     page.always(0.1, Mock())

@@ -15,8 +15,8 @@ from robbie_mp.module.calls.errors import (
     NoServer,
     TooManyCalls,
 )
-from robbie_mp.station.context import ending
-from robbie_mp.station.requests import MAX_WAITING, Asked, Asking, Requests
+from robbie_mp.station.page.page import ending
+from robbie_mp.station.page.requests import MAX_WAITING, Asked, Asking, Requests
 
 OnEnd = Callable[[Message | CallError], None]
 
@@ -76,7 +76,7 @@ def test_order_to_move_that_waited_for_the_module_is_not_sent(
     sent: list[Asking] = []
     requests = Requests(lambda message, _end, _topic: sent.append(message))
     now_s = [100.0]
-    monkeypatch.setattr("robbie_mp.station.requests.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("robbie_mp.station.page.requests.time.monotonic", lambda: now_s[0])
     late, any_time = requests.ask(SetControl(), "go on", within_s=2.0), requests.ask(SetControl(), "hold")
     now_s[0] += 10.0
     requests.tick()

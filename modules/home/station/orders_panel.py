@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.station.context import Page, ending
+from robbie_mp.station.page.page import Page, ending
+from robbie_mp.station.page.requests import Asked
 from robbie_mp.station.page.state_item import GOOD, StateItem
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.requests import Asked
 from robbie_mp.station.watch.run import REFRESH_S
 from robbie_mp.station.web.access import Role
 from robbie_robots.modules.home.messages import CancelOrder, CarryOut, HouseholdStatus, HouseholdTask
@@ -44,7 +44,7 @@ class OrdersPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._status = station.newest(HouseholdStatus)
+        self._status = station.messages.newest(HouseholdStatus)
 
     def state_items(self) -> Iterator[StateItem]:
         """Return what the robot does for the strip."""

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from robbie_mp.station.context import Page, ending
 from robbie_mp.station.page.log_events import EventKind
+from robbie_mp.station.page.page import Page, ending
+from robbie_mp.station.page.requests import Asked
 from robbie_mp.station.page.state_item import ALERT, GOOD, WARNING, StateItem, clock_text
 from robbie_mp.station.panel import Panel, columns
-from robbie_mp.station.requests import Asked
 from robbie_mp.station.watch.latest import silence
 from robbie_mp.station.watch.run import REFRESH_S
 from robbie_mp.station.web.access import Role
@@ -26,6 +26,7 @@ from robbie_robots.modules.rescue.station.wall_layers import add_wall_layers
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
+    from robbie_mp.station.watch.latest import MessageSource
 
 BUTTONS = (
     ("Start", OrderMission.START, "play_arrow", "green-9", "g"),
@@ -50,12 +51,14 @@ class MissionPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._results = MissionResults(station)
-        self._control = MissionControl(station)
-        self._watch = VictimWatch(station)
+        messages, marks = station.messages, station.map.marks
+        self._figures = station.run.figures
+        self._results = MissionResults(messages)
+        self._control = MissionControl(messages)
+        self._watch = VictimWatch(messages)
         self._question = VictimQuestion(self._watch)
-        station.map_marks.add("victims", self._watch.marks)
-        add_wall_layers(station)
+        marks.add("victims", self._watch.marks)
+        add_wall_layers(messages, marks)
 
     def build_on_every_tab(self, page: Page) -> None:
         """Build the results of the mission."""
@@ -91,7 +94,7 @@ class MissionPanel(Panel):
         page.every(REFRESH_S / 2, self.name, update)
 
     def _state_rows(self) -> list[dict[str, Any]]:
-        reading = self.station.run_watch.reading
+        reading = self._figures.reading
         return [
             {"module": module.name, "state": module.states, "status": module.status}
             for module in (reading.modules if reading else ())
@@ -102,8 +105,8 @@ class MissionPanel(Panel):
 class MissionControl:
     """Shows the mission's state. Operators have buttons for the orders that it accepts now."""
 
-    def __init__(self, station: StationContext):
-        self.status = station.newest(MissionStatus)
+    def __init__(self, messages: MessageSource):
+        self.status = messages.newest(MissionStatus)
 
     def build(self, page: Page, panel: str, period_s: float) -> None:
         """Add buttons and texts to a panel of a page."""

@@ -14,7 +14,8 @@ from robbie_mp.station.page.state_item import clock_text
 from robbie_robots.modules.rescue.messages import MissionResult, MissionStatus
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.page.page import Page
+    from robbie_mp.station.watch.latest import MessageSource
 
 STYLE = Path(__file__).parent / "mission_results.css"
 DONE = "DONE"
@@ -39,14 +40,14 @@ class MissionResults:
     """Keeps the results of the newest mission, until another one is under way.
 
     Args:
-        station: source of the messages.
+        messages: source of the messages.
     """
 
-    def __init__(self, station: StationContext):
+    def __init__(self, messages: MessageSource):
         self.rows: Rows = []
-        station.hear(MissionResult, self._on_result)
-        station.hear(MissionStatus, self._on_status)
-        station.hear(TimeJump, lambda _jump: self._forget())
+        messages.hear(MissionResult, self._on_result)
+        messages.hear(MissionStatus, self._on_status)
+        messages.hear(TimeJump, lambda _jump: self._forget())
 
     def build(self, page: Page) -> None:
         """Add the card to a page."""

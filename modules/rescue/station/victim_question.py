@@ -14,7 +14,7 @@ from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.messages import AnswerVictim
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page
+    from robbie_mp.station.page.page import Page
     from robbie_robots.modules.rescue.station.victim_watch import KnownVictim, VictimWatch
 
 ANSWERS = (

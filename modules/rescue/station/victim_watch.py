@@ -22,7 +22,7 @@ from robbie_robots.modules.rescue.messages import VictimFound
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.watch.latest import MessageSource
 
 MAX_VICTIMS = 256
 COLOURS = {
@@ -82,11 +82,11 @@ class VictimWatch:
         count: number of messages so far.
     """
 
-    def __init__(self, station: StationContext):
+    def __init__(self, messages: MessageSource):
         self.victims: dict[int, KnownVictim] = {}
         self.count = 0
-        station.hear(VictimFound, self._on_victim)  # all messages, because each may be about another victim
-        station.hear(TimeJump, lambda _jump: self._forget())
+        messages.hear(VictimFound, self._on_victim)  # all messages, because each may be about another victim
+        messages.hear(TimeJump, lambda _jump: self._forget())
         serve_pictures("/pictures/victim/{number}", self._answer)
 
     def _on_victim(self, message: VictimFound) -> None:

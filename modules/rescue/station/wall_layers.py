@@ -12,18 +12,18 @@ from robbie_robots.modules.planar_messages import map_cells
 from robbie_robots.modules.rescue.messages import SearchedWalls
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import StationContext
-    from robbie_mp.station.watch.latest import Latest
+    from robbie_mp.station.map.marks import MapMarks
+    from robbie_mp.station.watch.latest import Latest, MessageSource
 
 LAYERS = (("Searched walls", "#00c853", 100), ("Walls to search", "#ff6d00", 0))
 """Each with its colour, and its value in `SearchedWalls`."""
 
 
-def add_wall_layers(station: StationContext) -> None:
+def add_wall_layers(messages: MessageSource, marks: MapMarks) -> None:
     """Add the layers to the map; constructors of panels call this."""
-    newest = station.newest(SearchedWalls)
+    newest = messages.newest(SearchedWalls)
     for title, colour, value in LAYERS:
-        station.map_marks.add_cells(title, colour, partial(cells_with, newest, value))
+        marks.add_cells(title, colour, partial(cells_with, newest, value))
 
 
 def cells_with(newest: Latest[SearchedWalls], value: int) -> CellMarks:

@@ -18,7 +18,9 @@ from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.module import Publish
+    from robbie_mp.station.page.page import Page
 
 MIN_LINEAR_M_PER_S, MIN_ANGULAR_RAD_PER_S = 0.05, 0.1
 STEP = 1.25
@@ -45,8 +47,9 @@ class Driver:
     """Drives for an operator's page, whatever its layout.
 
     Args:
-        station: holds the driving page and the speed limits.
+        station: has the speed limits, and knows who drives.
         page: publishes the commands.
+        publish: publishes the command to stop when the page is gone.
 
     Attributes:
         linear_m_per_s: speed while a control is held to its end.
@@ -54,12 +57,16 @@ class Driver:
         without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
     """
 
-    def __init__(self, station: StationContext, page: Page):
-        self._station = station
+    def __init__(self, station: StationContext, page: Page, publish: Publish):
+        self._settings = station.settings
+        self._clock = station.clock
+        self._motion = station.robot.motion
+        self._operators = station.operators
         self._page = page
-        self._control = HeldControl(station, page, "driving")
-        self.linear_m_per_s = station.max_linear_m_per_s / 2
-        self.angular_rad_per_s = station.max_angular_rad_per_s / 2
+        self._publish = publish
+        self._control = HeldControl(station.operators, page, "driving")
+        self.linear_m_per_s = self._settings.max_linear_m_per_s / 2
+        self.angular_rad_per_s = self._settings.max_angular_rad_per_s / 2
         self._last = DriveCommand()
         self._last_s = -math.inf
         self.without_guard = False
@@ -93,22 +100,23 @@ class Driver:
     def take_over(self) -> None:
         """Drive instead of the page or the operator elsewhere that drives now."""
         if self._page.may("taking over"):
-            self._station.drivers_seat.take(self._page.key, over=True)
-            self._station.robot_command.take(over=True)
+            self._operators.seat.take(self._page.key, over=True)
+            self._operators.command.take(over=True)
 
     def change_limits(self, up: bool) -> None:
         """Drive faster or slower from now on."""
         factor = STEP if up else 1 / STEP
         linear, angular = self.linear_m_per_s * factor, self.angular_rad_per_s * factor
-        self.linear_m_per_s = min(self._station.max_linear_m_per_s, max(MIN_LINEAR_M_PER_S, linear))
-        self.angular_rad_per_s = min(self._station.max_angular_rad_per_s, max(MIN_ANGULAR_RAD_PER_S, angular))
+        most = self._settings
+        self.linear_m_per_s = min(most.max_linear_m_per_s, max(MIN_LINEAR_M_PER_S, linear))
+        self.angular_rad_per_s = min(most.max_angular_rad_per_s, max(MIN_ANGULAR_RAD_PER_S, angular))
 
     def _on_drive(self, event: GenericEventArguments) -> None:
         wish = checked(event.args)
         if wish is None:
             return
         self.without_guard = self.without_guard and wish.held
-        header = header_of_now(self._station, "base_link")  # first: the age counts from then
+        header = header_of_now(self._clock, "base_link")  # first: the age counts from then
         age_s = self._control.age_s(held=wish.held, begins=wish.begins, sent_s=wish.sent_s)
         if age_s is None:
             return
@@ -122,7 +130,7 @@ class Driver:
         )
         self._last, self._last_s = command_message, time.monotonic()
         self._page.publish(command_message, "the command", MANUAL_TOPIC)
-        self._station.motion.command(command_message)
+        self._motion.command(command_message)
 
     def _on_pong(self, event: GenericEventArguments) -> None:
         try:
@@ -137,9 +145,9 @@ class Driver:
         if self._page.link.is_free:
             self._keys.run_method("answer", switch.ping(now_s))
         switch.look(now_s)
-        if switch.is_too_slow and self._station.drivers_seat.holder == self._page.key:
-            self._station.drivers_seat.leave(self._page.key)
-            self._station.robot_command.give_up()
+        if switch.is_too_slow and self._operators.seat.holder == self._page.key:
+            self._operators.seat.leave(self._page.key)
+            self._operators.command.give_up()
 
     def _stop_without_page(self) -> None:
         """Stop the robot at once if the page's connection ends while it drives.
@@ -149,11 +157,11 @@ class Driver:
         self.without_guard = False
         moves = self._last.linear_m_per_s or self._last.angular_rad_per_s
         is_valid = time.monotonic() - self._last_s < VALID_FOR.nanoseconds / 1e9
-        if moves and is_valid and self._station.drivers_seat.holder == self._page.key:
-            stop = DriveCommand(header=header_of_now(self._station, "base_link"), valid_for=VALID_FOR)
+        if moves and is_valid and self._operators.seat.holder == self._page.key:
+            stop = DriveCommand(header=header_of_now(self._clock, "base_link"), valid_for=VALID_FOR)
             # Not by `Page.publish`: the session may have ended, and everyone may stop the robot.
-            self._station.publish(stop, topic=MANUAL_TOPIC)
-            self._station.motion.command(stop)
+            self._publish(stop, topic=MANUAL_TOPIC)
+            self._motion.command(stop)
 
 
 def checked(sent: Any) -> Wish | None:

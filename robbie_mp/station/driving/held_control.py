@@ -11,7 +11,8 @@ from robbie_mp.messages import Duration
 from robbie_mp.station.driving.dead_man import LIMIT_S
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.driving.operators import Operators
+    from robbie_mp.station.page.page import Page
 
 VALID_FOR = Duration.from_nanoseconds(170_000_000)
 """A device stops when no further command arrives for this time. Pages send one every 50 ms; two may fail."""
@@ -21,7 +22,7 @@ class HeldControl:
     """Decides whether a command that a page has sent may move the robot.
 
     Args:
-        station: holds the driving page, and the operator who has control of the robot.
+        operators: the page that drives, and the operator who has control of the robot.
         page: the page, whose role is checked.
         what: a name for the action in texts, such as "driving".
 
@@ -30,8 +31,8 @@ class HeldControl:
         stale: number of commands that came too late, or when the page had lost control.
     """
 
-    def __init__(self, station: StationContext, page: Page, what: str):
-        self._station = station
+    def __init__(self, operators: Operators, page: Page, what: str):
+        self._operators = operators
         self._page = page
         self._what = what
         self._drive: int | None = None
@@ -40,8 +41,8 @@ class HeldControl:
     @property
     def is_other_driving(self) -> bool:
         """Whether another page, or an operator elsewhere, drives."""
-        is_other_page = self._station.drivers_seat.holder not in (None, self._page.key)
-        return is_other_page or bool(self._station.robot_command.other)
+        is_other_page = self._operators.seat.holder not in (None, self._page.key)
+        return is_other_page or bool(self._operators.command.other)
 
     def age_s(self, *, held: bool, begins: bool, sent_s: float) -> float | None:
         """Return the greatest age of a command that counts, in s; None if it does not count.
@@ -58,7 +59,7 @@ class HeldControl:
             return None
         age_s = self._page.dead_man.age_s(sent_s, time.monotonic())
         if not held:
-            is_counted = self._station.drivers_seat.holder in (None, self._page.key)
+            is_counted = self._operators.seat.holder in (None, self._page.key)
         else:
             is_counted = self._may_move(begins=begins, age_s=age_s)
         return age_s if is_counted and not self._is_refused() else None
@@ -80,18 +81,18 @@ class HeldControl:
 
     def _takes_seat(self) -> bool:
         """Return whether the page has the seat; a drive during which another page had it does not get it."""
-        return self._drive is not None and self._station.drivers_seat.take(self._page.key)
+        return self._drive is not None and self._operators.seat.take(self._page.key)
 
     def _is_refused(self) -> bool:
         """Count a command that the link of this robot refuses, and return whether it does."""
-        robot = self._station.robot_command
+        robot = self._operators.command
         is_refused = robot.is_here and bool(robot.other)
         self.refused += is_refused
         return is_refused
 
     def _begin(self) -> None:
         """Ask the robot for the command, or tell that an operator elsewhere holds it."""
-        robot = self._station.robot_command
+        robot = self._operators.command
         robot.take()
         if robot.other:
             text = f"{robot.text}: your commands are refused. Take over to drive"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,39 +63,32 @@ class Movement:
     """Why the robot does not move although it is commanded, or that it drives without guard; '' otherwise."""
 
 
-class MovingRobot(MessageSource, Protocol):
-    """The operator station, as far as the robot's movement depends on it."""
-
-    scene: SceneGraphListener
-
-    @property
-    def pages(self) -> Sized:
-        """The open pages."""
-
-    @property
-    def robot_size_m(self) -> Sequence[float]:
-        """Length, width and height of the robot."""
-
-
 class Motion:
     """Watches the robot's movement for all pages. Used in the station's thread, but for `command`.
 
     Args:
-        station: receives the messages.
+        messages: source of the messages.
+        scene: where the robot and its lasers are.
+        pages: the open pages; without any, it does not look.
+        robot_size_m: length, width and height of the robot.
 
     Attributes:
         now: the movement at present.
     """
 
-    def __init__(self, station: MovingRobot):
-        self._station = station
-        self._odometry = station.newest(Odometry, "odom")
-        self._imu = station.newest(Imu)
+    def __init__(
+        self, messages: MessageSource, scene: SceneGraphListener, pages: Sized, robot_size_m: Sequence[float]
+    ):
+        self._graph = scene.graph
+        self._pages = pages
+        self._size_m = robot_size_m
+        self._odometry = messages.newest(Odometry, "odom")
+        self._imu = messages.newest(Imu)
         self._scans: dict[str, tuple[float, LaserScan]] = {}
-        station.newest(LaserScan).listen(self.scan)
-        self._stop = station.newest(EmergencyStop, "emergency_stop_state")
-        self._control = station.newest(ControlState, "control")
-        self._commands = station.newest(DriveCommand)
+        messages.newest(LaserScan).listen(self.scan)
+        self._stop = messages.newest(EmergencyStop, "emergency_stop_state")
+        self._control = messages.newest(ControlState, "control")
+        self._commands = messages.newest(DriveCommand)
         self._commands.listen(self.command)
         self._command: tuple[float, DriveCommand] | None = None
         self._stands_since_s: float | None = None
@@ -116,7 +109,7 @@ class Motion:
     def tick(self) -> None:
         """Look at the movement, while any page is open."""
         now_s = time.monotonic()
-        if not self._station.pages or now_s < self._next_s:
+        if not self._pages or now_s < self._next_s:
             return
         self._next_s = now_s + PERIOD_S
         self.now = self._look(now_s)
@@ -145,7 +138,7 @@ class Motion:
 
     def _heading(self) -> float | None:
         try:
-            return self._station.scene.graph.pose("map", BASE).yaw
+            return self._graph.pose("map", BASE).yaw
         except SceneGraphError:
             odometry = self._odometry.message
             return odometry.pose.pose.orientation.yaw if odometry else None
@@ -163,14 +156,14 @@ class Motion:
         farthest_m = 0.0
         for scan in scans:
             try:
-                pose = self._station.scene.graph.pose(BASE, scan.header.frame_id)
+                pose = self._graph.pose(BASE, scan.header.frame_id)
             except SceneGraphError:
                 continue
             points.append(pose.apply(scan_points(scan).places))
             farthest_m = max(farthest_m, scan.range_max)
         if not points:
             return None
-        length_m, width_m, _ = self._station.robot_size_m
+        length_m, width_m, _ = self._size_m
         return free_way_m(np.concatenate(points), length_m, width_m, farthest_m)
 
     def _stands(self, found: Movement, now_s: float) -> bool:

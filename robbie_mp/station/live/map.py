@@ -16,7 +16,8 @@ from PIL import Image as PillowImage
 from robbie_mp.messages import OccupancyGrid
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.live.parts import LiveParts
+    from robbie_mp.station.watch.latest import Latest
 
 
 TILE = 128
@@ -132,12 +133,13 @@ class LiveMap:
     """Draws the newest map while a page shows it. Used in the station's thread.
 
     Args:
-        station: receives the map.
+        grid: holder of the newest map.
+        live: takes what is drawn.
     """
 
-    def __init__(self, station: StationContext):
-        self._live = station.live
-        self._grid = station.newest(OccupancyGrid, station.map_topic)
+    def __init__(self, grid: Latest[OccupancyGrid], live: LiveParts):
+        self._live = live
+        self._grid = grid
         self._tiles = MapTiles()
         self._count = 0
         self._next_s = 0.0

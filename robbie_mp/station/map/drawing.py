@@ -19,7 +19,7 @@ from robbie_mp.messages import (
     Quaternion,
     UndoMapAnnotation,
 )
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.watch.latest import Latest
 

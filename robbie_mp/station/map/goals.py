@@ -7,11 +7,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robbie_mp.messages import NavigateTo, Point, Pose, PoseStamped, Quaternion
-from robbie_mp.station.context import Page, header_of_now
+from robbie_mp.station.context import header_of_now
+from robbie_mp.station.page.page import Page
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import StationContext
-    from robbie_mp.station.requests import Asked
+    from robbie_mp.module.clock import Clock
+    from robbie_mp.station.page.requests import Asked
 
 GOAL, NEXT_GOAL, INITIAL_POSE = "goal", "next_goal", "initial_pose"
 KINDS = (GOAL, NEXT_GOAL, INITIAL_POSE)
@@ -43,14 +44,12 @@ def checked(sent: Any) -> Placement | None:
     return Placement(kind, numbers[0], numbers[1], None if yaw_rad is None else numbers[2])
 
 
-def place(
-    page: Page, station: StationContext, placement: Placement, robot: PoseStamped | None
-) -> Asked | None:
+def place(page: Page, clock: Clock, placement: Placement, robot: PoseStamped | None) -> Asked | None:
     """Send the goal or publish the pose that an operator has set.
 
     Args:
         page: the operator's page, which checks the role and shows how a goal ends.
-        station: gives the time.
+        clock: tells the time.
         placement: the place.
         robot: the robot's pose on the map, for a goal without a heading; None if it is unknown.
 
@@ -62,7 +61,7 @@ def place(
         position = Point(x=x_m, y=y_m) if robot is None else robot.pose.position
         yaw_rad = math.atan2(y_m - position.y, x_m - position.x)
     pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
-    message = PoseStamped(header=header_of_now(station, "map"), pose=pose)
+    message = PoseStamped(header=header_of_now(clock, "map"), pose=pose)
     if kind != INITIAL_POSE:
         return page.ask(NavigateTo(pose=message), "the goal", "the robot is at the goal")
     page.publish(message, "the pose", INITIAL_POSE)

@@ -24,7 +24,7 @@ from robbie_mp.station.web.access import Role
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
-    from robbie_mp.station.context import Page
+    from robbie_mp.station.page.page import Page
     from robbie_mp.station.panel import Panel
 
 TAB = "tab"

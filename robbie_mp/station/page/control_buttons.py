@@ -13,7 +13,9 @@ from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.messages import uint8
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.driving.command import RobotCommand
+    from robbie_mp.station.page.page import Page
+    from robbie_mp.station.watch.latest import MessageSource
 
 TOPIC = "control"
 PERIOD_S = 0.25
@@ -24,11 +26,16 @@ ICONS = {"AUTO": "smart_toy", "MANUAL": "sports_esports", "HOLD": "pause_circle"
 
 
 class ControlButtons:
-    """Shows who controls the robot, if its base says so, and orders it to go on or to hold."""
+    """Shows who controls the robot, if its base says so, and orders it to go on or to hold.
 
-    def __init__(self, station: StationContext):
-        self._station = station
-        self._state = station.newest(ControlState, TOPIC)
+    Args:
+        messages: source of the base's state.
+        command: which operator has control of the robot.
+    """
+
+    def __init__(self, messages: MessageSource, command: RobotCommand):
+        self._command = command
+        self._state = messages.newest(ControlState, TOPIC)
 
     @property
     def item(self) -> StateItem | None:
@@ -44,12 +51,12 @@ class ControlButtons:
 
     def order(self, page: Page, mode: uint8) -> None:
         """Order the robot to go on, or to hold."""
-        what, command = f"the order {MODES[mode]}", self._station.robot_command
+        what = f"the order {MODES[mode]}"
         moves = mode == ControlState.AUTO
-        if not command.is_elsewhere:
+        if not self._command.is_elsewhere:
             page.ask(SetControl(mode=mode, reason=BY_HAND), what, success=MODES[mode], moves=moves)
         elif page.may_move(what) if moves else page.may(what):
-            command.ask(WISHES[mode])
+            self._command.ask(WISHES[mode])
 
     def build(self, page: Page) -> None:
         """Build the buttons of an operator's page. One that would change nothing is hidden."""

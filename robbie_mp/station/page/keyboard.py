@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from nicegui.events import GenericEventArguments
 
-    from robbie_mp.station.context import Key
+    from robbie_mp.station.page.page import Key
 
 OPEN = "() => window.dispatchEvent(new CustomEvent('robbie-keys'))"
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page
+    from robbie_mp.station.page.page import Page
 
 COOKIE = "robbie-look"
 DARK, LIGHT = "dark", "light"

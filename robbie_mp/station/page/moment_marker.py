@@ -12,14 +12,18 @@ from robbie_mp.station.context import header_of_now
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from logging import Logger
+
+    from robbie_mp.module.clock import Clock
+    from robbie_mp.station.page.page import Page
 
 
 class MomentMarker:
     """A button at the top of the page. It marks at once, because typing a text would take too long."""
 
-    def __init__(self, station: StationContext):
-        self._station = station
+    def __init__(self, clock: Clock, log: Logger):
+        self._clock = clock
+        self._log = log
         self._numbers = count(1)
 
     def build(self, page: Page) -> None:
@@ -29,9 +33,9 @@ class MomentMarker:
 
         def mark() -> None:
             text = f"mark {next(self._numbers)}"
-            message = Mark(header=header_of_now(self._station), text=text)
+            message = Mark(header=header_of_now(self._clock), text=text)
             if page.publish(message, text):
-                self._station.log.info("%s, by hand", text)
+                self._log.info("%s, by hand", text)
                 ui.notify(text)
 
         page.add_key("m", "Mark this moment", mark)

@@ -1,156 +1,235 @@
-"""The page as a whole: the bar at the top, and a tile for each panel."""
+"""A page that is open in a browser, and the only way from it to the robot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import time
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from nicegui import core, ui
+from nicegui import ui
 
-from robbie_mp.station.context import Link, Page
-from robbie_mp.station.driving.driver import Driver
-from robbie_mp.station.page.cockpit import LAYOUT, TAB, Cockpit
-from robbie_mp.station.page.grid import STYLES
-from robbie_mp.station.page.keyboard import Keyboard, keys_button
-from robbie_mp.station.page.layouts import LayoutCollection
-from robbie_mp.station.page.look import COOKIE, LookSwitch
-from robbie_mp.station.panel import Panel
+from robbie_mp.messages import IllFormed, check_well_formed
+from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
+from robbie_mp.station.driving.dead_man import ORDER_LIMIT_S, DeadManSwitch
 from robbie_mp.station.web.access import Role
-from robbie_mp.station.web.gate import SESSION
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import StationContext
-
-PRIMARY = "#00796b"
-"""Colour of what can be pressed. White text on it has a contrast of 5.3."""
-POSITIVE, NEGATIVE = "#2e7d32", "#c62828"
-"""Colours of notes. White text on them has contrasts of 5.1 and 5.6."""
-STYLE = Path(__file__).parent / "cockpit.css"
-LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
-RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
-"""Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
-LOAD_AGAIN = """<script>
-addEventListener("error", ({ target }) => {
-  if (!["SCRIPT", "LINK"].includes(target.tagName)) return;
-  setTimeout(() => document.getElementById("app")?.childElementCount || location.reload(), 1000);
-}, true);
-</script>"""
-"""Load a page again that stays empty because a bad network has lost one of its scripts."""
-MAX_WAITING_PACKETS = 4
-"""Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
-NAMESPACE = "/"
-ENDS_PERIOD_S = 0.2
-"""Time between two looks whether what the operator asked for has ended."""
+    from robbie_mp.messages import Message
+    from robbie_mp.station.module import StationModule
+    from robbie_mp.station.page.requests import Asked, Asking
+    from robbie_mp.station.web.access import Access
 
 
-class BrowserLink(Link):
-    """Counts the packets that wait for one browser.
-
-    Socket.IO queues packets for a browser without a limit. So updates of a page check this first. A skipped
-    update does no harm, because a later one has the newest state.
-
-    Args:
-        server: the socketio.AsyncServer that sends to all browsers.
-        client: the browser.
-    """
-
-    def __init__(self, server: Any, client: str):
-        self._server = server
-        self._client = client
+class Link(Protocol):
+    """The connection to a browser."""
 
     @property
     def is_free(self) -> bool:
-        """Whether there is a connection, and few packets wait for it."""
-        waiting = [
-            found.queue.qsize()
-            for _, connection in self._server.manager.get_participants(NAMESPACE, self._client)
-            if (found := self._server.eio.sockets.get(connection)) is not None
-        ]
-        # A browser that has reconnected may still have its former connection, too.
-        return bool(waiting) and min(waiting) < MAX_WAITING_PACKETS
+        """Whether the browser has received almost everything that was sent."""
 
 
-@dataclass(frozen=True)
-class PageParts:
-    """The builders of the parts of a page."""
+class Key(NamedTuple):
+    """An action that a key starts."""
 
-    strip: Callable[[Page], None]
-    """Builds the strip with the state of the robot."""
-    tools: Sequence[Callable[[Page], None]]
-    """Build the buttons in the bar at the top."""
-    bars: Sequence[Callable[[Page], None]]
-    """Build the elements above the tiles, some of them hidden most of the time."""
-    foot: Sequence[Callable[[Page], None]]
-    """Build the bars below the tiles, most of them hidden most of the time."""
-    panels: Sequence[tuple[Panel, str]]
-    """Each with its title."""
-    plays_log: Callable[[], bool]
-    """Returns whether a log plays."""
+    text: str
+    action: Callable[[], None] | None
 
 
-def build_page(
-    station: StationContext, parts: PageParts, layouts: LayoutCollection, single: str = ""
-) -> None:
-    """Build the elements of a page that has just been opened.
+class Drives(Protocol):
+    """Drives the robot for an operator's page.
+
+    Attributes:
+        linear_m_per_s: speed while a control is held to its end.
+        angular_rad_per_s: turn rate while a control is held to its end.
+        without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
+    """
+
+    linear_m_per_s: float
+    angular_rad_per_s: float
+    without_guard: bool
+
+    @property
+    def refused(self) -> int:
+        """Number of commands refused here because an operator elsewhere drives."""
+
+    @property
+    def stale(self) -> int:
+        """Number of commands that came too late."""
+
+    @property
+    def is_other_driving(self) -> bool:
+        """Whether another page, or an operator elsewhere, drives."""
+
+    @property
+    def delay(self) -> str:
+        """Why the network does not allow to drive; '' if it does."""
+
+    def take_over(self) -> None:
+        """Drive instead of the page or the operator elsewhere that drives now."""
+
+    def change_limits(self, up: bool) -> None:
+        """Drive faster or slower from now on."""
+
+
+class Page:
+    """One page that is open in a browser, and the only way from it to the robot.
+
+    Permissions are checked here, on every action: an event can come from any element of the page, whether
+    or not it is drawn, enabled or visible.
 
     Args:
-        station: the station that serves the page.
-        parts: build the page's parts.
-        layouts: the layouts of the panels.
-        single: the only panel that the page shows; '': it has layouts.
+        key: identifies the page among all open ones.
+        session: the visitor's session.
+        access: knows the role of the session.
+        station: sends messages to the robot.
+        link: the connection to the browser.
     """
-    client = ui.context.client
-    page = Page(client.id, client.request.scope[SESSION], station, BrowserLink(core.sio, client.id))
-    station.opened(page)
-    client.on_delete(lambda: station.closed(page))
-    ui.add_head_html(LOAD_AGAIN)
-    ui.run_javascript(RECONNECT)
-    for style in (*STYLES, STYLE):
-        ui.add_css(style)
-    ui.colors(primary=PRIMARY, positive=POSITIVE, negative=NEGATIVE)
-    if page.role is Role.OPERATOR:
-        page.driver = Driver(station, page)
-    cockpit = Cockpit(page, layouts, parts.panels, single, parts.plays_log)
-    with ui.element("div").classes("cockpit"):
-        with ui.element("header").classes("cockpit-bar beside-emergency-stop"):
-            parts.strip(page)
-            with ui.element("div").classes("cockpit-tools"):
-                _build_tools(page, parts, cockpit)
-        with ui.element("div").classes("cockpit-bars"):
-            for build in parts.bars:
-                build(page)
-        asked = client.request.query_params if client.request else {}
-        cockpit.build(asked.get(LAYOUT, ""), asked.get(TAB, ""))
-        with ui.element("footer").classes("cockpit-foot"):
-            for build in parts.foot:
-                build(page)
-    _add_keys(page, cockpit)
-    Keyboard(page.keys)
-    page.always(ENDS_PERIOD_S, page.show_ends)
+
+    def __init__(self, key: str, session: str, access: Access, station: StationModule, link: Link):
+        self.key = key
+        self.session = session
+        self.link = link
+        self._access = access
+        self._station = station
+        self._asked: list[tuple[Asked, str]] = []
+        """The requests that have not ended yet, each with the text to show when it succeeds."""
+        self._timers: list[tuple[str, ui.timer]] = []
+        """The timers of panels, which run only while the page shows these."""
+        self.shown: frozenset[str] = frozenset()
+        """Names of the panels that the page shows now."""
+        self.dead_man = DeadManSwitch()
+        self.driver: Drives | None = None
+        """Drives for an operator; None on an observer's page."""
+        self.keys: dict[str, Key] = {}
+        """Actions by the keys that start them."""
+
+    @property
+    def role(self) -> Role | None:
+        """The visitor's role now; None if the session has ended."""
+        return self._access.role_of(self.session)
+
+    def may(self, what: str, needs: Role = Role.OPERATOR) -> bool:
+        """Return whether the visitor may do something now. If not, report it on the page and in the trace.
+
+        Args:
+            what: the action, such as "the order".
+            needs: the role that the action needs.
+        """
+        role = self.role
+        if role is not None and role >= needs:
+            return True
+        whose = "a session that has ended" if role is None else f"an {role.name.lower()}"
+        self._access.refusals.warning("refused %s from a page of %s", what, whose)
+        ui.notify(f"{what} was refused: it needs an {needs.name.lower()}", type="negative")
+        return False
+
+    def may_move(self, what: str) -> bool:
+        """Return whether the visitor may give an order that lets the robot move. It must not be late."""
+        if not self.may(what):
+            return False
+        if self.dead_man.is_prompt(time.monotonic()):
+            return True
+        self._access.refusals.warning("refused %s of a page: it may have waited too long", what)
+        ui.notify(f"{what} was refused: it may have waited too long; give it again", type="negative")
+        return False
+
+    def publish(self, message: Message, what: str, topic: str = "", needs: Role = Role.OPERATOR) -> bool:
+        """Publish a message for the visitor, or show on the page why not.
+
+        Args:
+            message: the message.
+            what: a name for the message in texts, such as "the order".
+            topic: topic of the message.
+            needs: the role that the action needs.
+
+        Returns:
+            Whether it was published. It is not if the visitor lacks the role, the message is ill-formed, or
+            the robot's memory is full.
+        """
+        if not self.may(what, needs):
+            return False
+        try:
+            check_well_formed(message)
+        except IllFormed as error:
+            self._station.ill_formed.count(error, f"{what} of a page")
+            ui.notify(f"{what} was refused: {error}", type="negative")
+            return False
+        is_sent = self._station.publish(message, topic=topic)
+        if not is_sent:
+            ui.notify(f"{what} was not sent: the robot's memory is full", type="negative")
+        return is_sent
+
+    def ask(
+        self, message: Asking, what: str, success: str = "", topic: str = "", *, moves: bool = False
+    ) -> Asked | None:
+        """Send a request or a goal for an operator. Whatever ends it is shown on the page.
+
+        Args:
+            message: the request or goal, for the module that serves it.
+            what: a name for it in texts, such as "the order".
+            success: shown when the reply or result arrives; '' shows nothing.
+            topic: name of the service, if several modules serve the same type.
+            moves: whether it lets the robot move: then it is refused if it is late.
+
+        Returns:
+            How it ends, in a while; None if the visitor lacks the role, or it is late.
+        """
+        if not (self.may_move(what) if moves else self.may(what)):
+            return None
+        asked = self._station.ask(message, what, topic, within_s=ORDER_LIMIT_S if moves else None)
+        self._asked.append((asked, success))
+        return asked
+
+    def show_ends(self) -> None:
+        """Show how requests and goals have ended."""
+        for entry in [entry for entry in self._asked if entry[0].has_ended]:
+            self._asked.remove(entry)
+            asked, success = entry
+            if asked.error is not None:
+                ui.notify(ending(asked), type="negative", timeout=8000)
+            elif success:
+                ui.notify(success, type="positive")
+
+    def add_key(self, key: str, text: str, action: Callable[[], None] | None = None) -> None:
+        """Let a key start an action wherever the focus is, but for texts; `?` lists it.
+
+        Args:
+            key: the character, in lower case. If another action has it already, that one keeps it.
+            text: what it does.
+            action: called in the page server's thread; None: a script of the page listens itself.
+        """
+        self.keys.setdefault(key, Key(text, action))
+
+    def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
+        """Call an update periodically while the page shows a panel.
+
+        If the update is a coroutine, it ends before the next one begins.
+        """
+        timer = self.always(period_s, update)
+        timer.active = panel in self.shown
+        self._timers.append((panel, timer))
+
+    def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> ui.timer:
+        """Call an update periodically whatever the page shows, except while the browser does not keep up."""
+        return ui.timer(period_s, lambda: update() if self.link.is_free else None)
+
+    def show(self, panels: frozenset[str]) -> None:
+        """Show these panels, and update no others."""
+        self.shown = panels
+        for panel, timer in self._timers:
+            timer.active = panel in panels
 
 
-def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:
-    cockpit.build_menu()
-    keys_button()
-    cookies = ui.context.client.request.cookies if ui.context.client.request else {}
-    LookSwitch(cookies.get(COOKIE, "")).build(page)
-    for build in parts.tools:
-        build(page)
-    ui.badge((page.role or Role.OBSERVER).name.lower()).props("outline id=role color=white")
-    leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
-    leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
-
-
-def _add_keys(page: Page, cockpit: Cockpit) -> None:
-    """Add the keys of layouts and driving."""
-    for number, name in enumerate(cockpit.names[:9], 1):
-        page.add_key(f"{number}", f"Layout {name}", partial(cockpit.choose, name))
-    if cockpit.names:
-        page.add_key("0", "Back to the layout from a maximised tile", cockpit.show_all)
-    if (driver := page.driver) is not None:
-        page.add_key("+", "Drive faster", lambda: driver.change_limits(up=True))
-        page.add_key("-", "Drive slower", lambda: driver.change_limits(up=False))
-        page.add_key("t", "Take over driving from another page or operator", driver.take_over)
+def ending(asked: Asked) -> str:
+    """Return a text that says why a request or goal has failed."""
+    match asked.error:
+        case CallRefused():
+            return f"{asked.what} was refused: {asked.error}"
+        case GoalCancelled():
+            return f"{asked.what} was cancelled: {asked.error}"
+        case GoalPreempted():
+            return f"{asked.what} was given up: {asked.error}"
+        case GoalAborted():
+            return f"{asked.what} cannot be reached: {asked.error}"
+        case _:
+            return f"{asked.what} failed: {asked.error}"

@@ -16,7 +16,8 @@ from robbie_mp.station.page.log_events import EventKind, LogEvent, LogEvents
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.page.page import Page
+    from robbie_mp.station.watch.latest import MessageSource
 
 RATES = {0.25: "¼", 0.5: "½", 1.0: "1", 2.0: "2", 4.0: "4", 10.0: "10", math.inf: "max"}
 """Rates, as multiples of real time."""
@@ -26,12 +27,12 @@ class PlaybackBar:
     """Hidden unless there is a playback in the run.
 
     Args:
-        station: publishes the commands.
+        messages: source of the playback's state.
         kinds: the events to show, besides crashes and marks.
     """
 
-    def __init__(self, station: StationContext, kinds: Iterable[EventKind] = ()):
-        self._state = station.newest(PlaybackState)
+    def __init__(self, messages: MessageSource, kinds: Iterable[EventKind] = ()):
+        self._state = messages.newest(PlaybackState)
         self.events = LogEvents(kinds)
 
     @property

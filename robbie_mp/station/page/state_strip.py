@@ -18,7 +18,8 @@ from robbie_mp.station.page.state_item import ALERT, GOOD, UNKNOWN, WARNING, Sta
 
 if TYPE_CHECKING:
     from robbie_mp.bus.observe import ModuleFigures
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.page.page import Page
     from robbie_mp.station.panel import Panel
 
 PERIOD_S = 0.5
@@ -48,11 +49,12 @@ class StateStrip:
     """
 
     def __init__(self, station: StationContext, panels: Sequence[Panel] = ()):
-        self._station = station
+        self._run = station.run
+        self._operators = station.operators
         self._panels = panels
-        self._battery = station.newest(BatteryState)
-        self._link = station.newest(LinkState)
-        self.control = ControlButtons(station)
+        self._battery = station.messages.newest(BatteryState)
+        self._link = station.messages.newest(LinkState)
+        self.control = ControlButtons(station.messages, station.operators.command)
         self._charges: deque[tuple[float, float]] = deque(maxlen=600)
         self._charges_count = 0
         self._restarts: deque[tuple[float, int]] = deque(maxlen=round(RESTARTS_S / PERIOD_S) * 4)
@@ -61,7 +63,7 @@ class StateStrip:
 
     def tick(self) -> None:
         """Work out the items, once for all pages."""
-        if not self._station.pages or time.monotonic() - self._looked_s < PERIOD_S:
+        if not self._operators.pages or time.monotonic() - self._looked_s < PERIOD_S:
             return
         self._looked_s = time.monotonic()
         items = {item.name: item for item in self._look()}
@@ -90,7 +92,7 @@ class StateStrip:
         page.always(PERIOD_S, update)
 
     def _driver(self, page: Page) -> StateItem:
-        holder, robot = self._station.drivers_seat.holder, self._station.robot_command
+        holder, robot = self._operators.seat.holder, self._operators.command
         if page.driver is not None and (delay := page.driver.delay):
             detail = "this page does not drive until the network is quicker and you take hold again"
             return StateItem("driver", "network_check", delay, ALERT, detail)
@@ -108,7 +110,7 @@ class StateStrip:
     def _look(self) -> Iterator[StateItem]:
         if (control := self.control.item) is not None:
             yield control
-        reading, rates = self._station.run_watch.reading, self._station.run_watch.rates
+        reading, rates = self._run.figures.reading, self._run.figures.rates
         if reading is None:
             return
         began_ns = min((one.started_ns for one in reading.modules if one.started_ns), default=reading.at_ns)
@@ -176,7 +178,7 @@ class StateStrip:
         )
 
     def _recording_item(self, modules: tuple[ModuleFigures, ...]) -> StateItem:
-        free = shutil.disk_usage(self._station.output_directory).free
+        free = shutil.disk_usage(self._run.output_directory).free
         is_recording = any(one.name == LOGGER and one.pid for one in modules)
         text = f"{'REC ' if is_recording else ''}{bytes_text(free)} free"
         icon = "fiber_manual_record" if is_recording else "save"

@@ -18,8 +18,9 @@ from robbie_mp.station.watch.latest import silence
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.context import StationContext
     from robbie_mp.station.driving.motion import Movement
+    from robbie_mp.station.page.page import Page
     from robbie_mp.station.watch.cameras import Cameras
 
 MAX_SMALL = 3
@@ -50,18 +51,20 @@ class CameraPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._cameras = station.cameras
-        self._teaching = Teaching(station)
+        self._robot = station.robot
+        self._scale_m_per_s = station.settings.max_linear_m_per_s
+        words = [*station.settings.objects, *station.settings.persons]
+        self._teaching = Teaching(station.messages, station.robot.cameras, words)
 
     def build(self, page: Page) -> None:
         """Build the large picture, the small ones, the display, and an operator's tools."""
         ui.add_css(STYLE)
-        stage = Stage(self._cameras, self.station.max_linear_m_per_s)
+        stage = Stage(self._robot.cameras, self._scale_m_per_s)
         if page.role is Role.OPERATOR:
             self._teaching.build(page, self.name, stage.root, lambda: stage.chosen)
-            LightSwitch(page, self.station.lights, self.name)
+            LightSwitch(page, self._robot.lights, self.name)
         page.add_key("c", "Next camera", stage.turn)
-        page.every(REFRESH_S, self.name, lambda: stage.update(self.station.motion.now))
+        page.every(REFRESH_S, self.name, lambda: stage.update(self._robot.motion.now))
 
 
 class Stage:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.element import Element
 
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.watch.cameras import ADDRESS, Box, Camera
 from robbie_mp.station.watch.latest import silence
@@ -70,7 +70,7 @@ class CamerasPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._cameras = station.cameras
+        self._cameras = station.robot.cameras
 
     def build(self, page: Page) -> None:
         """Build a card for each camera, and add cards for new cameras."""

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
 from robbie_mp.run.profile.show import inline
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.setting_change import Change
 from robbie_mp.station.watch.settings import Entry
 from robbie_mp.station.web.access import Role
+
+if TYPE_CHECKING:
+    from robbie_mp.station.context import StationContext
 
 PREFIX = "virtual_"
 STEPS = 100
@@ -30,16 +33,20 @@ class DevicesPanel(Panel):
     title = "Virtual devices"
     icon = "construction"
 
+    def __init__(self, station: StationContext):
+        super().__init__(station)
+        self.settings, self._figures = station.run.settings, station.run.figures
+
     def tick(self) -> None:
         """Read the devices' settings."""
         if self.is_looked_at:
-            self.station.settings_watch.tick()
+            self.settings.tick()
 
     def found(self) -> dict[str, dict[str, Entry]]:
         """Return the modules of virtual devices, with the settings of each."""
         return {
             module: virtual
-            for module, entries in self.station.settings_watch.changeable.items()
+            for module, entries in self.settings.changeable.items()
             if (
                 virtual := {
                     name: entry
@@ -65,7 +72,7 @@ class DevicesPanel(Panel):
                 area.clear()
                 with area:
                     made.update({name: Device(self, page, name, found[name]) for name in sorted(found)})
-            reading = self.station.run_watch.reading
+            reading = self._figures.reading
             statuses = {one.name: one.status for one in reading.modules} if reading else {}
             for name, device in made.items():
                 device.update(found[name], statuses.get(name, ""))
@@ -88,7 +95,7 @@ class Device:
             ui.label(module).classes("font-bold")
             self._status = ui.label("").classes("text-sm").props(f"id=device-{module}")
             self.controls = {
-                name: Control(Change(panel.station, page, module, name), page, f"{module}-{name}", entry)
+                name: Control(Change(panel.settings, page, module, name), page, f"{module}-{name}", entry)
                 for name, entry in entries.items()
             }
 

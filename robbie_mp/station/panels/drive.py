@@ -11,7 +11,8 @@ from nicegui.element import Element
 from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Drives, Page
+    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.page.page import Drives, Page
 
 STYLE = Path(__file__).parent / "drive.css"
 
@@ -27,6 +28,11 @@ class DrivePanel(Panel):
     title = "Drive"
     icon = "sports_esports"
 
+    def __init__(self, station: StationContext):
+        super().__init__(station)
+        self._settings, self._operators = station.settings, station.operators
+        self._motion = station.robot.motion
+
     def build(self, page: Page) -> None:
         """Build the controls for operators, and the velocity for all visitors."""
         ui.add_css(STYLE)
@@ -39,7 +45,7 @@ class DrivePanel(Panel):
                     self._build_controls(page, page.driver)
 
         def update() -> None:
-            now = self.station.motion.now
+            now = self._motion.now
             if now.linear_m_per_s is not None and now.angular_rad_per_s is not None:
                 age = f" ({now.silent} ago; the odometry is silent)" if now.silent else ""
                 shown.set_text(f"{now.linear_m_per_s:.2f} m/s, {now.angular_rad_per_s:.2f} rad/s{age}")
@@ -53,10 +59,10 @@ class DrivePanel(Panel):
         seat = ui.label("").props("id=drivers-seat")
         take_over = ui.button("Take over", on_click=driver.take_over).props("id=take-over dense no-caps")
         linear_text = ui.label("")
-        linear = ui.slider(min=0.05, max=self.station.max_linear_m_per_s, step=0.05)
+        linear = ui.slider(min=0.05, max=self._settings.max_linear_m_per_s, step=0.05)
         linear.props('id=linear-limit dense aria-label="Fastest ahead in m/s"')
         angular_text = ui.label("")
-        angular = ui.slider(min=0.1, max=self.station.max_angular_rad_per_s, step=0.1)
+        angular = ui.slider(min=0.1, max=self._settings.max_angular_rad_per_s, step=0.1)
         angular.props('id=angular-limit dense aria-label="Fastest turn in rad/s"')
         without_guard = ui.switch("without guard, until you let go").props("id=without-guard dense")
         ui.label(
@@ -85,8 +91,8 @@ class DrivePanel(Panel):
             take_over.set_visibility(driver.is_other_driving)
             without_guard.set_value(driver.without_guard)
             late = f"; {driver.stale} commands came too late" if driver.stale else ""
-            robot = self.station.robot_command
-            own = f"this page drives{late}" if self.station.drivers_seat.holder else "nobody drives"
+            robot = self._operators.command
+            own = f"this page drives{late}" if self._operators.seat.holder else "nobody drives"
             own += f"; commands of {robot.rival} are refused" if robot.rival else ""
             page = "another page drives" if driver.is_other_driving else own
             refused = f"; {driver.refused} commands were refused" if driver.refused else ""

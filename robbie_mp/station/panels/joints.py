@@ -21,7 +21,8 @@ from robbie_mp.station.web.access import Role
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.page.page import Page
 
 STYLE = Path(__file__).parent / "joints.css"
 MAX_JOINTS = 64
@@ -78,14 +79,17 @@ class JointsPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
+        self._messages, self._clock = station.messages, station.clock
+        self._poses, self._lights = station.settings.poses, station.robot.lights
+        self._operators = station.operators
         self._limits: dict[JointId, tuple[float, float]] = {}
         self._at: dict[JointId, tuple[float, float]] = {}
         """Position (rad) of each joint, and when it was told."""
-        station.hear(JointLimits, self._on_limits)
-        station.hear(JointState, self._on_state)
+        station.messages.hear(JointLimits, self._on_limits)
+        station.messages.hear(JointState, self._on_state)
 
     def _on_limits(self, limits: JointLimits) -> None:
-        topic = self.station.envelope.topic
+        topic = self._messages.envelope.topic
         found = {joint: ends for joint, ends in self._limits.items() if joint.topic != topic}
         ends = zip(limits.name, limits.lower.tolist(), limits.upper.tolist(), strict=False)
         for name, lower, upper in ends:
@@ -94,7 +98,7 @@ class JointsPanel(Panel):
         self._limits = found  # a new dictionary, because the pages read the old one meanwhile
 
     def _on_state(self, state: JointState) -> None:
-        topic, now_s = self.station.envelope.topic, time.monotonic()
+        topic, now_s = self._messages.envelope.topic, time.monotonic()
         told = {
             joint: (position, now_s)
             for name, position in zip(state.name, state.position.tolist(), strict=False)
@@ -127,7 +131,7 @@ class JointsPanel(Panel):
         by_name = {joint.name: joint.key for joint in self._limits}
         return [
             {"name": name, "goals": [[by_name[joint], position] for joint, position in pose.items()]}
-            for name, pose in self.station.poses.items()
+            for name, pose in self._poses.items()
             if pose and set(pose) <= set(by_name)
         ]
 
@@ -162,14 +166,14 @@ class JointsPanel(Panel):
         hint = ui.label("no module offers joints or lights").classes("text-grey").props("id=joints-hint")
         seat = ui.label("").classes("text-orange").props("id=joints-seat role=status")
         controls = JointControls().props("id=joints-controls")
-        lights = LightSliders(page, self.station.lights)
-        control = HeldControl(self.station, page, "moving a joint")
+        lights = LightSliders(page, self._lights)
+        control = HeldControl(self._operators, page, "moving a joint")
 
         def move(event: GenericEventArguments) -> None:
             goals = checked(event.args)
             if goals is None:
                 return
-            header = header_of_now(self.station)
+            header = header_of_now(self._clock)
             age_s = control.age_s(held=goals.held, begins=goals.begins, sent_s=goals.sent_s)
             if goals.held and age_s is not None:
                 for topic, command in self.commands(goals.positions, age_s, header).items():

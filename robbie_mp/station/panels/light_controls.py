@@ -10,7 +10,7 @@ from robbie_mp.messages import SetLight
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page
+    from robbie_mp.station.page.page import Page
     from robbie_mp.station.watch.lights import LightId, LightsWatch
 
 LOOK_S = 0.3

@@ -27,13 +27,13 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.scene import RigidTransform
-from robbie_mp.station.context import Page
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map.drawing import MapDrawing, area_marks
 from robbie_mp.station.map.goal_menu import GoalMenu
 from robbie_mp.station.map.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
 from robbie_mp.station.map.marks import CellMarks, MapMark
 from robbie_mp.station.map.trail import Trail
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.point_sources import PointSources
@@ -96,23 +96,27 @@ class MapPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._grid = station.newest(OccupancyGrid, station.map_topic)
-        self._pose = station.newest(PoseStamped, "map_pose")
-        self._goal = station.newest(PoseStamped, "goal")
-        self._path = station.newest(Path, "path")
-        self._frontiers = station.newest(Frontiers)
-        self._annotations = station.newest(MapAnnotations)
+        self._run_id, self._clock = station.run.known.run_id, station.clock
+        self._scene, self._live = station.robot.scene, station.live
+        self._marks, self._places = station.map.marks, station.map.places
+        messages = station.messages
+        self._grid = messages.newest(OccupancyGrid, station.settings.map_topic)
+        self._pose = messages.newest(PoseStamped, "map_pose")
+        self._goal = messages.newest(PoseStamped, "goal")
+        self._path = messages.newest(Path, "path")
+        self._frontiers = messages.newest(Frontiers)
+        self._annotations = messages.newest(MapAnnotations)
         self._others: list[dict[str, Any]] = []
         self._way: tuple[int, bytes] = (0, b"[]")
-        self._trail = Trail(station)
+        self._trail = Trail(messages)
         self._cells: dict[str, tuple[int, float, bytes]] = {}
         self._shown_s: dict[str, float] = {}
-        costmap = station.newest(Costmap, "costmap")
+        costmap = messages.newest(Costmap, "costmap")
         for title, colour, least, greatest in COSTS:
             source = partial(cost_cells, costmap, least, greatest)
-            station.map_marks.add_cells(title, colour, source, is_hidden=True)
+            self._marks.add_cells(title, colour, source, is_hidden=True)
         self._way_come: tuple[int, bytes] = (0, b"[]")
-        self._scans = PointSources(station, (LaserScan,))
+        self._scans = PointSources(messages, station.run.figures, (LaserScan,))
 
     def build(self, page: Page) -> None:
         """Build the map and its tools."""
@@ -133,7 +137,7 @@ class MapPanel(Panel):
                 shown = self._build_view_tools(view)
         follows.on_value_change(lambda event: view.set(follows=str(event.value)))
         text = ui.label("").props("id=map-text")
-        goals = GoalList(lambda goal: place(page, self.station, goal, self._pose.message))
+        goals = GoalList(lambda goal: place(page, self._clock, goal, self._pose.message))
 
         def cancel_all() -> None:
             goals.clear()
@@ -152,7 +156,7 @@ class MapPanel(Panel):
                 return
             if placement.kind == GOAL:
                 goals.clear()
-            place(page, self.station, placement, self._pose.message)
+            place(page, self._clock, placement, self._pose.message)
             mode.set_value("")
 
         if page.role is Role.OPERATOR:
@@ -212,7 +216,7 @@ class MapPanel(Panel):
                 case "measure":
                     button.on_click(lambda: view.run_method("measure"))
                 case "save":
-                    button.on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
+                    button.on_click(lambda: view.run_method("save", f"map-{self._run_id}.png"))
                 case _:
                     with button, ui.menu():
                         self._build_layers(view, shown)
@@ -220,7 +224,7 @@ class MapPanel(Panel):
 
     def _build_layers(self, view: MapView, shown: set[str]) -> None:
         """Build the list of layers; keep `shown` as the page shows them."""
-        layers = self.station.map_marks.layers
+        layers = self._marks.layers
         of_panels = {layer.title: layer.title for layer in layers}
         names = {**LAYERS, **of_panels}
         shown.update(names.keys() - {layer.title for layer in layers if layer.is_hidden})
@@ -240,20 +244,20 @@ class MapPanel(Panel):
 
     def tick(self) -> None:
         """Update the marks, if any page shows them."""
-        if self.station.live.is_wanted(GROUP):
-            found = other_robots(self.station.scene, MAP)
+        if self._live.is_wanted(GROUP):
+            found = other_robots(self._scene, MAP)
             self._others = [robot_mark(name, pose) for name, pose in found.items()]
             parts = {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
             parts |= self._encoded_cells()
             parts |= {"path": self._encoded_path(), "trail": self._encoded_trail()}
-            self.station.live.put(GROUP, parts | self._scans.look(self._pose_at, MAP))
+            self._live.put(GROUP, parts | self._scans.look(self._pose_at, MAP))
 
     def _pose_at(self, frame: str, time_ns: int) -> RigidTransform | None:
-        return pose_for_picture(self.station.scene, MAP, frame, time_ns)
+        return pose_for_picture(self._scene, MAP, frame, time_ns)
 
     def _encoded_cells(self) -> dict[str, bytes]:
         """Return the cells of each layer, packed as points are."""
-        for layer in self.station.map_marks.layers:
+        for layer in self._marks.layers:
             if layer.is_hidden and time.monotonic() - self._shown_s.get(layer.title, -math.inf) > SHOWN_S:
                 self._cells.pop(layer.title, None)
                 continue
@@ -276,13 +280,13 @@ class MapPanel(Panel):
     def marks(self) -> dict[str, Any]:
         """Return the marks on the map, without the path; m and rad, map frame."""
         return {
-            "cell_colours": {layer.title: layer.colour for layer in self.station.map_marks.layers},
+            "cell_colours": {layer.title: layer.colour for layer in self._marks.layers},
             "cell_edges": {title: edge_m for title, (_, edge_m, _) in self._cells.items()},
             "robot": planar(self._pose.message),
             "goal": planar(self._goal.message),
             "frontiers": frontier_marks(self._frontiers.message),
-            "marked": [disc_of(mark) for marks in self.station.map_marks.now().values() for mark in marks],
-            "places": [place_mark(place) for place in (*self.station.places_watch.places, *self._named())],
+            "marked": [disc_of(mark) for marks in self._marks.now().values() for mark in marks],
+            "places": [place_mark(place) for place in (*self._places.places, *self._named())],
             "no_go": area_marks(self._annotations.message),
             "others": self._others,
         }
@@ -305,10 +309,10 @@ class MapPanel(Panel):
         if self._frontiers.message:
             parts.append(f"{len(self._frontiers.message.middles)} frontiers")
         parts += [f"{one['name']} at {one['x']:.2f} m, {one['y']:.2f} m" for one in self._others]
-        parts += [f"{len(marks)} {title}" for title, marks in self.station.map_marks.now().items()]
+        parts += [f"{len(marks)} {title}" for title, marks in self._marks.now().items()]
         if self._annotations.message and self._annotations.message.no_go:
             parts.append(f"{len(self._annotations.message.no_go)} no-go areas")
-        names = [place.name for place in (*self.station.places_watch.places, *self._named())]
+        names = [place.name for place in (*self._places.places, *self._named())]
         return "; ".join([*parts, *names])
 
     def _cancel(self, page: Page) -> None:

@@ -11,9 +11,11 @@ from robbie_mp.messages.field_types import Text
 from robbie_mp.station.panels.composer import FormError, compose, form_of
 
 if TYPE_CHECKING:
+    from logging import Logger
+
     from robbie_mp.messages import Message
     from robbie_mp.messages.descriptions import KnownTypes
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.page.page import Page
 
 MAX_FIELDS = 200
 MAX_HZ = 20.0
@@ -27,19 +29,19 @@ class MessageForm:
     closed or its connection is lost, and does not resume.
 
     Args:
-        station: has suggestions for texts.
+        words: suggestions for texts.
+        log: notes when sending at a rate ends.
         types: types to choose from.
         page: the page of the form.
     """
 
-    def __init__(self, station: StationContext, types: KnownTypes, page: Page):
-        self._station = station
+    def __init__(self, words: list[str], log: Logger, types: KnownTypes, page: Page):
+        self._words = words
+        self._log = log
         self._types = types
         self._page = page
         self._type: type[Message] | None = None
         self._inputs: dict[str, ui.input] = {}
-        self._words = [*station.persons, *station.objects, *station.speech_commands]
-        """Suggestions for text fields."""
         with ui.row().classes("items-center"):
             kind = ui.select(types.names(), label="type", with_input=True, clearable=True)
             kind.props("for=compose-type").classes("w-96").on_value_change(
@@ -145,7 +147,7 @@ class MessageForm:
     def _end(self, why: str) -> None:
         if self._repeated is None:
             return
-        self._station.log.info("no more %s are sent: %s", self._repeated.type_name, why)
+        self._log.info("no more %s are sent: %s", self._repeated.type_name, why)
         self._repeated = None
         if self._timer is not None:
             self._timer.cancel()

@@ -9,7 +9,7 @@ from nicegui import run, ui
 from robbie_mp.attached.views.known_types import types_of_run
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.panels.message_form import MessageForm
 from robbie_mp.station.watch.run import REFRESH_S
@@ -33,14 +33,16 @@ class MessagesPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self.types = types_of_run(station.known_run)
+        self._run, self._log, settings = station.run, station.log, station.settings
+        self._words = [*settings.persons, *settings.objects, *settings.speech_commands]
+        self.types = types_of_run(station.run.known)
         self.watches: dict[str, TopicWatch] = {}
         """Watched topics by the key of the page."""
 
     def tick(self) -> None:
         """Stop watching topics that no page shows any more."""
         for key in list(self.watches):
-            page = self.station.pages.get(key)
+            page = self._pages.get(key)
             if page is None or self.name not in page.shown:
                 self.watches.pop(key).close()
 
@@ -62,7 +64,7 @@ class MessagesPanel(Panel):
             with (
                 ui.expansion("Compose a message", icon="send").classes("w-full").props("id=messages-compose")
             ):
-                MessageForm(self.station, self.types, page)
+                MessageForm(self._words, self._log, self.types, page)
         view = MessageView(self, page, title, tree)
         table.on("row-click", view.choose, js_handler="(event, row) => emit(row.key)")
 
@@ -74,7 +76,7 @@ class MessagesPanel(Panel):
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a table row for each channel."""
-        reading, rates = self.station.run_watch.reading, self.station.run_watch.rates
+        reading, rates = self._run.figures.reading, self._run.figures.rates
         found = []
         for channel in reading.channels if reading else ():
             key = (channel.type_name, channel.version, channel.topic)
@@ -98,7 +100,7 @@ class MessagesPanel(Panel):
             self.watches.pop(key).close()
         if len(self.watches) >= MAX_WATCHES:
             return f"{MAX_WATCHES} other pages look into messages; more may not"
-        self.watches[key] = TopicWatch(self.station.known_run, self.types, channel)
+        self.watches[key] = TopicWatch(self._run.known, self.types, channel)
         return ""
 
 

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.show import inline
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.setting_change import Change
 from robbie_mp.station.watch.settings import Entry
@@ -27,7 +27,8 @@ class ParametersPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        modules = RunPlan.load(station.known_run.folder).modules
+        self._settings = station.run.settings
+        modules = RunPlan.load(station.run.known.folder).modules
         self.given = {
             module.name: {name: inline(value) for name, value in module.settings.items()}
             for module in modules
@@ -36,7 +37,7 @@ class ParametersPanel(Panel):
     def tick(self) -> None:
         """Read the settings that the modules have written to files."""
         if self.is_looked_at:
-            self.station.settings_watch.tick()
+            self._settings.tick()
 
     def build(self, page: Page) -> None:
         """Build a list of the modules, as soon as their settings are known."""
@@ -45,7 +46,7 @@ class ParametersPanel(Panel):
         area = ui.column().classes("w-full")
 
         def update() -> None:
-            changeable = self.station.settings_watch.changeable
+            changeable = self._settings.changeable
             names = {module: [*entries] for module, entries in changeable.items()}
             if names != made:
                 made.clear()
@@ -65,7 +66,7 @@ class ParametersPanel(Panel):
     ) -> None:
         with ui.expansion(module, value=bool(changeable)).classes("w-full").props("dense"):
             for name, entry in changeable.items():
-                change = Change(self.station, page, module, name)
+                change = Change(self._settings, page, module, name)
                 fields[module, name] = Field(change, page, module, name, entry)
             fixed = {name: value for name, value in self.given[module].items() if name not in changeable}
             for name, value in fixed.items():

@@ -13,11 +13,11 @@ from nicegui import ui
 from robbie_mp.attached.views.known_types import types_of_run
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages import Message
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.charts import History, chart_options, fill
 from robbie_mp.station.panels.numeric_fields import number_reader, numeric_paths
-from robbie_mp.station.watch.latest import Latest
+from robbie_mp.station.watch.latest import Latest, MessageSource
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -52,7 +52,8 @@ class PlotsPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._known = types_of_run(station.known_run)
+        self._messages, self._figures = station.messages, station.run.figures
+        self._known = types_of_run(station.run.known)
         self._wishes: SimpleQueue[Line] = SimpleQueue()
         self._lines: dict[Key, Line] = {}
         self.chosen: tuple[Key, ...] = FIRST
@@ -64,7 +65,7 @@ class PlotsPanel(Panel):
             while True:
                 line = self._wishes.get_nowait()
                 try:
-                    line.listen(self.station.newest(line.message_type, line.topic))
+                    line.listen(self._messages.newest(line.message_type, line.topic))
                 except RobbieError as error:
                     line.error = str(error)
         except Empty:
@@ -72,7 +73,7 @@ class PlotsPanel(Panel):
 
     def channels(self) -> dict[str, tuple[str, str]]:
         """Return type and topic of all published channels, by their names in this panel."""
-        reading = self.station.run_watch.reading
+        reading = self._figures.reading
         return {
             f"{channel.topic or '(no topic)'}: {channel.type_name.replace('/msg/', '/')}": (
                 channel.type_name,
@@ -99,7 +100,7 @@ class PlotsPanel(Panel):
         line = self._lines.pop(key, None)
         if line is None:
             type_name, topic = self.channels()[key[0]]
-            line = Line(self.station, self.type_of(type_name), topic, key[1])
+            line = Line(self._messages, self.type_of(type_name), topic, key[1])
             self._wishes.put(line)
         self._lines[key] = line
         line.pages += 1
@@ -123,6 +124,7 @@ class Line:
     """One number over time.
 
     Args:
+        messages: knows the topic of the message that is being handled.
         message_type, topic: the messages.
         path: path of the number.
 
@@ -130,7 +132,7 @@ class Line:
         NoSuchNumber: there is no such number.
     """
 
-    def __init__(self, station: StationContext, message_type: type[Message], topic: str, path: str):
+    def __init__(self, messages: MessageSource, message_type: type[Message], topic: str, path: str):
         self.message_type, self.topic = message_type, topic
         self.name = f"{topic or message_type.__name__}.{path}"
         self.pages = 0
@@ -138,7 +140,7 @@ class Line:
         self.history = History(HISTORY)
         self.newest: float | None = None
         self.error = ""
-        self._station = station
+        self._messages = messages
         self._read = number_reader(message_type, path)
         self._kept_s = 0.0
         self._source: Latest[Message] | None = None
@@ -154,7 +156,7 @@ class Line:
         if self._is_closed and self._source is not None:
             self._source.ignore(self._take)
             return
-        if self._station.envelope.topic != self.topic:
+        if self._messages.envelope.topic != self.topic:
             return  # a subscription without a topic gets the messages of all topics
         value, now_s = self._read(message), time.time()
         self.newest = value

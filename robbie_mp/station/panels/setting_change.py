@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from robbie_mp.messages import SettingChange
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.page.page import Page
+    from robbie_mp.station.watch.settings import SettingsWatch
 
 ANSWER_LIMIT_S = 5.0
 MAX_VALUE_CHARACTERS = 4096
@@ -19,7 +20,7 @@ class Change:
     """One setting on one page: requests changes, and holds the module's answer.
 
     Args:
-        station: receives the answers.
+        settings: receives the answers.
         page: publishes the requests.
         module, name: the setting.
 
@@ -27,10 +28,10 @@ class Change:
         error: why the last change was refused; '' if it was not.
     """
 
-    def __init__(self, station: StationContext, page: Page, module: str, name: str):
+    def __init__(self, settings: SettingsWatch, page: Page, module: str, name: str):
         self.error = ""
         self._page = page
-        self._station = station
+        self._settings = settings
         self._module = module
         self._name = name
         self._request: int | None = None
@@ -62,7 +63,7 @@ class Change:
         """Process the module's answer, if it has arrived."""
         if self._request is None:
             return
-        answer = self._station.settings_watch.take_answer(self._request)
+        answer = self._settings.take_answer(self._request)
         if answer is not None:
             self._request = None
             self.error = answer.error

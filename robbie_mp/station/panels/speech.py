@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.messages import String
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.web.access import Role
 
@@ -32,15 +32,17 @@ class SpeechPanel(Panel):
     def __init__(self, station: StationContext):
         super().__init__(station)
         self.heard: deque[str] = deque(maxlen=MAX_HEARD)
-        station.hear(String, self._on_command, TOPIC)
+        self._messages, self._settings = station.messages, station.settings
+        station.messages.hear(String, self._on_command, TOPIC)
 
     @classmethod
     def is_wanted(cls, station: StationContext) -> bool:
         """Whether the profile names anything."""
-        return bool(station.speech_commands or station.persons or station.objects)
+        settings = station.settings
+        return bool(settings.speech_commands or settings.persons or settings.objects)
 
     def _on_command(self, command: String) -> None:
-        text = f"{self.station.envelope.sender}: {command.data[:MAX_COMMAND_CHARACTERS]}"
+        text = f"{self._messages.envelope.sender}: {command.data[:MAX_COMMAND_CHARACTERS]}"
         self.heard = deque((*self.heard, text), MAX_HEARD)  # a new deque, because pages read the old one
 
     def say(self, page: Page, command: str) -> None:
@@ -51,10 +53,10 @@ class SpeechPanel(Panel):
         """Build the commands, the names in the profile, and the list of given commands."""
         if page.role is Role.OPERATOR:
             with ui.row().props("id=speech-commands"):
-                for command in self.station.speech_commands:
+                for command in self._settings.speech_commands:
                     button = ui.button(command, on_click=lambda command=command: self.say(page, command))
                     button.props("no-caps")
-            words = [*self.station.speech_commands, *self.station.persons, *self.station.objects]
+            words = [*self._settings.speech_commands, *self._settings.persons, *self._settings.objects]
             text = ui.input("something else", autocomplete=words).classes("w-96")
             text.props(f"for=speech-text maxlength={MAX_COMMAND_CHARACTERS}")
 
@@ -64,7 +66,7 @@ class SpeechPanel(Panel):
                     text.set_value("")
 
             text.on("keydown.enter", say)
-        for title, names in (("persons", self.station.persons), ("objects", self.station.objects)):
+        for title, names in (("persons", self._settings.persons), ("objects", self._settings.objects)):
             _listed(title, names)
         heard = ui.column().classes("gap-0").props("id=speech-heard")
         shown: list[str] = []

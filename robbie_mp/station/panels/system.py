@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from robbie_mp.attached.views.process_table import MODULE_COLUMNS, ModuleRow, module_rows, totals_line
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.charts import History, chart_options, fill, sparkline
 from robbie_mp.station.panels.supervisor_orders import Order
@@ -42,6 +42,7 @@ class SystemPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
+        self._figures, self.run_folder = station.run.figures, station.run.known.folder
         self.rows: list[Row] = []
         self.totals = ""
         self.processors: dict[str, History] = {}
@@ -51,7 +52,7 @@ class SystemPanel(Panel):
 
     def tick(self) -> None:
         """Return the newest figures as rows."""
-        watch = self.station.run_watch
+        watch = self._figures
         reading, rates = watch.reading, watch.rates
         if reading is None or watch.count == self.count:
             return
@@ -154,7 +155,7 @@ class Orders:
     def _give(self) -> None:
         self._dialog.close()
         if self._page.may("the order"):
-            self._given.append(Order(self._panel.station.known_run.folder, self._action, self._module))
+            self._given.append(Order(self._panel.run_folder, self._action, self._module))
 
     def update(self) -> None:
         """Show the results of the commands."""

@@ -27,7 +27,9 @@ from robbie_mp.station.watch.pictures import answer_with, encode_image, no_pictu
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.page.page import Page
+    from robbie_mp.station.watch.cameras import Cameras
+    from robbie_mp.station.watch.latest import MessageSource
 
 ADDRESS = "/pictures/still/{key}"
 MAX_STILLS = 32
@@ -58,19 +60,23 @@ class Teaching:
     """What modules have been taught, and the pictures from which operators teach.
 
     Args:
-        station: source of the messages.
+        messages: source of the messages.
+        cameras: the cameras of the robot.
+        words: suggestions for names.
     """
 
-    def __init__(self, station: StationContext):
-        self._station = station
+    def __init__(self, messages: MessageSource, cameras: Cameras, words: list[str]):
+        self._messages = messages
+        self._cameras = cameras
+        self.words = words
         self._stills: OrderedDict[str, tuple[str, Image]] = OrderedDict()
         self.taught: dict[str, dict[str, int]] = {}
         """Number of examples of each name, by the topic of the module that knows them, which is its kind."""
-        station.hear(TaughtNames, self._on_names)
+        messages.hear(TaughtNames, self._on_names)
         serve_pictures(ADDRESS, self._answer)
 
     def _on_names(self, told: TaughtNames) -> None:
-        kind = self._station.envelope.topic
+        kind = self._messages.envelope.topic
         if kind in self.taught or len(self.taught) < MAX_KINDS:
             names = dict(zip(told.names, told.examples.tolist(), strict=False))
             self.taught = {**self.taught, kind: names}  # a new dict, because pages read the old one
@@ -87,7 +93,7 @@ class Teaching:
         Returns:
             Whether there is one that can be taught from.
         """
-        found = self._station.cameras.found.get(camera)
+        found = self._cameras.found.get(camera)
         image = found.latest.message if found else None
         if not isinstance(image, Image):
             return False
@@ -114,7 +120,7 @@ class Teaching:
             stage: what shows the moving picture, which is hidden meanwhile.
             camera: returns the topic of the camera that is shown.
         """
-        page.every(LOOK_S, panel, TeachingTools(self, self._station, page, stage, camera).tick)
+        page.every(LOOK_S, panel, TeachingTools(self, page, stage, camera).tick)
 
 
 class TeachingTools:
@@ -122,20 +128,12 @@ class TeachingTools:
 
     Args:
         teaching: what is known, and the pictures that stand still.
-        station: the station, for the names in the profile.
         page: the operator's page.
         stage: what shows the moving picture.
         camera: returns the topic of the camera that is shown.
     """
 
-    def __init__(
-        self,
-        teaching: Teaching,
-        station: StationContext,
-        page: Page,
-        stage: Element,
-        camera: Callable[[], str],
-    ):
+    def __init__(self, teaching: Teaching, page: Page, stage: Element, camera: Callable[[], str]):
         self._teaching = teaching
         self._page = page
         self._moving = stage
@@ -161,7 +159,7 @@ class TeachingTools:
         with ui.dialog().props("persistent") as self._dialog, ui.card():
             ui.label("What is in the box?")
             self._kind = ui.toggle({}).props("id=teach-kind")
-            self._name = ui.input("Name", autocomplete=[*station.objects, *station.persons])
+            self._name = ui.input("Name", autocomplete=teaching.words)
             self._name.props(f"for=teach-name autofocus maxlength={MAX_NAME}")
             self._name.on("keydown.enter", self._save)
             with ui.row():

@@ -16,7 +16,7 @@ from robbie_mp.run.trace.crash import CrashReport, report_files
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind, read_recorded
 from robbie_mp.run.trace.reader import TraceFollower, crash_reports, module_names, trace_folder
-from robbie_mp.station.context import Page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.supervisor_orders import Order
 from robbie_mp.station.web.access import Role
@@ -50,7 +50,8 @@ class TracePanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._follower = TraceFollower(station.output_directory)
+        self._run_folder, self._output = station.run.known.folder, station.run.output_directory
+        self._follower = TraceFollower(self._output)
         self.entries: deque[Entry] = deque(maxlen=KEPT)
         self.modules: list[str] = []
         self.reports: list[CrashReport] = []
@@ -59,17 +60,17 @@ class TracePanel(Panel):
 
     def tick(self) -> None:
         """Read new entries for all pages, if any is open."""
-        if not self.station.pages or time.monotonic() < self._next_s:
+        if not self._pages or time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + REFRESH_S
         if new := self._follower.read_new():
             # A new deque, because pages read the old one meanwhile.
             self.entries = deque((*self.entries, *new), KEPT)
-            self.modules = module_names(self.station.output_directory)
-        files = report_files(trace_folder(self.station.output_directory), None)
+            self.modules = module_names(self._output)
+        files = report_files(trace_folder(self._output), None)
         if files != self._report_files:
             self._report_files = files
-            self.reports = crash_reports(self.station.output_directory, newest=MAX_REPORTS)
+            self.reports = crash_reports(self._output, newest=MAX_REPORTS)
 
     def build(self, page: Page) -> None:
         """Build filter, lines and reports."""
@@ -80,7 +81,7 @@ class TracePanel(Panel):
             module = ui.select([""], label="module", value="").props("id=trace-module dense").classes("w-32")
             words = ui.input("text").props("for=trace-text clearable dense").classes("w-28")
             ui.space()
-            recorded = RecordedKinds(self.station.known_run.folder, page)
+            recorded = RecordedKinds(self._run_folder, page)
         log = ui.log(max_lines=SHOWN).classes("w-full fills").props("id=trace-log tabindex=0")
         reports = ui.column().classes("w-full").props("id=trace-crashes")
         shown = Shown()

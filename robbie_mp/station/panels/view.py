@@ -9,8 +9,8 @@ from nicegui import app, ui
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import PoseStamped
-from robbie_mp.station.context import Page
 from robbie_mp.station.map.goals import GOAL, checked, place
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.drawing import Drawing, Moving
@@ -39,18 +39,20 @@ class ViewPanel(Panel):
     def __init__(self, station: StationContext):
         super().__init__(station)
         self._surveyor = Surveyor(station)
-        self._pose = station.newest(PoseStamped, "map_pose")
+        self._live, self._clock = station.live, station.clock
+        self._size_m, model = station.settings.robot_size_m, station.settings.robot_model
+        self._pose = station.messages.newest(PoseStamped, "map_pose")
         self.surroundings: Surroundings | None = None
         self._model_url = ""
-        if station.robot_model is not None:
-            url = f"/robot-model{station.robot_model.suffix.lower()}"
-            self._model_url = app.add_static_file(local_file=station.robot_model, url_path=url)
+        if model is not None:
+            url = f"/robot-model{model.suffix.lower()}"
+            self._model_url = app.add_static_file(local_file=model, url_path=url)
 
     def tick(self) -> None:
         """Update the surroundings, if any page shows them."""
-        if self.station.live.is_wanted(GROUP):
+        if self._live.is_wanted(GROUP):
             self.surroundings = self._surveyor.look()
-            self.station.live.put(GROUP, self.surroundings.parts())
+            self._live.put(GROUP, self.surroundings.parts())
 
     def build(self, page: Page) -> None:
         """Build the scene."""
@@ -85,12 +87,12 @@ class ViewPanel(Panel):
         colours.on_value_change(lambda event: moving.set(colours=str(event.value)))
         for name, button in presets.items():
             button.on_click(lambda name=name: moving.run_method("preset", name))
-        drawing = Drawing(scene, self.station.robot_size_m, self._model_url)
+        drawing = Drawing(scene, self._size_m, self._model_url)
 
         def placed(event: GenericEventArguments) -> None:
             placement = checked(event.args)
             if placement is not None and placement.kind == GOAL and page.may_move("the goal"):
-                place(page, self.station, placement, self._pose.message)
+                place(page, self._clock, placement, self._pose.message)
             sets_goal.set_value(False)
 
         if page.role is Role.OPERATOR:

@@ -10,8 +10,8 @@ from robbie_mp.scene import RigidTransform
 from robbie_mp.station.scene_view.points import NO_POINTS, cloud_points, packed, scan_points, shades
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import StationContext
-    from robbie_mp.station.watch.latest import Latest
+    from robbie_mp.station.watch.latest import Latest, MessageSource
+    from robbie_mp.station.watch.run import RunWatch
 
 MAX_POINTS = 50_000
 """Maximum number of points in one picture, of all scans and clouds together."""
@@ -58,12 +58,14 @@ class PointSources:
     """All scanners and sources of clouds. Each is separate, so that none replaces another.
 
     Args:
-        station: receives the messages.
+        messages: source of the messages.
+        figures: knows which topics there are.
         kinds: the types to look for.
     """
 
-    def __init__(self, station: StationContext, kinds: Kinds = (LaserScan, PointCloud2)):
-        self._station = station
+    def __init__(self, messages: MessageSource, figures: RunWatch, kinds: Kinds = (LaserScan, PointCloud2)):
+        self._messages = messages
+        self._figures = figures
         self._kinds = kinds
         self._sources: dict[tuple[str, str], Source] = {}
 
@@ -83,11 +85,11 @@ class PointSources:
         return sum(source.count for source in self._sources.values())
 
     def _find(self) -> None:
-        reading = self._station.run_watch.reading
+        reading = self._figures.reading
         for channel in reading.channels if reading else ():
             for kind in self._kinds:
                 is_of_kind = (channel.type_name, channel.version) == (kind.type_name, kind.version)
                 key = (channel.type_name, channel.topic)
                 of_kind = [one for one in self._sources if one[0] == channel.type_name]
                 if is_of_kind and key not in self._sources and len(of_kind) < MAX_SOURCES:
-                    self._sources[key] = Source(self._station.newest(kind, channel.topic))
+                    self._sources[key] = Source(self._messages.newest(kind, channel.topic))

@@ -118,21 +118,22 @@ class Surveyor:
     """Combines the messages of the modules. Used in the station's thread.
 
     Args:
-        station: receives the messages.
+        station: source of all that is combined.
     """
 
     def __init__(self, station: StationContext):
-        self._station = station
-        self._path = station.newest(Path, "path")
+        self._scene, self._map = station.robot.scene, station.map
+        messages = station.messages
+        self._path = messages.newest(Path, "path")
         self._packed_path: tuple[int, bytes] = (0, b"")
-        self._goal = station.newest(PoseStamped, "goal")
-        self._trail = Trail(station)
+        self._goal = messages.newest(PoseStamped, "goal")
+        self._trail = Trail(messages)
         self._packed_trail: tuple[int, bytes] = (0, b"")
-        self._sources = PointSources(station)
+        self._sources = PointSources(messages, station.run.figures)
 
     def look(self) -> Surroundings:
         """Return the present surroundings."""
-        graph = self._station.scene.graph
+        graph = self._scene.graph
         world = MAP
         if MAP not in graph and BASE in graph:
             world = BASE
@@ -148,19 +149,19 @@ class Surveyor:
             path=self._corners(),
             trail=self._way_come(),
             goal=None if self._goal.message is None else _planar(self._goal.message.pose),
-            marks=self._station.map_marks.now(),
-            others=other_robots(self._station.scene, world),
+            marks=self._map.marks.now(),
+            others=other_robots(self._scene, world),
             places=tuple(
                 SeenPlace(one.name, one.pose.position.x, one.pose.position.y, one.pose.position.z)
-                for one in self._station.places_watch.places
+                for one in self._map.places.places
             ),
         )
 
     def _pose(self, world: str, frame: str, time_ns: int | None = None) -> RigidTransform | None:
-        return pose_for_picture(self._station.scene, world, frame, time_ns)
+        return pose_for_picture(self._scene, world, frame, time_ns)
 
     def _nodes(self, world: str) -> dict[str, tuple[str, RigidTransform]]:
-        graph = self._station.scene.graph
+        graph = self._scene.graph
         waiting = [node for node in graph if node.parent is not None]
         found: dict[str, tuple[str, RigidTransform]] = {}
         known = {world}

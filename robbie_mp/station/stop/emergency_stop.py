@@ -15,7 +15,10 @@ from robbie_mp.station.stop.requests import StopRequests
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.module.clock import Clock
+    from robbie_mp.station.module import Publish
+    from robbie_mp.station.page.page import Page
+    from robbie_mp.station.watch.latest import MessageSource
 
 REQUEST_TOPIC = "emergency_stop"
 STATE_TOPIC = "emergency_stop_state"
@@ -33,13 +36,20 @@ class StopButton(Element, component="emergency_stop.js"):
 class EmergencyStopControl:
     """The emergency stop on all pages. Every visitor may stop the robot; only operators may release it.
 
+    Args:
+        messages: source of the base's state.
+        clock: tells the time.
+        publish: sends stops and releases to the base.
+
     Attributes:
         service: serves the buttons of all pages.
     """
 
-    def __init__(self, station: StationContext):
-        self._station = station
-        self._state = station.newest(EmergencyStop, STATE_TOPIC)
+    def __init__(self, messages: MessageSource, clock: Clock, publish: Publish):
+        self._messages = messages
+        self._clock = clock
+        self._publish = publish
+        self._state = messages.newest(EmergencyStop, STATE_TOPIC)
         self._requests = StopRequests(self._send)
         self._state.listen(self._see)
         self.service = StopService(self._requests, self._state)
@@ -51,11 +61,11 @@ class EmergencyStopControl:
     def _send(self, engaged: bool) -> bool:
         """Request the base to stop and stay stopped, or to be ready to drive again."""
         reason = STOPPED_BY if engaged else RELEASED_BY
-        message = EmergencyStop(header=header_of_now(self._station), engaged=engaged, reason=reason)
-        return self._station.publish(message, topic=REQUEST_TOPIC)
+        message = EmergencyStop(header=header_of_now(self._clock), engaged=engaged, reason=reason)
+        return self._publish(message, topic=REQUEST_TOPIC)
 
     def _see(self, state: EmergencyStop) -> None:
-        self._requests.see(engaged=state.engaged, published_s=self._station.envelope.published_ns / 1e9)
+        self._requests.see(engaged=state.engaged, published_s=self._messages.envelope.published_ns / 1e9)
 
     @property
     def _can_be_released(self) -> bool:

@@ -7,6 +7,7 @@ Prevention; RFC 6454).
 
 import hashlib
 import hmac
+import logging
 import secrets
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -15,6 +16,8 @@ from urllib.parse import urlsplit
 
 MAX_SESSIONS = 64
 """Maximum for each role, so that observers end no operator's session. The least recently used one ends."""
+
+LOG = logging.getLogger(__name__)
 
 
 class Role(IntEnum):
@@ -33,9 +36,17 @@ class Access:
         operator_token: token of operators.
         observer_token: token of observers; '': there are no observers.
         sessions: digests and roles of sessions from before a restart, for the same tokens.
+        refusals: logs refused actions of visitors; its rate should be limited.
     """
 
-    def __init__(self, operator_token: str, observer_token: str, sessions: Mapping[str, int] | None = None):
+    def __init__(
+        self,
+        operator_token: str,
+        observer_token: str,
+        sessions: Mapping[str, int] | None = None,
+        refusals: logging.Logger = LOG,
+    ):
+        self.refusals = refusals
         self._tokens = {
             role: hashlib.sha256(token.encode()).digest()
             for role, token in ((Role.OPERATOR, operator_token), (Role.OBSERVER, observer_token))

@@ -1,7 +1,6 @@
 """The gate before every request: it checks origin, session and role."""
 
 import asyncio
-import logging
 import math
 import time
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
@@ -58,16 +57,14 @@ class Gate:
 
     Args:
         app: the page server.
-        access: checks sessions and tokens.
+        access: checks sessions and tokens, and logs refusals.
         connections: the connections on which the requests arrive.
-        log: logs each refusal; its rate should be limited.
     """
 
-    def __init__(self, app: App, access: Access, connections: Connections, log: logging.Logger):
+    def __init__(self, app: App, access: Access, connections: Connections):
         self._app = app
         self._access = access
         self._connections = connections
-        self._log = log
         self._tries = LoginLimit()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -81,7 +78,7 @@ class Gate:
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
         if not is_own_origin(headers.get("origin"), headers.get("host")):
             refusal = f"it comes from a page of {headers.get('origin')!r:.200}"
-            self._log.warning("refused a request of %s: %s", peer(scope), refusal)
+            self._access.refusals.warning("refused a request of %s: %s", peer(scope), refusal)
             await self._deny(scope, receive, send, PlainTextResponse(f"{refusal}\n", 403))
             return
         session = session_of(headers)
@@ -129,13 +126,13 @@ class Gate:
         source = source_of(peer(scope))
         wait_s = math.ceil(self._tries.wait_s(source))
         if wait_s:
-            self._log.warning("too many wrong tokens from %s", source)
+            self._access.refusals.warning("too many wrong tokens from %s", source)
             text = f"too many wrong tokens from your address; try again in {wait_s} s"
             return login_page(text, 429, {"Retry-After": str(wait_s)})
         session = self._access.log_in(tokens[0])
         if session is None:
             self._tries.note_wrong(source)
-            self._log.warning("wrong token from %s", source)
+            self._access.refusals.warning("wrong token from %s", source)
             return login_page("that is not the token", 403)
         response = RedirectResponse("/", 303)
         response.set_cookie(SESSION_COOKIE, session, httponly=True, samesite="strict")

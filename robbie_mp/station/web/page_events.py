@@ -21,7 +21,10 @@ from starlette.types import Message, Receive, Scope, Send
 from robbie_mp.station.web.gate import SESSION, App
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import StationContext
+    from collections.abc import Mapping
+    from logging import Logger
+
+    from robbie_mp.station.page.page import Page
 
 NAMESPACE = "/"
 LOAD_ANEW = "Implicit handshake failed"
@@ -55,11 +58,13 @@ class PageEvents:
     """Checks all events of pages before NiceGUI handles them.
 
     Args:
-        station: knows the session of each page.
+        pages: the open pages.
+        refusals: logs refused events.
     """
 
-    def __init__(self, station: StationContext):
-        self._station = station
+    def __init__(self, pages: Mapping[str, Page], refusals: Logger):
+        self._pages = pages
+        self._refusals = refusals
         handlers = dict(core.sio.handlers[NAMESPACE])
         unknown = handlers.keys() - FORMS.keys() - {"connect", "disconnect"}
         if unknown:
@@ -82,7 +87,7 @@ class PageEvents:
             content: Any = sent[0] if len(sent) == 1 else None
             problem = self._problem(connection, name, content)
             if problem:
-                self._station.refusals.warning("refused %s from a page: %s", name, problem)
+                self._refusals.warning("refused %s from a page: %s", name, problem)
                 return False
             if name == "log":
                 content["message"] = repr(content["message"][:MAX_LOG_CHARACTERS])
@@ -90,7 +95,7 @@ class PageEvents:
                 answer = self._handlers[name](connection, content)
                 return await answer if inspect.isawaitable(answer) else answer
             except Exception as error:  # one line, without a traceback, for any event
-                self._station.refusals.warning("cannot handle %s from a page: %r", name, error)
+                self._refusals.warning("cannot handle %s from a page: %r", name, error)
                 return False
 
         return handle
@@ -117,7 +122,7 @@ class PageEvents:
 
     def _may_join(self, connection: str, key: str) -> bool:
         """Return whether a connection and the page that it names belong to the same session."""
-        page = self._station.pages.get(key)
+        page = self._pages.get(key)
         scope = (core.sio.get_environ(connection) or {}).get("asgi.scope", {})
         return page is not None and page.session == scope.get(SESSION)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,8 @@ from robbie_mp.station.page.cockpit import TILE_PATH
 from robbie_mp.station.web.gate import SESSION, App
 
 if TYPE_CHECKING:
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.page.page import Page
+    from robbie_mp.station.web.access import Access
 
 MAX_PAGES = 16
 """Maximum number of all operators' pages. Observers have a separate limit, so they lock out no operator."""
@@ -25,9 +26,9 @@ CONNECT_LIMIT_S = 10.0
 """A page loaded longer ago than this that is not connected may be deleted to make room for another."""
 
 
-def with_page_limit(app: App, station: StationContext) -> App:
+def with_page_limit(app: App, access: Access, pages: Mapping[str, Page]) -> App:
     """Return an application that loads a page only if there is room for one more."""
-    limit = PageLimit(station)
+    limit = PageLimit(access, pages)
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http" or not is_page(scope["path"]):
@@ -37,7 +38,7 @@ def with_page_limit(app: App, station: StationContext) -> App:
                 await app(scope, receive, send)
         else:
             text = "too many pages are open; close some, or try again in a few seconds\n"
-            station.refusals.warning("refused a page: too many are open")
+            access.refusals.warning("refused a page: too many are open")
             refusal = PlainTextResponse(text, 503, {"Retry-After": f"{CONNECT_LIMIT_S:.0f}"})
             await refusal(scope, receive, send)
 
@@ -53,11 +54,13 @@ class PageLimit:
     """Counts the open pages and those that are being built.
 
     Args:
-        station: the station that serves the pages.
+        access: knows the role of each session.
+        pages: the open pages.
     """
 
-    def __init__(self, station: StationContext):
-        self._station = station
+    def __init__(self, access: Access, pages: Mapping[str, Page]):
+        self._role_of = access.role_of
+        self._pages = pages
         self._being_made: list[str] = []
 
     @contextmanager
@@ -71,12 +74,11 @@ class PageLimit:
 
     def has_room(self, session: str) -> bool:
         """Make room for a page by deleting abandoned ones if necessary. Return whether there is room."""
-        role_of = self._station.access.role_of
-        role = role_of(session)
-        same = [page for page in self._station.pages.values() if page.role is role]
+        role = self._role_of(session)
+        same = [page for page in self._pages.values() if page.role is role]
         own = [page for page in same if page.session == session]
         own_waiting = self._being_made.count(session)
-        waiting = sum(role_of(one) is role for one in self._being_made)
+        waiting = sum(self._role_of(one) is role for one in self._being_made)
         return make_room(own, MAX_PAGES_OF_ONE - own_waiting) and make_room(same, MAX_PAGES - waiting)
 
 

@@ -11,30 +11,32 @@ from nicegui import app, core, ui
 from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, Response
 
+from robbie_mp.messages import OccupancyGrid
 from robbie_mp.run.trace.log_limit import limited
-from robbie_mp.station.driving.command import RobotCommand
-from robbie_mp.station.driving.motion import Motion
+from robbie_mp.station.context import context_of
+from robbie_mp.station.driving.driver import Driver
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
+from robbie_mp.station.page.build import BrowserLink, PageParts, build_page
 from robbie_mp.station.page.cockpit import TILE_PATH
 from robbie_mp.station.page.layouts import LayoutCollection, check_layout, default_layouts
 from robbie_mp.station.page.moment_marker import MomentMarker
-from robbie_mp.station.page.page import PageParts, build_page
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.playback_bar import PlaybackBar
 from robbie_mp.station.page.state_strip import StateStrip
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panels_in_order
 from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
-from robbie_mp.station.watch.cameras import Cameras
-from robbie_mp.station.watch.lights import LightsWatch
 from robbie_mp.station.web.connections import bounded_connections
-from robbie_mp.station.web.gate import Gate
+from robbie_mp.station.web.gate import SESSION, App, Gate
 from robbie_mp.station.web.page_events import PageEvents, with_known_packets
 from robbie_mp.station.web.page_limit import with_page_limit
 from robbie_mp.station.web.server import PageServer
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
+    from robbie_mp.station.module import StationModule
     from robbie_mp.station.panel import Panel
+    from robbie_mp.station.web.access import Access
 
 LIBRARIES = ("nicegui", "asyncio", "uvicorn.error", "engineio.server", "socketio.server")
 """Loggers of libraries that report invalid requests of visitors. Their rate is limited."""
@@ -50,6 +52,30 @@ def answer_plainly(_request: Request, error: Exception) -> Response:
     return PlainTextResponse("there is no such thing here\n" if status == 404 else "failed\n", status)
 
 
+def page_application() -> App:
+    """Return the application of NiceGUI that serves the pages, without all that they do not need."""
+    application = FastAPI(openapi_url=None)
+    ui.run_with(
+        application,
+        dark=True,
+        language="en-US",
+        reconnect_timeout=10.0,
+        binding_refresh_interval=None,
+        message_history_length=MESSAGE_HISTORY,
+        show_welcome_message=False,
+    )
+    # The page fetches images all the time; a bar that shows each of them loading tells nothing.
+    core.app.config.quasar_config["loadingBar"]["skipHijack"] = True
+    # Without long polling, each connection is a socket, which is counted, and closed with its session.
+    core.sio.eio.transports = ["websocket"]
+    core.app.config.socket_io_js_transports = ["websocket"]
+    for code in (404, 500):
+        app.add_exception_handler(code, answer_plainly)
+    for name in LIBRARIES:
+        limited(name)
+    return application
+
+
 def make_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, str]]:
     """Create the panels of a station.
 
@@ -57,10 +83,10 @@ def make_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, st
         The panels by name, and the names and titles of the tabs in their order. The robot's own panels are
         created even if no tab shows them, because they may have elements on every tab and on the map.
     """
-    own = load_panels(station.panels)
+    own = load_panels(station.settings.panels)
     classes = panels_in_order(own)
     wanted = [name for name, panel in classes.items() if panel.is_wanted(station)]
-    titles = station.tabs or dict.fromkeys(wanted, "")
+    titles = station.settings.tabs or dict.fromkeys(wanted, "")
     return {name: panel(station) for name, panel in classes.items() if name in titles or name in own}, titles
 
 
@@ -72,11 +98,11 @@ def layouts_of(station: StationContext, panels: Sequence[str]) -> LayoutCollecti
         panels: names of the panels in the order of their tabs.
     """
     own = [name for name in panels if name not in FRAMEWORK_PANELS]
-    given = {name: check_layout(name, places, panels) for name, places in station.layouts.items()}
+    given = {name: check_layout(name, places, panels) for name, places in station.settings.layouts.items()}
     layouts = {name: layout for name, layout in (default_layouts(panels, own) | given).items() if layout}
     upright = default_layouts(panels, own, upright=True)
     upright = {name: layout for name, layout in upright.items() if name not in given}
-    file = station.layouts_file or station.known_run.folder / LAYOUTS_FILE
+    file = station.settings.layouts_file or station.run.known.folder / LAYOUTS_FILE
     return LayoutCollection(layouts, panels, file, station.log, upright)
 
 
@@ -84,64 +110,71 @@ class Website:
     """The page of a station and its server.
 
     Args:
-        station: the module, which is just being set up.
+        module: the station, which is just being set up.
+        access: knows tokens and sessions.
         listener: the socket on which the station listens.
     """
 
-    def __init__(self, station: StationContext, listener: socket.socket):
-        self._map = LiveMap(station)
-        station.robot_command = RobotCommand(
-            station, lambda request, topic: station.publish(request, topic=topic)
-        )
-        self._motion = station.motion = Motion(station)
-        station.cameras = Cameras(station)
-        station.lights = LightsWatch(station)
+    def __init__(self, module: StationModule, access: Access, listener: socket.socket):
+        self._module, self._access = module, access
+        self._context = station = context_of(module)
+        grid = station.messages.newest(OccupancyGrid, station.settings.map_topic)
+        self._map = LiveMap(grid, station.live)
         panels, titles = make_panels(station)
         self._panels = [*panels.values()]
         self._strip = StateStrip(station, self._panels)
-        titled = [(panels[name], title or panels[name].title) for name, title in titles.items()]
-        self._emergency_stop = EmergencyStopControl(station)
-        tools = [self._strip.control.build, MomentMarker(station).build, self._emergency_stop.build]
-        event_kinds = [kind for panel in self._panels for kind in panel.log_events]
-        playback_bar = PlaybackBar(station, event_kinds)
-        bars = [panel.build_on_every_tab for panel in self._panels]
-        foot = [*(panel.build_below_tiles for panel in self._panels), playback_bar.build]
-        foot.append(self._strip.control.add_keys)
-        parts = PageParts(self._strip.build, tools, bars, foot, titled, lambda: playback_bar.has_log)
-        layouts = layouts_of(station, [name for name in titles if name in panels])
+        self._emergency_stop = EmergencyStopControl(station.messages, station.clock, module.publish)
+        parts = self._parts([(panels[name], title or panels[name].title) for name, title in titles.items()])
+        self._add_pages(parts, layouts_of(station, [*titles]))
+        connections = bounded_connections()
+        behind = self._beside_pages(page_application())
+        self._server = PageServer(Gate(behind, access, connections), listener, connections)
+
+    def _parts(self, titled: Sequence[tuple[Panel, str]]) -> PageParts:
+        station, strip = self._context, self._strip
+        playback = PlaybackBar(station.messages, [kind for one in self._panels for kind in one.log_events])
+        marker = MomentMarker(station.clock, station.log)
+        below = [panel.build_below_tiles for panel in self._panels]
+        return PageParts(
+            driver=lambda page: Driver(station, page, self._module.publish),
+            strip=strip.build,
+            tools=[strip.control.build, marker.build, self._emergency_stop.build],
+            bars=[panel.build_on_every_tab for panel in self._panels],
+            foot=[*below, playback.build, strip.control.add_keys],
+            panels=titled,
+            plays_log=lambda: playback.has_log,
+        )
+
+    def _add_pages(self, parts: PageParts, layouts: LayoutCollection) -> None:
+        names = {panel.name for panel, _ in parts.panels}
 
         def build(panel: str = "") -> None:
-            if panel and panel not in titles:
+            if panel and panel not in names:
                 raise HTTPException(404)
-            build_page(station, parts, layouts, single=panel)
+            build_page(self._open_page(), parts, layouts, single=panel)
 
         for path in ("/", f"{TILE_PATH}{{panel}}"):
             ui.page(path, title="Robbie", response_timeout=10)(build)
-        application = FastAPI(openapi_url=None)
-        ui.run_with(
-            application,
-            dark=True,
-            language="en-US",
-            reconnect_timeout=10.0,
-            binding_refresh_interval=None,
-            message_history_length=MESSAGE_HISTORY,
-            show_welcome_message=False,
-        )
-        # The page fetches images all the time; a bar that shows each of them loading tells nothing.
-        core.app.config.quasar_config["loadingBar"]["skipHijack"] = True
-        PageEvents(station)
-        # Without long polling, each connection is a socket, which is counted, and closed with its session.
-        core.sio.eio.transports = ["websocket"]
-        core.app.config.socket_io_js_transports = ["websocket"]
-        for code in (404, 500):
-            app.add_exception_handler(code, answer_plainly)
-        for name in LIBRARIES:
-            limited(name)
-        live = self._emergency_stop.service.beside(with_live(with_known_packets(application), station.live))
-        behind = with_page_limit(live, station)
-        connections = bounded_connections()
-        gate = Gate(behind, station.access, connections, station.refusals)
-        self._server = PageServer(gate, listener, connections)
+
+    def _open_page(self) -> Page:
+        client, operators = ui.context.client, self._context.operators
+        session, link = client.request.scope[SESSION], BrowserLink(core.sio, client.id)
+        page = Page(client.id, session, self._access, self._module, link)
+        operators.opened(page)
+        client.on_delete(lambda: operators.closed(page))
+        return page
+
+    def _beside_pages(self, pages: App) -> App:
+        """Return an application that serves the pages, which are limited, and their own connections."""
+        open_pages = self._context.operators.pages
+        PageEvents(open_pages, self._access.refusals)
+        live = with_live(with_known_packets(pages), self._context.live)
+        return with_page_limit(self._emergency_stop.service.beside(live), self._access, open_pages)
+
+    @property
+    def open_pages(self) -> int:
+        """Number of open pages."""
+        return len(self._context.operators.pages)
 
     def start(self) -> None:
         """Start the server.
@@ -160,10 +193,12 @@ class Website:
         self._server.check()
         self._emergency_stop.tick()
         self._map.tick()
-        self._motion.tick()
+        self._context.robot.motion.tick()
         self._strip.tick()
         for panel in self._panels:
             panel.tick()
+        if self.open_pages:
+            self._context.run.figures.tick()
 
     def close(self) -> None:
         """Tell the pages that the station ends, stop the page server, and close the panels."""
@@ -171,3 +206,4 @@ class Website:
         self._server.close()
         for panel in self._panels:
             panel.close()
+        self._context.run.figures.close()

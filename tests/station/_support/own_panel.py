@@ -3,8 +3,9 @@
 from nicegui import ui
 
 from robbie_mp.messages import String
-from robbie_mp.station.context import Page, StationContext
+from robbie_mp.station.context import StationContext
 from robbie_mp.station.map.marks import MapMark
+from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 
 
@@ -17,8 +18,8 @@ class FriendsPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self.said = station.newest(String, "greeting")
-        station.map_marks.add("friends", lambda: [MapMark("Anna", "#00897b", 2.0, 1.0, 0.5)])
+        self.said = station.messages.newest(String, "greeting")
+        station.map.marks.add("friends", lambda: [MapMark("Anna", "#00897b", 2.0, 1.0, 0.5)])
 
     def build(self, page: Page) -> None:
         ui.label("Anna is here").props("id=friends-text")

@@ -14,7 +14,7 @@ from robbie_robots.modules.rescue.station.wall_layers import add_wall_layers
 def test_searched_walls_and_those_to_search_are_layers_of_the_map() -> None:
     newest: Latest[SearchedWalls] = Latest()
     marks = MapMarks()
-    add_wall_layers(SimpleNamespace(newest=lambda _type: newest, map_marks=marks))
+    add_wall_layers(SimpleNamespace(newest=lambda _type: newest), marks)
     searched, others = marks.layers
     assert (searched.title, others.title) == ("Searched walls", "Walls to search")
     assert len(searched.source().middles) == 0

@@ -1,0 +1,148 @@
+"""The page as a whole: the bar at the top, and a tile for each panel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from robbie_mp.station.page.cockpit import LAYOUT, TAB, Cockpit
+from robbie_mp.station.page.grid import STYLES
+from robbie_mp.station.page.keyboard import Keyboard, keys_button
+from robbie_mp.station.page.layouts import LayoutCollection
+from robbie_mp.station.page.look import COOKIE, LookSwitch
+from robbie_mp.station.page.page import Drives, Link, Page
+from robbie_mp.station.panel import Panel
+from robbie_mp.station.web.access import Role
+
+PRIMARY = "#00796b"
+"""Colour of what can be pressed. White text on it has a contrast of 5.3."""
+POSITIVE, NEGATIVE = "#2e7d32", "#c62828"
+"""Colours of notes. White text on them has contrasts of 5.1 and 5.6."""
+STYLE = Path(__file__).parent / "cockpit.css"
+LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
+RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
+"""Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
+LOAD_AGAIN = """<script>
+addEventListener("error", ({ target }) => {
+  if (!["SCRIPT", "LINK"].includes(target.tagName)) return;
+  setTimeout(() => document.getElementById("app")?.childElementCount || location.reload(), 1000);
+}, true);
+</script>"""
+"""Load a page again that stays empty because a bad network has lost one of its scripts."""
+MAX_WAITING_PACKETS = 4
+"""Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
+NAMESPACE = "/"
+ENDS_PERIOD_S = 0.2
+"""Time between two looks whether what the operator asked for has ended."""
+
+
+class BrowserLink(Link):
+    """Counts the packets that wait for one browser.
+
+    Socket.IO queues packets for a browser without a limit. So updates of a page check this first. A skipped
+    update does no harm, because a later one has the newest state.
+
+    Args:
+        server: the socketio.AsyncServer that sends to all browsers.
+        client: the browser.
+    """
+
+    def __init__(self, server: Any, client: str):
+        self._server = server
+        self._client = client
+
+    @property
+    def is_free(self) -> bool:
+        """Whether there is a connection, and few packets wait for it."""
+        waiting = [
+            found.queue.qsize()
+            for _, connection in self._server.manager.get_participants(NAMESPACE, self._client)
+            if (found := self._server.eio.sockets.get(connection)) is not None
+        ]
+        # A browser that has reconnected may still have its former connection, too.
+        return bool(waiting) and min(waiting) < MAX_WAITING_PACKETS
+
+
+@dataclass(frozen=True)
+class PageParts:
+    """The builders of the parts of a page."""
+
+    driver: Callable[[Page], Drives]
+    """Builds what drives for an operator's page."""
+    strip: Callable[[Page], None]
+    """Builds the strip with the state of the robot."""
+    tools: Sequence[Callable[[Page], None]]
+    """Build the buttons in the bar at the top."""
+    bars: Sequence[Callable[[Page], None]]
+    """Build the elements above the tiles, some of them hidden most of the time."""
+    foot: Sequence[Callable[[Page], None]]
+    """Build the bars below the tiles, most of them hidden most of the time."""
+    panels: Sequence[tuple[Panel, str]]
+    """Each with its title."""
+    plays_log: Callable[[], bool]
+    """Returns whether a log plays."""
+
+
+def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: str = "") -> None:
+    """Build the elements of a page that has just been opened.
+
+    Args:
+        page: the page.
+        parts: build the page's parts.
+        layouts: the layouts of the panels.
+        single: the only panel that the page shows; '': it has layouts.
+    """
+    client = ui.context.client
+    ui.add_head_html(LOAD_AGAIN)
+    ui.run_javascript(RECONNECT)
+    for style in (*STYLES, STYLE):
+        ui.add_css(style)
+    ui.colors(primary=PRIMARY, positive=POSITIVE, negative=NEGATIVE)
+    if page.role is Role.OPERATOR:
+        page.driver = parts.driver(page)
+    cockpit = Cockpit(page, layouts, parts.panels, single, parts.plays_log)
+    with ui.element("div").classes("cockpit"):
+        with ui.element("header").classes("cockpit-bar beside-emergency-stop"):
+            parts.strip(page)
+            with ui.element("div").classes("cockpit-tools"):
+                _build_tools(page, parts, cockpit)
+        with ui.element("div").classes("cockpit-bars"):
+            for build in parts.bars:
+                build(page)
+        asked = client.request.query_params if client.request else {}
+        cockpit.build(asked.get(LAYOUT, ""), asked.get(TAB, ""))
+        with ui.element("footer").classes("cockpit-foot"):
+            for build in parts.foot:
+                build(page)
+    _add_keys(page, cockpit)
+    Keyboard(page.keys)
+    page.always(ENDS_PERIOD_S, page.show_ends)
+
+
+def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:
+    cockpit.build_menu()
+    keys_button()
+    cookies = ui.context.client.request.cookies if ui.context.client.request else {}
+    LookSwitch(cookies.get(COOKIE, "")).build(page)
+    for build in parts.tools:
+        build(page)
+    ui.badge((page.role or Role.OBSERVER).name.lower()).props("outline id=role color=white")
+    leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
+    leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
+
+
+def _add_keys(page: Page, cockpit: Cockpit) -> None:
+    """Add the keys of layouts and driving."""
+    for number, name in enumerate(cockpit.names[:9], 1):
+        page.add_key(f"{number}", f"Layout {name}", partial(cockpit.choose, name))
+    if cockpit.names:
+        page.add_key("0", "Back to the layout from a maximised tile", cockpit.show_all)
+    if (driver := page.driver) is not None:
+        page.add_key("+", "Drive faster", lambda: driver.change_limits(up=True))
+        page.add_key("-", "Drive slower", lambda: driver.change_limits(up=False))
+        page.add_key("t", "Take over driving from another page or operator", driver.take_over)
