@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from robbie_mp.run.profile.model import TraceSettings
 from robbie_mp.run.supervisor.event_loop import EventLoop
-from robbie_mp.run.supervisor.output import ChildOutput, LogNotWritable, OutputStore, RateLimit
+from robbie_mp.run.supervisor.output import ChildOutput, LogNotWritable, OutputStore
 from robbie_mp.run.supervisor.states import ChildState
 from robbie_mp.run.supervisor.streams import OutputStream
 from robbie_mp.run.trace.entry import Entry
@@ -112,18 +112,6 @@ def test_flood_is_dropped_and_counted_and_its_end_is_kept(tmp_path: Path) -> Non
     ]
     assert (recorder.output.dropped, recorder.output.lines) == (90, 11)
     assert recorder.output.last_lines == ("line 97", "line 98", "line 99")
-
-
-@given(st.lists(st.tuples(st.floats(0.0, 3.0), st.integers(0, 300)), min_size=1, max_size=30))
-def test_no_more_lines_pass_than_a_burst_and_the_rate(floods: list[tuple[float, int]]) -> None:
-    now_s, passed = 100.0, 0
-    limit = RateLimit(lines_per_s=50.0, burst_lines=100, clock=lambda: now_s)
-    for pause_s, count in floods:
-        now_s += pause_s
-        allowed = limit.take(count)
-        passed += allowed
-        assert allowed == count or allowed + 1 + 1e-6 > min(100.0, 50.0 * pause_s)
-        assert passed <= 100 + 50.0 * (now_s - 100.0) + 1e-6
 
 
 def test_log_line_has_time_incarnation_and_stream(tmp_path: Path, recorder: Recorder) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import make_private_folder
+from robbie_mp.base.token_bucket import TokenBucket
 from robbie_mp.base.visible_text import visible
 from robbie_mp.run.profile.model import TraceSettings
 from robbie_mp.run.trace.channel import LogRecord, parse_line
@@ -21,28 +22,6 @@ from robbie_mp.run.trace.crash import CrashReport, report_name, report_place
 from robbie_mp.run.trace.disk_writer import MAX_FLUSH_S, DiskWriter
 from robbie_mp.run.trace.entry import Entry, EntryNumbers
 from robbie_mp.run.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
-
-
-class RateLimit:
-    """A token bucket: lets a burst of lines pass, then a fixed number of lines per second."""
-
-    def __init__(self, lines_per_s: float, burst_lines: int, clock: Callable[[], float] = time.monotonic):
-        self._lines_per_s = lines_per_s
-        self._burst_lines = float(burst_lines)
-        self._clock = clock
-        self._allowance = self._burst_lines
-        self._updated_s = clock()
-
-    def take(self, count: int) -> int:
-        """Return how many of `count` lines may pass."""
-        now_s = self._clock()
-        gained = (now_s - self._updated_s) * self._lines_per_s
-        self._updated_s = now_s
-        self._allowance = min(self._burst_lines, self._allowance + gained)
-        allowed = min(count, int(self._allowance))
-        self._allowance -= allowed
-        return allowed
-
 
 LOG = "log"
 ERRORS = "errors"
@@ -191,7 +170,7 @@ class ChildOutput:
         self._unreported = 0
         self._reported_s = 0.0
         self._rates = {
-            stream: RateLimit(limits.lines_per_s, limits.burst_lines)
+            stream: TokenBucket(limits.lines_per_s, limits.burst_lines)
             for stream in (*KIND_OF_STREAM, LOG, ERRORS)
         }
         self._last = {stream: deque[str](maxlen=limits.kept_lines) for stream in KIND_OF_STREAM}

@@ -4,6 +4,8 @@ import logging
 import time
 from collections.abc import Callable
 
+from robbie_mp.base.token_bucket import TokenBucket
+
 LOG_BURST = 20
 """Number of records that may be logged at once."""
 RECORDS_PER_S = 0.5
@@ -30,23 +32,15 @@ class LogLimit(logging.Filter):
     ):
         super().__init__()
         self.left_out = 0
-        self._burst = burst
-        self._records_per_s = records_per_s
-        self._clock = clock
-        self._allowed = float(burst)
-        self._since_s = clock()
+        self._bucket = TokenBucket(records_per_s, burst, clock)
         self._untold = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a record may pass. Records from two threads at the same moment may both pass."""
-        now_s = self._clock()
-        self._allowed = min(self._burst, self._allowed + (now_s - self._since_s) * self._records_per_s)
-        self._since_s = now_s
-        if self._allowed < 1.0:
+        if not self._bucket.take():
             self.left_out += 1
             self._untold += 1
             return False
-        self._allowed -= 1.0
         if self._untold:
             record.msg = f"{record.getMessage()} (and {self._untold} more that are not shown)"
             record.args = ()

@@ -3,15 +3,16 @@
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from collections.abc import Awaitable, Callable, Mapping
 from html import escape
-from http.cookies import CookieError, SimpleCookie
-from typing import Any
 from urllib.parse import parse_qs
 
+from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
 
+from robbie_mp.base.token_bucket import TokenBucket
 from robbie_mp.station.web.access import Access, is_own_origin
 from robbie_mp.station.web.connections import Connections, source_of
 from robbie_mp.station.web.rate_limits import LoginLimit
@@ -21,20 +22,9 @@ SESSION = "robbie.session"
 """Key of the session in the scope of an admitted request."""
 LOGIN_PATH = "/login"
 LOGOUT_PATH = "/logout"
-MESSAGES_BURST = 200.0
+MESSAGES_BURST = 200
 MESSAGES_PER_S = 100.0
 """Maximum rate from one page on one socket. A page that drives sends 10 a second; faster messages wait."""
-HEADERS = [
-    (
-        b"content-security-policy",
-        b"frame-ancestors 'none'; base-uri 'self'; form-action 'self'; object-src 'none'",
-    ),
-    (b"x-frame-options", b"DENY"),
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"same-origin"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-]
-"""Headers that keep other sites from showing the page in a frame (clickjacking) or using its pictures."""
 MAX_FORM_BYTES = 4096
 
 LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Robbie: log in</title>
@@ -72,64 +62,51 @@ class Gate:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        is_socket = scope["type"] == "websocket"
-        if not is_socket:
-            send = with_headers(send)
-        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
-        if not is_own_origin(headers.get("origin"), headers.get("host")):
-            refusal = f"it comes from a page of {headers.get('origin')!r:.200}"
-            self._access.refusals.warning("refused a request of %s: %s", peer(scope), refusal)
-            await self._deny(scope, receive, send, PlainTextResponse(f"{refusal}\n", 403))
+        visit = HTTPConnection(scope)
+        answer = await self._answer(visit, receive)
+        if answer is not None:
+            await answer(scope, receive, send)
             return
-        session = session_of(headers)
-        if not is_socket and scope["path"] in (LOGIN_PATH, LOGOUT_PATH):
-            log = self._log_in if scope["path"] == LOGIN_PATH else self._log_out
-            await (await log(scope, receive, session))(scope, receive, send)
-            return
+        scope[SESSION] = visit.cookies[SESSION_COOKIE]
+        await self._app(scope, paced(receive) if is_socket(visit) else receive, send)
+
+    async def _answer(self, visit: HTTPConnection, receive: Receive) -> App | None:
+        """Return the answer to a request that the page server does not get; None lets it through."""
+        if not is_own_origin(visit.headers.get("origin"), visit.headers.get("host")):
+            refusal = f"it comes from a page of {visit.headers.get('origin')!r:.200}"
+            self._access.refusals.warning("refused a request of %s: %s", peer(visit), refusal)
+            return refused(visit, refusal, 403)
+        session, path = visit.cookies.get(SESSION_COOKIE), visit.scope["path"]
+        if path in (LOGIN_PATH, LOGOUT_PATH) and not is_socket(visit):
+            log = self._log_in if path == LOGIN_PATH else self._log_out
+            return await log(visit, receive, session)
         role = self._access.role_of(session)
         if session is None or role is None:
-            await self._ask(scope, receive, send)
-            return
-        if not is_socket and scope["method"] not in ("GET", "HEAD"):
-            await PlainTextResponse("only GET and HEAD are answered\n", 405)(scope, receive, send)
-            return
-        if not self._connections.admit(scope.get("client"), session, role):
-            text = "too many connections; close some pages\n"
-            await self._deny(scope, receive, send, PlainTextResponse(text, 503, {"Connection": "close"}))
-            return
-        scope[SESSION] = session
-        await self._app(scope, paced(receive) if is_socket else receive, send)
+            return ask_to_log_in(visit)
+        if not is_socket(visit) and visit.scope["method"] not in ("GET", "HEAD"):
+            return refused(visit, "only GET and HEAD are answered", 405)
+        if not self._connections.admit(visit.scope.get("client"), session, role):
+            text = "too many connections; close some pages"
+            return refused(visit, text, 503, {"Connection": "close"})
+        return None
 
-    async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http" and scope["method"] == "GET" and scope["path"] == "/":
-            await RedirectResponse(LOGIN_PATH, 303)(scope, receive, send)
-        else:
-            await self._deny(scope, receive, send, PlainTextResponse("log in first\n", 401))
-
-    async def _deny(self, scope: Scope, receive: Receive, send: Send, response: Response) -> None:
-        if scope["type"] == "websocket":
-            await receive()  # the connect message, which must be answered first
-            await send({"type": "websocket.close", "code": 1008})
-        else:
-            await response(scope, receive, send)
-
-    async def _log_in(self, scope: Scope, receive: Receive, _session: str | None) -> Response:
-        if scope["method"] == "POST":
+    async def _log_in(self, visit: HTTPConnection, receive: Receive, _session: str | None) -> Response:
+        if visit.scope["method"] == "POST":
             form = await read_body(receive)
-            tokens = parse_qs(form.decode("utf-8", "replace")).get("token", [""])
-        elif dict(scope["headers"]).get(b"sec-fetch-site") == b"cross-site":
+            token = parse_qs(form.decode("utf-8", "replace")).get("token", [""])[0]
+        elif visit.headers.get("sec-fetch-site") == "cross-site":
             return login_page("a page of another site has sent you here: enter the token yourself")
         else:  # a link with the token in it, such as the one that `robbie run` prints
-            tokens = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
-        if not tokens:
-            return login_page("")
-        source = source_of(peer(scope))
+            token = visit.query_params.get("token", "")
+            if not token:
+                return login_page("")
+        source = source_of(peer(visit))
         wait_s = math.ceil(self._tries.wait_s(source))
         if wait_s:
             self._access.refusals.warning("too many wrong tokens from %s", source)
             text = f"too many wrong tokens from your address; try again in {wait_s} s"
             return login_page(text, 429, {"Retry-After": str(wait_s)})
-        session = self._access.log_in(tokens[0])
+        session = self._access.log_in(token)
         if session is None:
             self._tries.note_wrong(source)
             self._access.refusals.warning("wrong token from %s", source)
@@ -138,9 +115,9 @@ class Gate:
         response.set_cookie(SESSION_COOKIE, session, httponly=True, samesite="strict")
         return response
 
-    async def _log_out(self, scope: Scope, _receive: Receive, session: str | None) -> Response:
+    async def _log_out(self, visit: HTTPConnection, _receive: Receive, session: str | None) -> Response:
         """End a session with all its pages. It requires a POST, so that no link or picture can do it."""
-        if scope["method"] != "POST":
+        if visit.scope["method"] != "POST":
             return PlainTextResponse("log out by POST\n", 405)
         if session is not None:
             self._access.log_out(session)
@@ -150,30 +127,36 @@ class Gate:
         return response
 
 
-def with_headers(send: Send) -> Send:
-    """Return a `send` that adds headers to every answer, so that no other site can show or read it."""
-
-    async def answer(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message.get("headers", ()), *HEADERS]}
-        await send(message)
-
-    return answer
+def is_socket(visit: HTTPConnection) -> bool:
+    """Return whether a WebSocket is to be opened."""
+    return bool(visit.scope["type"] == "websocket")
 
 
-def paced(receive: Receive) -> Receive:
+def refused(visit: HTTPConnection, text: str, status: int, headers: Mapping[str, str] | None = None) -> App:
+    """Return the answer that refuses a request or a WebSocket."""
+    if is_socket(visit):
+        return WebSocketClose(1008)
+    return PlainTextResponse(f"{text}\n", status, headers)
+
+
+def ask_to_log_in(visit: HTTPConnection) -> App:
+    """Return the answer to a request without a session."""
+    if not is_socket(visit) and (visit.scope["method"], visit.scope["path"]) == ("GET", "/"):
+        return RedirectResponse(LOGIN_PATH, 303)
+    return refused(visit, "log in first", 401)
+
+
+def paced(receive: Receive, clock: Callable[[], float] = time.monotonic) -> Receive:
     """Return a `receive` that takes messages at a limited rate. Further messages wait at the sender."""
-    allowed, since_s = MESSAGES_BURST, time.monotonic()
+    bucket = TokenBucket(MESSAGES_PER_S, MESSAGES_BURST, clock)
 
     async def take() -> Message:
-        nonlocal allowed, since_s
         message = await receive()
         if message["type"] == "websocket.receive":
-            now_s = time.monotonic()
-            allowed = min(MESSAGES_BURST, allowed + (now_s - since_s) * MESSAGES_PER_S) - 1.0
-            since_s = now_s
-            if allowed < 0.0:
-                await asyncio.sleep(-allowed / MESSAGES_PER_S)
+            wait_s = bucket.wait_s
+            bucket.spend()
+            if wait_s:
+                await asyncio.sleep(wait_s)
         return message
 
     return take
@@ -195,16 +178,6 @@ async def read_body(receive: Receive) -> bytes:
     return body[:MAX_FORM_BYTES]
 
 
-def session_of(headers: MutableMapping[str, str]) -> str | None:
-    """Return the session that a request names."""
-    try:
-        cookie = SimpleCookie(headers.get("cookie", "")).get(SESSION_COOKIE)
-    except CookieError:
-        return None
-    return cookie.value if cookie else None
-
-
-def peer(scope: MutableMapping[str, Any]) -> str:
+def peer(visit: HTTPConnection) -> str:
     """Return the address that a request comes from."""
-    client = scope.get("client")
-    return f"{client[0]}" if client else "an unknown address"
+    return visit.client.host if visit.client else "an unknown address"

@@ -25,6 +25,18 @@ MAX_MESSAGE_BYTES = 1 << 17
 MAX_HEADERS_BYTES = 1 << 14
 """Maximum size of a request's headers, including cookies."""
 
+HEADERS = [
+    (
+        "content-security-policy",
+        "frame-ancestors 'none'; base-uri 'self'; form-action 'self'; object-src 'none'",
+    ),
+    ("x-frame-options", "DENY"),
+    ("x-content-type-options", "nosniff"),
+    ("referrer-policy", "same-origin"),
+    ("cross-origin-resource-policy", "same-origin"),
+]
+"""Headers that keep other sites from showing the page in a frame (clickjacking) or using its pictures."""
+
 
 class ServerFailed(RobbieError, RuntimeError):
     """The page server did not start, or has ended."""
@@ -52,6 +64,7 @@ class PageServer:
             ws_max_size=MAX_MESSAGE_BYTES,
             h11_max_incomplete_event_size=MAX_HEADERS_BYTES,
             backlog=BACKLOG,
+            headers=HEADERS,
             # The client is the connected address; forwarding headers are ignored.
             proxy_headers=False,
             # Large data is compressed already, and the event loop would compress it again for each page.
