@@ -1,5 +1,6 @@
 """How long a command may be followed: until it expires, or until what it rests on is too old."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 from robbie_mp import CallRefused, Duration, Module, Time, setting
@@ -20,6 +21,10 @@ LOOK_AGE_S: float = setting(
     1.0, "age of what a direction rests on at which the unit no longer turns to it", minimum=0.02
 )
 """The setting of all modules that only turn a camera; its direction is sent once."""
+HELD_UP_S = 0.02
+"""A command that took longer to give may have begun late, and is given again with the time that is left."""
+AT_ONCE_S = 0.001
+"""Validity of a command that ends at once."""
 ORDER_WITHIN_S = 1.0
 """An order that lets the robot move is refused when it has waited longer: its client has given it up."""
 
@@ -71,6 +76,34 @@ def left_s(module: Module, command: MotionCommand, max_age_s: float) -> float:
         )
         raise StaleCommand(f"it rests on what {known}; at most {max_age_s:g} s are allowed")
     return min(valid_s - waited_s, max_age_s - age_s)
+
+
+def command_since(
+    module: Module, judged_s: float, valid_for_s: float, command: Callable[[float], object]
+) -> None:
+    """Give a device a command that ends in time, however long this process is held up meanwhile.
+
+    A device counts the validity from when it takes the command. If this process was stopped or had no
+    processor since the command was judged, it would move on what has become old.
+
+    Args:
+        module: the module of the device.
+        judged_s: when the command was judged, by the module's monotonic clock, s.
+        valid_for_s: how long it was valid then, s.
+        command: gives the device the command; gets how long it is valid, s.
+
+    Raises:
+        StaleCommand: its time is over.
+    """
+    told_s = module.clock.monotonic_ns() / 1e9
+    if told_s - judged_s >= valid_for_s > 0.0:
+        raise StaleCommand(f"this module was held up for {told_s - judged_s:.2f} s while it judged it")
+    command(judged_s + valid_for_s - told_s)
+    while (now_s := module.clock.monotonic_ns() / 1e9) - told_s > HELD_UP_S:
+        left_s, told_s = judged_s + valid_for_s - now_s, now_s
+        command(max(left_s, AT_ONCE_S))
+        if left_s <= AT_ONCE_S:
+            return
 
 
 def waiting_s(module: Module) -> float:

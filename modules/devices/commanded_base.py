@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from robbie_robots.modules.devices.command_age import (
     ORDER_WITHIN_S,
     StaleCommand,
     check_order,
+    command_since,
     left_s,
     waiting_s,
 )
@@ -114,6 +116,7 @@ class CommandedBase(Module):
 
     def _follow(self, command: DriveCommand, *, is_guarded: bool) -> None:
         wanted = command.linear_m_per_s, command.angular_rad_per_s
+        judged_s = self.monotonic_s()
         try:
             valid_for_s = left_s(self, command, self.max_age_s)
             if is_guarded:
@@ -121,7 +124,7 @@ class CommandedBase(Module):
                 if valid_for_s <= 0.0:
                     raise StaleCommand("a laser that guards driving by hand has sent no scan lately")
                 wanted = self.guard.checked(*wanted)
-            self.drive.command(*wanted, valid_for_s)
+            command_since(self, judged_s, valid_for_s, partial(self.drive.command, *wanted))
         except StaleCommand as error:
             self._refuse("too old", str(error))
         except DriveCommandError as error:

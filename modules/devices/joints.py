@@ -1,6 +1,7 @@
 """Joints that follow commands: grippers, pan-tilt units and arms."""
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from robbie_robots.hw.dynamixel.protocol1_joints import Protocol1Joint, Protocol
 from robbie_robots.hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, DynamixelJoints, ServoJoint
 from robbie_robots.hw.joints import Joint, JointCommandError, JointReading, Joints, checked
 from robbie_robots.hw.simulation.joints import SimulatedJoints
-from robbie_robots.modules.devices.command_age import MAX_AGE_S, StaleCommand, left_s
+from robbie_robots.modules.devices.command_age import MAX_AGE_S, StaleCommand, command_since, left_s
 from robbie_robots.modules.devices.joint_control import JointControl, Source
 from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
@@ -165,6 +166,7 @@ class CommandedJoints(Module):
         return self.clock.monotonic_ns() / 1e9
 
     def _move(self, positions_rad: dict[str, float], command: JointCommand | PanTiltCommand) -> None:
+        judged_s = self._monotonic_s()
         try:
             fresh_s = left_s(self, command, self.max_age_s)
             if isinstance(command, PanTiltCommand):
@@ -172,12 +174,12 @@ class CommandedJoints(Module):
                 return
             checked(self.moved.joints, positions_rad, fresh_s)
             source = Source(self.envelope.sender, command.by_hand)
-            sent_s, until_s = self.envelope.published_ns / 1e9, self._monotonic_s() + fresh_s
+            sent_s, until_s = self.envelope.published_ns / 1e9, judged_s + fresh_s
             followed = self.control.followed(source, positions_rad, sent_s, until_s)
             if followed is None:
                 self._refuse()
                 return
-            self.moved.command(followed, fresh_s)
+            command_since(self, judged_s, fresh_s, partial(self.moved.command, followed))
             if command.by_hand and self.mode == ControlState.AUTO:
                 self._ask_to_hold()
         except (JointCommandError, StaleCommand) as error:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,10 @@ from robbie_mp.messages import (
     TFMessage,
     TransformStamped,
 )
+from robbie_robots.hw.simulation.drive import SimulatedDrive
+from robbie_robots.modules.devices import commanded_base
 from robbie_robots.modules.devices.base import SimulatedBase
+from robbie_robots.modules.devices.command_age import AT_ONCE_S
 from tests._support.commands import fresh, waits
 
 ARENA = """\
@@ -103,6 +107,33 @@ def test_new_commands_on_old_measurements_do_not_keep_the_robot_going(base: Base
         speeds.append(speed(base))
     assert max(speeds[:3]) > 0.2
     assert speeds[3:] == [0.0] * 7  # 0.4 s after the measurement
+
+
+@pytest.mark.parametrize("held_up", ["before the drive takes it", "while the drive takes it"])
+def test_base_that_is_held_up_after_it_has_judged_a_command_does_not_drive_on(
+    base: Base, monkeypatch: pytest.MonkeyPatch, held_up: str
+) -> None:
+    drive, judge = base.module.drive, commanded_base.left_s
+    commands: list[float] = []
+
+    def judged(*arguments: Any) -> float:
+        left_s = judge(*arguments)
+        base.clock.advance(0.4 * (held_up == "before the drive takes it"))
+        return left_s
+
+    def command(linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
+        if not commands:
+            base.clock.advance(0.4 * (held_up == "while the drive takes it"))
+        commands.append(valid_for_s)
+        SimulatedDrive.command(drive, linear_m_per_s, angular_rad_per_s, valid_for_s)
+
+    monkeypatch.setattr(commanded_base, "left_s", judged)
+    monkeypatch.setattr(drive, "command", command)
+    send(base)
+    assert commands[1:] == [AT_ONCE_S] * len(commands[1:])
+    assert len(commands) == (held_up == "while the drive takes it") * 2
+    base.advance(0.3)
+    assert max(one.pose.pose.position.x for one in base.take(Odometry, "odom")) < 0.002
 
 
 def test_command_that_does_not_say_what_it_rests_on_is_refused(

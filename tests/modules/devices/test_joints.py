@@ -54,6 +54,23 @@ def test_simulated_gripper_closes_until_its_command_expires() -> None:
         assert last.position[0] == pytest.approx(0.45, abs=0.03) and last.velocity[0] == 0.0
 
 
+def test_joints_that_are_held_up_while_they_take_a_command_do_not_move_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with ModuleHarness(SimulatedJointsModule, {"names": ["gripper"]}, name="gripper") as gripper:
+        moved, held_up_s = gripper.module.moved, [0.6]
+        take = moved.command
+
+        def take_late(positions_rad: dict[str, float], valid_for_s: float) -> None:
+            gripper.clock.advance(held_up_s.pop() if held_up_s else 0.0)
+            take(positions_rad, valid_for_s)
+
+        monkeypatch.setattr(moved, "command", take_late)
+        gripper.send(fresh(gripper, command(gripper=5.0)), topic="gripper")
+        gripper.advance(1.0)
+        assert gripper.take(JointState)[-1].position[0] < 0.02
+
+
 def test_invalid_commands_move_nothing_and_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     with ModuleHarness(SimulatedJointsModule, {"names": ["a", "b"]}, name="arm") as arm:
         for wrong in (command(c=1.0), command(a=math.nan), command(0.0, a=1.0)):
