@@ -1,7 +1,6 @@
 """`robbie call SERVICE YAML`: send a request to the module that serves it, and print the reply."""
 
 import argparse
-import logging
 import sys
 from contextlib import closing
 from typing import TYPE_CHECKING
@@ -23,7 +22,6 @@ from robbie_mp.messages.calls import (
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.errors import CallError
-from robbie_mp.module.clock import SystemClock
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -96,9 +94,7 @@ class _Caller:
 
     def run(self, bus: ToolBus) -> int:
         """Send it, and wait for the end."""
-        calls = Calls(bus, SystemClock(), logging.getLogger("robbie.call"))
-        bus.on_new_place = calls.client.forget_place
-        bus.ready()
+        calls = bus.make_calls()
         number = calls.client.call(
             self._request,
             self._replies,
@@ -124,9 +120,7 @@ class _Caller:
 
     def _wait(self, bus: ToolBus, calls: Calls) -> None:
         while self._end is None:
-            if not bus.handle_next():
-                bus.wait(calls.wait_s())
-            calls.run()
+            bus.work_for(calls)
 
     def _set_end(self, end: Message | CallError) -> None:
         self._end = end

@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.errors import IllFormed, MessageError
 from robbie_mp.messages.message import Message
+from robbie_mp.messages.registry import TypeRegistry
+from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.messages.well_formed import check_well_formed
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class Refusals:
 
     def __init__(self, log: Logger):
         self._log = log
-        self._types: KnownTypes | None = None
+        self._types: TypeRegistry | None = None
         self._classes: dict[tuple[str, int], type[Message] | None] = {}
         self.on_refused: Callable[[int], None] = lambda _total: None
         self.total = 0
@@ -98,7 +99,7 @@ class Refusals:
         return self._classes[key]
 
     def _find(self, type_name: str, version: int) -> type[Message] | None:
-        self._types = self._types or KnownTypes()
+        self._types = self._types or stock_registry()
         try:
             found = self._types.get(type_name)
         except MessageError:

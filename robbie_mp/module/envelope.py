@@ -2,7 +2,7 @@
 
 from typing import NamedTuple, TypeVar
 
-from robbie_mp.messages import Message
+from robbie_mp.messages.message import Message
 
 MessageType = TypeVar("MessageType", bound=Message)
 

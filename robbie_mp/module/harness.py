@@ -1,5 +1,6 @@
 """Runs a module inside a test, without a process or shared memory; the test controls the time."""
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
@@ -27,18 +28,20 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages.calls import FeedbackType, Goal, ReplyType, Request, ResultType, reply_type
 from robbie_mp.messages.encoded import check_encapsulation, check_type
+from robbie_mp.messages.errors import MessageError
 from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.messages.well_formed import check_well_formed
-from robbie_mp.module.bus import PublishAfterStop
+from robbie_mp.module.bus import CopyingBus, PublishAfterStop
 from robbie_mp.module.calls.client import GOAL_ENDS
 from robbie_mp.module.calls.errors import CallError, CallRefused
 from robbie_mp.module.calls.peers import Server, service_topic
 from robbie_mp.module.clock import ManualClock
-from robbie_mp.module.envelope import Envelope, MessageType
-from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period
+from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
+from robbie_mp.module.loop import ModuleLoop
+from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
-from robbie_mp.module.subscriptions import Subscriptions
+from robbie_mp.module.ticks import TimedTicks
 from robbie_mp.module.wiring import UNCHANGED, Wiring
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
@@ -125,9 +128,8 @@ class ModuleHarness(Generic[ModuleClass]):
             )
         )
         self._changes = SettingChanges(self.module, self.bus)
-        self._calls = calls_of(self.module)
+        self._loop = ModuleLoop(self.module, self.bus, TimedTicks(self.module, self.clock), self._changes)
         self._last_call = 0
-        self._next_tick_ns = 0
 
     def __enter__(self) -> Self:
         """Run `setup()`.
@@ -135,12 +137,8 @@ class ModuleHarness(Generic[ModuleClass]):
         Raises:
             InvalidPeriod: the module's `period_s` is not positive, or it has a `tick()` but no period.
         """
-        self._changes.listen()
-        self.module.setup()
-        check_period(self.module)
-        self._next_tick_ns = self.clock.monotonic_ns()
-        self._calls.begin()
-        self._changes.begin()
+        self._loop.set_up()
+        self._loop.begin()
         return self
 
     def __exit__(
@@ -148,7 +146,7 @@ class ModuleHarness(Generic[ModuleClass]):
     ) -> None:
         """Run `teardown()` as an ordered stop does, unless the test has already failed."""
         if error is None:
-            self.module.teardown()
+            self._loop.tear_down()
         self.bus.stopped = True
 
     def send(self, message: Message, *, topic: str = "", sender: str = "test") -> None:
@@ -159,8 +157,7 @@ class ModuleHarness(Generic[ModuleClass]):
             topic: the topic it is published on.
             sender: the name of its publisher, for `envelope`.
         """
-        self.bus.deliver(ChannelName(message.type_name, message.version, topic), message.encode(), sender)
-        self._run_calls()
+        self.send_encoded(message.type_name, message.version, message.encode(), topic=topic, sender=sender)
 
     # -- calls ---------------------------------------------------------------------------------------------
 
@@ -279,22 +276,6 @@ class ModuleHarness(Generic[ModuleClass]):
         self.bus.peers.has_server = False
         self.advance(CALL_LOOK_S)
 
-    def _run_calls(self) -> None:
-        """Do what is due for the module's calls, and answer its questions as the server."""
-        while True:
-            self._calls.end_handling()
-            if self._calls.are_due():
-                self._calls.run()
-            questions = self.bus.questions
-            if not questions:
-                return
-            self.bus.questions = []
-            for calls in questions:
-                pending = [call for call in calls if call in self.bus.peers.kept]
-                answer = CallsAnswer(calls=np.array(calls, np.uint64), pending=np.array(pending, np.uint64))
-                name = ChannelName(answer.type_name, answer.version, self.module.name)
-                self.bus.deliver(name, answer.encode(), SERVER)
-
     # ------------------------------------------------------------------------------------------------------
 
     def send_encoded(
@@ -310,6 +291,9 @@ class ModuleHarness(Generic[ModuleClass]):
             sender: the name of its publisher, for `envelope`.
         """
         self.bus.deliver(ChannelName(type_name, version, topic), data, sender)
+        self._loop.run_calls()
+        while self.bus.handle_next():
+            self._loop.run_calls()
 
     def change_setting(self, name: str, value: object) -> None:
         """Change a setting as `robbie param set` does.
@@ -330,22 +314,11 @@ class ModuleHarness(Generic[ModuleClass]):
         Args:
             seconds: how far.
         """
-        end_ns = self.clock.monotonic_ns() + round(seconds * 1e9)
-        period_s = self.module.period_s
-        while period_s is not None and self._next_tick_ns <= end_ns and not self.module.stop_requested:
-            self._pass_time(self._next_tick_ns)
-            self.module.tick()
-            self._run_calls()
-            self._next_tick_ns += round(period_s * 1e9)
-        self._pass_time(end_ns)
-
-    def _pass_time(self, end_ns: int) -> None:
-        """Move the time forward, and let the module's calls time out meanwhile."""
-        self._run_calls()
-        while (now_ns := self.clock.monotonic_ns()) < end_ns:
-            wait_ns = min(self._calls.wait_s() * 1e9, end_ns - now_ns)
-            self.clock.advance(max(1, round(wait_ns)) / 1e9)
-            self._run_calls()
+        end_ns = self.bus.end_ns = self.clock.monotonic_ns() + round(seconds * 1e9)
+        self.bus.is_over = False
+        while not (self.bus.is_over or self._loop.ends):
+            self._loop.turn()
+        self.clock.advance(max(0, end_ns - self.clock.monotonic_ns()) / 1e9)
 
     @property
     def checkpoint(self) -> Any:
@@ -465,22 +438,22 @@ class HarnessCheckpoints:
         return True
 
 
-class HarnessBus:
+class HarnessBus(CopyingBus):
     """A bus with one module on it."""
 
     def __init__(self, clock: ManualClock, name: str = "module", wiring: Wiring = UNCHANGED):
+        numbers = count()
+        super().__init__(lambda _: next(numbers), wiring)
         self._clock = clock
         self._wiring = wiring
         self.peers = HarnessPeers(name, clock)
-        self.questions: list[list[int]] = []
-        """Questions of the module about its calls, which the harness answers."""
-        numbers = count()
-        self._name = ChannelName("", 0, "")
-        self.subscriptions = Subscriptions(lambda _: next(numbers), lambda: self._name, wiring)
-        self._current: Envelope | None = None
+        self._questions: deque[list[int]] = deque()
+        """Questions of the module about its calls."""
+        self.end_ns = 0
+        """Until when the time may pass while the module waits."""
+        self.is_over = True
+        """Whether the module waits although that time has come."""
         self._sequence = 0
-        self._newest_ns: dict[ChannelName, int] = {}
-        """When the newest message of each subscription came."""
         self.published: list[Published] = []
         self.published_encoded: list[PublishedEncoded] = []
         self.stopped = False
@@ -495,66 +468,79 @@ class HarnessBus:
     def deliver(self, name: ChannelName, data: bytes, sender: str) -> None:
         """Run every handler that subscribes to a message, but of those with patterns only the first."""
         self._sequence += 1
-        self._name = name
         own_topic = self._wiring.own(name.type_name, name.topic)
-        self._current = Envelope(own_topic, self._sequence, sender, self._clock.monotonic_ns())
+        envelope = Envelope(own_topic, self._sequence, sender, self._clock.monotonic_ns())
         matched_pattern = False
         for subscription in self.subscriptions:
             by_pattern = subscription.name.version == ANY_VERSION
             if (by_pattern and matched_pattern) or not subscription.name.takes(name):
                 continue
             matched_pattern |= by_pattern
-            before_ns, refused = self.newest_stamp_ns(subscription.name), self.subscriptions.refusals.total
-            self._newest_ns[subscription.name] = self._clock.monotonic_ns()
-            subscription.handler(subscription.decoder.decode(memoryview(data)))
-            if self.subscriptions.refusals.total != refused:
-                self._newest_ns[subscription.name] = before_ns  # no handler got it
-        self._current = None
+            self.hand_over(subscription, name, envelope, data)
+
+    def lose(self, error: MessageError) -> None:
+        """Let the test fail: its message cannot be decoded."""
+        raise error
+
+    def handle_next(self) -> bool:
+        """Answer the module's next question about its calls, as their server; False if there is none."""
+        if not self._questions:
+            return False
+        asked = self._questions.popleft()
+        pending = [call for call in asked if call in self.peers.kept]
+        answer = CallsAnswer(calls=np.array(asked, np.uint64), pending=np.array(pending, np.uint64))
+        name = ChannelName(answer.type_name, answer.version, self.peers.name)
+        self.deliver(name, answer.encode(), SERVER)
+        return True
+
+    def wait(self, timeout_s: float) -> bool:
+        """Let the time pass, unless there is a question to answer."""
+        left_ns = self.end_ns - self._clock.monotonic_ns()
+        self.is_over = left_ns <= 0 and not self._questions
+        if left_ns > 0 and not self._questions:
+            self._clock.advance(max(1, min(left_ns, timeout_s * 1e9)) / 1e9)
+        return False
+
+    def room_was_made(self) -> bool:
+        """Return False: there is always room."""
+        return False
 
     def advertise(self, message_type: type[Message], topic: str) -> None:
         """Check the type; there is nobody to tell."""
         check_message_type(message_type, "advertise")
 
-    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
+    def publish(self, message: Message | EncodedMessage, topic: str, latched: bool = False) -> bool:
         """Collect a message."""
-        check_message(message, "publish")
-        if message.is_checked:
-            check_well_formed(message)
+        if isinstance(message, EncodedMessage):
+            check_type(message.type_name, message.version)
+            check_encapsulation(message.type_name, message.data.cast("B"))
+        else:
+            check_message(message, "publish")
+            if message.is_checked:
+                check_well_formed(message)
         if self.stopped:
             raise PublishAfterStop(f"this module published a {message.type_name} after it was stopped")
-        if isinstance(message, CallsQuestion):
-            self.questions.append(message.calls.tolist())
-            return True
-        if isinstance(message, Request | Goal):
-            self.peers.kept.add(message.call)
         actual = self._wiring.actual(message.type_name, topic)
-        data = message.encode()
-        self.published.append(Published(type(message).decode(data), actual))
+        if isinstance(message, EncodedMessage):
+            data = bytes(message.data)
+            self.published_encoded.append(PublishedEncoded(*message[:2], data, actual))
+        elif isinstance(message, CallsQuestion):
+            self._questions.append(message.calls.tolist())
+            return True
+        else:
+            data = self._collect(message, actual)
+            latched |= message.is_latched
         name = ChannelName(message.type_name, message.version, actual)
-        self._note(name, data, latched or message.is_latched)
-        return True
-
-    def publish_encoded(
-        self,
-        type_name: str,
-        version: int,
-        data: bytes | bytearray | memoryview,
-        topic: str,
-        latched: bool = False,
-    ) -> bool:
-        """Collect an encoded message."""
-        if self.stopped:
-            raise PublishAfterStop(f"this module published a {type_name} after it was stopped")
-        check_type(type_name, version)
-        check_encapsulation(type_name, memoryview(data).cast("B"))
-        actual = self._wiring.actual(type_name, topic)
-        self.published_encoded.append(PublishedEncoded(type_name, version, bytes(data), actual))
-        self._note(ChannelName(type_name, version, actual), bytes(data), latched)
-        return True
-
-    def _note(self, name: ChannelName, data: bytes, latched: bool) -> None:
         if latched or name in self.latched:
             self.latched[name] = data
+        return True
+
+    def _collect(self, message: Message, topic: str) -> bytes:
+        if isinstance(message, Request | Goal):
+            self.peers.kept.add(message.call)
+        data = message.encode()
+        self.published.append(Published(type(message).decode(data), topic))
+        return data
 
     @contextmanager
     def loan(
@@ -573,28 +559,5 @@ class HarnessBus:
         message.forget_arrays()
         self.publish(message_type.decode(bytes(buffer)), topic, latched)
 
-    def newest_stamp_ns(self, subscribed: ChannelName) -> int:
-        """Return when the newest message of a subscription came; -1: none has."""
-        return self._newest_ns.get(subscribed, -1)
-
-    def show_deadline(
-        self, subscribed: ChannelName, deadline_ns: int, latenesses: int, greatest_age_ns: int
-    ) -> None:
-        """Do nothing: nobody observes a test."""
-
     def wake_after_freed(self, messages: int) -> None:
         """Do nothing: there is always room."""
-
-    def sender(self) -> str:
-        """Return who published the message being handled; raises as `envelope`."""
-        return self.envelope().sender
-
-    def envelope(self) -> Envelope:
-        """Return the envelope of the message being handled.
-
-        Raises:
-            LookupError: no message is being handled.
-        """
-        if self._current is None:
-            raise LookupError("there is an envelope only while a message is being handled")
-        return self._current

@@ -1,6 +1,7 @@
 """Receives messages: decodes them in the publisher's memory, releases them when nothing refers to them."""
 
 import logging
+import time
 import weakref
 from collections import deque
 from collections.abc import Callable
@@ -13,13 +14,20 @@ from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import LEAD_BYTES
 from robbie_mp.bus.transport.endpoint import Endpoint
+from robbie_mp.bus.transport.histogram import WorkFigures
+from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.bus.transport.records import Delivery, Inbound
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.bus.transport.views import SegmentViews
-from robbie_mp.bus.transport.words import WORD_MAX, Words
+from robbie_mp.bus.transport.words import WORD_BYTES, WORD_MAX, Words, row_writer
 from robbie_mp.module.pins import Pins
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.module.wiring import UNCHANGED, Wiring
+
+# Looked up once, not for every message.
+_HANDLER, _IDLE = int(Activity.HANDLER), int(Activity.IDLE)
+_ACTIVITY = layout.OUT_ACTIVITY
+_ACTIVITY_AT = layout.OUT_ACTIVITY_SINCE_NS * WORD_BYTES
 
 
 class DamagedMessage(RobbieError, ValueError):
@@ -61,6 +69,8 @@ class Inbox:
         pins: Any = Pins(words) if native is None else native.Pins(words)
         self._pins: Pins = pins
         self._copied = 0
+        self._write_activity = row_writer(words, 2)
+        self._figures = WorkFigures(words, layout.OUT_MESSAGE_FIGURES)
         self._current: Delivery | None = None
         self.native: Any = None
         """Takes and handles what is of the common form; None, or its answer None: Python does it."""
@@ -111,16 +121,16 @@ class Inbox:
         self._words[at + layout.DECLARATION_GREATEST_AGE_NS] = greatest_age_ns
         self._words[at + layout.DECLARATION_LATENESSES] = latenesses
 
-    def handle_next(self) -> bool | None:
-        """Take and handle a message in C, with all that the runner does for it.
-
-        Returns:
-            False if there is none; None if it is not of the common form: then call `take` and `handle`.
-        """
-        if self.native is None or self.before_release is not None:
-            return None
-        handled: bool | None = self.native.handle_next(self)
-        return handled
+    def handle_next(self) -> bool:
+        """Take and handle the next message, in C if it is of the common form; False if there is none."""
+        if self.native is not None and self.before_release is None:
+            was_one: bool | None = self.native.handle_next(self)
+            if was_one is not None:
+                return was_one
+        delivery = self.take()
+        if delivery is not None:
+            self.handle(delivery)
+        return delivery is not None
 
     def take(self) -> Delivery | None:
         """Take the next message to handle; None if there is none."""
@@ -135,6 +145,7 @@ class Inbox:
 
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message; then release the message, or pin it while anything refers to it."""
+        begun_ns = self.show(_HANDLER | delivery.declaration << 8)
         self._current = delivery
         newest_at = layout.newest_at(delivery.declaration)
         newest_before_ns, ill_formed_before = self._words[newest_at], self._words[layout.OUT_ILL_FORMED]
@@ -177,6 +188,18 @@ class Inbox:
         else:
             self._pins.add(delivery, pin)
             self.done(delivery)
+        self.show_idle()
+        self._figures.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
+
+    def show(self, activity: int) -> int:
+        """Show what the module does; return the time, in ns."""
+        now_ns = time.monotonic_ns()
+        self._write_activity(_ACTIVITY_AT, now_ns, activity)
+        return now_ns
+
+    def show_idle(self) -> None:
+        """Show that the module does nothing."""
+        self._words[_ACTIVITY] = _IDLE
 
     def release(self, delivery: Delivery) -> None:
         """Tell the core that a message was handled and its memory is no longer in use."""

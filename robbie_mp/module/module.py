@@ -341,7 +341,7 @@ class Module:
             DeclarationError, VersionError: a type cannot have this name or version.
             MessageTooLarge, PublishAfterStop: as for `publish`.
         """
-        return self._bus.publish_encoded(type_name, version, data, topic, latched)
+        return self._bus.publish(EncodedMessage(type_name, version, memoryview(data)), topic, latched)
 
     def advertise(self, message_type: type[Message], *, topic: str = "") -> None:
         """Announce that this module may publish messages of a type, before it publishes the first.

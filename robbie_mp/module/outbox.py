@@ -23,7 +23,7 @@ from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.messages.well_formed import check_well_formed, find_flaw, ill_formed
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
-from robbie_mp.module.envelope import MessageType
+from robbie_mp.module.envelope import EncodedMessage, MessageType
 from robbie_mp.module.wiring import UNCHANGED, Wiring
 
 MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
@@ -147,18 +147,16 @@ class Outbox:
             if (message_type, topic) not in self._declarations:
                 self._declare(message_type, topic)
 
-    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
-        """Encode a message into a new block and pass it to the core."""
+    def publish(self, message: Message | EncodedMessage, topic: str, latched: bool = False) -> bool:
+        """Encode a message into a new block, or copy an encoded one, and pass it to the core."""
+        if isinstance(message, EncodedMessage):
+            return self._publish_encoded(message, topic, latched)
         if latched:
             check_message(message, "publish")
             self._latch(_name_of(type(message), topic))
         if self._native is not None:
             done = self._native.publish(message, topic)
-            if done is True:
-                return True
-            if done is not None:
-                with self._lock:
-                    self._prepare_next(done)
+            if done is True or self._is_done(done):
                 return True
         with self._lock:
             declaration = self._declarations.get((type(message), topic))
@@ -182,27 +180,16 @@ class Outbox:
                 raise
             return self._hand_over(declaration, block, size, message.type_name, topic)
 
-    def publish_encoded(
-        self,
-        type_name: str,
-        version: int,
-        data: bytes | bytearray | memoryview,
-        topic: str,
-        latched: bool = False,
-    ) -> bool:
-        """Copy an encoded message into a new block and pass it to the core."""
-        source = memoryview(data).cast("B")
+    def _publish_encoded(self, message: EncodedMessage, topic: str, latched: bool) -> bool:
+        type_name, version, data = message
+        source = data.cast("B")
         check_encapsulation(type_name, source)
         size = len(source)
         name = ChannelName(type_name, version, topic)
         declaration = self._channels.get(name)
         if self._native is not None and declaration is not None and (not latched or name in self._latched):
             done = self._native.publish_encoded(declaration, source)
-            if done is True:
-                return True
-            if done is not None:
-                with self._lock:
-                    self._prepare_next(done)
+            if done is True or self._is_done(done):
                 return True
         with self._lock:
             if declaration is None:
@@ -267,11 +254,7 @@ class Outbox:
         """
         if block is not None and self._native is not None and holds() is None:
             done = self._native.hand_over(declaration, block, size)
-            if done is True:
-                return
-            if done is not None:
-                with self._lock:
-                    self._prepare_next(done)
+            if done is True or self._is_done(done):
                 return
         message_type, topic = name
         with self._lock:
@@ -295,6 +278,13 @@ class Outbox:
             self._blocks.close()
 
     # -- inside ----------------------------------------------------------------------------------------
+
+    def _is_done(self, size: int | None) -> bool:
+        """Prepare the next block after C has published a message of a size; None: it has not."""
+        if size is not None:
+            with self._lock:
+                self._prepare_next(size)
+        return size is not None
 
     def _declare(self, message_type: type[Message], topic: str) -> int:
         name = _name_of(message_type, topic)

@@ -45,7 +45,7 @@ class TimedTicks:
     Args:
         module: the module that ticks.
         clock: times the ticks.
-        words: the module's out segment, for the counters.
+        words: the module's out segment, for the counters; None: nobody reads them.
         max_wait_s: longest time between two looks at the clock.
         native: what is written in C; None: Python does it.
     """
@@ -54,8 +54,8 @@ class TimedTicks:
         self,
         module: Module,
         clock: Clock,
-        words: Words,
-        max_wait_s: float,
+        words: Words | None = None,
+        max_wait_s: float = MAX_WAIT_S,
         native: Native | None = None,
     ):
         self._module = module
@@ -63,7 +63,7 @@ class TimedTicks:
         self._now_ns = clock.monotonic_ns
         self._words = words
         self._max_wait_s = max_wait_s
-        self._figures = WorkFigures(words, layout.OUT_TICK_FIGURES)
+        self._figures = None if words is None else WorkFigures(words, layout.OUT_TICK_FIGURES)
         times: Any = TickTimes() if native is None else native.TickTimes()
         self.times: TickTimes = times
         self._jumps = 0
@@ -100,10 +100,15 @@ class TimedTicks:
         """Tick, and set when the next tick is due."""
         late_ns, begun_ns = self._now_ns() - self.times.due_ns, time.monotonic_ns()
         self._module.tick()
-        self._figures.record(late_ns, time.monotonic_ns() - begun_ns)
+        if self._figures is not None:
+            self._figures.record(late_ns, time.monotonic_ns() - begun_ns)
         self.times.ticks += 1
-        self._words[layout.OUT_TICKS] = self.times.ticks
+        self._show(layout.OUT_TICKS, self.times.ticks)
         self.schedule()
+
+    def _show(self, at: int, count: int) -> None:
+        if self._words is not None:
+            self._words[at] = count
 
     def schedule(self) -> None:
         """Set when the next tick is due, and count those that are skipped."""
@@ -117,7 +122,7 @@ class TimedTicks:
             missed = behind_ns // period_ns
             times.due_ns += missed * period_ns
             times.missed += missed
-            self._words[layout.OUT_TICKS_MISSED] = times.missed
+            self._show(layout.OUT_TICKS_MISSED, times.missed)
 
 
 class GrantedTicks:

@@ -118,7 +118,7 @@ def test_c_really_takes_turns(
     built: ModuleType, parcel: Any, period_s: float | None, by_python: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     turns = 0
-    turn = ModuleRunner._turn
+    turn = ModuleRunner.turn
 
     def count_turn(runner: ModuleRunner) -> None:
         nonlocal turns
@@ -126,7 +126,7 @@ def test_c_really_takes_turns(
         turn(runner)
 
     monkeypatch.setattr(time, "monotonic_ns", built.tick)
-    monkeypatch.setattr(ModuleRunner, "_turn", count_turn)
+    monkeypatch.setattr(ModuleRunner, "turn", count_turn)
     steps: list[Step] = [("set_period", (period_s, 1e-9)), ("take_turns", (4,))]
     played(built, lambda: play(built, parcel, steps), with_c=True)
     assert turns == by_python
@@ -140,13 +140,13 @@ def test_c_keeps_the_loop_of_a_module_with_calls(
     monkeypatch.setattr(time, "monotonic_ns", built.tick)
     steps: list[Step] = [("take_turns", (1,)), ("use_calls", (5_000_000,)), ("take_turns", (9,))]
     runs: list[int] = []
-    turn = ModuleRunner._turn
+    turn = ModuleRunner.turn
 
     def note_turn(runner: ModuleRunner) -> None:
         in_python.append(runner)
         turn(runner)
 
-    monkeypatch.setattr(ModuleRunner, "_turn", note_turn)
+    monkeypatch.setattr(ModuleRunner, "turn", note_turn)
     played(built, lambda: runs.append(play(built, parcel, steps).calls_run), with_c=True)
     assert not in_python
     played(built, lambda: runs.append(play(built, parcel, steps).calls_run), with_c=False)

@@ -10,7 +10,6 @@ import sys
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from tests._support.implementations import Native
-from tests.transport._support.pair import handle_next
 
 RUN_ID = f"test{os.getpid()}"
 RING_RECORDS = 256
@@ -105,7 +103,7 @@ class Chain:
     def work(self) -> None:
         """Do all that is to be done, as core and subscriber do it when they are woken."""
         self._run_core()
-        while handle_next(self.inbox):
+        while self.inbox.handle_next():
             pass
         self._run_core()
 
@@ -181,7 +179,7 @@ def test_message_takes_few_calls(chain: Chain) -> None:
     message = Speed()
     publishing, _ = calls_of(lambda: chain.outbox.publish(message, ""))
     routing, _ = calls_of(chain.core.run_round)
-    handling, _ = calls_of(partial(handle_next, chain.inbox))
+    handling, _ = calls_of(chain.inbox.handle_next)
     releasing, _ = calls_of(chain.core.run_round)
     encoding = 4 if choice.native() is None else 0
     assert publishing <= encoding + (13 if chain.native is None else 3)

@@ -13,7 +13,7 @@ from robbie_mp.bus.transport.endpoint import NameTooLong
 from robbie_mp.messages import DeclarationError, DecodeError, Image, VersionError
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
-from tests.transport._support.pair import Pair, picture
+from tests.transport._support.pair import Pair, encoded, picture
 
 
 def subscribe(
@@ -27,7 +27,7 @@ def test_encoded_messages_pass_as_they_are_though_nobody_has_a_class_for_them(pa
     came: list[tuple[str, int, bytes]] = []
     subscribe(pair, "team_msgs/*", lambda m: came.append((*m[:2], bytes(m.data))), "*")
     data = b"\x00\x01\x00\x00" + bytes(range(100))
-    assert pair.outbox.publish_encoded("team_msgs/msg/Secret", 3, bytearray(data), "safe")
+    assert pair.outbox.publish(encoded("team_msgs/msg/Secret", 3, bytearray(data)), "safe")
     assert pair.outbox.publish(picture(7), "")
     pair.pass_on()
     assert came == [("team_msgs/msg/Secret", 3, data)]
@@ -37,7 +37,7 @@ def test_class_and_bytes_are_the_same_message(pair: Pair) -> None:
     seen: list[bytes] = []
     pair.on_image = lambda image: seen.append(image.encode())
     subscribe(pair, "*/Image", lambda m: seen.append(bytes(m.data)), "left")
-    pair.outbox.publish_encoded(Image.type_name, Image.version, picture(7).encode(), "left")
+    pair.outbox.publish(encoded(Image.type_name, Image.version, picture(7).encode()), "left")
     pair.outbox.publish(picture(8), "left")
     pair.pass_on()
     assert seen == [picture(value).encode() for value in (7, 7, 8, 8)]
@@ -53,11 +53,11 @@ def test_encoded_message_is_copied_once_and_read_in_place(pair: Pair) -> None:
     size = 1 << 20
     data = picture(7, size).encode()
     subscribe(pair, "*/Image", look, "*")
-    pair.outbox.publish_encoded(Image.type_name, 1, data, "")
+    pair.outbox.publish(encoded(Image.type_name, 1, data), "")
     pair.pass_on()
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
-    pair.outbox.publish_encoded(Image.type_name, 1, data, "")
+    pair.outbox.publish(encoded(Image.type_name, 1, data), "")
     pair.pass_on()
     peak = tracemalloc.get_traced_memory()[1] - before
     tracemalloc.stop()
@@ -81,7 +81,7 @@ def test_view_of_an_encoded_message_that_is_kept_pins_it(
 ) -> None:
     kept: list[object] = []
     subscribe(pair, "*", lambda m: kept.append(look(m.data)), "encoded")
-    pair.outbox.publish_encoded(Image.type_name, 1, picture(7).encode(), "encoded")
+    pair.outbox.publish(encoded(Image.type_name, 1, picture(7).encode()), "encoded")
     pair.pass_on()
     assert pair.receiver_words[layout.OUT_PINNED] == 1
     before = bytes(kept[0])  # type: ignore[call-overload]
@@ -113,7 +113,7 @@ def test_bytes_that_are_no_message_are_not_published(
     pair: Pair, arguments: tuple[str, int, bytes], error: type[Exception], text: str
 ) -> None:
     with pytest.raises(error, match=text):
-        pair.outbox.publish_encoded(*arguments, "")
+        pair.outbox.publish(encoded(*arguments), "")
     assert pair.outbox.outstanding == 0
     assert pair.run.reports == []
 
@@ -122,7 +122,7 @@ def test_encoded_message_for_which_there_is_no_memory_is_refused_and_counted(pai
     came: list[int] = []
     subscribe(pair, "*/Image", lambda m: came.append(m.version), "encoded")
     data = picture(7, 1 << 19).encode()
-    sent = [pair.outbox.publish_encoded(Image.type_name, 1, data, "encoded") for _ in range(4)]
+    sent = [pair.outbox.publish(encoded(Image.type_name, 1, data), "encoded") for _ in range(4)]
     assert (sent[0], sent[-1]) == (True, False)
     assert pair.sender_words[layout.OUT_REFUSED] == sent.count(False)
     pair.pass_on()
@@ -132,7 +132,7 @@ def test_encoded_message_for_which_there_is_no_memory_is_refused_and_counted(pai
 def test_nothing_encoded_is_published_after_the_end(pair: Pair) -> None:
     pair.outbox.close()
     with pytest.raises(PublishAfterStop):
-        pair.outbox.publish_encoded("a_msgs/msg/A", 1, b"\x00\x01\x00\x00", "")
+        pair.outbox.publish(encoded("a_msgs/msg/A", 1, b"\x00\x01\x00\x00"), "")
 
 
 def test_patterns_that_cannot_match_or_stand_twice_are_refused(pair: Pair) -> None:

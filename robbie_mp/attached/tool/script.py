@@ -12,7 +12,6 @@ its messages for a second is detached. So a thread of each listener takes them, 
 of this process.
 """
 
-import logging
 import math
 import os
 import threading
@@ -34,9 +33,7 @@ from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import Message, MessageError, check_well_formed
 from robbie_mp.messages.calls import ReplyType, Request, reply_type
-from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.errors import CallError
-from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.run.live_runs import choose_run
 from robbie_mp.run.run_directory import KnownRun
@@ -230,16 +227,12 @@ class AttachedRun:
         replies: list[ReplyType] = []
         errors: list[CallError] = []
         with closing(ToolBus(self._run, f"{PURPOSE}: call {type(request).__name__}")) as bus:
-            calls = Calls(bus, SystemClock(), logging.getLogger("robbie.call"))
-            bus.on_new_place = calls.client.forget_place
-            bus.ready()
+            calls = bus.make_calls()
             calls.client.call(
                 request, reply_type(type(request)), replies.append, errors.append, timeout_s, topic
             )
             while not (replies or errors):
-                if not bus.handle_next():
-                    bus.wait(calls.wait_s())
-                calls.run()
+                bus.work_for(calls)
         if errors:
             raise errors[0]
         return replies[0]

@@ -14,25 +14,17 @@ from dataclasses import dataclass
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.forks import keep_from_forks
 from robbie_mp.bus._hot import choice
-from robbie_mp.bus.observe.channels import ChannelCounters, ChannelNames
-from robbie_mp.bus.transport import layout, names
-from robbie_mp.bus.transport.board import Board
-from robbie_mp.bus.transport.endpoint import Endpoint
-from robbie_mp.bus.transport.layout import LINE_WORDS, Activity, SegmentKind
+from robbie_mp.bus.observe.channels import ChannelCounters
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.layout import LINE_WORDS, Activity
 from robbie_mp.bus.transport.records import ANY_VERSION, Delivery, Inbound, MessageHandling, Outbound
-from robbie_mp.bus.transport.run_memory import (
-    IncarnationMemory,
-    attach_core_wakeup,
-    make_block_store,
-    make_endpoint,
-    make_views,
-)
-from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing
+from robbie_mp.bus.transport.run_memory import make_block_store, make_views
+from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.bus.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
 from robbie_mp.bus.transport.words import new_fence, write_text
 from robbie_mp.messages import Message
-from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.membership import Membership
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.run.control import ControlRefused, RunNotControlled, converse
 from robbie_mp.run.plan import TOOL_MEMORY_BYTES, RunPlan
@@ -113,35 +105,22 @@ class Tool:
     def _map(self, plan: RunPlan, run_id: str) -> None:
         slot, incarnation = self._slot, self._incarnation
         native = choice.native()
-        self._memory = IncarnationMemory.attach_as_module(run_id, slot, incarnation, native)
-        self._words = self._memory.out.words
-        self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
-        self._core_wakeup = attach_core_wakeup(run_id, self._core_segment, native)
-        self._endpoint: Endpoint = make_endpoint(
-            self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post, native
-        )
+        self._place = place = Membership(run_id, slot, incarnation, plan.tool_sizes, native)
+        self._words, self._endpoint, self._board = place.words, place.endpoint, place.board
         blocks = make_block_store(run_id, slot, incarnation, SEGMENT_BYTES, TOOL_MEMORY_BYTES, native)
         self.outbox = Outbox(self._endpoint, blocks, self._words, SystemClock(), native)
         self._views = make_views(run_id)
-        self._board_segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
-        self._board = Board(self._board_segment.words)
-        self._core = self._core_segment.words
-        self._tables = CoreTables.attach(self._core)
-        self._counters = ChannelCounters(self._core)
-        self._channel_name = ChannelNames(self._core)
+        self._tables = CoreTables.attach(place.core)
+        self._counters = ChannelCounters(place.core)
         self._fence = new_fence()
-        self.peers = RunPeers(run_id, slot, incarnation, self._core, self._board)
+        self.peers = place.peers
         self.show_status(self._purpose)
 
     def close(self) -> None:
         """Detach. Messages already published are still routed."""
         self.outbox.close()
         self._views.close()
-        self._endpoint.close()
-        self._memory.close()
-        self._core_wakeup.close()
-        self._board_segment.close()
-        self._core_segment.close()
+        self._place.close()
         self._connection.close()  # last, because the supervisor then reclaims all the rest
 
     def subscribe(
@@ -195,7 +174,7 @@ class Tool:
             data = bytes(self._views.view(delivery.source, delivery.offset, delivery.size))
         except (SegmentMissing, SegmentMismatch):
             data = b""  # reclaimed after a detach, or destroyed by its publisher
-        name = self._channel_name(delivery.channel)
+        name = self._place.channel_name(delivery.channel)
         sender = self._board.name(layout.unpack_source(delivery.source)[0])
         self._fence()
         self._check_attached()
@@ -219,20 +198,24 @@ class Tool:
         """Set the status line shown for this tool."""
         write_text(self._words, layout.OUT_STATUS, LINE_WORDS, line)
 
-    def wait(self, timeout_s: float = LONGEST_WAIT_S) -> None:
+    def wait(self, timeout_s: float = LONGEST_WAIT_S) -> bool:
         """Wait for messages until the timeout, or at most LONGEST_WAIT_S, and notice the end of the run.
+
+        Returns:
+            False if nothing has woken this tool.
 
         Raises:
             Detached: the supervisor has detached this tool.
             RunEnded: the run has ended.
         """
-        self._memory.wakeup.wait(min(timeout_s, LONGEST_WAIT_S))
+        woken = self._place.memory.wakeup.wait(min(timeout_s, LONGEST_WAIT_S))
         if select.select([self._connection], [], [], 0)[0]:
             self._hear_the_end()
+        return woken
 
     def wake(self) -> None:
         """End the present or next `wait`; any thread may call this."""
-        self._memory.wakeup.post()
+        self._place.memory.wakeup.post()
 
     def _hear_the_end(self) -> None:
         try:

@@ -13,14 +13,16 @@ from robbie_mp.attached.tool.tool import LONGEST_WAIT_S, Detached, Received, Too
 from robbie_mp.base.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import Message
-from robbie_mp.messages.errors import MessageError
+from robbie_mp.module.bus import CopyingBus
+from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.peers import RunPeers
-from robbie_mp.module.envelope import Envelope, MessageType
-from robbie_mp.module.subscriptions import Subscription, Subscriptions
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
+from robbie_mp.module.subscriptions import Subscription
 from robbie_mp.run.run_directory import KnownRun
 
 
-class ToolBus:
+class ToolBus(CopyingBus):
     """Connects a module that runs as a tool with a run, and attaches again after a detach.
 
     Any thread may publish; only the main thread may do the rest.
@@ -35,13 +37,10 @@ class ToolBus:
     """
 
     def __init__(self, run: KnownRun, purpose: str):
+        super().__init__(self._request)
         self._run = run
         self._purpose = purpose
         self._log = logging.getLogger("robbie.tool")
-        self.subscriptions = Subscriptions(self._request, self._current_name)
-        self._current: Received | None = None
-        self._newest_ns: dict[ChannelName, int] = {}
-        """When the newest message of each subscription was published."""
         self._lock = threading.RLock()
         """Held while any thread publishes or holds a loan, and while the bus attaches again."""
         self._tool = Tool(run, purpose)
@@ -72,23 +71,10 @@ class ToolBus:
         with self._lock:
             self._tool.outbox.advertise(message_type, topic)
 
-    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
+    def publish(self, message: Message | EncodedMessage, topic: str, latched: bool = False) -> bool:
         """Publish a message; False if it was refused, or the tool is not attached at the moment."""
         with self._lock:
             return self._is_attached and self._tool.outbox.publish(message, topic, latched)
-
-    def publish_encoded(
-        self,
-        type_name: str,
-        version: int,
-        data: bytes | bytearray | memoryview,
-        topic: str,
-        latched: bool = False,
-    ) -> bool:
-        """Publish a message given as bytes; False as for `publish`."""
-        with self._lock:
-            outbox = self._tool.outbox
-            return self._is_attached and outbox.publish_encoded(type_name, version, data, topic, latched)
 
     @contextmanager
     def loan(
@@ -102,34 +88,10 @@ class ToolBus:
         with self._lock, self._tool.outbox.loan(message_type, topic, fields, latched) as message:
             yield message
 
-    def newest_stamp_ns(self, subscribed: ChannelName) -> int:
-        """Return when the newest message of a subscription was published, machine's clock; -1: none came."""
-        return self._newest_ns.get(subscribed, -1)
-
-    def show_deadline(
-        self, subscribed: ChannelName, deadline_ns: int, latenesses: int, greatest_age_ns: int
-    ) -> None:
-        """Show nothing: its log says what a tool misses."""
-
     def wake_after_freed(self, messages: int) -> None:
         """End the next `wait` once this many of the module's messages have been released."""
         with self._lock:
             self._tool.outbox.wake_after_freed(messages)
-
-    def sender(self) -> str:
-        """Return who published the message being handled; raises as `envelope`."""
-        return self.envelope().sender
-
-    def envelope(self) -> Envelope:
-        """Return the envelope of the message being handled.
-
-        Raises:
-            LookupError: no message is being handled.
-        """
-        if self._current is None:
-            raise LookupError("there is an envelope only while a message is being handled")
-        received = self._current
-        return Envelope(received.topic, received.sequence, received.sender, received.published_ns)
 
     # -- for its process ---------------------------------------------------------------------------------
 
@@ -159,18 +121,35 @@ class ToolBus:
         return received is not None
 
     def wait(self, timeout_s: float = LONGEST_WAIT_S) -> bool:
-        """Wait for messages; True if room that the module waits for has become free.
+        """Wait for messages; False if nothing has woken this tool.
 
         Raises:
             RunEnded: the run has ended.
             ControlRefused: as for `handle_next`.
         """
         try:
-            self._tool.wait(timeout_s)
+            return self._tool.wait(timeout_s)
         except Detached as error:
             self._attach_again(error)
+            return True
+
+    def room_was_made(self) -> bool:
+        """Whether the messages that the module waits for have been released; True only once."""
         outbox = self._tool.outbox
         return outbox.awaits_room and outbox.room_was_made()
+
+    def make_calls(self) -> Calls:
+        """Begin, without a module, and return what makes calls; `work_for` does the rest."""
+        calls = Calls(self, SystemClock(), logging.getLogger("robbie.call"))
+        self.on_new_place = calls.client.forget_place
+        self.ready()
+        return calls
+
+    def work_for(self, calls: Calls) -> None:
+        """Handle a message or wait for one, and do what is due for calls; raises as `wait`."""
+        if not self.handle_next():
+            self.wait(calls.wait_s())
+        calls.run()
 
     def wake(self) -> None:
         """End the present or next `wait`; any thread may call this."""
@@ -192,22 +171,11 @@ class ToolBus:
     def _request(self, subscription: Subscription) -> int:
         return self._tool.subscribe(*subscription.name, subscription.handling)
 
-    def _current_name(self) -> ChannelName:
-        received = self._current
-        assert received is not None
-        return ChannelName(received.type_name, received.version, received.topic)
-
     def _handle(self, received: Received) -> None:
         subscription = self.subscriptions.by_number[received.subscription]
-        self._current = received
-        self._newest_ns[subscription.name] = received.published_ns
-        try:
-            message = subscription.decoder.decode(memoryview(received.data))
-        except MessageError as error:
-            self._log.error("a message was lost: %s", error)
-        else:
-            subscription.handler(message)
-        self._current = None
+        name = ChannelName(received.type_name, received.version, received.topic)
+        envelope = Envelope(received.topic, received.sequence, received.sender, received.published_ns)
+        self.hand_over(subscription, name, envelope, received.data)
 
     def _attach_again(self, error: Detached) -> None:
         self._log.warning("%s; attaching again", error)

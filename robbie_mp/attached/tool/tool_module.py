@@ -1,7 +1,6 @@
 """Runs a module as a tool: in a process that is not in the run's profile and not supervised."""
 
 import os
-import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -9,9 +8,10 @@ from typing import Any, TypeVar
 
 from robbie_mp.attached.tool.tool_bus import ToolBus
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period, tick_is_awaited
+from robbie_mp.module.loop import ModuleLoop
+from robbie_mp.module.module import Module, ModuleContext, calls_of
 from robbie_mp.module.settings import check_settings
-from robbie_mp.module.ticks import MAX_WAIT_S
+from robbie_mp.module.ticks import TimedTicks
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 
@@ -73,31 +73,15 @@ def run_as_tool(
                 wake=bus.wake,
             )
         )
-        calls = calls_of(module)
-        bus.on_new_place = calls.client.forget_place
-        module.setup()
-        check_period(module)
+        bus.on_new_place = calls_of(module).client.forget_place
+        loop = ModuleLoop(module, bus, TimedTicks(module, module.clock))
+        loop.set_up()
         bus.ready()
-        calls.begin()
+        loop.begin()
         on_ready(module)
         try:
-            _work(module, bus, is_stopped)
+            while not (loop.ends or is_stopped()):
+                loop.turn()
         finally:
             if os.getpid() == own_pid:  # a forked process has nothing to tear down
-                module.teardown()
-
-
-def _work(module: Module, bus: ToolBus, is_stopped: Callable[[], object]) -> None:
-    """Handle messages and ticks."""
-    due_s = time.monotonic()
-    calls = calls_of(module)
-    while not (module.stop_requested or is_stopped()):
-        if not bus.handle_next():
-            left_s = MAX_WAIT_S if module.period_s is None else due_s - time.monotonic()
-            if bus.wait(max(0.0, min(left_s, calls.wait_s()))) or tick_is_awaited(module):
-                due_s = time.monotonic()
-        if calls.are_due():
-            calls.run()
-        if module.period_s is not None and time.monotonic() >= due_s:
-            module.tick()
-            due_s = max(due_s + module.period_s, time.monotonic())
+                loop.tear_down()

@@ -1,4 +1,4 @@
-/* The Python types Loop and TickTimes: what robbie_mp/module/runner.py and ticks.py leave to C. */
+/* The Python types Loop and TickTimes: what robbie_mp/module/loop.py and ticks.py leave to C. */
 #include "clock.h"
 #include "figures.h"
 #include "layout.h"
@@ -156,7 +156,7 @@ static int run_tick(struct loop_object *self)
     return end_tick(self);
 }
 
-/* -- runner.py ---------------------------------------------------------------------------------------------- */
+/* -- loop.py ------------------------------------------------------------------------------------------------ */
 
 /* Whether an attribute is true; -1 with an exception. */
 static int is_true(PyObject *object, PyObject *name)

@@ -1,4 +1,4 @@
-/* The Python type Subscriber: what robbie_mp/module/inbox.py and runner.py leave to C. */
+/* The Python type Subscriber: what robbie_mp/module/inbox.py leaves to C. */
 #include "clock.h"
 #include "endpoint_bindings.h"
 #include "figures.h"

@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
+from robbie_mp.bus.observe.channels import messages_waiting
 from robbie_mp.bus.observe.declarations import read_declarations
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.board import TOOL_PREFIX, Board
@@ -101,6 +102,15 @@ class RunPeers:
         self.can_serve = not self.name.startswith(TOOL_PREFIX)
 
     now_ns = staticmethod(time.monotonic_ns)
+
+    @property
+    def may_go(self) -> bool:
+        """Whether every module of the run is ready."""
+        return self._board.may_go
+
+    def have_sent_more(self) -> bool:
+        """Whether messages wait for this module in the core."""
+        return messages_waiting(self._tables.words, self._slot) > 0
 
     def find_server(self, service: ChannelName) -> Server | None:
         """Return the module that serves requests; if there are several, the one that is started first."""

@@ -14,29 +14,16 @@ from robbie_mp.bus._hot import choice
 from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.bus.checkpoint.file import checkpoint_file
 from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper, DiskPolicy
-from robbie_mp.bus.observe.channels import ChannelNames, messages_waiting
 from robbie_mp.bus.transport import layout, names
-from robbie_mp.bus.transport.board import Board
-from robbie_mp.bus.transport.endpoint import Endpoint
-from robbie_mp.bus.transport.layout import LINE_WORDS, HotPath, SegmentKind
-from robbie_mp.bus.transport.records import Delivery
-from robbie_mp.bus.transport.run_memory import (
-    IncarnationMemory,
-    attach_core_wakeup,
-    make_block_store,
-    make_endpoint,
-    make_views,
-)
-from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.layout import LINE_WORDS, HotPath
+from robbie_mp.bus.transport.run_memory import IncarnationMemory, make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
-from robbie_mp.bus.transport.words import Words, write_text
-from robbie_mp.module.calls.peers import RunPeers
+from robbie_mp.bus.transport.words import write_text
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.module.envelope import Envelope
 from robbie_mp.module.handler_times import HandlerTimes, recorded_times
 from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.membership import Membership
 from robbie_mp.module.module import Module, ModuleContext
-from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
 from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.module.settings import SettingError, check_settings
@@ -62,89 +49,79 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     slot = plan.names.index(name)
     planned = plan.modules[slot - 1]
     native = choice.native()
-    memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation, native)
-    words = memory.out.words
-    words[layout.OUT_HOT_PATH] = HotPath.PYTHON if native is None else HotPath.C
-    core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
-    core_wakeup = attach_core_wakeup(plan.run_id, core_segment, native)
-    endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)
-    blocks = make_block_store(
-        plan.run_id, slot, incarnation, planned.memory.segment_bytes, planned.memory.limit_bytes, native
-    )
     wiring = Wiring(planned.topics, planned.namespace)
-    outbox = Outbox(endpoint, blocks, words, SystemClock(), native, wiring)
-    core = core_segment.words
-    channel_name = ChannelNames(core)
-    inbox = Inbox(endpoint, make_views(plan.run_id, native), words, channel_name, native, wiring)
-    board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
+    place = Membership(plan.run_id, slot, incarnation, plan.sizes, native, wiring)
+    place.words[layout.OUT_HOT_PATH] = HotPath.PYTHON if native is None else HotPath.C
+    sizes = planned.memory.segment_bytes, planned.memory.limit_bytes
+    blocks = make_block_store(plan.run_id, slot, incarnation, *sizes, native)
     if (process_bytes := planned.memory.process_bytes) is not None:
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
     checkpoints = open_checkpoints(plan, slot, incarnation)
-    clock = run_clock(plan, name, module_class, memory)
+    clock = run_clock(plan, name, module_class, place.memory)
     settings_file = SettingsFile(run_folder, name)
-    peers = RunPeers(plan.run_id, slot, incarnation, core, board, wiring)
-    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock, wiring), peers)
-    context = ModuleContext(
-        name=name,
-        settings=read_settings(plan, planned, module_class, settings_file.start().values),
-        bus=bus,
-        clock=clock,
-        checkpoints=checkpoints,
-        output_directory=Path(plan.output_directory),
-        show_status=line_writer(endpoint, words, layout.OUT_STATUS),
-        show_states=line_writer(endpoint, words, layout.OUT_STATES),
-        show_health=line_writer(endpoint, words, layout.OUT_HEALTH),
-        run_id=plan.run_id,
-        wake=memory.wakeup.post,
+    bus = SharedMemoryBus(place, blocks, make_views(plan.run_id, native), clock, wiring)
+    module = module_class(
+        ModuleContext(
+            name=name,
+            settings=read_settings(plan, planned, module_class, settings_file.start().values),
+            bus=bus,
+            clock=clock,
+            checkpoints=checkpoints,
+            output_directory=Path(plan.output_directory),
+            show_status=line_writer(place, layout.OUT_STATUS),
+            show_states=line_writer(place, layout.OUT_STATES),
+            show_health=line_writer(place, layout.OUT_HEALTH),
+            run_id=plan.run_id,
+            wake=place.memory.wakeup.post,
+        )
     )
-    module = module_class(context)
     lockstep = None
     if isinstance(module, ClockSource) and plan.clock.lockstep and plan.clock.source == name:
-        lockstep = Lockstep(plan.run_id, words, memory.into.words, board, core_wakeup.post)
+        into = place.memory.into.words
+        lockstep = Lockstep(plan.run_id, place.words, into, place.board, place.wake_core)
         module.lockstep = lockstep
-    changes = SettingChanges(module, bus, settings_file)
-    wakeup = memory.wakeup
+    wakeup = place.memory.wakeup
     wakeup.spin_s = planned.scheduling.spin_us / 1e6
     wakeup.patience_s = 0.0 if plan.clock.lockstep else module.patience_s
     apply_scheduling(planned.scheduling, module.log, module.nice, module.slice_ms)
-    ticks: Ticks
-    if plan.clock.lockstep and isinstance(clock, RunClock):
-        ticks = GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module))
-    else:
-        max_wait_s = MAX_RUN_CLOCK_WAIT_S if isinstance(clock, RunClock) else MAX_WAIT_S
-        ticks = TimedTicks(module, clock, words, max_wait_s, native)
     runner = ModuleRunner(
         module,
-        endpoint,
-        inbox,
-        outbox,
-        wakeup,
-        words,
-        lambda: board.may_go,
-        changes,
-        ticks,
-        lambda: messages_waiting(core, slot) > 0,
-        lockstep.has_just_settled if lockstep is not None else None,
-        lambda: prefer_new_threads(planned.scheduling),
-        native,
+        place,
+        bus.inbox,
+        bus,
+        make_ticks(plan, module, place, bus.inbox),
+        SettingChanges(module, bus, settings_file),
+        None if lockstep is None else lockstep.has_just_settled,
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
     gc.freeze()  # imported objects stay, so the collector need not scan them again
     with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/", writable=False):
+        runner.set_up()
+        prefer_new_threads(planned.scheduling)
         runner.run()
     checkpoints.close()
 
 
-def line_writer(endpoint: Endpoint, words: Words, at: int) -> Callable[[str], None]:
+def make_ticks(plan: RunPlan, module: Module, place: Membership, inbox: Inbox) -> Ticks:
+    """Make what decides when a module's ticks are due."""
+    clock, words = module.clock, place.words
+    if not isinstance(clock, RunClock):
+        return TimedTicks(module, clock, words, MAX_WAIT_S, place.native)
+    if plan.clock.lockstep:
+        return GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module))
+    return TimedTicks(module, clock, words, MAX_RUN_CLOCK_WAIT_S, place.native)
+
+
+def line_writer(place: Membership, at: int) -> Callable[[str], None]:
     """Return a function that writes a status line into a module's memory, one thread at a time."""
 
     def write(line: str) -> None:
-        with endpoint.lock:
-            write_text(words, at, LINE_WORDS, line)
+        with place.endpoint.lock:
+            write_text(place.words, at, LINE_WORDS, line)
 
     return write
 
@@ -207,32 +184,3 @@ def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKe
         disk = DiskPolicy(path, planned.checkpoint.persist_every_s)
     buffers = CheckpointBuffers(plan.run_id, slot, incarnation, planned.memory.checkpoint_bytes)
     return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name))
-
-
-class _Describer:
-    """Makes envelopes from the core's tables and the board."""
-
-    def __init__(
-        self, channel_name: ChannelNames, board: Board, clock: SystemClock | RunClock, wiring: Wiring
-    ):
-        self._channel_name = channel_name
-        self._own = wiring.own
-        self._clock_at = clock.at
-        self._board = board
-        self._names: dict[int, str] = {}
-        """Names of slots, which never change."""
-
-    def sender(self, source: int) -> str:
-        """Return the name of the module whose memory a message lies in."""
-        slot = source & layout.SOURCE_SLOT
-        sender = self._names.get(slot)
-        if sender is None:
-            sender = self._names[slot] = self._board.name(slot)
-        return sender
-
-    def envelope(self, delivery: Delivery) -> Envelope:
-        """Return the envelope of the message."""
-        name = self._channel_name(delivery.channel)
-        topic = self._own(name.type_name, name.topic)
-        sender = self.sender(delivery.source)
-        return Envelope(topic, delivery.sequence, sender, self._clock_at(delivery.stamp_ns))

@@ -18,6 +18,7 @@ from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.bus.transport.wakeup import Wakeup
 from robbie_mp.messages import message as message_module
 from robbie_mp.module.calls.due import NEVER_NS, Due
+from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
@@ -92,10 +93,13 @@ class Exchange:
         self.module = changes = module
         self.wakeup = Wakeup.create(names.wakeup(self.run_id, 0, 0), native)
         ticks = TimedTicks(module, clock, receiver.out, 0.0, native)
-        self.runner = ModuleRunner(
-            module, receiver.endpoint, self.inbox, self.outbox, self.wakeup, receiver.out, bool, changes,
-            ticks, bool, native=native,
-        )  # fmt: skip
+        place: Any = SimpleNamespace(
+            endpoint=receiver.endpoint,
+            words=receiver.out,
+            memory=SimpleNamespace(wakeup=self.wakeup),
+            native=native,
+        )
+        self.runner = ModuleRunner(module, place, self.inbox, self.outbox, ticks, changes)
         sender.ready()
         receiver.ready()
         self.run.run_core()
@@ -109,7 +113,10 @@ class Exchange:
 
     def publish_encoded(self, topic: int, size: int) -> None:
         data = self.parcel(number=size, data=np.zeros(size, np.uint8)).encode()
-        self.outbox.publish_encoded("test_msgs/msg/Parcel", 1, data, TOPICS[topic])
+        self._publish_bytes(data, TOPICS[topic])
+
+    def _publish_bytes(self, data: bytes, topic: str) -> None:
+        self.outbox.publish(EncodedMessage("test_msgs/msg/Parcel", 1, memoryview(data)), topic)
 
     def lend(self, topic: int, size: int, how: int) -> None:
         """Lend a message: 0 fills it, 1 fails, 2 still refers to its array afterwards."""
@@ -125,7 +132,7 @@ class Exchange:
                 raise ZeroDivisionError
 
     def publish_damaged(self) -> None:
-        self.outbox.publish_encoded("test_msgs/msg/Parcel", 1, b"\0\1\0\0no parcel", "")
+        self._publish_bytes(b"\0\1\0\0no parcel", "")
 
     def _tick(self) -> None:
         self.ticks += 1
@@ -136,7 +143,7 @@ class Exchange:
         for _ in range(turns):
             self.wakeup.post()  # so no turn waits
             if self.runner._turn_in_c is None or not self.runner._turn_in_c():
-                self.runner._turn()
+                self.runner.turn()
 
     def set_period(self, period_s: object, then_s: object = KEPT) -> None:
         """Let the receiver tick.

@@ -11,6 +11,7 @@ from robbie_mp.bus.transport.run_memory import make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.messages import Image
 from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from tests._support.implementations import Native
@@ -19,15 +20,8 @@ from tests.core._support.simulated_run import SimulatedRun
 RUN_ID = f"test{os.getpid()}"
 
 
-def handle_next(inbox: Inbox) -> bool:
-    """Let a subscriber handle a message, as its runner does; False if there is none."""
-    was_one = inbox.handle_next()
-    if was_one is None:
-        delivery = inbox.take()
-        was_one = delivery is not None
-        if delivery is not None:
-            inbox.handle(delivery)
-    return was_one
+def encoded(type_name: str, version: int, data: bytes | bytearray) -> EncodedMessage:
+    return EncodedMessage(type_name, version, memoryview(data))
 
 
 class Pair:
@@ -52,7 +46,7 @@ class Pair:
     def pass_on(self) -> None:
         """Let the core route and the subscriber handle everything."""
         self.run.run_core()
-        while handle_next(self.inbox):
+        while self.inbox.handle_next():
             self.inbox.release_unreferenced()
             self.run.run_core()
 
