@@ -46,9 +46,9 @@ from robbie_robots.hw.pose import Pose as Pose2D
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.drive import SimulatedDrive
 from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.random_rooms import drawn_map
 from robbie_robots.modules.navigation import Navigation
 from tests._support.places import ARENAS
-from tools.trials.driving.random_rooms import drawn_map
 
 ARENA = read_arena(ARENAS / "demo.yaml")
 CELLS, CORNER = drawn_map(ARENA, 0.05)

@@ -11,7 +11,7 @@ from robbie_mp.messages import Detection2DArray, ForgetRecognition, Image, Taugh
 from robbie_robots.modules.taught_recognition import TaughtFaces, TaughtObjects, bounding_box
 from robbie_robots.workers.faces import face_recognition
 from robbie_robots.workers.taught import Box, Pixels
-from tools.trials.recognition.objects import SEEN_PX, TAUGHT_PX, drawn_print, scene
+from tests.workers.objects._support.prints import SEEN_PX, TAUGHT_PX, drawn_print, scene
 
 
 def image(pixels: Pixels) -> Image:

@@ -8,9 +8,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from robbie_mp.logs.recording.conversion import NewChannel, converted_log
+from robbie_mp.logs.recording.format import ChannelKey, TopicNames
 from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from tests.robot._support.stock_robot import PROJECT, StockRobot
-from tools.trials.recordings.intel_lockstep import write_log
 
 pytestmark = pytest.mark.timeout(500)
 RESULTS = ("trajectory.txt", "map.pgm", "map.yaml")
@@ -56,6 +57,18 @@ def frames(recording: Path) -> dict[str, str]:
                 for transform in message.transforms:
                     found[transform.child_frame_id] = transform.header.frame_id
     return found
+
+
+def write_log(path: Path, source: Path, messages: list[LoggedMessage]) -> Path:
+    """Write messages of a log into a new one."""
+    topics = TopicNames()
+    with converted_log(path, source) as log:
+        for message in messages:
+            channel = message.channel
+            key = ChannelKey(channel.type_name, channel.version, channel.topic, channel.sender)
+            new = NewChannel(topics.of(key), channel.type_name, channel.schema)
+            log.add(new, key.metadata(), message.time_ns, message.data)
+    return path
 
 
 @pytest.fixture

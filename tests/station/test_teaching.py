@@ -23,7 +23,7 @@ from robbie_robots.workers.taught import Box
 from tests._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
-from tools.trials.recognition.objects import HEIGHT_PX, TAUGHT_PX, WIDTH_PX, drawn_print, scene
+from tests.workers.objects._support.prints import HEIGHT_PX, TAUGHT_PX, WIDTH_PX, drawn_print, scene
 
 HERE = Path(__file__).parent
 PROFILE = """

@@ -7,10 +7,8 @@ import pytest
 
 from tools.trials.driving.campus import (
     MOST_END_ERROR_M,
-    MOST_GRID_MEGABYTES,
     Campus,
     Result,
-    grid_trial,
     trial,
 )
 
@@ -43,13 +41,3 @@ def test_course_drives_every_loop_and_returns_to_the_start() -> None:
     steps = np.diff(course, axis=0)
     assert (np.minimum(*np.abs(steps).T) == 0).all()
     assert 2500 < np.abs(steps).sum() < 3500
-
-
-def test_grid_takes_memory_for_the_corridors_and_not_for_what_lies_between() -> None:
-    small, large = grid_trial(20, 15, 1, seed=0), grid_trial(60, 15, 1, seed=0)
-    assert large.driven_m > 2 * small.driven_m and large.seen_m2 > 2 * small.seen_m2
-    # 5 bytes for each cell of 5 cm, in tiles of which some are empty.
-    assert 5 * large.seen_m2 / 0.05**2 < 1e6 * large.grid_megabytes
-    assert large.map_m[0] > 60
-    assert not large.violations()
-    assert replace(large, grid_megabytes=2 * MOST_GRID_MEGABYTES).violations()

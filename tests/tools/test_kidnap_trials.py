@@ -8,12 +8,12 @@ import pytest
 
 from robbie_robots.hw.simulation.drive import SimulatedDrive
 from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.random_rooms import drawn_map, random_rooms
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from tools.trials.__main__ import main
 from tools.trials.driving import kidnap
 from tools.trials.driving.kidnap import MOST_M, Building, run_trial
 from tools.trials.driving.localization import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
-from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from tools.trials.driving.swept import swept
 
 STEPS, STEPS_PER_SCAN = 1000, 8

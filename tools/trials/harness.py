@@ -67,7 +67,7 @@ class CannotTry(ValueError):
     """A trial that cannot begin, such as one whose data are missing; the text says what to do.
 
     Example scenarios:
-        - `python -m tools.trials intel_lockstep` without the Intel log
+        - `python -m tools.trials kidnap` without the Intel log
         - `python -m tools.trials household --tasks dance`
     """
 

@@ -32,8 +32,8 @@ MAX_PLACES = 24
 OTHER = ""
 READ, OVERLOOKED, MISREAD = math.log(0.9 / 0.02), math.log(0.3 / 0.98), math.log(0.001 / 0.02)
 """Logarithms of how much more probable it is with a digit than with something else that the digit is read
-from a place, or something else, or another digit. The trial `digits` of tools/ measures this; but a few
-digits are overlooked from 5 of 12 places."""
+from a place, or something else, or another digit. Measured with 60 signs in
+seven fonts; but a few digits are overlooked from 5 of 12 places."""
 SURE, REFUSED = 4.0, -2.0
 """A digit is sure if the sum over all places is at least the first, and refused if at most the second."""
 MIN_OTHER_PX, MIN_OTHER_WIDTH = 40.0, 0.8

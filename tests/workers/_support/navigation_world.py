@@ -9,11 +9,11 @@ from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.drive import SimulatedDrive
 from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.random_rooms import drawn_map
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard
 from robbie_robots.workers.navigation.navigator import Navigator
 from robbie_robots.workers.navigation.navigator_states import RESTING, NavigatorSettings
 from tests._support.places import ARENAS
-from tools.trials.driving.random_rooms import drawn_map
 from tools.trials.driving.swept import swept
 
 DEMO = ARENAS / "demo.yaml"

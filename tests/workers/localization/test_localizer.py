@@ -7,13 +7,13 @@ import pytest
 
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
+from robbie_robots.hw.simulation.random_rooms import drawn_map, random_rooms
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.localization.likelihood_field import LikelihoodField, MapWithoutRoom
 from robbie_robots.workers.localization.localizer import Localizer
 from tests._support.present import present
 from tools.trials.driving import localization
 from tools.trials.driving.localization import Conditions, Drive, run_trial
-from tools.trials.driving.random_rooms import drawn_map, random_rooms
 
 SMALL = Conditions(width_m=8.0, height_m=6.0)
 

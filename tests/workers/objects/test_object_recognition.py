@@ -18,7 +18,7 @@ from robbie_robots.workers.taught import (
     as_json,
     read_taught,
 )
-from tools.trials.recognition.objects import SEEN_PX, TAUGHT_PX, drawn_print, scene, trial
+from tests.workers.objects._support.prints import SEEN_PX, TAUGHT_PX, drawn_print, scene, trial
 
 
 @pytest.fixture

@@ -1,15 +1,12 @@
 """Maps a simulated campus of corridors, 500 m x 300 m with three loops, and measures the map.
 
-    python -m tools.trials campus [--width M] [--height M] [--loops N] [--key-sweeps N] [--grid-only]
+    python -m tools.trials campus [--width M] [--height M] [--loops N] [--key-sweeps N]
 
 The corridors are 3 m wide and have doorways of random width and depth. The robot drives around every loop
 with odometry that errs by some 1 % of each distance and 2 degrees in each turn of 90, and a laser of 180
 beams at 5 Hz. The tool drives the mapping worker alone, as fast as possible. It reports the error at the end
 of the drive, the sweeps that are not in the map, the memory of the grid, and how many times faster than the
 drive the worker was. A key sweep that the mapper removed to make room counts as not in the map.
-
-With `--grid-only`, the tool draws the sweeps into the grid at their true poses, one every 25 cm, and reports
-the memory of the grid alone. That is quick also for 1000 m x 1000 m.
 """
 
 import argparse
@@ -23,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.mapping.grid_mapper import KEY_M, GridMapper, Limits
-from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
-from robbie_robots.workers.planar_pose import compose, relative, transform_points
+from robbie_robots.workers.mapping.grid_mapper import GridMapper, Limits
+from robbie_robots.workers.planar_pose import compose, relative
 from tools.trials.harness import Case, TrialSubject
 
 HALF_M = 1.5  # of a corridor's width
@@ -37,7 +33,6 @@ SCALE_ERROR, TURN_ERROR = 0.01, 2 / 90
 KEY_SWEEPS = 12_000
 MOST_END_ERROR_M = 0.5
 LEAST_SPEED_UP = 15.0
-MOST_GRID_MEGABYTES = 300.0
 
 
 @dataclass(frozen=True)
@@ -66,34 +61,6 @@ class Result:
         if self.end_error_m > MOST_END_ERROR_M:
             found.append(f"the error at the end is {self.end_error_m:.2f} m")
         return found
-
-
-@dataclass(frozen=True)
-class GridResult:
-    """The memory of the grid of a campus.
-
-    Attributes:
-        driven_m: length of the drive.
-        sweeps: number of sweeps in the grid.
-        seen_m2: area in which something was seen, free or occupied.
-        grid_megabytes: memory of the grid.
-        peak_megabytes: peak memory of the process.
-        map_m: width and height of the map.
-        draw_ms: mean processor time to draw a sweep.
-    """
-
-    driven_m: float
-    sweeps: int
-    seen_m2: float
-    grid_megabytes: float
-    peak_megabytes: float
-    map_m: tuple[float, float]
-    draw_ms: float
-
-    def violations(self) -> list[str]:
-        """Return what is not as it must be."""
-        is_large = self.grid_megabytes > MOST_GRID_MEGABYTES
-        return [f"the grid takes {self.grid_megabytes} MB"] if is_large else []
 
 
 class Campus:
@@ -251,46 +218,19 @@ def trial(
     )
 
 
-def grid_trial(width_m: float, height_m: float, loops: int, seed: int) -> GridResult:
-    """Draw the corridors of a campus from true poses, and measure the grid."""
-    campus, rng = Campus(width_m, height_m, loops, seed), np.random.default_rng(seed + 1)
-    grid, busy_s, sweeps, driven_m = OccupancyGrid(), 0.0, 0, 0.0
-    last = campus.course()[0]
-    for pose in drive(campus.course(), KEY_M / SPEED_M_S):
-        driven_m += float(np.hypot(*(pose[:2] - last)))
-        last = pose[:2]
-        ranges = campus.ranges(pose, rng)
-        began_s = time.process_time()
-        sweep = LaserSweep.from_ranges(ranges, ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
-        grid.add(pose[:2], transform_points(pose, sweep.hits.points))
-        busy_s += time.process_time() - began_s
-        sweeps += 1
-    rows, columns = grid.known().shape
-    seen = sum(int((cells >= 0).sum()) for cells in (grid.cells(band)[0] for band in grid.known().bands(512)))
-    return GridResult(
-        driven_m=round(driven_m, 1),
-        sweeps=sweeps,
-        seen_m2=round(seen * grid.resolution_m**2),
-        grid_megabytes=round(grid.bytes / 1e6, 1),
-        peak_megabytes=round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, 1),
-        map_m=(round(columns * grid.resolution_m, 1), round(rows * grid.resolution_m, 1)),
-        draw_ms=round(1e3 * busy_s / sweeps, 2),
-    )
-
-
-def play(case: Case) -> Result | GridResult:
-    """Map the campus of a seed, or only draw it."""
+def play(case: Case) -> Result:
+    """Map the campus of a seed."""
     chosen = case.options
-    place = (chosen.width, chosen.height, chosen.loops, case.seed)
-    return grid_trial(*place) if chosen.grid_only else trial(*place, key_sweeps=chosen.key_sweeps)
+    return trial(chosen.width, chosen.height, chosen.loops, case.seed, key_sweeps=chosen.key_sweeps)
 
 
-def summary(results: list[Result | GridResult]) -> dict[str, object]:
+def summary(results: list[Result]) -> dict[str, object]:
     """Return what is not as it must be, and how often the machine was too slow to tell."""
-    speeds = [one.times_real_time for one in results if isinstance(one, Result)]
     return {
         "violations": [text for one in results for text in one.violations()],
-        f"slower_than_{LEAST_SPEED_UP:g}_times_real_time": sum(one < LEAST_SPEED_UP for one in speeds),
+        f"slower_than_{LEAST_SPEED_UP:g}_times_real_time": sum(
+            one.times_real_time < LEAST_SPEED_UP for one in results
+        ),
     }
 
 
@@ -300,7 +240,6 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--height", type=float, default=300.0, metavar="M", help="between outer corridors, m")
     parser.add_argument("--loops", type=int, default=3)
     parser.add_argument("--key-sweeps", type=int, default=KEY_SWEEPS, metavar="N", help="limit of the map")
-    parser.add_argument("--grid-only", action="store_true", help="draw the sweeps at their true poses")
 
 
 SUBJECT = TrialSubject(

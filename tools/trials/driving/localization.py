@@ -22,6 +22,7 @@ from robbie_robots.hw.laser import LaserGeometry
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.drive import SimulatedDrive, WorldState
 from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.random_rooms import drawn_map, random_rooms
 from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep
 from robbie_robots.workers.localization.likelihood_field import LikelihoodField
 from robbie_robots.workers.localization.localizer import Localizer
@@ -30,7 +31,6 @@ from robbie_robots.workers.navigation.collision_guard import CollisionGuard
 from robbie_robots.workers.navigation.path_follower import PathFollower
 from robbie_robots.workers.navigation.path_planner import PathField
 from robbie_robots.workers.planar_pose import wrap_angle
-from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from tools.trials.driving.swept import swept
 from tools.trials.harness import Case, TrialSubject
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.drive import SimulatedDrive
 from robbie_robots.hw.simulation.laser import SimulatedLaser
+from robbie_robots.hw.simulation.random_rooms import drawn_map, random_rooms
 from robbie_robots.workers.mapping.grid_mapper import GridMapper
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 from tools.trials.driving.localization import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
-from tools.trials.driving.random_rooms import drawn_map, random_rooms
 from tools.trials.driving.swept import swept
 from tools.trials.harness import TrialSubject
 

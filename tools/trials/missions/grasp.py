@@ -9,7 +9,7 @@ the tool kills every module once, at a random moment; in lockstep, as in the pro
 waits for a restarting module.
 
 With `--twins`, two of the objects differ only by what is printed on them. Both were taught from four pictures
-each, as in the trial `prints`, and the robot brings one of them.
+each, and the robot brings one of them.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
 from robbie_robots.workers.taught import as_json
 from tools.trials.harness import Case
 from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
-from tools.trials.recognition.prints import PICTURE_WIDTH, Camera, teach
+from tools.trials.missions.twins import PICTURE_WIDTH, Camera, teach
 
 NOISY = ("base", "laser", "depth_camera", "manipulation")
 TAUGHT_PICTURES = 4

@@ -2,20 +2,21 @@
 
     python -m tools.trials who_is_who --faces FOLDER --seeds 20 [--kill] [--profile NAME]
 
-The folder has pictures PERSON_NUMBER.jpg of at least three persons, as for the trial `faces`; the tool cuts
-out the heads. In each seed, two guests tell the robot their names, one after the other, and walk to a place
-of their own in the apartment of `apartment.yaml`. A third one, whom the robot does not know, stands somewhere
-else. Then somebody asks who is who. While a guest is looked at, the pictures of the person change: all that
-the folder has, and each of them smaller, darker, lighter, noisier, turned or mirrored, so that the robot
-seldom sees the picture by which it has learnt the person. A seed is right if the robot has found each guest,
-within 1 m, under the right name or as unknown, and nobody else, and has touched nobody. With `--kill`, the
-tool kills every module once; in lockstep, the robot waits for a restarting module.
+The folder has pictures PERSON_NUMBER.jpg of at least three persons; the tool cuts out the heads. In each
+seed, two guests tell the robot their names, one after the other, and walk to a place of their own in the
+apartment of `apartment.yaml`. A third one, whom the robot does not know, stands somewhere else. Then
+somebody asks who is who. While a guest is looked at, the pictures of the person change: all that the folder
+has, and each of them smaller, darker, lighter, noisier, turned or mirrored, so that the robot seldom sees
+the picture by which it has learnt the person. A seed is right if the robot has found each guest, within 1 m,
+under the right name or as unknown, and nobody else, and has touched nobody. With `--kill`, the tool kills
+every module once; in lockstep, the robot waits for a restarting module.
 """
 
 import argparse
 import json
 import math
 import random
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
@@ -29,7 +30,6 @@ from robbie_robots.workers.taught import Pixels
 from tools.trials.harness import CannotTry, Case
 from tools.trials.missions.follow import APARTMENT, SHIRTS, TROUSERS
 from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
-from tools.trials.recognition.faces import changed
 
 NOISY = ("base", "laser", "rear_laser", "camera")
 NEAR_M = 1.0
@@ -82,6 +82,23 @@ class Outcome(Trial):
     touches: int = 0
     duration_s: float = 0.0
     people: list[dict[str, Any]] = field(default_factory=list)
+
+
+def changed(picture: Pixels, seed: int = 0) -> Iterator[tuple[str, Pixels]]:
+    """Yield a picture as other cameras, places and lights would show it, each with what was changed."""
+    cv2: Any = import_module("cv2")
+    random = np.random.default_rng(seed)
+    height, width = picture.shape[:2]
+    yield "as it is", picture
+    yield "two thirds as large", cv2.resize(picture, None, fx=2 / 3, fy=2 / 3, interpolation=cv2.INTER_AREA)
+    yield "dark", (picture * 0.45).astype(np.uint8)
+    yield "light", np.clip(picture * 1.4 + 20.0, 0, 255).astype(np.uint8)
+    yield "noisy", np.clip(picture + random.normal(0.0, 15.0, picture.shape), 0, 255).astype(np.uint8)
+    yield "blurred", cv2.GaussianBlur(picture, (0, 0), 2.0)
+    for degrees in (-12, 12):
+        turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1.0)
+        yield f"turned by {degrees} degrees", cv2.warpAffine(picture, turn, (width, height))
+    yield "mirrored", np.ascontiguousarray(picture[:, ::-1])
 
 
 def heads_in(folder: Path) -> dict[str, list[Pixels]]:

@@ -1,1 +1,1 @@
-"""Recognition alone: what is seen or heard, judged by what was shown or said."""
+"""Trials of what workers recognize, with data of their own."""

@@ -1,14 +1,8 @@
-"""Measures how well taught objects are recognized: drawn prints in scenes, from in front and from the side.
+"""Drawn prints in scenes, from in front and from the side, and how well they are recognized.
 
-    python -m tools.trials objects --objects 20
-
-Each print is taught from one picture in which it is 260 pixels high, and searched in scenes of 640 x 480
-pixels, 220 pixels high, turned in the image, darker or lighter, with noise. Half of the prints are taught;
-the scenes of the other half must show nothing. Letters are of a few fonts, so different prints have equal
-parts.
+Letters are of a few fonts, so different prints have equal parts.
 """
 
-import argparse
 import math
 import time
 from dataclasses import dataclass
@@ -20,7 +14,6 @@ from numpy.typing import NDArray
 
 from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
 from robbie_robots.workers.taught import Box, Pixels
-from tools.trials.harness import TrialSubject
 
 PRINT_PX = 320
 WIDTH_PX, HEIGHT_PX = 640, 480
@@ -162,17 +155,3 @@ def trial(objects: int, repeats: int, seed: int = 0) -> Figures:
         unknown_scenes=scenes * len(ANGLES_DEG),
         mean_ms=round(1000 * (time.monotonic() - begun_s) / total),
     )
-
-
-def options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of prints."""
-    parser.add_argument("--objects", type=int, default=20, metavar="N", help="number of taught prints (20)")
-    parser.add_argument("--repeats", type=int, default=2, metavar="N", help="scenes of each and angle (2)")
-
-
-SUBJECT = TrialSubject(
-    play=lambda case: trial(case.options.objects, case.options.repeats, case.seed),
-    options=options,
-    seeds=1,
-    seed_makes="scenes",
-)

@@ -1,1 +1,0 @@
-"""Drivers on emulated devices, alone and in whole robots."""

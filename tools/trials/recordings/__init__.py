@@ -1,1 +1,0 @@
-"""Recordings: what modules make of them, and how fast one can move in them."""
