@@ -129,7 +129,8 @@ class Navigation(Module):
         self.fed_back_s = -np.inf
         self.path = np.empty((0, 2))
         self.costs_of: NavigationGrid | None = None
-        if self.restored is not None:
+        # An older state may hold a goal that was cancelled since; its client learns that it is lost.
+        if self.restored is not None and not self.checkpoint_lost:
             self.active = self.resume_goal(NavigateTo, self.restored["goal"])
             x_m, y_m, heading_rad = self.restored["pose"]
             self.goal = (x_m, y_m, heading_rad)

@@ -44,6 +44,7 @@ CONTROL_TOPIC = "control"
 PLANE = (0, 1, 5)
 
 
+LOST = "nobody knows what was kept before a restart: the newest checkpoint was damaged"
 WARN_PERIOD_S = 5.0
 """Of refused commands, no more is logged than one in this time."""
 
@@ -58,6 +59,8 @@ class CommandedBase(Module):
 
     A command is followed until it expires, or until what it rests on is older than `max_age_s`. Where
     `guard_topics` names lasers, commands by hand are slowed as what these see requires.
+
+    Where the newest checkpoint was damaged, the base starts with the emergency stop engaged.
 
     A subclass creates `drive` in `setup`, calls `obey` there, and calls `look_after_control` in `tick`.
     `confirm` publishes `EmergencyStop` on `emergency_stop_state`.
@@ -85,6 +88,8 @@ class CommandedBase(Module):
         self.control = DriveControl(self.monotonic_s, mode, self.let_go_s, before)
         if before is not None and self.incarnation == 1 and not self.starts_in_auto:
             self.control.order(ControlMode.HOLD, self.name, "the run has started")
+        if self.checkpoint_lost:
+            self._stop_for_lost_state()
         self.told_control: dict[str, Any] | None = None
         self.refused: Counter[str] = Counter()
         self.warned_s = -math.inf
@@ -96,6 +101,12 @@ class CommandedBase(Module):
         )
         self.advertise(ControlState, topic=CONTROL_TOPIC)
         self.serve(SetControl, self.on_set_control)
+
+    def _stop_for_lost_state(self) -> None:
+        """Engage the emergency stop: an older state may not know of one, nor that the robot held."""
+        self.stop_reason = LOST
+        self.drive.stop_for_emergency()
+        self.control.see_stop(True, self.name, LOST)
 
     def on_command(self, command: DriveCommand) -> None:
         """Follow the command if its sender is in control, while it and what it rests on are fresh."""

@@ -114,6 +114,7 @@ class Manipulation(Module):
 
     def _restore(self, kept: dict[str, Any]) -> None:
         self.released, self.accepted_s, self.holds = kept["released"], kept["accepted_s"], kept["holds"]
+        self.holds |= self.checkpoint_lost  # until AUTO is told
         goal = kept["goal"]
         if goal is not None and kept["task"] == Task.PICK_UP:
             self.active = self.resume_goal(PickUp, goal)

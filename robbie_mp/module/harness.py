@@ -86,6 +86,7 @@ class ModuleHarness(Generic[ModuleClass]):
             harness.
         name: the module's name in the profile.
         restored: the state that the module finds in `restored`, such as `checkpoint` of another harness.
+        checkpoint_lost: whether a newer state than `restored` was damaged.
         topics: new names of topics by the module's own, as in a profile. `send` and `take` use the new ones.
         namespace: comes before the names of the module's topics, as in a profile.
 
@@ -105,12 +106,13 @@ class ModuleHarness(Generic[ModuleClass]):
         output_directory: Path | None = None,
         name: str = "module",
         restored: object = None,
+        checkpoint_lost: bool = False,
         topics: Mapping[str, str] | None = None,
         namespace: str = "",
     ):
         self.clock = ManualClock()
         self.bus = HarnessBus(self.clock, name, Wiring(topics, namespace))
-        self._checkpoints = HarnessCheckpoints(restored)
+        self._checkpoints = HarnessCheckpoints(restored, int(checkpoint_lost))
         checked = check_settings(module_class, settings or {})
         module_class.check(checked)
         if output_directory is None:
@@ -424,8 +426,9 @@ class HarnessPeers:
 class HarnessCheckpoints:
     """Keeps the image of a module's newest checkpoint; its size has no limit."""
 
-    def __init__(self, restored: object):
+    def __init__(self, restored: object, lost: int):
         self.image = encode(restored)
+        self.lost = lost
 
     @property
     def restored(self) -> Any:

@@ -139,6 +139,8 @@ class Module:
         self.output_directory = context.output_directory
         self.restored: Any = context.checkpoints.restored
         """The state last given to `checkpoint`, with copies of its arrays; None on a fresh start."""
+        self.checkpoint_lost = context.checkpoints.lost > 0
+        """Whether newer state than `restored` was damaged. Then do not rely on it for what must be safe."""
         self.log = logging.getLogger(context.name)
         self.stop_requested = False
         self._bus = context.bus

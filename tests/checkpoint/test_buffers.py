@@ -130,8 +130,55 @@ def test_wrong_sequence_number_counts_as_damage(slot: SlotOfARun, sequence: int)
     slot.scribble(0, layout.CHECKPOINT_SEQUENCE * 8, sequence.to_bytes(8, "little"))
     buffers = slot.start()
     assert number_in(buffers) == 1
+    assert len(buffers.damaged) == 1
     write(buffers, 3, 4)
     assert number_in(slot.start()) == 4
+
+
+@pytest.mark.parametrize("loss", ["removed", "zeroed", "another kind"])
+def test_loss_of_the_newest_checkpoint_is_reported_until_there_is_a_newer_one(
+    slot: SlotOfARun, loss: str
+) -> None:
+    write(slot.start(), 1, 2)
+    path = Path("/dev/shm") / slot.name(0)
+    if loss == "removed":
+        path.unlink()
+    else:
+        offset = layout.CHECKPOINT_SEQUENCE if loss == "zeroed" else layout.HEADER_KIND
+        slot.scribble(0, offset * 8, bytes(8))
+    for _ in range(2):  # its process may be killed before it has saved anything
+        buffers = slot.start()
+        assert number_in(buffers) == 1
+        assert len(buffers.damaged) == 1
+    write(buffers, 3)
+    again = slot.start()
+    assert (number_in(again), again.damaged) == (3, [])
+
+
+def test_damage_of_the_checkpoint_before_the_newest_one_is_no_loss(slot: SlotOfARun) -> None:
+    write(slot.start(), 1, 2)
+    slot.damage(1, IMAGE_BEGIN + 70)
+    buffers = slot.start()
+    assert (number_in(buffers), buffers.damaged) == (2, [])
+
+
+def test_checkpoint_that_a_killed_process_had_not_completed_is_no_loss(slot: SlotOfARun) -> None:
+    buffers = slot.start()
+    write(buffers, 1, 2)
+
+    class Killed(Exception):
+        pass
+
+    class Interrupted:
+        size = 8
+
+        def write(self, _room: memoryview, _sequence: int, _taken_ns: int) -> None:
+            raise Killed
+
+    with pytest.raises(Killed):
+        buffers.write(Interrupted(), taken_ns=3)  # type: ignore[arg-type]
+    again = slot.start()
+    assert (number_in(again), again.damaged) == (2, [])
 
 
 @pytest.mark.parametrize("content", [b"", b"x", bytes(4096), b"\xff" * 4096])

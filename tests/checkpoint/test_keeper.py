@@ -83,6 +83,19 @@ def test_restarted_module_continues(start: Starter, caplog: pytest.LogCaptureFix
     assert "restored from a checkpoint" in caplog.text
 
 
+def test_module_is_told_that_the_newest_checkpoint_was_damaged(
+    start: Starter, slot: SlotOfARun, caplog: pytest.LogCaptureFixture
+) -> None:
+    keeper = start(every_s=None)
+    assert keeper.lost == 0
+    keeper.save([1])
+    keeper.save([2])
+    slot.damage(0, IMAGE_BEGIN + 70)
+    again = start(every_s=None)
+    assert (again.restored, again.lost) == ([1], 1)
+    assert "the newest checkpoint is lost" in caplog.text
+
+
 def test_state_none_is_a_fresh_start(start: Starter) -> None:
     keeper = start(every_s=None)
     keeper.save([1])
@@ -224,4 +237,4 @@ def test_damaged_memory_is_logged_and_does_not_damage_the_file(
     for number in (0, 1):
         slot.damage(number, IMAGE_BEGIN + 40)
     assert start().restored == "good"
-    assert caplog.text.count("is ignored") == 2
+    assert caplog.text.count("is lost") == 2

@@ -333,6 +333,16 @@ def test_restarted_navigation_continues_only_to_goals_not_yet_reached(robot: Rob
         assert restarted.checkpoint is None
 
 
+def test_navigation_whose_newest_checkpoint_was_damaged_drives_to_no_older_goal(robot: Robot) -> None:
+    robot.harness.send_goal(NEAR)
+    kept = robot.harness.checkpoint
+    with ModuleHarness(Navigation, restored=kept, checkpoint_lost=True) as restarted:
+        again = Robot(restarted)
+        again.go_on(1.0)
+        assert again.drive.read().linear_m_per_s == 0.0
+        assert not restarted.take(DriveCommand)
+
+
 def test_cancelled_goal_is_forgotten_and_the_drive_stopped_at_once(robot: Robot) -> None:
     sent = robot.harness.send_goal(GOAL)
     robot.go_on(2.0)

@@ -22,6 +22,7 @@ class _NoCheckpoints:
     """Discards checkpoints: a tool is not restarted."""
 
     restored: Any = None
+    lost = 0
 
     def save(self, _state: object) -> bool:
         return False

@@ -21,6 +21,8 @@ from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMis
 from robbie_mp.bus.transport.words import WORD_BYTES
 
 IMAGE_BEGIN = CHECKPOINT_IMAGE * WORD_BYTES
+SUPERSEDED = 1 << 63
+"""Marks the sequence of a checkpoint that has a newer one, so that the loss of the newer one is noticed."""
 
 
 class CheckpointBuffers:
@@ -32,7 +34,7 @@ class CheckpointBuffers:
 
     Attributes:
         found: the newest valid checkpoint of earlier incarnations; None if there is none.
-        damaged: what was wrong with newer checkpoints.
+        damaged: what was wrong with newer checkpoints; empty if `found` is the last one that was completed.
     """
 
     def __init__(self, run_id: str, slot: int, incarnation: int, limit_bytes: int):
@@ -41,12 +43,13 @@ class CheckpointBuffers:
         self._limit_bytes = limit_bytes
         self._lock = threading.Lock()
         self._held: Segment | None = None
-        self._segments = [self._attached(name) for name in self._name]
         self.found: Checkpoint | None = None
         self.damaged: list[str] = []
+        unreadable: list[str] = []
+        self._segments = [self._attached(name, unreadable) for name in self._name]
         self._newest = 0
         self._sequence = 0
-        self._read_newest()
+        self._read_newest(unreadable)
         keep_from_forks(self)
 
     def disown(self) -> None:
@@ -74,6 +77,9 @@ class CheckpointBuffers:
         segment.words[CHECKPOINT_SEQUENCE] = 0
         state.write(segment.buffer[IMAGE_BEGIN:], self._sequence + 1, taken_ns)
         segment.words[CHECKPOINT_SEQUENCE] = self._sequence + 1
+        before = self._segments[self._newest]
+        if before is not None and before.words[CHECKPOINT_SEQUENCE]:
+            before.words[CHECKPOINT_SEQUENCE] |= SUPERSEDED
         with self._lock:
             self._newest = number
             self._sequence += 1
@@ -105,32 +111,38 @@ class CheckpointBuffers:
                 segment.close()
 
     @staticmethod
-    def _attached(name: str) -> Segment | None:
+    def _attached(name: str, unreadable: list[str]) -> Segment | None:
         try:
             return Segment.attach(name, SegmentKind.CHECKPOINT, write=True)
-        except (
-            SegmentMissing,
-            SegmentMismatch,
-        ):  # there is none, or its process was killed before it was complete
+        except SegmentMissing:  # there is none, or its process was killed before it was complete
+            return None
+        except SegmentMismatch as error:
+            unreadable.append(str(error))
             return None
 
-    def _read_newest(self) -> None:
-        """Find the newest checkpoint that is valid."""
+    def _read_newest(self, unreadable: list[str]) -> None:
+        """Find the newest checkpoint that is valid, and what was wrong with newer ones."""
         complete = [
-            (segment.words[CHECKPOINT_SEQUENCE], number, segment)
+            (word & ~SUPERSEDED, number, segment, not word & SUPERSEDED)
             for number, segment in enumerate(self._segments)
-            if segment is not None and segment.words[CHECKPOINT_SEQUENCE] != 0
+            if segment is not None and (word := segment.words[CHECKPOINT_SEQUENCE]) & ~SUPERSEDED
         ]
-        for sequence, number, segment in sorted(complete, reverse=True):
+        for sequence, number, segment, is_last in sorted(complete, reverse=True):
             try:
                 found = decode(segment.buffer[IMAGE_BEGIN:])
                 if found.sequence != sequence:
                     raise CheckpointDamaged(f"checkpoint {sequence} says that it is {found.sequence}")
             except (CheckpointDamaged, CheckpointTooNew) as error:
-                self.damaged.append(str(error))  # keeping the error would keep the memory mapped
+                # Keeping the error would keep the memory mapped.
+                (self.damaged if is_last else unreadable).append(str(error))
                 continue
             self.found, self._newest, self._sequence = found, number, sequence
-            return
+            if is_last:
+                return
+            break
+        self.damaged += unreadable
+        if self.found is not None and not self.damaged:
+            self.damaged.append(f"the one after checkpoint {self._sequence} is gone")
 
     def _segment_with_room(self, number: int, size: int) -> Segment:
         """Return a segment to write into; a new one if the existing one is too small or held."""

@@ -26,6 +26,10 @@ class Checkpoints(Protocol):
     def restored(self) -> Any:
         """The state to continue from; None for a fresh start."""
 
+    @property
+    def lost(self) -> int:
+        """How many checkpoints that are newer than `restored` were damaged, or could not be read."""
+
     def save(self, state: object) -> bool:
         """Store a state outside the process; return False if there is no memory for it."""
 
@@ -43,7 +47,7 @@ class CheckpointKeeper:
 
     The checkpoint of an earlier incarnation in this run is preferred; one on disk, from an earlier run, is
     used for the first start only. A checkpoint that cannot be read does not prevent the start: the module
-    logs a warning and starts fresh, and a file is renamed and kept.
+    logs an error and continues from an older one or starts fresh, and a file is renamed and kept.
 
     Args:
         buffers: the shared memory.
@@ -52,6 +56,7 @@ class CheckpointKeeper:
 
     Attributes:
         restored: the state to continue from; None for a fresh start.
+        lost: how many checkpoints that are newer were damaged, or could not be read.
         refused: number of checkpoints for which there was no memory.
     """
 
@@ -59,8 +64,9 @@ class CheckpointKeeper:
         self._buffers = buffers
         self._log = log
         self.refused = 0
+        self.lost = len(buffers.damaged)
         for damage in buffers.damaged:
-            log.warning("the newest checkpoint is ignored: %s", damage)
+            log.error("the newest checkpoint is lost: %s", damage)
         found = buffers.found
         if found is None and disk is not None:
             found = self._read(disk.path)
@@ -101,13 +107,14 @@ class CheckpointKeeper:
         try:
             return read_file(path)
         except CheckpointFileError as error:
-            self._log.warning("starts fresh: %s", error)
+            self._log.error("starts fresh: %s", error)
         except CheckpointDamaged as error:
-            self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "damaged"))
+            self._log.error("starts fresh: %s; %s", error, _kept_aside(path, "damaged"))
         except CheckpointForeign as error:
-            self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "foreign"))
+            self._log.error("starts fresh: %s; %s", error, _kept_aside(path, "foreign"))
         except CheckpointTooNew as error:
-            self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "too-new"))
+            self._log.error("starts fresh: %s; %s", error, _kept_aside(path, "too-new"))
+        self.lost += 1
         return None
 
 

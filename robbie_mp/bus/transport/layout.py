@@ -231,7 +231,8 @@ DATA_FREE_BYTES = HEADER_WORDS  # free memory of the publisher when it last took
 DATA_BLOCKS = HEADER_WORDS + 8
 
 # checkpoint: a module alternates between two. The sequence is the commit word: written last, and 0 while the
-# segment has no complete checkpoint. The image starts at a multiple of 64 bytes.
+# segment has no complete checkpoint. Its highest bit is set when a newer one is complete. The image starts at
+# a multiple of 64 bytes.
 CHECKPOINT_SEQUENCE = HEADER_WORDS
 CHECKPOINT_IMAGE = HEADER_WORDS + 8
 

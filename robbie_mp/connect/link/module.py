@@ -212,7 +212,8 @@ class Link(Module):
             (pair, TrafficClass[name.upper()]) for name, pairs in _rules(self.send) for pair in pairs
         ]
         self._commanding = read_commanding(self.commanding)
-        self.operators = Operators(self.robot, self.restored)
+        # An older state may name an operator from whom another one has taken over.
+        self.operators = Operators(self.robot, None if self.checkpoint_lost else self.restored)
         self._orders: deque[tuple[SetControl, int]] = deque(maxlen=MAX_ORDERS)
         """Orders of operators, and when each arrived."""
         self._drivers: dict[str, str] = {}

@@ -336,3 +336,23 @@ def test_emergency_stop_with_an_endless_reason_stops_the_robot_and_outlives_a_re
     with pytest.raises(CallRefused):
         base.call(SetControl(mode=ControlState.AUTO, reason="y" * 1_000_000))
     assert len(str(base.checkpoint)) < 10_000
+
+
+def test_base_whose_newest_checkpoint_was_damaged_stands_until_it_is_released_and_ordered_to_go_on(
+    base: Base, settings: dict[str, object]
+) -> None:
+    kept = base.checkpoint  # of a time before the emergency stop
+    with ModuleHarness(SimulatedBase, settings, restored=kept, checkpoint_lost=True) as again:
+        again.advance(0.1)
+        assert mode(again) == ControlState.HOLD
+        (state, *_) = again.take(EmergencyStop, "emergency_stop_state")[-1:]
+        assert state.engaged and "damaged" in state.reason
+        see(again, 5.0)
+        send(again, "manual")
+        assert speed(again) == 0.0
+        again.send(EmergencyStop(engaged=False), topic="emergency_stop")
+        send(again)
+        assert speed(again) == 0.0
+        again.call(SetControl(mode=ControlState.AUTO))
+        send(again)
+        assert speed(again) > 0.0
