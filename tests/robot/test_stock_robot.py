@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from robbie_robots.workers.mapping.slam_metric import measure, read_table
 from tests.robot._support.stock_robot import PROJECT, StockRobot
-from tools.slam_metric import measure, read_table
 
 DATA = PROJECT.parent / "shared" / "data"
 INTEL = DATA / "intel.clf"

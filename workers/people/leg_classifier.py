@@ -2,7 +2,7 @@
 
 After Arras, Mozos and Burgard (ICRA 2007), who boost stumps; here they are trees of depth two, boosted as in
 Friedman, "Greedy function approximation: a gradient boosting machine" (Annals of Statistics, 2001).
-`python -m tools.train_legs` writes the file `legs.json` from labelled scans.
+`python -m robbie_robots.workers.people.train_legs` writes the file `legs.json` from labelled scans.
 """
 
 import json

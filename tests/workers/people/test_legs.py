@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.people.leg_classifier import MODEL, LegClassifier, WrongLegModel
 from robbie_robots.workers.people.leg_segments import FEATURES, Segments, find_segments
-from tools.train_legs import held_back, main, read, train
+from robbie_robots.workers.people.train_legs import held_back, main, read, train
 
 STEP_RAD = math.tau / 1024
 REAL = Path(__file__).parents[4] / "shared" / "data" / "home" / "laser"

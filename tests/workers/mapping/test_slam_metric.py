@@ -10,7 +10,7 @@ import pytest
 from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.mapping.grid_mapper import GridMapper
-from tools.slam_metric import BadInput, main, measure, read_table
+from robbie_robots.workers.mapping.slam_metric import BadInput, main, measure, read_table
 
 DATA = Path(__file__).parents[3] / "shared/data"
 needs_intel = pytest.mark.skipif(not DATA.exists(), reason=f"the Intel log is not in {DATA}")

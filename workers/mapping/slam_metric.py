@@ -4,7 +4,7 @@ The error of each relation is the difference between it and the trajectory's own
 the mean and standard deviation of its absolute translation and rotation (Kümmerle et al., "On measuring the
 accuracy of SLAM algorithms", Autonomous Robots 27, 2009). No common frame and no alignment is needed.
 
-    python -m tools.slam_metric trajectory.txt intel.relations [--json]
+    python -m robbie_robots.workers.mapping.slam_metric trajectory.txt intel.relations [--json]
 """
 
 import argparse
@@ -122,7 +122,9 @@ def read_table(path: Path, columns: int, meaning: str) -> NDArray[np.float64]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line. Return the exit code: 0, or 2 for bad input."""
-    parser = argparse.ArgumentParser(prog="python -m tools.slam_metric", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m robbie_robots.workers.mapping.slam_metric", description=__doc__.splitlines()[0]
+    )
     parser.add_argument(
         "trajectory", type=Path, help="lines 't x y theta' (s, m, m, rad), at the rate of odometry"
     )

@@ -1,6 +1,6 @@
 """Train the classifier of legs on labelled laser scans, and measure it on recordings that were held back.
 
-    python -m tools.train_legs --data FOLDER [--write workers/people/legs.json] [--json FILE]
+    python -m robbie_robots.workers.people.train_legs --data FOLDER [--write workers/people/legs.json] [--json FILE]
 
 The folder has files NAME.npz: `ranges_mm` (S, B) uint16, `angle_min`, `angle_increment`; recordings of people
 also `leg_xy` (S, K, 2), the middles of legs, NaN where there are fewer. In a recording without `leg_xy` and
@@ -209,7 +209,9 @@ def held_back(recordings: list[Recording]) -> dict[str, Any]:
 
 def main(words: list[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(prog="python -m tools.train_legs", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m robbie_robots.workers.people.train_legs", description=__doc__
+    )
     parser.add_argument("--data", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the model, trained on all")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
