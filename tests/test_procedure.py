@@ -17,7 +17,9 @@ async def heard(count: int, into: list[object]) -> str:
 
 def test_procedure_goes_on_from_pause_to_pause_with_each_event() -> None:
     told: list[object] = []
-    procedure = Procedure(heard(2, told))
+    procedure = Procedure[str]()
+    assert procedure.is_over
+    procedure.begin(heard(2, told))
     procedure.tell("first")
     assert (told, procedure.is_over, procedure.result) == (["first"], False, None)
     procedure.tell()
@@ -29,10 +31,23 @@ def test_procedure_goes_on_from_pause_to_pause_with_each_event() -> None:
 
 def test_cancelled_procedure_ends_where_it_waits() -> None:
     told: list[object] = []
-    procedure = Procedure(heard(2, told))
-    procedure.cancel()
+    procedure = Procedure[str]()
+    assert procedure.is_over
+    procedure.begin(heard(2, told))
+    assert procedure.cancel()
+    assert not procedure.cancel()
     procedure.tell("late")
     assert (told, procedure.is_over, procedure.result) == (["end"], True, None)
+
+
+def test_new_procedure_ends_the_one_before() -> None:
+    told: list[object] = []
+    procedure = Procedure[str]()
+    procedure.begin(heard(2, told))
+    procedure.begin(heard(1, told))
+    assert told == ["end"]
+    procedure.tell("first")
+    assert (told, procedure.result) == (["end", "first", "end"], "has heard enough")
 
 
 def test_error_of_a_procedure_comes_to_its_owner() -> None:
@@ -40,9 +55,11 @@ def test_error_of_a_procedure_comes_to_its_owner() -> None:
         await pause()
         raise ValueError("wrong")
 
-    procedure = Procedure(fails())
+    procedure = Procedure[None]()
+    procedure.begin(fails())
     with pytest.raises(ValueError, match="wrong"):
         procedure.tell()
+    assert procedure.is_over
 
 
 class Trip:
@@ -51,7 +68,8 @@ class Trip:
     def __init__(self, journal: Journal) -> None:
         self.journal = journal
         self.done: list[str] = []
-        self.run = Procedure(self.both())
+        self.run = Procedure[list[str]]()
+        self.run.begin(self.both())
 
     async def both(self) -> list[str]:
         first = self.journal.once(self.choose)

@@ -30,6 +30,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from robbie_robots.modules.devices.command_age import LOOK_FOR, is_late
+from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.home.messages import (
     Following,
     LearnPerson,
@@ -60,6 +61,7 @@ FACE_M = 1.55
 FACE_WIDTH_M = 0.15
 """Width of the box around a face: 0.12 to 0.19 m for the real faces of `tools.trials.missions.who_is_who`."""
 TURN_RAD = 0.04
+LESSON_S = 5.0
 MAX_PICTURES = 8
 """Pictures that wait for what is found in them."""
 
@@ -93,7 +95,8 @@ class WhoIsWhoTask(Module):
         self.found: Detection2DArray | None = None
         self.things: list[PersonReport] = []
         self.direction = (math.nan, math.nan)
-        self.is_teaching = self.follows = False
+        self.follows = False
+        self.lesson = Errand(self, timeout_s=LESSON_S, topic=PERSONS)
         self.fed_back = ""
         self.done = self.failed = self.examples = 0
         if self.restored is not None:
@@ -269,8 +272,7 @@ class WhoIsWhoTask(Module):
         elif self.pose is not None:
             self.goals.drive_to(orders.goal, self.pose)
             self._turn_camera(orders.look_at_xy_m)
-        if tour.to_learn is not None and not self.is_teaching:
-            self._teach(tour.to_learn)
+        self._teach(tour.to_learn)
         self._tell_client()
         self._keep()
         known = "no faces" if self.names is None else f"knows {len(self.names)} persons"
@@ -324,24 +326,24 @@ class WhoIsWhoTask(Module):
         """Return whether a detection is a face: other modules find other things in the same pictures."""
         return one.id == TaughtFaces.unknown or one.id in (self.names or ())
 
-    def _teach(self, face: SeenFace) -> None:
+    def _teach(self, face: SeenFace | None) -> None:
         """Have a face learnt."""
+        if face is None:
+            self.lesson.forget()
+            return
         stamp_ns, box = face.key
         image = self.pictures.get(stamp_ns)
         if image is None:
             self.tour.not_learnt("the picture of the face is too old")
             return
-        self.is_teaching = True
         request = TeachRecognition(name=self.tour.learns, image=image, box=box, image_topic=self.camera)
-        self.call(request, self._on_taught, self._on_not_taught, topic=PERSONS)
+        self.lesson.want(f"face at {stamp_ns} ns", request, self._on_taught, self._on_not_taught)
 
     def _on_taught(self, reply: RecognitionTaught) -> None:
-        self.is_teaching, self.examples = False, reply.examples
+        self.examples = reply.examples
         self.tour.learnt()
 
     def _on_not_taught(self, error: CallError) -> None:
-        self.is_teaching = False
-        self.log.warning("could not learn %s: %s", self.tour.learns, error)
         self.tour.not_learnt(str(error))
 
     def _turn_camera(self, look_at_xy_m: tuple[float, float] | None) -> None:

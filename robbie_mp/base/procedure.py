@@ -24,6 +24,10 @@ class WrongJournal(RobbieError, ValueError):
     """
 
 
+class Failed(RobbieError, RuntimeError):
+    """What a procedure was to do cannot be done; the text says why, in plain words."""
+
+
 @types.coroutine
 def pause() -> Generator[None, Any, Any]:
     """Wait for what the procedure is told next, and return it; None if only time has passed."""
@@ -31,7 +35,7 @@ def pause() -> Generator[None, Any, Any]:
 
 
 class Procedure(Generic[Result]):
-    """Runs a coroutine that awaits nothing but `pause()`, up to its first pause, and on with each event.
+    """Runs a coroutine that awaits nothing but `pause()`: up to its first pause, and on with each event.
 
         async def fetch(self) -> str:
             self.say("I fetch it")
@@ -40,41 +44,53 @@ class Procedure(Generic[Result]):
                 ...
             return "holds it"
 
-        self.fetching = Procedure(self.fetch())
+        def setup(self) -> None:
+            self.work = Procedure[str]()
+            self.work.begin(self.fetch())
 
         def tick(self) -> None:
-            self.fetching.tell()
+            self.work.tell()
 
     After a restart, its owner begins it again: the coroutine looks at what it is to change in the world, such
     as what the hand holds, or keeps a `Journal` of what is done already.
 
-    Args:
-        work: the coroutine.
-
     Attributes:
-        result: what the coroutine has returned; None before.
-        is_over: whether it has returned, or was cancelled.
+        result: what the last coroutine has returned; None before, and if it was cancelled.
     """
 
-    def __init__(self, work: Coroutine[Any, Any, Result]) -> None:
-        self._work = work
+    def __init__(self) -> None:
+        self._work: Coroutine[Any, Any, Result] | None = None
         self.result: Result | None = None
-        self.is_over = False
+
+    @property
+    def is_over(self) -> bool:
+        """Return whether nothing runs: no coroutine has begun, or the last one has ended."""
+        return self._work is None
+
+    def begin(self, work: Coroutine[Any, Any, Result]) -> None:
+        """Run a coroutine up to its first pause; one that runs ends."""
+        self.cancel()
+        self._work, self.result = work, None
         self.tell()
 
     def tell(self, event: object = None) -> None:
-        """Go on with an event, up to the next pause; one that is over does nothing."""
-        if self.is_over:
+        """Go on with an event, up to the next pause."""
+        if self._work is None:
             return
         try:
             self._work.send(event)
         except StopIteration as end:
-            self.result, self.is_over = end.value, True
+            self._work, self.result = None, end.value
+        except BaseException:
+            self._work = None
+            raise
 
-    def cancel(self) -> None:
-        """End it where it waits; its `finally` blocks run."""
-        self.is_over = True
-        self._work.close()
+    def cancel(self) -> bool:
+        """End what runs where it waits; return whether there was something. Its `finally` blocks run."""
+        work, self._work = self._work, None
+        if work is not None:
+            work.close()
+        return work is not None
 
 
 class Journal:

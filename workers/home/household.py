@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robbie_mp.base.procedure import Journal, Procedure, WrongJournal, pause
+from robbie_mp.base.procedure import Failed, Journal, Procedure, WrongJournal, pause
 from robbie_mp.base.state_machine import StateMachine
 from robbie_robots.workers.home.follow import PersonReport
 from robbie_robots.workers.home.household_states import (
@@ -66,10 +66,6 @@ class _Ended(NamedTuple):
     is_done: bool
     reason: str
     is_refused: bool
-
-
-class _Failed(Exception):
-    """The task cannot be done; the text says why, in plain words."""
 
 
 class HouseholdWork:
@@ -126,7 +122,7 @@ class HouseholdWork:
         self._requests = 0
         self._ahead_m = 0.0
         self._journal = Journal()
-        self._work: Procedure[None] | None = None
+        self._work = Procedure[None]()
 
     # -- what the owner does -----------------------------------------------------------------------------
 
@@ -185,9 +181,8 @@ class HouseholdWork:
 
     def cancel(self, reason: str) -> bool:
         """End the order; the robot stands, and holds what it holds. Return whether there was one."""
-        if self._work is None or not self.orders:
+        if not self._work.cancel():
             return False
-        self._work.cancel()
         self._end(False, reason)
         self.orders, self.at = (), 0
         return True
@@ -206,7 +201,7 @@ class HouseholdWork:
         """Do a task, and return whether that has worked."""
         try:
             self._end(True, await self._do(order))
-        except _Failed as error:
+        except Failed as error:
             self._end(False, str(error))
             if order.task not in SAYS_IT_ITSELF:
                 self._sayings.append(f"I could not {order.text}: {error}.")
@@ -253,14 +248,14 @@ class HouseholdWork:
         """Have another module do something, and return how it has ended."""
         ended = await self._end_of(state, reason)
         if not ended.is_done:
-            raise _Failed(ended.reason)
+            raise Failed(ended.reason)
         return ended.reason
 
     async def _bring_or_put(self, order: TaskOrder) -> str:
         """Fetch an object unless the hand holds it, and deliver it; again if the hand loses it."""
         has_it = self._journal.once(lambda: bool(self.holds) and order.object in ("", self.holds))
         if not has_it and not order.object:
-            raise _Failed("there is nothing in the hand")
+            raise Failed("there is nothing in the hand")
         tables, problem = self._tables_for(order.object), ""
         for _ in range(self.settings.max_tries):
             if not has_it:
@@ -271,7 +266,7 @@ class HouseholdWork:
             if not order.object:
                 break
             has_it = False
-        raise _Failed(problem)
+        raise Failed(problem)
 
     async def _fetch(self, name: str, tables: Iterator[str], problem: str) -> None:
         """Pick the object up from the first table on which it is.
@@ -285,7 +280,7 @@ class HouseholdWork:
             problem = await self._journal.step(self._pick_up_at(table, name))
             if not problem:
                 return
-        raise _Failed(problem or "I know no table")
+        raise Failed(problem or "I know no table")
 
     async def _pick_up_at(self, table: str, name: str) -> str:
         """Pick an object up from a table, again while it is there; return '', or why the robot cannot."""
@@ -321,7 +316,7 @@ class HouseholdWork:
             if not problem or is_empty:
                 return problem
             again = f"once more: {problem}"
-        raise _Failed(problem)
+        raise Failed(problem)
 
     async def _put(self, place: str) -> tuple[str, bool]:
         """Put down what the hand holds; return '', or why the arm cannot, and whether the hand was empty."""
@@ -362,7 +357,7 @@ class HouseholdWork:
         """Wait for what happens next; None: only time has passed."""
         event = await pause()
         if event is None and self.machine.is_late:
-            raise _Failed(f"{self.state.value}: that took too long")
+            raise Failed(f"{self.state.value}: that took too long")
         return event
 
     # -- driving -----------------------------------------------------------------------------------------
@@ -370,7 +365,7 @@ class HouseholdWork:
     async def _drive(self, state: HouseholdState, place: str, reason: str) -> None:
         """Drive to a place without which the task fails; '' is where the order was given."""
         if problem := await self._journal.step(self._come_to(state, place, reason)):
-            raise _Failed(problem)
+            raise Failed(problem)
 
     async def _come_to(self, state: HouseholdState, place: str, reason: str) -> str:
         """Drive to a place, also through its door; return '', or why the robot cannot come there."""
@@ -507,15 +502,15 @@ class HouseholdWork:
 
     def step(self) -> None:
         """Let time pass: end what takes too long, and find a person who takes what the robot brings."""
-        self._tell(None)
+        self._work.tell()
 
     def arrived(self) -> None:
         """Record that navigation has reached the goal; in front of a table, the pose must be right."""
-        self._tell(_Drove(""))
+        self._work.tell(_Drove(""))
 
     def unreachable(self, reason: str) -> None:
         """Record that navigation has given the goal up; the owner sends it again."""
-        self._tell(_Drove(reason or UNEXPLAINED))
+        self._work.tell(_Drove(reason or UNEXPLAINED))
 
     def ended(self, is_done: bool, reason: str = "", is_refused: bool = False) -> None:
         """Record how the arm, or another module, has ended what `state` says.
@@ -525,11 +520,7 @@ class HouseholdWork:
             reason: why it ended, in plain words.
             is_refused: whether the arm did not even begin: the hand is not what the robot took it for.
         """
-        self._tell(_Ended(is_done, reason or UNEXPLAINED, is_refused))
-
-    def _tell(self, event: object) -> None:
-        if self._work is not None:
-            self._work.tell(event)
+        self._work.tell(_Ended(is_done, reason or UNEXPLAINED, is_refused))
 
     def see_pose(self, pose: ArrayLike) -> None:
         """Take the robot's pose (x, y, heading), m and rad, map frame."""
@@ -597,7 +588,7 @@ class HouseholdWork:
         """Begin or go on with the order; a journal of another version of this program ends it."""
         self._journal = journal
         try:
-            self._work = Procedure(self._carry_out())
+            self._work.begin(self._carry_out())
         except WrongJournal as error:
             self._end(False, str(error))
             self.orders, self.at = (), 0

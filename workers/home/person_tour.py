@@ -8,7 +8,7 @@ looks like legs: `person_places`.
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_mp.base.procedure import Failed, Procedure, pause
 from robbie_mp.base.state_machine import StateMachine, TimeOut
 from robbie_robots.workers.home.area_search import AreaSearch
 from robbie_robots.workers.home.follow import PersonReport
@@ -151,6 +152,19 @@ class _Candidate:
     place: Place
     goal: Array | None = None
     faces: list[str] = field(default_factory=list)
+    seen_s: float = -math.inf
+
+
+class _Drove(NamedTuple):
+    """The robot has reached its latest goal, or cannot; why it drives there no more."""
+
+    reason: str
+
+
+class _Taught(NamedTuple):
+    """The face of `to_learn` is known (''), or could not be learnt for a reason."""
+
+    problem: str
 
 
 class PersonTour:
@@ -181,7 +195,7 @@ class PersonTour:
         self._persons: dict[str, PersonReport] = {}
         self._pose: Array | None = None
         self._area = AreaSearch(clock)
-        self.end: TourEnd | None = None
+        self._work = Procedure[None]()
         self._begin("", 0)
 
     def _begin(self, learns: str, wanted: int) -> None:
@@ -193,9 +207,8 @@ class PersonTour:
         self._heading_rad: float | None = None
         self._candidate: _Candidate | None = None
         self.to_learn: SeenFace | None = None
-        self._refusals = 0
-        self._seen_s = -math.inf
         self._began_s = self._clock()
+        self.end: TourEnd | None = None
 
     @property
     def state(self) -> TourState:
@@ -211,118 +224,59 @@ class PersonTour:
             persons: Ends when it has met that many; 0: when it has looked everywhere.
         """
         self._begin("", persons)
-        self.end = None
-        self.machine.go(TourState.SEARCH, "was asked who is who")
+        self._work.begin(self._carry_out(self._meet_all(persons or MAX_MET)))
 
     def learn(self, name: str) -> None:
         """Learn the person in front of the robot; there must be no other order."""
         self._begin(name, 0)
-        self.end = None
-        self.machine.go(TourState.CHOOSE, f"is to learn {name}")
+        self._work.begin(self._carry_out(self._learn(name)))
 
     def cancel(self, reason: str) -> None:
         """End the order."""
-        if self.state is not TourState.IDLE:
+        if self._work.cancel():
             self._end(False, reason)
 
-    # -- inputs ----------------------------------------------------------------------------------------
+    async def _carry_out(self, task: Coroutine[Any, Any, str]) -> None:
+        try:
+            self._end(True, await task)
+        except Failed as error:
+            self._end(False, str(error))
 
-    def see_pose(self, pose: ArrayLike) -> None:
-        """Take the robot's pose (x, y, heading), m and rad, map frame."""
-        self._pose = np.asarray(pose, float)
+    async def _meet_all(self, wanted: int) -> str:
+        """Meet a number of persons, or all that there are; return why the round ends."""
+        reason = "was asked who is who"
+        while len(self.met) < wanted:
+            place = await self._search(reason)
+            if place is None:
+                return "has looked everywhere"
+            candidate = _Candidate(place)
+            reason = await self._look(candidate, await self._approach(candidate))
+        return f"has met {len(self.met)} persons"
 
-    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: Sequence[float]) -> None:
-        """Take the newest map: see `SeenArea.see_map`."""
-        self._area.see_map(cells, resolution_m, corner_xy_m)
+    async def _learn(self, name: str) -> str:
+        """Have the face of the person in front of the robot learnt."""
+        candidate = _Candidate(await self._choose(f"is to learn {name}"))
+        reason = await self._approach(candidate)
+        for _ in range(self.settings.teachings):
+            face = await self._face(candidate, reason)
+            problem = await self._have_learnt(face)
+            if not problem:
+                return f"knows {name}"
+            reason = f"once more: {problem}"
+        raise Failed(problem)
 
-    def see_persons(self, persons: Sequence[PersonReport]) -> None:
-        """Take all legs that are tracked now, those on the map, too."""
-        self._persons = {one.name: one for one in persons}
-        self.places.see(persons)
-        for index, place in enumerate(self._places_of_met):  # who was met may walk on
-            self.met[index] = self.met[index]._replace(xy_m=place.xy_m)
+    # -- steps -----------------------------------------------------------------------------------------
 
-    def see_faces(self, faces: Sequence[SeenFace], eye: Eye) -> None:
-        """Take the faces of a picture.
+    async def _choose(self, reason: str) -> Place:
+        """Return the nearest person in front of the robot, rather one whose legs are likely legs."""
+        self.machine.go(TourState.CHOOSE, reason)
+        while not self.machine.is_late:
+            near = self._in_front() if await pause() is None else []
+            if near:
+                return near[0]
+        raise Failed("nobody is in front of the robot")
 
-        Args:
-            faces: all of them.
-            eye: the camera at the picture's time.
-        """
-        candidate = self._candidate
-        seen = self.places.see_faces(faces, eye, candidate.place if candidate is not None else None)
-        if candidate is None or self.state is not TourState.LOOK:
-            return
-        face = next((face for place, face in seen if place is candidate.place), None)
-        if face is None:
-            return
-        if self.learns:
-            self.to_learn = face
-            self.machine.go(TourState.LEARN, "sees the face")
-            return
-        candidate.faces.append(face.name)
-        name, count = (
-            Counter(filter(None, candidate.faces)).most_common(1)[0] if any(candidate.faces) else ("", 0)
-        )
-        if count >= self.settings.faces:
-            self._meet(name, candidate)
-        elif len(candidate.faces) >= self.settings.most_faces:
-            self._meet("", candidate)
-
-    def learnt(self) -> None:
-        """Record that the face of `to_learn` is known."""
-        if self.state is TourState.LEARN:
-            self._end(True, f"knows {self.learns}")
-
-    def not_learnt(self, reason: str) -> None:
-        """Record that the face of `to_learn` could not be learnt; the robot tries another picture."""
-        if self.state is not TourState.LEARN:
-            return
-        self.to_learn = None
-        self._refusals += 1
-        if self._refusals >= self.settings.teachings:
-            self._end(False, reason)
-        else:
-            self.machine.go(TourState.LOOK, f"once more: {reason}")
-
-    def arrived(self) -> None:
-        """Record that the robot has reached its latest goal."""
-        if self.state is TourState.APPROACH:
-            self.machine.go(TourState.LOOK, "is beside the person")
-        self._leave_place()
-
-    def unreachable(self, reason: str) -> None:
-        """Record that the robot cannot reach its latest goal."""
-        if self.state is TourState.APPROACH:
-            self.machine.go(TourState.LOOK, reason)
-        self._leave_place()
-
-    def _leave_place(self) -> None:
-        if self.state is TourState.SEARCH:
-            self._area.leave_place()
-
-    # -- outputs ---------------------------------------------------------------------------------------
-
-    def step(self) -> TourOrders:
-        """Decide what the robot does now, and return it."""
-        if self._pose is None:
-            return TourOrders()
-        is_late = self._clock() - self._began_s >= self.settings.tour_s
-        if is_late and self.state is not TourState.IDLE and not self.learns:
-            self._end(True, f"the tour ends after {self.settings.tour_s:g} s")
-        if self.state is TourState.SEARCH:
-            self._search()
-        elif self.state is TourState.CHOOSE:
-            self._choose()
-        elif self.state is TourState.LOOK:
-            self._judge_look()
-        elif self.state is not TourState.IDLE:
-            self.machine.expire()
-        return self._orders()
-
-    def _choose(self) -> None:
-        """Take the nearest person in front of the robot, rather one whose legs are likely legs."""
-        assert self._pose is not None
+    def _in_front(self) -> list[Place]:
         near = []
         for one in self._persons.values():
             place = self.places.at(one.name)
@@ -330,72 +284,106 @@ class PersonTour:
             is_in_front = away_m <= self.settings.front_m and abs(aside) <= self.settings.front_rad
             if place is not None and place.is_seen and is_in_front:
                 near.append((not self._is_likely(place), away_m, one.name, place))
-        if near:
-            self._approach(min(near)[3])
-        elif self.machine.time_in_state_s >= self.settings.choose_s:
-            self._end(False, "nobody is in front of the robot")
+        return [place for *_, place in sorted(near)]
 
-    def _search(self) -> None:
-        """Go to somebody who is seen, or where the robot has not looked; at the end, to all who are left."""
-        assert self._pose is not None
-        new = self._ranked([place for place in self._new() if place.faces or self._is_likely(place)])
-        at_once = [place for place in new if place.faces or (place.is_seen and not place.looks)]
-        if at_once:
-            self._approach(at_once[0])
-            return
-        area, robot = self._area, self._pose[:2].tolist()
-        if not area.look(robot) or not area.needs_place:
-            return
-        area.choose(robot, self._heading_rad)
-        if area.place is None:
-            if new:
-                self._approach(new[0])
-            else:
-                self._end(True, "has looked everywhere")
-            return
-        away = np.subtract(area.place, robot)
-        # It stays the same on the way: each new goal restarts navigation.
-        self._heading_rad = math.atan2(away[1], away[0])
+    async def _search(self, reason: str) -> Place | None:
+        """Drive where the robot has not looked until somebody is seen; at the end, return who is left."""
+        self.machine.go(TourState.SEARCH, reason)
+        area = self._area
+        while True:
+            event = await pause()
+            if isinstance(event, _Drove):
+                area.leave_place()
+            if event is not None:
+                continue
+            new = self._ranked([place for place in self._new() if place.faces or self._is_likely(place)])
+            if at_once := [place for place in new if place.faces or (place.is_seen and not place.looks)]:
+                return at_once[0]
+            robot = self._robot_xy_m
+            if not area.look(robot) or not area.needs_place:
+                continue
+            area.choose(robot, self._heading_rad)
+            if area.place is None:
+                return new[0] if new else None
+            # It stays the same on the way: each new goal restarts navigation.
+            self._heading_rad = math.atan2(area.place[1] - robot[1], area.place[0] - robot[0])
 
-    def _approach(self, place: Place) -> None:
-        self._candidate = _Candidate(place)
-        self._area.place = None
-        self.machine.go(TourState.APPROACH, f"has not met person {place.track}")
+    async def _approach(self, candidate: _Candidate) -> str:
+        """Drive to a person; return why the robot goes no nearer."""
+        self._candidate, self._area.place = candidate, None
+        self.machine.go(TourState.APPROACH, f"has not met person {candidate.place.track}")
+        while not self._is_beside(candidate):
+            event = await pause()
+            if isinstance(event, _Drove):
+                return event.reason
+            if self.machine.is_late:
+                return "that took too long"
+        return "is beside the person"
 
-    def _judge_look(self) -> None:
-        """Give up a person who shows no face."""
-        candidate = self._candidate
-        assert candidate is not None
+    def _is_beside(self, candidate: _Candidate) -> bool:
+        is_sure = self.learns or candidate.place.faces or candidate.place.has_moved
+        near_m = self.settings.beside_m + 0.2 if is_sure else self.settings.check_m
+        return self._away(candidate.place.xy_m)[0] <= near_m
+
+    async def _look(self, candidate: _Candidate, reason: str) -> str:
+        """Look at a face until it is clear whose it is, and note that; return what the robot has seen."""
+        self.machine.go(TourState.LOOK, reason)
+        while self._may_show_face(candidate):
+            event = await pause()
+            if not isinstance(event, SeenFace):
+                continue
+            candidate.faces.append(event.name)
+            named = Counter(filter(None, candidate.faces)).most_common(1)
+            if named and named[0][1] >= self.settings.faces:
+                return self._meet(named[0][0], candidate)
+            if len(candidate.faces) >= self.settings.most_faces:
+                break
+        if candidate.faces:
+            return self._meet("", candidate)
+        self._leave(candidate.place)
+        return "saw no face"
+
+    def _may_show_face(self, candidate: _Candidate) -> bool:
+        """Return whether it is worth while to look on: not for long, nor at a thing, or where nobody is."""
         if candidate.place.is_seen:
-            self._seen_s = self._clock()
+            candidate.seen_s = self._clock()
         looked_s = self.machine.time_in_state_s
-        is_gone = min(looked_s, self._clock() - self._seen_s) >= self.settings.gone_s
-        is_thing = not candidate.place.is_open or is_gone
-        if looked_s < self.settings.look_s and (self.learns or not is_thing):
-            return
-        if self.learns:
-            self._end(False, "sees no face")
-        elif candidate.faces:
-            self._meet("", candidate)
-        else:
-            place = candidate.place
-            place.looks += 1
-            may_be_person = place.has_moved or place.faces > 0
-            place.is_open = place.is_open and may_be_person and place.looks < self.settings.tries
-            self._candidate = None
-            self.machine.go(TourState.SEARCH, "saw no face")
+        is_gone = min(looked_s, self._clock() - candidate.seen_s) >= self.settings.gone_s
+        return looked_s < self.settings.look_s and candidate.place.is_open and not is_gone
 
-    def _meet(self, name: str, candidate: _Candidate) -> None:
-        """Note who this is, and go on."""
-        place = candidate.place
+    def _leave(self, place: Place) -> None:
+        """Note that a place shows no face; the robot comes back only to somebody who may be a person."""
+        self._candidate = None
+        place.looks += 1
+        may_be_person = place.has_moved or place.faces > 0
+        place.is_open = place.is_open and may_be_person and place.looks < self.settings.tries
+
+    def _meet(self, name: str, candidate: _Candidate) -> str:
+        """Note who this is, and where."""
+        place, self._candidate = candidate.place, None
         place.is_open = False
         kept = [index for index, one in enumerate(self.met) if not name or one.name != name]
         self.met = [*(self.met[index] for index in kept), Met(name, place.xy_m, len(candidate.faces))]
         self._places_of_met = [*(self._places_of_met[index] for index in kept), place]
-        self._candidate = None
-        self.machine.go(TourState.SEARCH, f"has met {name or 'somebody unknown'}")
-        if len(self.met) >= (self._wanted or MAX_MET):
-            self._end(True, f"has met {len(self.met)} persons")
+        return f"has met {name or 'somebody unknown'}"
+
+    async def _face(self, candidate: _Candidate, reason: str) -> SeenFace:
+        """Return the next face that the person shows."""
+        self.machine.go(TourState.LOOK, reason)
+        while self.machine.time_in_state_s < self.settings.look_s:
+            if isinstance(event := await pause(), SeenFace):
+                return event
+        raise Failed("sees no face")
+
+    async def _have_learnt(self, face: SeenFace) -> str:
+        """Have a face learnt; return '', or why it was not."""
+        self.to_learn = face
+        self.machine.go(TourState.LEARN, "sees the face")
+        event = None
+        while not isinstance(event, _Taught) and not self.machine.is_late:
+            event = await pause()
+        self.to_learn = None
+        return event.problem if isinstance(event, _Taught) else "that took too long"
 
     def _new(self) -> list[Place]:
         """Return the places at which the robot has to look."""
@@ -419,26 +407,79 @@ class PersonTour:
         x, y = np.asarray(xy_m) - self._pose[:2]
         return math.hypot(x, y), math.remainder(math.atan2(y, x) - float(self._pose[2]), math.tau)
 
+    @property
+    def _robot_xy_m(self) -> tuple[float, float]:
+        assert self._pose is not None
+        return float(self._pose[0]), float(self._pose[1])
+
     def _end(self, is_done: bool, reason: str) -> None:
         self.end = TourEnd(is_done, reason, self._clock() - self._began_s)
         self._candidate = self.to_learn = None
         self.machine.go(TourState.IDLE, reason)
 
+    # -- what happens ----------------------------------------------------------------------------------
+
+    def see_pose(self, pose: ArrayLike) -> None:
+        """Take the robot's pose (x, y, heading), m and rad, map frame."""
+        self._pose = np.asarray(pose, float)
+
+    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: Sequence[float]) -> None:
+        """Take the newest map: see `SeenArea.see_map`."""
+        self._area.see_map(cells, resolution_m, corner_xy_m)
+
+    def see_persons(self, persons: Sequence[PersonReport]) -> None:
+        """Take all legs that are tracked now, those on the map, too."""
+        self._persons = {one.name: one for one in persons}
+        self.places.see(persons)
+        for index, place in enumerate(self._places_of_met):  # who was met may walk on
+            self.met[index] = self.met[index]._replace(xy_m=place.xy_m)
+
+    def see_faces(self, faces: Sequence[SeenFace], eye: Eye) -> None:
+        """Take the faces of a picture.
+
+        Args:
+            faces: all of them.
+            eye: the camera at the picture's time.
+        """
+        place = None if self._candidate is None else self._candidate.place
+        for where, face in self.places.see_faces(faces, eye, place):
+            if where is place:
+                self._work.tell(face)
+
+    def learnt(self) -> None:
+        """Record that the face of `to_learn` is known."""
+        self._work.tell(_Taught(""))
+
+    def not_learnt(self, reason: str) -> None:
+        """Record that the face of `to_learn` could not be learnt; the robot tries another picture."""
+        self._work.tell(_Taught(reason or "no reason was given"))
+
+    def arrived(self) -> None:
+        """Record that the robot has reached its latest goal."""
+        self._work.tell(_Drove("is beside the person"))
+
+    def unreachable(self, reason: str) -> None:
+        """Record that the robot cannot reach its latest goal."""
+        self._work.tell(_Drove(reason))
+
+    def step(self) -> TourOrders:
+        """Decide what the robot does now, and return it."""
+        if self._pose is None:
+            return TourOrders()
+        is_late = not self.learns and self._clock() - self._began_s >= self.settings.tour_s
+        if is_late and self._work.cancel():
+            self._end(True, f"the tour ends after {self.settings.tour_s:g} s")
+        self._work.tell()
+        return self._orders()
+
     def _orders(self) -> TourOrders:
-        assert self._pose is not None
         candidate, place = self._candidate, self._area.place
         if self.state is TourState.SEARCH and place is not None and self._heading_rad is not None:
             return TourOrders(np.array([*place, self._heading_rad]), self._glance())
         if candidate is None:
             return TourOrders()
-        xy_m = candidate.place.xy_m
-        if self.state is TourState.APPROACH:
-            is_sure = self.learns or candidate.place.faces or candidate.place.has_moved
-            if self._away(xy_m)[0] <= (self.settings.beside_m + 0.2 if is_sure else self.settings.check_m):
-                self.machine.go(TourState.LOOK, "is beside the person")
-            else:
-                return TourOrders(self._beside(candidate), xy_m)
-        return TourOrders(None, xy_m)
+        goal = self._beside(candidate) if self.state is TourState.APPROACH else None
+        return TourOrders(goal, candidate.place.xy_m)
 
     def _glance(self) -> tuple[float, float] | None:
         """Return where the camera looks while the robot searches: to the nearest legs."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.base.procedure import Procedure, pause
+from robbie_mp.base.procedure import Failed, Procedure, pause
 from robbie_mp.base.state_machine import StateMachine
 from robbie_robots.workers.manipulation.arm_model import ArmModel
 from robbie_robots.workers.manipulation.collisions import Shape, Surroundings
@@ -58,10 +58,6 @@ class Outcome:
 
     is_done: bool
     text: str
-
-
-class _GivenUp(Exception):
-    """The order cannot be done, and would not be if it was tried again."""
 
 
 class HandWork:
@@ -115,7 +111,7 @@ class HandWork:
         self._way: Trajectory | None = None
         self._way_began_s = 0.0
         self._line: Floats | None = None
-        self._work: Procedure[Outcome] | None = None
+        self._work = Procedure[Outcome]()
 
     # -- what it is told ---------------------------------------------------------------------------------
 
@@ -165,7 +161,7 @@ class HandWork:
         self.task, self.target, self.tries, self.outcome = task, target, 0, None
         self._is_released, self._problem = False, ""
         self.view = None if self.view is None else replace(self.view, stamp_s=-math.inf)
-        self._work = Procedure(self._carry_out(f"{task} {target}"))
+        self._work.begin(self._carry_out(f"{task} {target}"))
 
     # -- the order ---------------------------------------------------------------------------------------
 
@@ -174,7 +170,7 @@ class HandWork:
         while True:
             try:
                 return await self._attempt(reason)
-            except _GivenUp as error:
+            except Failed as error:
                 reason = str(error)
             except ManipulationError as error:
                 reason = str(error)
@@ -220,9 +216,9 @@ class HandWork:
         if self._problem:
             return self.held is not None
         if self.held is None and self._gives_away and not self._is_released:
-            raise _GivenUp("there is nothing in the hand")
+            raise Failed("there is nothing in the hand")
         if self.held is not None and self.task is Task.PICK_UP and self.held.name != self.target:
-            raise _GivenUp(f"the hand holds {self.held.name}")
+            raise Failed(f"the hand holds {self.held.name}")
         return self.held is not None
 
     async def _free(self) -> None:
@@ -252,7 +248,7 @@ class HandWork:
             raise Unreachable("sees no table")
         if not sees_target:
             problem = f"sees no {self.target} on a table"
-            raise _GivenUp(problem) if self.tries else Unreachable(problem)  # it looks twice
+            raise Failed(problem) if self.tries else Unreachable(problem)  # it looks twice
         shape = self.view.named(self.target)
         if self.task is Task.PICK_UP and shape is not None:
             self._choose_grasp(self.view, shape)
@@ -316,7 +312,7 @@ class HandWork:
             if change_nm >= self.settings.pull_nm:
                 return f"somebody pulls with {change_nm:.1f} Nm"
         if held_out_s >= self.settings.offer_s:
-            raise _GivenUp(f"nobody has taken {self.target}")
+            raise Failed(f"nobody has taken {self.target}")
         return ""
 
     async def _let_go(self, reason: str) -> None:
@@ -353,20 +349,20 @@ class HandWork:
         if self._positions is None:
             return None
         if self._clock() - self._heard_s > self.settings.stale_s:
-            if self._work is not None and self.machine.state is not HandState.RECOVER:
-                self._work = Procedure(self._carry_out("the joints are silent"))
+            if self.task is not None and self.machine.state is not HandState.RECOVER:
+                self._work.begin(self._carry_out("the joints are silent"))
             return None
-        if self._work is not None:
-            self._work.tell()
-            if self._work.result is not None:
-                self._end(self._work.result)
+        self._work.tell()
+        if self.task is not None and self._work.result is not None:
+            self._end(self._work.result)
         if self._way is None:
             self._way = self._standing()
         passed_s = self._clock() - self._way_began_s
         return Order(self._way.at(passed_s), self._opening_m)
 
     def _end(self, outcome: Outcome) -> None:
-        self.outcome, self.task, self._work = outcome, None, None
+        self.outcome, self.task = outcome, None
+        self._work.cancel()
         self._enter(HandState.REST, outcome.text)
 
     def _enter(self, state: HandState, reason: str) -> None:
@@ -563,7 +559,7 @@ class HandWork:
             self.view = TableView(-math.inf, table, tuple(objects))
         if memory["task"] is not None:
             self.task = Task(memory["task"])
-            self._work = Procedure(self._carry_out("after a restart"))
+            self._work.begin(self._carry_out("after a restart"))
 
 
 def _plain(shape: Shape) -> dict[str, Any]:

@@ -484,6 +484,7 @@ def test_journal_of_another_version_of_the_program_ends_the_order(robot: Robot) 
     robot.work.remember(kept)
     assert (robot.work.order, robot.work.state) == (None, HouseholdState.IDLE)
     assert "_fly" in robot.work.ends[-1].reason
+    assert not robot.work.cancel("enough")
 
 
 def test_page_shows_the_declared_states() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robbie_mp.base.state_machine import mermaid
+from robbie_mp.bus.checkpoint.image import decode, encode
 from robbie_robots.workers.home.follow import PersonReport
 from robbie_robots.workers.home.person_places import MAX_PLACES, Eye, SeenFace
 from robbie_robots.workers.home.person_tour import (
@@ -38,6 +39,11 @@ class Scene:
         tour = PersonTour(lambda: self.now_s)
         tour.see_map(self.cells, 0.05, (-1.0, -3.0))
         return tour
+
+    def restart(self) -> None:
+        kept = decode(encode(self.tour.memory())).state
+        self.tour = self.started()
+        self.tour.remember(kept)
 
     def run(self, seconds: float) -> TourOrders:
         orders = TourOrders()
@@ -299,9 +305,7 @@ def test_restarted_task_goes_on_with_those_who_were_met(scene: Scene) -> None:
     scene.tour.go_round(2)
     scene.run(0.7)
     assert [one.name for one in scene.tour.met] == ["Anna"]
-    memory = scene.tour.memory()
-    scene.tour = scene.started()
-    scene.tour.remember(memory)
+    scene.restart()
     scene.run(10.0)
     assert [one.name for one in scene.tour.met] == ["Anna", "Ben"]
     assert scene.tour.end is not None and scene.tour.end.is_done
@@ -310,6 +314,41 @@ def test_restarted_task_goes_on_with_those_who_were_met(scene: Scene) -> None:
     again = scene.started()
     again.remember(memory)
     assert (again.state, again.learns) == (TourState.CHOOSE, "Clara")
+
+
+@pytest.mark.parametrize("state", [TourState.SEARCH, TourState.APPROACH, TourState.LOOK])
+def test_round_killed_in_each_state_meets_everybody(state: TourState, scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (3.0, 0.0), "2": (5.0, 1.5)}, {"1": "Anna", "2": "Ben"}
+    scene.tour.go_round(2)
+    for met in (0,) if state is TourState.SEARCH else (0, 1):
+        while scene.tour.state is not state or len(scene.tour.met) != met:
+            scene.run(0.1)
+        scene.restart()
+    scene.run(60.0)
+    assert [one.name for one in scene.tour.met] == ["Anna", "Ben"]
+    assert scene.tour.end is not None and scene.tour.end.is_done
+
+
+@pytest.mark.parametrize("state", [TourState.CHOOSE, TourState.APPROACH, TourState.LOOK, TourState.LEARN])
+def test_lesson_killed_in_each_state_begins_again(state: TourState, scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (2.0, 0.1)}, {"1": ""}
+    scene.tour.learn("Anna")
+    while scene.tour.state is not state:
+        scene.run(0.1)
+    scene.restart()
+    while scene.tour.to_learn is None:
+        scene.run(0.1)
+    scene.tour.learnt()
+    assert scene.tour.end is not None and scene.tour.end.is_done
+
+
+def test_lesson_that_is_never_answered_ends(scene: Scene) -> None:
+    scene.persons, scene.faces = {"1": (1.2, 0.0)}, {"1": ""}
+    scene.tour.learn("Anna")
+    settings = TourSettings()
+    scene.run(settings.teachings * (settings.learn_s + 1.0))
+    assert scene.tour.end is not None
+    assert (scene.tour.end.is_done, scene.tour.end.reason) == (False, "that took too long")
 
 
 def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
