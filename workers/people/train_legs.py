@@ -1,6 +1,6 @@
 """Train the classifier of legs on labelled laser scans, and measure it on recordings that were held back.
 
-    python -m robbie_robots.workers.people.train_legs --data FOLDER [--write workers/people/legs.json] [--json FILE]
+    python -m robbie_robots.workers.people.train_legs --data FOLDER [--write FILE] [--json FILE]
 
 The folder has files NAME.npz: `ranges_mm` (S, B) uint16, `angle_min`, `angle_increment`; recordings of people
 also `leg_xy` (S, K, 2), the middles of legs, NaN where there are fewer. In a recording without `leg_xy` and
