@@ -1,17 +1,16 @@
 """Base of the drivers of bases on a port: expiring commands, the emergency stop, and odometry."""
 
 import math
-import time
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robbie_robots.hw.battery import BatteryReading
 from robbie_robots.hw.connection.clock import RegularClock
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuard
 from robbie_robots.hw.drive import Drive, DriveState, capped_validity_s
@@ -70,11 +69,10 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         limits: faster commands are clamped to these.
         noise: how much the wheels slip.
         period_s: from report to report.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
     """
+
+    SILENCE_S = 0.5
 
     def __init__(
         self,
@@ -84,12 +82,9 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         noise: OdometryNoise | None = None,
         *,
         period_s: float,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 0.5,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        super().__init__(url, bit_rate, **options)
         self.limits = limits
         self.odometer = Odometer(noise)
         self.expired_commands = 0
@@ -98,7 +93,6 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         """How many commands came while it was disconnected, its emergency stop engaged, or its guard lost."""
         self.guards_replaced = 0
         """How many guards were lost, and replaced."""
-        self._clock = clock
         self._stamps = RegularClock(period_s)
         self._gaps = 0
         self._valid_until_s: float | None = None

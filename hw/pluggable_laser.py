@@ -1,13 +1,12 @@
 """Base of the drivers of laser range finders."""
 
 import math
-import time
-from collections.abc import Callable
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceSilent
 from robbie_robots.hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
 
@@ -17,10 +16,8 @@ class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
 
     Args:
         url: the port: see `Port`.
-        clock: returns the time for the stamps, s.
         bit_rate: bit/s at the start, on a serial line.
-        silence_s: the laser counts as lost when it sends no valid sweep for this time.
-        monotonic: see `PluggableDevice`.
+        options: see `DeviceOptions`.
 
     Attributes:
         period_s: time between sweeps; 0 before it is known.
@@ -30,15 +27,11 @@ class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
     def __init__(
         self,
         url: str,
-        clock: Callable[[], float] = time.time,
-        *,
         bit_rate: int = 115_200,
-        silence_s: float = 1.0,
-        monotonic: Callable[[], float] = time.monotonic,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic)
+        super().__init__(url, bit_rate, **options)
         self.period_s = self.time_increment_s = 0.0
-        self._clock = clock
         self._geometry: LaserGeometry | None = None
 
     @property

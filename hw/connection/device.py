@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypedDict, TypeVar
 
 from robbie_robots.hw.connection.errors import DeviceSilent
 from robbie_robots.hw.connection.port import Port
@@ -51,6 +51,22 @@ class Counters:
     skipped_bytes: int = 0
 
 
+class DeviceOptions(TypedDict, total=False):
+    """What every driver takes, and passes on to `PluggableDevice`.
+
+    Attributes:
+        clock: the time for stamps, s.
+        silence_s: the device counts as lost when nothing valid arrives for this time.
+        monotonic: a clock that never leaps, s, for time-outs.
+        open_port: opens the port, for tests.
+    """
+
+    clock: Callable[[], float]
+    silence_s: float
+    monotonic: Callable[[], float]
+    open_port: Callable[[str, int], Port]
+
+
 class PluggableDevice(ABC, Generic[T]):
     """A device on a port that reconnects by itself, with backoff. Call `poll` again and again.
 
@@ -61,25 +77,31 @@ class PluggableDevice(ABC, Generic[T]):
     Args:
         url: the port: see `Port`.
         bit_rate: bit/s at the start, on a serial line.
-        silence_s: the device counts as lost when nothing valid arrives for this time.
-        monotonic: a clock that never leaps, s, for time-outs.
-        open_port: opens the port, for tests.
+        clock: see `DeviceOptions`.
+        silence_s: likewise; None: `SILENCE_S`.
+        monotonic: likewise.
+        open_port: likewise.
     """
+
+    SILENCE_S: ClassVar[float] = 1.0
+    """What `silence_s` is unless it is given."""
 
     def __init__(
         self,
         url: str,
         bit_rate: int = 115_200,
         *,
-        silence_s: float = 1.0,
+        clock: Callable[[], float] = time.time,
+        silence_s: float | None = None,
         monotonic: Callable[[], float] = time.monotonic,
         open_port: Callable[[str, int], Port] = Port,
     ) -> None:
-        self.url, self.bit_rate, self.silence_s = url, bit_rate, silence_s
+        self.url, self.bit_rate = url, bit_rate
+        self.silence_s = self.SILENCE_S if silence_s is None else silence_s
         self.counters = Counters()
         self.reason = "not yet connected"
         """Why it is DISCONNECTED, in plain words; '' while it is CONNECTED."""
-        self._monotonic, self._open_port = monotonic, open_port
+        self._clock, self._monotonic, self._open_port = clock, monotonic, open_port
         self._port: Port | None = None
         self._backoff_s, self._next_attempt_s = MIN_BACKOFF_S, monotonic()
         self._valid_s = self._read_s = 0.0

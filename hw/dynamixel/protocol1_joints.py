@@ -6,10 +6,11 @@ Source: Robotis, e-Manual: AX-12A, RX-28, EX-106+, MX-28 (control tables), and D
 import math
 import struct
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Unpack
 
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuard
@@ -167,16 +168,15 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         bit_rate: bit/s of the line.
         rate_hz: readings each second.
         watchdog_s: the guard switches the torque off when this process is silent for this time.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
 
     Example:
         with closing(Protocol1Joints("/dev/ttyUSB0", [Protocol1Joint("gripper", servo=1)])) as gripper:
             gripper.poll(1.0)
             gripper.command({"gripper": 0.3}, valid_for_s=0.5)
     """
+
+    SILENCE_S = 0.5
 
     def __init__(
         self,
@@ -186,17 +186,14 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         *,
         rate_hz: float = 50.0,
         watchdog_s: float = 0.2,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 0.5,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
         numbers = [joint.servo for joint in servos]
         if not numbers or len(set(numbers)) < len(numbers) or not all(0 <= one <= 253 for one in numbers):
             raise ValueError(f"each joint needs a servo with a number of 0 to 253, not {numbers}")
         if not watchdog_s > 0:
             raise ValueError(f"watchdog_s must be more than 0, not {watchdog_s:g}")
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        super().__init__(url, bit_rate, **options)
         self.expired_commands = 0
         """How many commands have ended because no newer one came in time."""
         self.ignored_commands = 0
@@ -209,7 +206,7 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         """How often servos still had torque after it was switched off."""
         self._servos = tuple(_Servo(joint) for joint in servos)
         self._numbers, self._watchdog_s = numbers, watchdog_s
-        self._clock, self._period_s = clock, 1.0 / rate_hz
+        self._period_s = 1.0 / rate_hz
         self._decoder = FrameDecoder(Protocol1Framing())
         self._next_s = -math.inf
         self._readings: list[JointReading] = []

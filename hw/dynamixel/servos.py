@@ -6,11 +6,11 @@ Source: Robotis, e-Manual of the X series (control table) and Dynamixel Protocol
 import math
 import struct
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.dynamixel import protocol2
@@ -90,16 +90,15 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         bit_rate: bit/s of the line.
         rate_hz: readings each second.
         watchdog_s: a servo stops when the line is silent for this time: 0.02 to 2.54.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
 
     Example:
         with closing(DynamixelJoints("/dev/ttyUSB0", [ServoJoint("gripper", servo=1)])) as gripper:
             gripper.poll(1.0)
             gripper.command({"gripper": 0.3}, valid_for_s=0.5)
     """
+
+    SILENCE_S = 0.5
 
     def __init__(
         self,
@@ -109,10 +108,7 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         *,
         rate_hz: float = 50.0,
         watchdog_s: float = 0.2,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 0.5,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
         numbers = [joint.servo for joint in servos]
         if not numbers or len(set(numbers)) < len(numbers) or not all(0 <= one <= 252 for one in numbers):
@@ -120,14 +116,14 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         units = round(watchdog_s / WATCHDOG_UNIT_S)
         if not 1 <= units <= 127:
             raise ValueError(f"watchdog_s must be 0.02 to 2.54, not {watchdog_s:g}")
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        super().__init__(url, bit_rate, **options)
         self.expired_commands = 0
         """How many commands have ended because no newer one came in time."""
         self.watchdog_stops = 0
         """How often servos were found stopped by their own watchdogs."""
         self._servos = tuple(servos)
         self._numbers, self._watchdog_units = numbers, units
-        self._clock, self._period_s = clock, 1.0 / rate_hz
+        self._period_s = 1.0 / rate_hz
         self._decoder = FrameDecoder(Protocol2Framing())
         self._answered: dict[int, Status] = {}
         self._goals: dict[int, int] = {}

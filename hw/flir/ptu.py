@@ -3,9 +3,10 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Unpack
 
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.flir import ptu_protocol as protocol
@@ -38,10 +39,7 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         url: the port: see `robbie_robots.hw.connection.port.Port`.
         rate_rad_per_s: speed of both joints.
         bit_rate: bit/s.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
 
     Example:
         with closing(FlirPanTilt("/dev/ttyUSB0")) as unit:
@@ -54,18 +52,14 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         url: str,
         rate_rad_per_s: float = 1.0,
         bit_rate: int = BIT_RATE,
-        *,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 1.0,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        super().__init__(url, bit_rate, **options)
         self.limits = PanTiltLimits(rate_rad_per_s=rate_rad_per_s)
         """The limits of the unit, as it has reported them."""
         self.refused = 0
         """How many commands the unit has refused."""
-        self._clock, self._rate_rad_per_s = clock, rate_rad_per_s
+        self._rate_rad_per_s = rate_rad_per_s
         self._decoder = FrameDecoder(PtuFraming())
         self._rad_per_step = dict.fromkeys(QUESTIONS, 1.0)
         # Answers that are still to come, in this order; None: of a command.
@@ -73,7 +67,7 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         self._wanted: tuple[float, float] | None = None
         self._asked_s = self._sent_s = -math.inf
         self._steps: dict[Axis, float] = {}
-        self._last = PanTiltState(clock(), 0.0, 0.0, 0.0, 0.0)
+        self._last = PanTiltState(self._clock(), 0.0, 0.0, 0.0, 0.0)
 
     def look(self, pan_rad: float, tilt_rad: float) -> None:
         """Move towards a direction, with the next `poll`; without a connection nothing happens."""

@@ -1,13 +1,11 @@
 """Receivers of satellite navigation systems on a serial line or USB: any by NMEA 0183, u-blox by UBX."""
 
 import math
-import time
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic
+from typing import Generic, Unpack
 
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import DamagedFrame, Frame, FrameDecoder, Framing
 from robbie_robots.hw.gnss import nmea, ubx
@@ -52,25 +50,19 @@ class Receiver(PluggableDevice[SatellitePosition], Generic[Frame]):
         url: the port: see `robbie_robots.hw.connection.port.Port`.
         bit_rate: bit/s.
         framing: of the receiver's protocol.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
     """
+
+    SILENCE_S = 3.0
 
     def __init__(
         self,
         url: str,
         bit_rate: int,
         framing: Framing[Frame],
-        *,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 3.0,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
-        self._clock = clock
+        super().__init__(url, bit_rate, **options)
         self._decoder = FrameDecoder(framing)
         self._unreadable = 0
         self._heard = False
@@ -113,22 +105,10 @@ class NmeaReceiver(Receiver[nmea.Sentence]):
         self,
         url: str,
         bit_rate: int = NMEA_BIT_RATE,
-        *,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 3.0,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
         framing = nmea.NmeaFraming()
-        super().__init__(
-            url,
-            bit_rate,
-            framing,
-            clock=clock,
-            silence_s=silence_s,
-            monotonic=monotonic,
-            open_port=open_port,
-        )
+        super().__init__(url, bit_rate, framing, **options)
 
     def _position(self, frame: nmea.Sentence, stamp_s: float) -> SatellitePosition | None:
         if frame.kind != "GGA":
@@ -156,10 +136,7 @@ class UbxReceiver(Receiver[ubx.UbxMessage]):
         url: the port: see `robbie_robots.hw.connection.port.Port`.
         bit_rate: bit/s.
         period_s: time between two solutions.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: see `PluggableDevice`.
-        open_port: likewise.
+        options: see `DeviceOptions`.
     """
 
     def __init__(
@@ -167,22 +144,10 @@ class UbxReceiver(Receiver[ubx.UbxMessage]):
         url: str,
         bit_rate: int = UBX_BIT_RATE,
         period_s: float = 0.2,
-        *,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 3.0,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
         framing = ubx.UbxFraming()
-        super().__init__(
-            url,
-            bit_rate,
-            framing,
-            clock=clock,
-            silence_s=silence_s,
-            monotonic=monotonic,
-            open_port=open_port,
-        )
+        super().__init__(url, bit_rate, framing, **options)
         self._period_ms = round(1000 * period_s)
 
     def _start(self, port: Port) -> None:

@@ -2,11 +2,12 @@
 
 import math
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum
+from typing import Unpack
 
 from robbie_robots.hw.connection.clock import DeviceClock
+from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.hokuyo.scip import (
@@ -47,14 +48,13 @@ class HokuyoLaser(PluggableLaser):
 
     Args:
         url: "/dev/ttyACM0", or "socket://192.168.0.10:10940": see `Port`.
-        clock: returns the time for the stamps, s.
-        silence_s: the laser counts as lost when it sends no valid sweep for this time.
         mount: the laser's pose in the robot's frame.
         data: what to measure.
         field_rad: first and last direction, in the laser's frame; None: all that it sees.
         merge: neighbouring steps that the laser merges into one beam, the nearest of their ranges.
         skip: sweeps that the laser skips after each one that it sends, 0 to 9.
         latency_s: the shortest time between the laser's stamp of a sweep and its first byte here.
+        options: see `DeviceOptions`.
 
     Example:
         with closing(HokuyoLaser("/dev/ttyACM0")) as laser:
@@ -64,8 +64,6 @@ class HokuyoLaser(PluggableLaser):
     def __init__(
         self,
         url: str,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 1.0,
         mount: Pose = ORIGIN,
         *,
         data: Data = Data.RANGES,
@@ -73,8 +71,9 @@ class HokuyoLaser(PluggableLaser):
         merge: int = 1,
         skip: int = 0,
         latency_s: float = 0.0,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, clock, bit_rate=BIT_RATE, silence_s=silence_s)
+        super().__init__(url, BIT_RATE, **options)
         if not (1 <= merge <= 99 and 0 <= skip <= 9):
             raise ValueError(f"merge must be 1 to 99 and skip 0 to 9, not {merge} and {skip}")
         self.identity: dict[str, str] = {}

@@ -3,10 +3,11 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from typing import Unpack
 
 from robbie_robots.hw.battery import BatteryReading
 from robbie_robots.hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference
+from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
 from robbie_robots.hw.irobot import open_interface as oi
@@ -45,32 +46,18 @@ class CreateBase(ConnectedBase):
     Args:
         url: the port: see `robbie_robots.hw.connection.port.Port`.
         bit_rate: bit/s; Create 1 and Roomba 400 have 57,600.
-        clock: the time for stamps, s.
-        monotonic: see `PluggableDevice`.
-        open_port: likewise.
+        options: see `DeviceOptions`.
     """
 
     def __init__(
         self,
         url: str,
         bit_rate: int = BIT_RATE,
-        *,
-        clock: Callable[[], float] = time.time,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
         limits = BaseLimits(MAX_WHEEL_M_PER_S, 2 * MAX_WHEEL_M_PER_S / WHEEL_BASE_M)
         noise = OdometryNoise()
-        super().__init__(
-            url,
-            bit_rate,
-            limits,
-            noise,
-            period_s=STREAM_PERIOD_S,
-            clock=clock,
-            monotonic=monotonic,
-            open_port=open_port,
-        )
+        super().__init__(url, bit_rate, limits, noise, period_s=STREAM_PERIOD_S, **options)
         self._decoder = FrameDecoder(oi.StreamFraming(STREAM))
         self._encoders: tuple[int, int] | None = None
         self._is_back = False

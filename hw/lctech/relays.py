@@ -2,9 +2,10 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Unpack
 
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
@@ -32,9 +33,7 @@ class RelayLights(PluggableDevice[RelayAnswer], Lights):
     Args:
         url: the port: see `robbie_robots.hw.connection.port.Port`.
         names: names of the lights, that on relay 1 first.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
 
     Raises:
         ValueError: there are more lights than relays.
@@ -51,14 +50,9 @@ class RelayLights(PluggableDevice[RelayAnswer], Lights):
         self,
         url: str,
         names: Sequence[str],
-        *,
-        silence_s: float = 1.0,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        PluggableDevice.__init__(
-            self, url, BIT_RATE, silence_s=silence_s, monotonic=monotonic, open_port=open_port
-        )
+        PluggableDevice.__init__(self, url, BIT_RATE, **options)
         Lights.__init__(self, names)
         if len(self.names) > protocol.MAX_RELAYS:
             raise ValueError(f"a board has at most {protocol.MAX_RELAYS} relays, not {len(self.names)}")

@@ -4,14 +4,14 @@ Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol.
 """
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robbie_robots.hw.connection.clock import DeviceClock
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
@@ -41,10 +41,7 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
         url: the port: see `robbie_robots.hw.connection.port.Port`.
         rate_hz: samples in each second; the unit divides its own rate by a whole number.
         bit_rate: bit/s.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
 
     Example:
         with closing(MicroStrainImu("/dev/ttyACM0", rate_hz=200)) as imu:
@@ -52,22 +49,19 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
                 print(oriented.sample.turn_rad_per_s)
     """
 
+    SILENCE_S = 0.5
+
     def __init__(
         self,
         url: str,
         rate_hz: int = 100,
         bit_rate: int = BIT_RATE,
-        *,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 0.5,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        super().__init__(url, bit_rate, **options)
         self.rate_hz = rate_hz
         self.fields: tuple[SensorField, ...] = ()
         """What the unit sends."""
-        self._clock = clock
         self._decoder = FrameDecoder(MipFraming())
         self._unreadable = 0
         self._reference_clock = DeviceClock(resolution_s=1e-9)

@@ -1,13 +1,13 @@
 """Pioneer robots (P3-AT, P3-DX, AmigoBot, PeopleBot) on a serial line, or the maker's simulator over TCP."""
 
 import math
-import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Unpack
 
 from robbie_robots.hw.battery import BatteryReading
 from robbie_robots.hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference, nothing_beyond
+from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
@@ -84,9 +84,7 @@ class PioneerBase(ConnectedBase):
         bit_rate: bit/s.
         model: None: the one that the robot names, or a P3-AT.
         stands_within_s: how long after the loss of its line the robot may move; 0: as long as it takes.
-        clock: the time for stamps, s.
-        monotonic: see `PluggableDevice`.
-        open_port: likewise.
+        options: see `DeviceOptions`.
     """
 
     def __init__(
@@ -96,23 +94,12 @@ class PioneerBase(ConnectedBase):
         model: PioneerModel | None = None,
         *,
         stands_within_s: float = STANDS_WITHIN_S,
-        clock: Callable[[], float] = time.time,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
         # A robot that is steered by the speeds of its two sides slips when it turns.
         noise = OdometryNoise(distance=0.001, heading=0.02, heading_for_distance=0.001)
         limits = (model or P3AT).limits
-        super().__init__(
-            url,
-            bit_rate,
-            limits,
-            noise,
-            period_s=REPORT_PERIOD_S,
-            clock=clock,
-            monotonic=monotonic,
-            open_port=open_port,
-        )
+        super().__init__(url, bit_rate, limits, noise, period_s=REPORT_PERIOD_S, **options)
         self.name: p2os.RobotName | None = None
         """The robot's name for itself in the handshake."""
         self.model = model or P3AT

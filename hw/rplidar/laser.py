@@ -2,15 +2,15 @@
 
 import math
 import struct
-import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from enum import StrEnum
+from typing import Unpack
 
 import numpy as np
 
 from robbie_robots.hw.connection.clock import MAX_DRIFT, RegularClock
+from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.laser import LaserGeometry, LaserSweep
@@ -98,37 +98,35 @@ class RpLidar(PluggableLaser):
 
     Args:
         url: "/dev/ttyUSB0": see `Port`.
-        clock: returns the time for the stamps, s.
         bit_rate: bit/s: 115,200 for A1 and A2, 256,000 for A2M12, A3 and S1, 1,000,000 for S2 and S3.
         mode: how to measure: "standard", "typical", "express", "ultra", "dense", "hq", or a name that the
             laser itself has for a mode, such as "Boost" or "Sensitivity".
         beams: sectors of a turn.
         range_max_m: the longest range of the model.
         motor_pwm: speed of the motor, for models with an A2's motor control; None: leave it alone.
-        silence_s: the laser counts as lost when it sends no whole turn for this time.
         mount: the laser's pose in the robot's frame.
-        monotonic: see `PluggableDevice`.
+        options: see `DeviceOptions`.
 
     Attributes:
         identity: model, firmware, hardware and serial number, as the laser told them.
         scan_mode: the mode that runs; None before it is known.
     """
 
+    SILENCE_S = 2.0
+
     def __init__(
         self,
         url: str,
-        clock: Callable[[], float] = time.time,
         *,
         bit_rate: int = 115_200,
         mode: str = Mode.STANDARD,
         beams: int = 720,
         range_max_m: float = 12.0,
         motor_pwm: int | None = 660,
-        silence_s: float = 2.0,
         mount: Pose = ORIGIN,
-        monotonic: Callable[[], float] = time.monotonic,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, clock, bit_rate=bit_rate, silence_s=silence_s, monotonic=monotonic)
+        super().__init__(url, bit_rate, **options)
         self.identity = ""
         self.scan_mode: ScanMode | None = None
         self._mode, self._motor_pwm = mode, motor_pwm

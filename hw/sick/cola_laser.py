@@ -2,11 +2,12 @@
 
 import math
 import time
-from collections.abc import Callable
+from typing import Unpack
 
 import numpy as np
 
 from robbie_robots.hw.connection.clock import DeviceClock
+from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
@@ -41,15 +42,14 @@ class SickColaLaser(PluggableLaser):
 
     Args:
         url: "socket://192.168.0.1:2112": see `Port`. Many lasers speak B at port 2112 and A at port 2111.
-        clock: returns the time for the stamps, s.
         dialect: what the laser speaks at that port.
         intensities: have the laser send intensities, too; this changes its configuration until it is switched
             off. Without, it sends what it is configured to.
         range_max_m: the longest range of the model: 10 to 25 for a TiM, 20 for an LMS1xx, 80 for an LMS5xx.
-        silence_s: the laser counts as lost when it sends no valid scan for this time.
         mount: the laser's pose in the robot's frame.
         latency_s: the shortest time between the transmission of a scan, by the laser's clock, and its
             arrival.
+        options: see `DeviceOptions`.
 
     Attributes:
         device_status: 0 fine, 1 error, 2 pollution warning, 5 pollution error, as of the last scan.
@@ -59,16 +59,15 @@ class SickColaLaser(PluggableLaser):
     def __init__(
         self,
         url: str,
-        clock: Callable[[], float] = time.time,
         *,
         dialect: Dialect = Dialect.B,
         intensities: bool = False,
         range_max_m: float = 25.0,
-        silence_s: float = 1.0,
         mount: Pose = ORIGIN,
         latency_s: float = 0.0,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, clock, silence_s=silence_s)
+        super().__init__(url, **options)
         self.device_status = self.serial_number = 0
         self._dialect, self._intensities = dialect, intensities
         self._range_max_m, self._mount = range_max_m, mount

@@ -2,13 +2,14 @@
 
 import math
 import time
-from collections.abc import Callable
 from contextlib import suppress
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robbie_robots.hw.connection.clock import RegularClock
+from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
@@ -57,7 +58,6 @@ class SickLms2xx(PluggableLaser):
 
     Args:
         url: "/dev/ttyUSB0": see `Port`.
-        clock: returns the time for the stamps, s.
         bit_rate: bit/s of the stream: 9,600, 19,200, 38,400 or 500,000. 38,400 carries half of the scans of
             180 degrees by 0.5; only 500,000 all of them.
         field_deg: 100 or 180.
@@ -65,10 +65,10 @@ class SickLms2xx(PluggableLaser):
         range_bits: 13 in the modes up to 8 m or 80 m, 14 up to 16 m or 160 m, 15 up to 32 m. The mode itself
             is the scanner's configuration, which the driver does not change.
         range_max_m: the longest range of the mode.
-        silence_s: the laser counts as lost when it sends no valid scan for this time.
         mount: the laser's pose in the robot's frame.
         latency_s: the shortest time from the last beam to the telegram's first bit, and from its last bit to
             its arrival. The driver knows the time of the scan and of the transmission.
+        options: see `DeviceOptions`.
 
     Raises:
         ValueError: the scanner has no such bit rate, field or resolution.
@@ -77,18 +77,17 @@ class SickLms2xx(PluggableLaser):
     def __init__(
         self,
         url: str,
-        clock: Callable[[], float] = time.time,
         *,
         bit_rate: int = 38_400,
         field_deg: int = 180,
         resolution_deg: float = 0.5,
         range_bits: int = 13,
         range_max_m: float = 8.0,
-        silence_s: float = 1.0,
         mount: Pose = ORIGIN,
         latency_s: float = 0.0,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, clock, bit_rate=bit_rate, silence_s=silence_s)
+        super().__init__(url, bit_rate, **options)
         self._field_deg, self._step = field_deg, round(100 * resolution_deg)
         if bit_rate not in BIT_RATES:
             raise ValueError(f"the scanner knows {', '.join(map(str, BIT_RATES))} bit/s, not {bit_rate}")

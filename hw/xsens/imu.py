@@ -1,13 +1,11 @@
 """Xsens MTi units on a serial line or USB, newer ones (`MTData2`) and older ones (`MTData`)."""
 
-import time
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
 from robbie_robots.hw.connection.clock import DeviceClock
-from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
@@ -36,27 +34,21 @@ class XsensImu(PluggableDevice[OrientedSample]):
         url: the port: see `robbie_robots.hw.connection.port.Port`.
         rate_hz: samples in each second; older units keep their own rate.
         bit_rate: bit/s.
-        clock: the time for stamps, s.
-        silence_s: see `PluggableDevice`.
-        monotonic: likewise.
-        open_port: likewise.
+        options: see `DeviceOptions`.
     """
+
+    SILENCE_S = 0.5
 
     def __init__(
         self,
         url: str,
         rate_hz: int = 100,
         bit_rate: int = BIT_RATE,
-        *,
-        clock: Callable[[], float] = time.time,
-        silence_s: float = 0.5,
-        monotonic: Callable[[], float] = time.monotonic,
-        open_port: Callable[[str, int], Port] = Port,
+        **options: Unpack[DeviceOptions],
     ) -> None:
-        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        super().__init__(url, bit_rate, **options)
         self.rate_hz = rate_hz
         self.gather_s = gathered_s(rate_hz)
-        self._clock = clock
         self._decoder = FrameDecoder(xbus.XbusFraming())
         self._unreadable = 0
         self._old = xbus.OldData(OLD_MODE, OLD_SETTINGS)

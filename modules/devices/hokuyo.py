@@ -22,10 +22,10 @@ class HokuyoLaserRangeFinder(PluggableLaserModule):
         """Return the driver."""
         return HokuyoLaser(
             self.url,
-            self.time_s,
-            self.silence_s,
             data=self.data,
             merge=self.merge,
             skip=self.skip,
             latency_s=self.latency_s,
+            clock=self.time_s,
+            silence_s=self.silence_s,
         )

@@ -22,10 +22,10 @@ class RpLidarRangeFinder(PluggableLaserModule):
         """Return the driver."""
         return RpLidar(
             self.url,
-            self.time_s,
             bit_rate=self.bit_rate,
             mode=self.mode,
             beams=self.beams,
             range_max_m=self.range_max_m,
+            clock=self.time_s,
             silence_s=self.silence_s,
         )

@@ -23,10 +23,10 @@ class SickColaRangeFinder(PluggableLaserModule):
         """Return the driver."""
         return SickColaLaser(
             self.url,
-            self.time_s,
             dialect=self.dialect,
             intensities=self.intensities,
             range_max_m=self.range_max_m,
-            silence_s=self.silence_s,
             latency_s=self.latency_s,
+            clock=self.time_s,
+            silence_s=self.silence_s,
         )

@@ -21,12 +21,12 @@ class SickLms2xxRangeFinder(PluggableLaserModule):
         """Return the driver."""
         return SickLms2xx(
             self.url,
-            self.time_s,
             bit_rate=self.bit_rate,
             field_deg=self.field_deg,
             resolution_deg=self.resolution_deg,
             range_bits=self.range_bits,
             range_max_m=self.range_max_m,
-            silence_s=self.silence_s,
             latency_s=self.latency_s,
+            clock=self.time_s,
+            silence_s=self.silence_s,
         )

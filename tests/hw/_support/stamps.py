@@ -99,7 +99,7 @@ def _hokuyo(model: LaserModel) -> Driver:
         lambda measured, clock: EmulatedHokuyo(
             model, lambda measured_s: np.full(beams, measured.next_range_m(measured_s)), clock
         ),
-        lambda clock: HokuyoLaser("simulated", clock, latency_s=model.latency_s),
+        lambda clock: HokuyoLaser("simulated", clock=clock, latency_s=model.latency_s),
     )
 
 
@@ -108,7 +108,7 @@ def _cola(model: ScannerModel, dialect: Dialect) -> Driver:
         lambda measured, clock: EmulatedSickScanner(
             lambda number: np.full(model.beams, measured.range_m(number)), model, dialect is Dialect.A, clock
         ),
-        lambda clock: SickColaLaser("simulated", clock, dialect=dialect),
+        lambda clock: SickColaLaser("simulated", clock=clock, dialect=dialect),
     )
 
 
@@ -123,7 +123,7 @@ def _lms2xx(bit_rate: int, field_deg: int, resolution_deg: float) -> Driver:
     return Driver(
         emulated,
         lambda clock: SickLms2xx(
-            "simulated", clock, bit_rate=bit_rate, field_deg=field_deg, resolution_deg=resolution_deg
+            "simulated", clock=clock, bit_rate=bit_rate, field_deg=field_deg, resolution_deg=resolution_deg
         ),
     )
 
@@ -143,7 +143,7 @@ def _rplidar(model: RpLidarModel, mode: str) -> Driver:
 
     return Driver(
         emulated,
-        lambda clock: RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode, monotonic=clock),
+        lambda clock: RpLidar("simulated", clock=clock, bit_rate=model.bit_rate, mode=mode, monotonic=clock),
     )
 
 

@@ -50,7 +50,7 @@ def connected(model: RpLidarModel, mode: str) -> tuple[EmulatedRpLidar, SteppedL
     clock = SimulatedTime()
     device = EmulatedRpLidar(room, model, EmulatedClock(monotonic=clock))
     line = SteppedLine(device, clock)
-    laser = RpLidar("simulated", clock, bit_rate=model.bit_rate, mode=mode, beams=360, monotonic=clock)
+    laser = RpLidar("simulated", clock=clock, bit_rate=model.bit_rate, mode=mode, beams=360, monotonic=clock)
     laser._open_port = line.opened
     return device, line, laser
 

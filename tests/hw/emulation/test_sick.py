@@ -86,7 +86,7 @@ def test_driver_reads_what_an_lms2xx_measures(field_deg: int, resolution_deg: fl
     clock = SimulatedTime()
     laser: PluggableLaser = SickLms2xx(
         "simulated",
-        clock,
+        clock=clock,
         bit_rate=bit_rate,
         field_deg=field_deg,
         resolution_deg=resolution_deg,
@@ -108,7 +108,7 @@ def test_driver_reads_what_an_lms1xx_measures(dialect: Dialect, intensities: boo
         lambda _: wall(0, angles), LMS_111, dialect is Dialect.A, EmulatedClock(monotonic=clock)
     )
     laser: PluggableLaser = SickColaLaser(
-        "simulated", clock, dialect=dialect, intensities=intensities, silence_s=LIMIT_S
+        "simulated", clock=clock, dialect=dialect, intensities=intensities, silence_s=LIMIT_S
     )
     _, laser = connected(device, laser, clock)
     with closing(laser):

@@ -39,7 +39,7 @@ def device() -> Iterator[FakeHokuyo]:
 
 def opened(device: FakeHokuyo, data: Data = Data.RANGES, merge: int = 1) -> HokuyoLaser:
     """With a time-out that no test waits for, however busy the machine."""
-    return HokuyoLaser(device.port, lambda: 12.5, silence_s=60.0, data=data, merge=merge)
+    return HokuyoLaser(device.port, clock=lambda: 12.5, silence_s=60.0, data=data, merge=merge)
 
 
 def refusal(device: FakeHokuyo) -> str:

@@ -92,7 +92,7 @@ def test_damaged_capsule_gives_no_samples_and_the_next_ones_do() -> None:
 
 
 def test_turn_becomes_a_sweep_that_counts_counter_clockwise() -> None:
-    driver = RpLidar("/no/such/port", lambda: 100.0, beams=36)
+    driver = RpLidar("/no/such/port", clock=lambda: 100.0, beams=36)
     (sweep,) = driver._take(b"".join(turn() + turn()))
     # 90 degrees clockwise of ahead is the right side: a quarter of the beams from the back.
     assert sweep.ranges_m[9] == pytest.approx(1.009)
@@ -102,7 +102,7 @@ def test_turn_becomes_a_sweep_that_counts_counter_clockwise() -> None:
 
 
 def test_sector_has_its_nearest_range_and_none_where_nothing_returned() -> None:
-    driver = RpLidar("/no/such/port", lambda: 100.0, beams=36)
+    driver = RpLidar("/no/such/port", clock=lambda: 100.0, beams=36)
     told = [node(0, 0, 0, True), node(10, 3000), node(11, 2000), node(12, 0), node(0, 0, 0, True), node(1, 0)]
     # So few bytes wait for others, or for a moment without any.
     assert driver._take(b"".join(told)) == []
@@ -112,7 +112,7 @@ def test_sector_has_its_nearest_range_and_none_where_nothing_returned() -> None:
 
 
 def test_turn_that_lost_a_sample_is_left_out() -> None:
-    driver = RpLidar("/no/such/port", lambda: 100.0, beams=36)
+    driver = RpLidar("/no/such/port", clock=lambda: 100.0, beams=36)
     cut = b"".join(turn())[:-2]
     sweeps = driver._take(cut) + driver._take(b"".join(turn(distance_mm=2000) * 3))
     assert all(math.isclose(float(sweep.ranges_m[18]), 2.0, rel_tol=1e-6) for sweep in sweeps)
@@ -138,7 +138,7 @@ def same(one: Samples, other: Samples) -> bool:
 @given(st.binary(max_size=500))
 def test_no_bytes_raise_an_error(data: bytes) -> None:
     for reader in READERS.values():
-        driver = RpLidar("/no/such/port", lambda: 100.0)
+        driver = RpLidar("/no/such/port", clock=lambda: 100.0)
         driver._use(reader(), 1e-4, 0.01)
         driver._take(data)
         driver._take(capsule(0, [5] * 32) + data + capsule(0, [5] * 32))
@@ -161,7 +161,7 @@ def test_laser_is_asked_who_it_is_and_started(express: bool) -> None:
         }.get(written[1], b"")
 
     port = ScriptedPort(answer)
-    driver = RpLidar("scripted", lambda: 100.0, mode="express" if express else "standard")
+    driver = RpLidar("scripted", clock=lambda: 100.0, mode="express" if express else "standard")
     driver._open_port = port.opened
     assert len(driver.poll()) == (0 if express else 1)
     assert driver.is_connected and driver.identity.startswith("model 0x18, firmware 1.1d, hardware 7, 000102")
@@ -182,7 +182,7 @@ def test_broken_laser_is_reset_and_told() -> None:
         }.get(written[1], b"")
 
     port = ScriptedPort(answer)
-    driver = RpLidar("scripted", lambda: 100.0)
+    driver = RpLidar("scripted", clock=lambda: 100.0)
     driver._open_port = port.opened
     assert driver.poll() == []
     assert driver.reason == "the laser reports the error 0x8001"

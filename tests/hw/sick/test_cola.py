@@ -41,7 +41,7 @@ def binary(values: list[int], start_us: int = 0xB3A805E3, counter: int = 1) -> b
 
 
 def laser(dialect: Dialect) -> SickColaLaser:
-    return SickColaLaser("socket://nowhere", lambda: 9.0, dialect=dialect)
+    return SickColaLaser("socket://nowhere", clock=lambda: 9.0, dialect=dialect)
 
 
 def test_answer_of_a_real_laser_has_the_right_frame_and_checksum() -> None:
@@ -188,7 +188,7 @@ def test_laser_is_configured_and_its_stream_started(dialect: Dialect) -> None:
         frames = [told, scan] if name == b"LMDscandata" else [told]
         return b"".join(b"\x02" + one + b"\x03" if dialect is Dialect.A else framed(one) for one in frames)
 
-    driver = SickColaLaser("scripted", lambda: 9.0, dialect=dialect, intensities=True)
+    driver = SickColaLaser("scripted", clock=lambda: 9.0, dialect=dialect, intensities=True)
     port = ScriptedPort(answer)
     driver._open_port = port.opened
     assert len(driver.poll()) == 1
@@ -198,7 +198,7 @@ def test_laser_is_configured_and_its_stream_started(dialect: Dialect) -> None:
 
 
 def test_error_of_a_laser_is_told() -> None:
-    driver = SickColaLaser("scripted", lambda: 9.0, dialect=Dialect.A)
+    driver = SickColaLaser("scripted", clock=lambda: 9.0, dialect=Dialect.A)
     driver._open_port = ScriptedPort(lambda written, _: b"\x02sFA 8\x03").opened
     assert driver.poll() == []
     assert driver.reason == "the laser answers sEN LMDscandata with the error b'8'"

@@ -87,7 +87,7 @@ def test_scan_shorter_than_it_says_is_damaged() -> None:
 
 
 def driven(field_deg: int, resolution_deg: float) -> SickLms2xx:
-    return SickLms2xx("/no/such/port", lambda: 5.0, field_deg=field_deg, resolution_deg=resolution_deg)
+    return SickLms2xx("/no/such/port", clock=lambda: 5.0, field_deg=field_deg, resolution_deg=resolution_deg)
 
 
 def test_codes_and_far_values_are_no_return() -> None:
@@ -150,7 +150,7 @@ def test_scanner_is_found_at_its_bit_rate_and_switched_to_the_wanted_one() -> No
         return b"\x06" + reply(0xA0, b"\x00") + scans
 
     port = ScriptedPort(answer)
-    laser = SickLms2xx("scripted", lambda: 5.0, bit_rate=500_000)
+    laser = SickLms2xx("scripted", clock=lambda: 5.0, bit_rate=500_000)
     laser._open_port = port.opened
     assert [float(sweep.ranges_m[0]) for sweep in laser.poll()] == [5.0, 5.0]
     assert port.bit_rate == scanner_rate[0] == 500_000
@@ -162,7 +162,7 @@ def test_scanner_that_refuses_a_field_is_told() -> None:
     def answer(written: bytes, _: int) -> bytes:
         return reply(0xBB, b"\x00" + written[5:9]) if written[4] == 0x3B else reply(0xA0, b"\x00")
 
-    laser = SickLms2xx("scripted", lambda: 5.0)
+    laser = SickLms2xx("scripted", clock=lambda: 5.0)
     laser._open_port = ScriptedPort(answer).opened
     assert laser.poll() == []
     assert "the scanner refuses 180 degrees by 0.5" in laser.reason

@@ -136,7 +136,7 @@ class LaserSweeps:
 
 
 def _hokuyo() -> LaserSweeps:
-    laser = HokuyoLaser("nowhere", lambda: 0.0)
+    laser = HokuyoLaser("nowhere", clock=lambda: 0.0)
     told = {"DMIN": 20, "DMAX": 5600, "ARES": 1024, "AMIN": 44, "AMAX": 725, "AFRT": 384, "SCAN": 600}
     laser._set_geometry({name: str(value) for name, value in told.items()})
     laser._request = "MD0044072501000"
@@ -174,7 +174,7 @@ class RpLidarTurns:
     """The driver of an RPLidar that is connected to nothing and has started one of its streams."""
 
     def __init__(self, reader: type[streams.StreamReader]) -> None:
-        self._laser = RpLidar("nowhere", lambda: 0.0)
+        self._laser = RpLidar("nowhere", clock=lambda: 0.0)
         self._reader = reader()
         # So few samples a second that no frame waits for others.
         self._laser._use(self._reader, 1.0, 0.01)
@@ -266,11 +266,11 @@ SUBJECTS = {
     "rplidar-ultra": Subject(lambda: RpLidarTurns(streams.UltraReader), lambda random: _capsule(random, 128)),
     "rplidar-hq": Subject(lambda: RpLidarTurns(streams.HqReader), _hq_capsule),
     "hokuyo": Subject(_hokuyo, _scip_sweep),
-    "lms2xx": Subject(lambda: LaserSweeps(SickLms2xx("nowhere", lambda: 0.0)), _lms2xx_scan),
+    "lms2xx": Subject(lambda: LaserSweeps(SickLms2xx("nowhere", clock=lambda: 0.0)), _lms2xx_scan),
     "cola-a": Subject(
-        lambda: LaserSweeps(SickColaLaser("nowhere", lambda: 0.0, dialect=Dialect.A)), _cola_text
+        lambda: LaserSweeps(SickColaLaser("nowhere", clock=lambda: 0.0, dialect=Dialect.A)), _cola_text
     ),
-    "cola-b": Subject(lambda: LaserSweeps(SickColaLaser("nowhere", lambda: 0.0)), _cola_scan),
+    "cola-b": Subject(lambda: LaserSweeps(SickColaLaser("nowhere", clock=lambda: 0.0)), _cola_scan),
     "irobot": Subject(_framed(lambda: open_interface.StreamFraming(STREAM)), _create_frame),
     "p2os": Subject(_framed(p2os.P2osFraming, _p2os_contents), _p2os_packet),
     "xsens": Subject(_framed(xbus.XbusFraming, xbus.data2), _mtdata2),
