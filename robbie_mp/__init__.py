@@ -11,6 +11,11 @@ if TYPE_CHECKING:
     from robbie_mp.attached.tool.script import AttachedRun as AttachedRun
     from robbie_mp.attached.tool.script import attach as attach
     from robbie_mp.base.errors import RobbieError as RobbieError
+    from robbie_mp.base.procedure import Failed as Failed
+    from robbie_mp.base.procedure import Journal as Journal
+    from robbie_mp.base.procedure import Procedure as Procedure
+    from robbie_mp.base.procedure import WrongJournal as WrongJournal
+    from robbie_mp.base.procedure import pause as pause
     from robbie_mp.base.state_machine import IllegalTransition as IllegalTransition
     from robbie_mp.base.state_machine import StateMachine as StateMachine
     from robbie_mp.base.state_machine import TimeOut as TimeOut
@@ -87,6 +92,7 @@ _HOMES = {
     "robbie_mp.module.module": ("Module",),
     "robbie_mp.module.secret": ("Secret",),
     "robbie_mp.module.settings": ("REQUIRED", "SettingError", "setting"),
+    "robbie_mp.base.procedure": ("Failed", "Journal", "Procedure", "WrongJournal", "pause"),
     "robbie_mp.base.state_machine": ("IllegalTransition", "StateMachine", "TimeOut"),
     "robbie_mp.module.stamp_matcher": ("MatchCounts",),
     "robbie_mp.module.synchronizer": ("CannotSynchronize", "Input", "Synchronizer"),

@@ -18,9 +18,11 @@ from robbie_mp import (
     Module,
     SettingError,
     Time,
+    replace,
     setting,
 )
 from robbie_mp.messages import ControlState, JointCommand, JointState
+from robbie_mp.messages.calls import goal_types
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_robots.modules.manipulation.messages import (
     HandOver,
@@ -50,6 +52,12 @@ PutDownGoal = ActiveGoal[PutDown, PutDownFeedback, PutDownResult]
 HandOverGoal = ActiveGoal[HandOver, HandOverFeedback, HandOverResult]
 StowArmGoal = ActiveGoal[StowArm, StowArmFeedback, StowArmResult]
 AnyGoal = PickUpGoal | PutDownGoal | HandOverGoal | StowArmGoal
+GOALS: dict[Task, Any] = {
+    Task.PICK_UP: PickUp,
+    Task.PUT_DOWN: PutDown,
+    Task.HAND_OVER: HandOver,
+    Task.STOW: StowArm,
+}
 
 
 class Manipulation(Module):
@@ -115,15 +123,8 @@ class Manipulation(Module):
     def _restore(self, kept: dict[str, Any]) -> None:
         self.released, self.accepted_s, self.holds = kept["released"], kept["accepted_s"], kept["holds"]
         self.holds |= self.checkpoint_lost  # until AUTO is told
-        goal = kept["goal"]
-        if goal is not None and kept["task"] == Task.PICK_UP:
-            self.active = self.resume_goal(PickUp, goal)
-        elif goal is not None and kept["task"] == Task.PUT_DOWN:
-            self.active = self.resume_goal(PutDown, goal)
-        elif goal is not None and kept["task"] == Task.STOW:
-            self.active = self.resume_goal(StowArm, goal)
-        elif goal is not None:
-            self.active = self.resume_goal(HandOver, goal)
+        if kept["goal"] is not None:
+            self.active = self.resume_goal(GOALS[Task(kept["task"])], kept["goal"])
         self.work.remember(kept["work"])
 
     def on_joints(self, state: JointState) -> None:
@@ -255,15 +256,11 @@ class Manipulation(Module):
         self._keep()
         if not outcome.is_done:
             active.abort(outcome.text)
-        elif isinstance(active.goal, PutDown):
-            active.succeed(PutDownResult(duration_s=duration_s))
-        elif isinstance(active.goal, HandOver):
-            active.succeed(HandOverResult(duration_s=duration_s))
-        elif isinstance(active.goal, StowArm):
-            active.succeed(StowArmResult(duration_s=duration_s))
-        else:
-            width_m = 2 * self.work.half_opening_m
-            active.succeed(PickUpResult(duration_s=duration_s, width_m=width_m, tries=self.work.tries))
+            return
+        result = goal_types(type(active.goal))[1](duration_s=duration_s)
+        if isinstance(result, PickUpResult):
+            result = replace(result, width_m=2 * self.work.half_opening_m, tries=self.work.tries)
+        active.succeed(result)
 
     def _feed_back(self, active: AnyGoal) -> None:
         state, reason = self.work.machine.state.name, self.work.machine.reason
@@ -271,14 +268,7 @@ class Manipulation(Module):
             return
         self.fed_back = f"{state} {reason}"
         self.log.info("%s (%s)", state, reason)
-        if isinstance(active.goal, PutDown):
-            active.feedback(PutDownFeedback(state=state, reason=reason))
-        elif isinstance(active.goal, HandOver):
-            active.feedback(HandOverFeedback(state=state, reason=reason))
-        elif isinstance(active.goal, StowArm):
-            active.feedback(StowArmFeedback(state=state, reason=reason))
-        else:
-            active.feedback(PickUpFeedback(state=state, reason=reason))
+        active.feedback(goal_types(type(active.goal))[0](state=state, reason=reason))
 
     def _tell(self) -> None:
         """Publish what the arm does and holds, if that has changed."""

@@ -11,10 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp import Header, ModuleHarness, SettingError, Time
+from robbie_mp import GoalAborted, Header, ModuleHarness, SettingError, Time
 from robbie_mp.base.state_machine import IllegalTransition, mermaid
 from robbie_mp.logs.message_logger import MessageLogger
-from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, OccupancyGrid, TwistStamped
+from robbie_mp.messages import (
+    DriveCommand,
+    Image,
+    LaserScan,
+    ModuleState,
+    NavigateTo,
+    NavigationResult,
+    OccupancyGrid,
+    TwistStamped,
+)
 from robbie_mp.run.profile.load import load_profile
 from tests.docs._support.pages import block
 
@@ -92,6 +101,22 @@ def test_task_with_a_state_machine_ends_by_a_scan_or_by_its_time_out() -> None:
     assert "APPROACH --> GAVE_UP: after 30 s" in picture
     with pytest.raises(IllegalTransition):
         lost.module.machine.go(docking.DOCKED, "too late")
+
+
+def test_procedure_drives_from_place_to_place_and_a_restarted_one_to_the_place_it_drove_to() -> None:
+    patrol = run("procedure")["Patrol"]
+    with ModuleHarness(patrol) as harness:
+        harness.advance(0.2)
+        harness.end_goal(harness.take(NavigateTo)[0], NavigationResult())
+        harness.advance(0.2)
+        assert [goal.place for goal in harness.take(NavigateTo)] == ["desk"]
+        with ModuleHarness(patrol, restored=harness.checkpoint) as again:
+            again.advance(0.2)
+            (goal,) = again.take(NavigateTo)
+            assert goal.place == "desk"
+            again.end_goal(goal, GoalAborted("there is no way"))
+            again.advance(0.4)
+            assert [goal.place for goal in again.take(NavigateTo)] == ["door"]
 
 
 def test_encoded_messages() -> None:
