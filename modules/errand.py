@@ -74,7 +74,7 @@ class Errand:
         is_new = what != self.wanted
         if not is_new and (self._is_open or self._now_s() - self._sent_s < self._repeat_s):
             return
-        self.wanted, self._is_open, self._sent_s = what, True, self._now_s()
+        self.wanted, self._goal, self._is_open, self._sent_s = what, None, True, self._now_s()
         self._number += 1
         on_end = partial(self._on_end, self._number, done, failed)
         if isinstance(asked, Goal):

@@ -360,7 +360,10 @@ class Household(Module):
         self.has_taught = isinstance(error, CallRefused)
 
     def _follow(self) -> None:
-        """Have the module that follows begin, or end, what this one or another has ordered."""
+        """Have the module that follows begin, or end, what this one or another has ordered.
+
+        If the order ends before it has begun to follow, its reply still counts: then it is told to stop.
+        """
         is_to_follow = self.work.state is HouseholdState.FOLLOW
         if is_to_follow and not self.follows:
             order = FollowOrder(order="follow")
@@ -368,8 +371,6 @@ class Household(Module):
         elif not is_to_follow and (self.follows or self._is_led_away):
             order = FollowOrder(order="stop")
             self.follow_errand.want("stop following", order, self._on_follows_nobody, self._on_follows_nobody)
-        else:
-            self.follow_errand.drop("not wanted any more")
 
     @property
     def _is_led_away(self) -> bool:

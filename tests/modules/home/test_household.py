@@ -316,6 +316,18 @@ def test_robot_follows_by_the_module_that_follows_until_that_ends(robot: Robot) 
     assert robot.harness.take(NavigateTo)[-1].pose.pose.position.x == pytest.approx(2.0)
 
 
+def test_robot_that_begins_to_follow_when_the_order_has_ended_is_told_to_stop(robot: Robot) -> None:
+    robot.begin()
+    robot.harness.send_goal(CarryOut(text="follow me"), client="person")
+    robot.wait(0.4)
+    (request,) = robot.harness.take(FollowOrder)
+    robot.harness.call(CancelOrder())
+    robot.wait(0.4)
+    robot.harness.reply(request, FollowOrderTaken(changed=True, state="CHOOSE"))
+    robot.wait(0.4)
+    assert [request.order for request in robot.harness.take(FollowOrder)] == ["stop"]
+
+
 def test_robot_stops_following_before_it_drives_elsewhere(robot: Robot) -> None:
     robot.begin()
     robot.harness.send(Following(state="FOLLOW"))
