@@ -93,7 +93,7 @@ def context_of(station: StationModule) -> StationContext:
     scene = SceneGraphListener(station, hears_time_jumps=False)
     station.hear(TimeJump, lambda _jump: scene.forget())
     places = PlacesWatch(station)
-    operators = Operators(RobotCommand(station, lambda request, topic: station.publish(request, topic=topic)))
+    operators = Operators(RobotCommand(station, station.publish))
     motion = Motion(station, scene, operators.pages, station.robot_size_m)
     robot = RobotView(scene, motion, Cameras(station), LightsWatch(station))
     return StationContext(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from robbie_mp.connect.link.operators import REQUEST_TOPIC, driver_text
@@ -10,6 +9,7 @@ from robbie_mp.messages import LinkState, OperatorRequest, OperatorState
 
 if TYPE_CHECKING:
     from robbie_mp.messages import uint8
+    from robbie_mp.station.module import Publish
     from robbie_mp.station.watch.latest import MessageSource
 
 
@@ -18,10 +18,10 @@ class RobotCommand:
 
     Args:
         source: receives what the link says.
-        publish: publishes a request on a topic, from any thread.
+        publish: sends requests to the robot.
     """
 
-    def __init__(self, source: MessageSource, publish: Callable[[OperatorRequest, str], bool]):
+    def __init__(self, source: MessageSource, publish: Publish):
         self._publish = publish
         self._state = source.newest(OperatorState)
         self._link = source.newest(LinkState)
@@ -76,4 +76,4 @@ class RobotCommand:
 
     def ask(self, wish: uint8) -> None:
         """Send a wish, a constant of `OperatorRequest`, to the robot. Any thread may."""
-        self._publish(OperatorRequest(wish=wish), REQUEST_TOPIC)
+        self._publish(OperatorRequest(wish=wish), topic=REQUEST_TOPIC)
