@@ -20,7 +20,7 @@ from robbie_mp.messages import (
     TransformStamped,
 )
 from robbie_robots.hw.simulation.drive import SimulatedDrive
-from robbie_robots.modules.devices import commanded_base
+from robbie_robots.modules.devices import command_age, commanded_base
 from robbie_robots.modules.devices.base import SimulatedBase
 from robbie_robots.modules.devices.command_age import AT_ONCE_S
 from tests._support.commands import fresh, waits
@@ -113,7 +113,7 @@ def test_new_commands_on_old_measurements_do_not_keep_the_robot_going(base: Base
 def test_base_that_is_held_up_after_it_has_judged_a_command_does_not_drive_on(
     base: Base, monkeypatch: pytest.MonkeyPatch, held_up: str
 ) -> None:
-    drive, judge = base.module.drive, commanded_base.left_s
+    drive, judge = base.module.drive, command_age.left_s
     commands: list[float] = []
 
     def judged(*arguments: Any) -> float:
