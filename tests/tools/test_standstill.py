@@ -27,7 +27,7 @@ def motion(moving: Sequence[tuple[float, float]], end_s: float = 2.0) -> NDArray
 
 
 def judged(rows: NDArray[np.float64], fresh_s: float = math.inf, until_s: float = 2.0) -> TrueMotion:
-    return judge(rows, FAILED_S, FAILED_S + fresh_s, FAILED_S + until_s)
+    return judge(rows, FAILED_S, FAILED_S + fresh_s, FAILED_S + until_s, LIMIT_S)
 
 
 def test_robot_that_stops_in_time_keeps_the_limit() -> None:
@@ -53,6 +53,13 @@ def test_robot_that_never_stops_drives_blind() -> None:
 def test_pause_that_does_not_last_is_no_stand() -> None:
     found = judged(motion([(0.0, 0.2), (0.3, 0.8)]))
     assert found.stands_s == pytest.approx(0.8, abs=1.1 * PERIOD_S)
+
+
+def test_robot_that_stands_and_moves_again_within_the_limit_counts_from_when_it_stands_at_last() -> None:
+    rows = motion([(0.1, 0.3)])
+    rows[rows[:, 0] < FAILED_S + 0.1, 1] = 0.0
+    assert judged(rows).stands_s == pytest.approx(0.3, abs=1.1 * PERIOD_S)
+    assert judged(rows).keeps(LIMIT_S)
 
 
 def test_first_stand_counts_although_the_robot_goes_on() -> None:

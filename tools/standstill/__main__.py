@@ -53,7 +53,7 @@ TROUBLES = (NotDriving, RobotTrouble, NoTestNetwork, RobbieError, OSError, subpr
 HOOK = Path(__file__).parent / "hook"
 
 
-def measure(scene: TrialRobot, way: DrivingWay, failure: Failure) -> TrueMotion:
+def measure(scene: TrialRobot, way: DrivingWay, failure: Failure, limit_s: float) -> TrueMotion:
     """Let something fail while the robot drives."""
     scene.wait_until_it_drives()
     output = scene.output_of(failure.role) if failure.role else None
@@ -76,7 +76,7 @@ def measure(scene: TrialRobot, way: DrivingWay, failure: Failure) -> TrueMotion:
     if output:
         fresh_s = output.first_after(scene.done_s + IN_FLIGHT_S)
         output.close()
-    return judge(scene.motion(), failed_s, fresh_s if fresh_s < until_s else math.inf, until_s)
+    return judge(scene.motion(), failed_s, fresh_s if fresh_s < until_s else math.inf, until_s, limit_s)
 
 
 def measure_way(name: str, failures: Mapping[str, Failure], limit_s: float) -> Iterator[Cell]:
@@ -89,7 +89,7 @@ def measure_way(name: str, failures: Mapping[str, Failure], limit_s: float) -> I
             try:
                 with _started(way, left[0][1]) as scene:
                     while left:
-                        motion = measure(scene, way, left[0][1])
+                        motion = measure(scene, way, left[0][1], limit_s)
                         failure_name, failure = left.pop(0)
                         tried += 1
                         yield Cell(name, failure_name, motion, "", os.getloadavg()[0], limit_s)

@@ -1,6 +1,6 @@
 """Programs with which an operator drives; each commands until it is ended.
 
-python -m tools.standstill.hands attached RUN | foxglove LINK
+python -m tools.standstill.hands attached RUN | back RUN | foxglove LINK
 """
 
 import json
@@ -24,12 +24,12 @@ VALID_FOR_S = 0.17
 """As on the operator's page."""
 
 
-def command(now_ns: int) -> DriveCommand:
+def command(now_ns: int, linear_m_per_s: float = LINEAR_M_PER_S) -> DriveCommand:
     """Return the operator's command."""
     now = Time.from_nanoseconds(now_ns)
     return DriveCommand(
         header=Header(stamp=now),
-        linear_m_per_s=LINEAR_M_PER_S,
+        linear_m_per_s=linear_m_per_s,
         angular_rad_per_s=ANGULAR_RAD_PER_S,
         valid_for=Duration.from_seconds(VALID_FOR_S),
         based_on=now,
@@ -46,12 +46,17 @@ class StandstillHand(Module):
         self.publish(command(self.clock.now_ns()), topic="manual")
 
 
-def drive_attached(run_id: str) -> None:
+def drive_attached(run_id: str, linear_m_per_s: float = LINEAR_M_PER_S) -> None:
     """Command a run on this machine."""
     with robbie_mp.attach(run_id) as run:
         while True:
-            run.publish(command(time.time_ns()), topic="manual")
+            run.publish(command(time.time_ns(), linear_m_per_s), topic="manual")
             time.sleep(PERIOD_S)
+
+
+def back_up_attached(run_id: str) -> None:
+    """Have a run on this machine drive backwards."""
+    drive_attached(run_id, -LINEAR_M_PER_S)
 
 
 def drive_by_foxglove(link: str) -> None:
@@ -77,4 +82,5 @@ if __name__ == "__main__":
     if "--help" in sys.argv:
         print(f"usage: {__doc__}")
     else:
-        {"attached": drive_attached, "foxglove": drive_by_foxglove}[sys.argv[1]](sys.argv[2])
+        programs = {"attached": drive_attached, "back": back_up_attached, "foxglove": drive_by_foxglove}
+        programs[sys.argv[1]](sys.argv[2])

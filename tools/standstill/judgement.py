@@ -40,7 +40,9 @@ class TrueMotion:
         return min(self.stands_s, self.fresh_s) <= limit_s and self.resumed_s >= self.fresh_s - SLACK_S
 
 
-def judge(rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: float) -> TrueMotion:
+def judge(
+    rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: float, limit_s: float
+) -> TrueMotion:
     """Judge a robot's motion.
 
     Args:
@@ -48,6 +50,7 @@ def judge(rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: f
         failed_s: time of the failure.
         fresh_s: when what had failed gave something new again; infinite: never.
         until_s: the end of what is judged.
+        limit_s: within which it must stand, after the failure: until then, it may stand and move again.
     """
     before = rows[rows[:, 0] <= failed_s][-1:]
     seen = np.concatenate([before, rows[(rows[:, 0] > failed_s) & (rows[:, 0] <= until_s)]])
@@ -56,7 +59,7 @@ def judge(rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: f
         return TrueMotion(math.nan, math.nan, fresh_s - failed_s, math.nan, math.nan, speed)
     at_s = seen[:, 0] - failed_s
     moves = (np.abs(seen[:, 1]) > STANDS_M_PER_S) | (np.abs(seen[:, 2]) > STANDS_RAD_PER_S)
-    stands_s, resumed_s = _first_stand(at_s, moves, until_s - failed_s)
+    stands_s, resumed_s = _first_stand(at_s, moves, until_s - failed_s, limit_s)
     return TrueMotion(
         stands_s=stands_s,
         resumed_s=resumed_s,
@@ -67,13 +70,16 @@ def judge(rows: NDArray[np.float64], failed_s: float, fresh_s: float, until_s: f
     )
 
 
-def _first_stand(at_s: NDArray[np.float64], moves: NDArray[np.bool_], end_s: float) -> tuple[float, float]:
-    """Return when a robot first stood for `LASTS_S`, and when it moved after that."""
+def _first_stand(
+    at_s: NDArray[np.float64], moves: NDArray[np.bool_], end_s: float, limit_s: float
+) -> tuple[float, float]:
+    """Return when a robot first stood for `LASTS_S`, and beyond the limit, and when it moved after that."""
     began = math.inf
     for time_s, is_moving in zip([*at_s, end_s], [*moves, False], strict=True):
         if time_s - began >= LASTS_S:
-            later = at_s[(at_s >= time_s) & moves]
-            return max(0.0, began), float(later[0]) if len(later) else math.inf
+            later = float(min(at_s[(at_s >= time_s) & moves], default=math.inf))
+            if later > limit_s:
+                return max(0.0, began), later
         began = math.inf if is_moving else min(began, float(time_s))
     return math.inf, math.inf
 

@@ -209,7 +209,7 @@ class TrialRobot:
         while time.monotonic() < until_s and self.robot.is_up:
             now_s = time.monotonic()
             last = [row for row in self.truth.rows[-40:] if now_s - row[0] < STEADY_S]
-            if len(last) >= 4 and all(row[1] > DRIVES_M_PER_S for row in last):
+            if len(last) >= 4 and all(abs(row[1]) > DRIVES_M_PER_S for row in last):
                 return
             if now_s > urge_s:
                 self.urge()

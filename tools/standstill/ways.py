@@ -155,16 +155,19 @@ def by_hand(folder: Path) -> Iterator[TrialRobot]:
     """An operator's program on the robot's machine."""
     with ExitStack() as stack:
         scene = scene_of(stack, start(stack, folder, driven(folder, {})))
-        hand(
-            stack,
-            scene,
-            "hand",
-            sys.executable,
-            "-m",
-            "tools.standstill.hands",
-            "attached",
-            scene.robot.run_id,
-        )
+        hand(stack, scene, "hand", *HANDS, "attached", scene.robot.run_id)
+        yield scene
+
+
+@contextmanager
+def backwards(folder: Path) -> Iterator[TrialRobot]:
+    """An operator's program on the household robot backs up, in the hall."""
+    with ExitStack() as stack:
+        (folder / "hall.yaml").write_text(HALL)
+        arena = {"settings": {"arena": str(folder / "hall.yaml")}}
+        modules = {**LIGHT, **dict.fromkeys(("base", "laser", "rear_laser", "arm"), arena)}
+        scene = scene_of(stack, start(stack, folder, {"parents": ["home"], "modules": modules}))
+        hand(stack, scene, "hand", *HANDS, "back", scene.robot.run_id)
         yield scene
 
 
@@ -305,6 +308,7 @@ WAYS = {
         by_itself({"parents": ["home"], "modules": {**LIGHT}}, (5.875, 0.275)),
         ("laser", *DRIVER),  # without the rear laser, it only does not back up
     ),
+    "household, back": DrivingWay(backwards, ("rear_laser",), "hand"),
     "link": DrivingWay(
         over_link,
         ("laptop's pilot", "laptop's link", "laptop's core", "laptop", "link", "laser", "core"),
