@@ -308,7 +308,7 @@ WAYS = {
         by_itself({"parents": ["home"], "modules": {**LIGHT}}, (5.875, 0.275)),
         ("laser", *DRIVER),  # without the rear laser, it only does not back up
     ),
-    "household, back": DrivingWay(backwards, ("rear_laser",), "hand"),
+    "household, back": DrivingWay(backwards, ("hand", "rear_laser"), "hand"),
     "link": DrivingWay(
         over_link,
         ("laptop's pilot", "laptop's link", "laptop's core", "laptop", "link", "laser", "core"),
