@@ -13,11 +13,11 @@ from robbie_mp.module import outbox, pins
 HEADER = Path(__file__).parents[1] / "robbie_mp" / "bus" / "_hot" / "layout.h"
 WHOLE = (layout, records, words)
 SINGLE = {
-    tables: ("ROW_OPEN", "ROW_CLOSED"),
+    tables: ("ROW_OPEN", "ROW_CLOSED", "Outcome"),
     allocator: ("BLOCK_ALIGNMENT",),
     blocks: ("LEAD_BYTES",),
     histogram: ("SUM_NS", "MAX_NS", "BUCKETS", "UNIT_BITS", "PARTS_BITS", "MAX_TIME_NS"),
-    ledger: ("Outcome", "NO_RECORD"),
+    ledger: ("NO_RECORD",),
     router: ("RECORDS_PER_TURN", "IN_FLIGHT_SHARE"),
     directory: ("MAX_INTERVAL_US",),
     outbox: ("MAX_IN_FLIGHT", "MAX_READY_BLOCK_BYTES"),

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from robbie_mp.bus.observe import ModuleFigures, RunObserver, RunRates, RunReading, rates_between
+from robbie_mp.bus.observe import TOTALS, ModuleFigures, RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.bus.transport.words import WORD_MAX
 from robbie_mp.messages import ChannelProfile, ModuleProfile, SystemProfile, Time
 from robbie_mp.module.module import Module, setting
@@ -76,10 +76,7 @@ def _module(module: ModuleFigures, now_ns: int, rates: RunRates) -> ModuleProfil
         waiting_peak=module.waiting_peak,
         waiting_limit=module.queue_messages,
         outbound_waiting=module.outbound_waiting,
-        overflowed=module.total("overflowed"),
-        left=module.total("left"),
-        replaced=module.total("replaced"),
-        lost=module.total("lost"),
+        **{total.name: module.total(total.name) for total in TOTALS},
         refused=min(module.refused, WORD_MAX),  # a sum of words that a stray pointer may have overwritten
         pinned=module.pinned,
         pinned_bytes=module.pinned_bytes,

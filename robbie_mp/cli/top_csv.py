@@ -9,11 +9,10 @@ from typing import IO
 from robbie_mp.attached.views.run_figures import state_name
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.utc import time_text
-from robbie_mp.bus.observe import ModuleFigures, ModuleRates, RunObserver, RunReading, rates_between
+from robbie_mp.bus.observe import TOTALS, ModuleFigures, ModuleRates, RunObserver, RunReading, rates_between
 from robbie_mp.cli.output import PlainStream
 from robbie_mp.run.run_directory import KnownRun, is_live
 
-TOTALS = ("replaced", "overflowed", "left", "lost")
 FIGURES = (
     "pid", "incarnation", "restarts", "rss_bytes", "shared_bytes", "threads", "published", "handled",
     "refused", "waiting", "waiting_peak", "outbound_waiting", "pinned", "pinned_bytes", "copied",
@@ -25,7 +24,8 @@ TIMES = (
     ("handler", "max_s"), ("lateness", "p99_s"), ("tick", "p99_s"),
 )  # fmt: skip
 COLUMNS = (
-    "time", "module", "state", *FIGURES, *TOTALS, *RATES, *(f"{kind}_{part}" for kind, part in TIMES),
+    "time", "module", "state", *FIGURES, *(total.name for total in TOTALS), *RATES,
+    *(f"{kind}_{part}" for kind, part in TIMES),
 )  # fmt: skip
 
 
@@ -80,7 +80,7 @@ def _row(now: RunReading, module: ModuleFigures, rates: ModuleRates) -> list[obj
         module.name,
         state_name(module),
         *(getattr(module, name) for name in FIGURES),
-        *(module.total(name) for name in TOTALS),
+        *(module.total(total.name) for total in TOTALS),
         *(f"{getattr(rates, name):.6g}" for name in RATES),
         *(_time(getattr(getattr(rates, kind), part)) for kind, part in TIMES),
     ]

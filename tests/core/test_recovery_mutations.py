@@ -7,13 +7,13 @@ import pytest
 
 from robbie_mp.bus.core.declarations import Declarations
 from robbie_mp.bus.core.directory import Channel, Subscription
-from robbie_mp.bus.core.ledger import Ledger, Outcome
+from robbie_mp.bus.core.ledger import Ledger
 from robbie_mp.bus.core.members import Link, Slot
 from robbie_mp.bus.core.queues import LockstepQueues, Queues
 from robbie_mp.bus.core.router import Router
 from robbie_mp.bus.core.takeover import Takeover
 from robbie_mp.bus.transport import layout
-from robbie_mp.bus.transport.tables import SubscriptionRow
+from robbie_mp.bus.transport.tables import Outcome, SubscriptionRow
 from tests.core.test_crash_points import (
     LATCHED_SETTINGS,
     SCENARIOS,

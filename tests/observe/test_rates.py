@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from robbie_mp import MessageHandling
+from robbie_mp.bus.observe import TOTALS
 from robbie_mp.bus.observe.channels import ChannelCounters
+from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.tables import COLUMNS, Outcome
 from robbie_mp.cli.rates import Rates
+from robbie_mp.messages import ModuleProfile
+from robbie_mp.messages.message import fields_of
 from tests.core._support.simulated_run import TYPE, SimulatedRun, connected
 
 
@@ -28,3 +33,9 @@ def test_jitter_of_30_us_is_measured_whatever_the_period(period_s: float) -> Non
     rates = Rates.between("", before, after, 1.0)
     assert rates.interval_mean_s == pytest.approx(np.diff(stamps_ns).mean() / 1e9)
     assert rates.interval_deviation_s == pytest.approx(np.diff(stamps_ns).std() / 1e9, abs=1e-6)
+
+
+def test_counters_of_a_subscription_are_one_list() -> None:
+    assert COLUMNS[1:] == tuple(outcome.name.lower() for outcome in Outcome if outcome > Outcome.HELD)
+    assert len(COLUMNS) == layout.SUBSCRIPTION_COUNTERS
+    assert {total.name for total in TOTALS} <= {field.name for field in fields_of(ModuleProfile)}

@@ -47,7 +47,14 @@ E 11 talker 2 1 1 23 25 .
 L 11 1 26 .
 """
 BOOKS = SubscriptionFigures(
-    Numbered.type_name, "talker", "ALWAYS_DELIVER", routed=5, delivered=3, replaced=0, dropped=1, lost=1
+    5,
+    delivered=3,
+    replaced=0,
+    dropped=1,
+    lost=1,
+    type_name=Numbered.type_name,
+    topic="talker",
+    handling="ALWAYS_DELIVER",
 )
 
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import psutil
 
+from robbie_mp.bus.transport.tables import COLUMNS
 from tools.kill_campaign.__main__ import as_text
 from tools.kill_campaign.attack import CORE
 from tools.kill_campaign.campaign import Plan, run_campaign
@@ -72,7 +73,7 @@ class Watch:
         for name, module in figures.items():
             if module.pid:
                 self._sample(name, module.pid)
-            for column in ("routed", "delivered", "replaced", "dropped", "lost"):
+            for column in COLUMNS:
                 self.note_counter(name, column, module.total(column))
             self.note_counter(name, "restarts", module.restarts)
 

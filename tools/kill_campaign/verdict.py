@@ -24,6 +24,7 @@ from pathlib import Path
 
 from robbie_mp import MessageHandling
 from robbie_mp.bus.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
+from robbie_mp.bus.transport.tables import COLUMNS
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.records import Handled, ModuleRecord, read_handled, read_published
 
@@ -153,6 +154,6 @@ def causes(modules: Mapping[str, ModuleFigures]) -> dict[str, int]:
     """Return the outcome of all routed messages, over all subscriptions."""
     found: Counter[str] = Counter()
     for module in modules.values():
-        for column in ("routed", "delivered", "replaced", "dropped", "lost"):
+        for column in COLUMNS:
             found[column] += module.total(column)
     return dict(found)

@@ -9,7 +9,15 @@ from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.attached.views.quantities import long_time, rate, seconds, size
 from robbie_mp.attached.views.run_figures import STYLES, health_line, renamed_topics, state_name
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.bus.observe import ChannelRates, ModuleFigures, ModuleRates, RunRates, RunReading
+from robbie_mp.bus.observe import (
+    TOTALS,
+    ChannelRates,
+    ModuleFigures,
+    ModuleRates,
+    RunRates,
+    RunReading,
+    Total,
+)
 from robbie_mp.bus.observe.talk import Talk, talk_of
 from robbie_mp.bus.transport.layout import HotPath
 
@@ -174,6 +182,11 @@ def _uptime_s(row: ModuleRow) -> float:
     return (row.now_ns - row.figures.started_ns) / 1e9 if row.figures.pid else 0.0
 
 
+def _total(total: Total) -> ModuleColumn:
+    return _of(total.short, lambda module: module.total(total.name), alarm=bool(total.problem))
+
+
+_TOTALS = {total.name: _total(total) for total in TOTALS}
 MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     ModuleColumn(
         "module",
@@ -192,7 +205,7 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     _rate("in/s", "in_hz"),
     _rate("out/s", "out_hz"),
     ModuleColumn("queue", _queue, lambda row: row.figures.waiting),
-    _of("drop", lambda module: module.total("overflowed"), alarm=True),
+    _TOTALS.pop("overflowed"),
     _time("lat p99", "latency", "p99_s"),
     _time("hnd p99", "handler", "p99_s"),
     _of("rst", lambda module: module.restarts, alarm=True),
@@ -205,9 +218,7 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     _of("missed", lambda module: module.ticks_missed, alarm=True),
     _of("peak", lambda module: module.waiting_peak),
     ModuleColumn("outq", _outbound, lambda row: row.figures.outbound_waiting),
-    _of("repl", lambda module: module.total("replaced")),
-    _of("lost", lambda module: module.total("lost"), alarm=True),
-    _of("left", lambda module: module.total("left")),
+    *_TOTALS.values(),
     _of("refused", lambda module: module.refused, alarm=True),
     _of("pinned", lambda module: module.pinned),
     _bytes("pin mem", lambda module: module.pinned_bytes),

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields
+from functools import partial
 from typing import Any
 
 from rich.text import Text
@@ -11,13 +12,16 @@ from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.base.utc import time_text
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import (
+    TOTALS,
     ChannelRates,
     ModuleFigures,
     RunRates,
     RunReading,
+    Total,
     WorkHistograms,
 )
 from robbie_mp.bus.observe.talk import Talk, talk_of
+from robbie_mp.bus.transport.tables import COLUMNS
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.run.supervisor import states
 from robbie_mp.run.supervisor.states import ChildState
@@ -74,16 +78,18 @@ def _alarming(count: int) -> Text:
     return Text(str(count), "bold red" if count else "")
 
 
+def _total(total: Total, module: ModuleFigures) -> Text:
+    count = module.total(total.name)
+    return _alarming(count) if total.problem else Text(str(count))
+
+
 FIGURES: dict[str, Callable[[ModuleFigures], Text]] = {
     "cpu s": lambda module: Text(f"{module.cpu_s:.1f}"),
     "restarts": lambda module: _alarming(module.restarts),
     "in": lambda module: Text(str(module.handled)),
     "out": lambda module: Text(str(module.published)),
     "waiting": lambda module: Text(str(module.waiting)),
-    "replaced": lambda module: Text(str(module.total("replaced"))),
-    "dropped": lambda module: _alarming(module.total("overflowed")),
-    "left": lambda module: Text(str(module.total("left"))),
-    "lost": lambda module: _alarming(module.total("lost")),
+    **{total.heading: partial(_total, total) for total in TOTALS},
     "refused": lambda module: _alarming(module.refused),
 }
 LEFT_OUT = ("left", "waiting", "replaced", "refused", "cpu s", "lost", "out", "in", "dropped", "restarts")
@@ -112,7 +118,7 @@ def as_data(module: ModuleFigures, now_ns: int | None = None) -> dict[str, Any]:
         "state": state,
         "uptime_s": (now_ns - module.started_ns) / 1e9 if running else 0.0,
         "busy_s": (now_ns - module.busy_since_ns) / 1e9 if module.busy_since_ns else 0.0,
-        **{column: module.total(column) for column in ("replaced", "dropped", "left", "lost")},
+        **{column: module.total(column) for column in (*COLUMNS, "left")},
         "times": {kind: asdict(getattr(work, kind).distribution()) for kind in TIMES} if work else None,
         "subscriptions": [{**asdict(entry), "waiting": entry.waiting} for entry in module.subscriptions],
         "publishes": [

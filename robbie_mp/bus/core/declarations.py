@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 
 from robbie_mp.bus.core.directory import Directory, Subscription
-from robbie_mp.bus.core.ledger import Ledger, Outcome
+from robbie_mp.bus.core.ledger import Ledger
 from robbie_mp.bus.core.members import Link, Slot, name_of
 from robbie_mp.bus.core.queues import Queues
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.bus.transport.ring import Record
+from robbie_mp.bus.transport.tables import Outcome
 from robbie_mp.bus.transport.words import Words
 
 

@@ -8,12 +8,13 @@ crash of the core; `ledger` says why.
 from collections.abc import Container, Iterable, Sequence
 
 from robbie_mp.bus.core.directory import Channel, Subscription
-from robbie_mp.bus.core.ledger import Handle, Ledger, Outcome
+from robbie_mp.bus.core.ledger import Handle, Ledger
 from robbie_mp.bus.core.members import Link, Members, ProtocolViolation, Slot
 from robbie_mp.bus.core.queues import Queues
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import block_bytes
 from robbie_mp.bus.transport.ring import Record
+from robbie_mp.bus.transport.tables import Outcome
 from robbie_mp.bus.transport.words import WORD_MAX, Words, row_reader, row_writer
 
 # Looked up once, not for every message: each look-up costs as much as what is done with it.

@@ -8,28 +8,15 @@ the step has not happened.
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, MutableSequence, Sequence
-from enum import IntEnum
 from itertools import compress
 from typing import NamedTuple
 
 from robbie_mp.bus.core.directory import Subscription
 from robbie_mp.bus.transport import layout
-from robbie_mp.bus.transport.tables import CoreTables
+from robbie_mp.bus.transport.tables import CoreTables, Outcome
 from robbie_mp.bus.transport.words import WORD_BYTES, WORD_MAX, row_writer
 
 NO_RECORD = WORD_MAX
-
-
-class Outcome(IntEnum):
-    """State of a reference: `state | nth << 8`, if it is the subscription's n-th reference in that state."""
-
-    FREE = 0
-    HELD = 1
-    DELIVERED = 2
-    REPLACED = 3
-    DROPPED = 4
-    LOST = 5
-
 
 # Looked up once, not for every message.
 _FREE, _HELD, _DELIVERED = int(Outcome.FREE), int(Outcome.HELD), int(Outcome.DELIVERED)

@@ -7,10 +7,11 @@ see `robbie_mp.module.lockstep`.
 from collections.abc import Callable, Container, Sequence, Set
 
 from robbie_mp.bus.core.directory import Subscription
-from robbie_mp.bus.core.ledger import Handle, Ledger, Outcome
+from robbie_mp.bus.core.ledger import Handle, Ledger
 from robbie_mp.bus.core.members import Link, Slot
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import CHANNEL_SHIFT, DECLARATION_SHIFT, Inbound
+from robbie_mp.bus.transport.tables import Outcome
 from robbie_mp.bus.transport.words import WORD_BYTES, Words, row_writer
 
 # Looked up once, not for every message.

@@ -11,7 +11,7 @@ from robbie_mp.bus.core.books import Books
 from robbie_mp.bus.core.declarations import Declarations
 from robbie_mp.bus.core.directory import Directory
 from robbie_mp.bus.core.flow import FreedBlocks, MessageFlow, RoomMaker
-from robbie_mp.bus.core.ledger import Ledger, Outcome
+from robbie_mp.bus.core.ledger import Ledger
 from robbie_mp.bus.core.members import (
     MODULE_ERRORS,
     SUPERVISOR_SLOT,
@@ -28,7 +28,7 @@ from robbie_mp.bus.core.takeover import Takeover
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import Inbound, Outbound
 from robbie_mp.bus.transport.ring import Record
-from robbie_mp.bus.transport.tables import CoreTables
+from robbie_mp.bus.transport.tables import CoreTables, Outcome
 from robbie_mp.bus.transport.words import WORD_MAX, new_fence
 
 # Looked up once, not for every message: each look-up costs as much as what is done with it.

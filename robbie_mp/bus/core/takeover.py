@@ -21,12 +21,12 @@ from collections.abc import Mapping, Sequence
 from robbie_mp.bus.core.declarations import Declarations
 from robbie_mp.bus.core.directory import Channel, Directory, Subscription
 from robbie_mp.bus.core.flow import FreedBlocks, MessageFlow
-from robbie_mp.bus.core.ledger import Ledger, Outcome
+from robbie_mp.bus.core.ledger import Ledger
 from robbie_mp.bus.core.members import MODULE_ERRORS, Link, Members, Slot, checked
 from robbie_mp.bus.core.queues import Queues
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import MessageHandling, Outbound
-from robbie_mp.bus.transport.tables import DeclarationRow
+from robbie_mp.bus.transport.tables import DeclarationRow, Outcome
 from robbie_mp.bus.transport.words import Words, row_reader, row_writer
 
 MAX_UNANNOUNCED = 8

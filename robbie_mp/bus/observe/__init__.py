@@ -4,17 +4,20 @@ Observing costs the robot nothing, and works while the core is down.
 """
 
 from robbie_mp.bus.observe.figures import (
+    TOTALS,
     ChannelFigures,
     CoreFigures,
     ModuleFigures,
     RunReading,
     SubscriptionFigures,
+    Total,
     WorkHistograms,
 )
 from robbie_mp.bus.observe.rates import ChannelRates, ModuleRates, RunRates, rates_between
 from robbie_mp.bus.observe.run_observer import RunObserver
 
 __all__ = [
+    "TOTALS",
     "ChannelFigures",
     "ChannelRates",
     "CoreFigures",
@@ -24,6 +27,7 @@ __all__ = [
     "RunRates",
     "RunReading",
     "SubscriptionFigures",
+    "Total",
     "WorkHistograms",
     "rates_between",
 ]

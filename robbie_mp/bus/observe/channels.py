@@ -88,7 +88,7 @@ def messages_missed(words: Words, slot: int) -> int:
         words: the core segment.
         slot: the slot of the module.
     """
-    return sum(counts.dropped + counts.lost for counts in _counts(words, slot))
+    return sum(counts.missed for counts in _counts(words, slot))
 
 
 def messages_waiting(words: Words, slot: int) -> int:

@@ -2,27 +2,24 @@
 
 import os
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import psutil
 
 from robbie_mp.bus.observe.connections import Unconnected
 from robbie_mp.bus.transport.histogram import Histogram
+from robbie_mp.bus.transport.tables import SubscriptionCounts
 
 SHARED_MEMORY = "/dev/shm"
 
 
 @dataclass(frozen=True)
-class SubscriptionFigures:
-    """The counters of one subscription: routed = delivered + replaced + dropped + lost + waiting."""
+class SubscriptionFigures(SubscriptionCounts):
+    """One subscription and its counters."""
 
     type_name: str
     topic: str
     handling: str
-    routed: int
-    delivered: int
-    replaced: int
-    dropped: int
-    lost: int
     left: int = 0
     """Those of `dropped` that were waiting when the module was stopped."""
     version: int = 0
@@ -43,14 +40,29 @@ class SubscriptionFigures:
     """The greatest age then."""
 
     @property
-    def waiting(self) -> int:
-        """Messages that wait or are being handled."""
-        return self.routed - self.delivered - self.replaced - self.dropped - self.lost
-
-    @property
     def overflowed(self) -> int:
         """Messages dropped because the queue was full: a problem that you should fix."""
         return self.dropped - self.left
+
+
+class Total(NamedTuple):
+    """A sum over the subscriptions of a module, as all tools show it."""
+
+    name: str
+    """The attribute of `SubscriptionFigures`."""
+    heading: str
+    short: str
+    """A short heading."""
+    problem: str = ""
+    """What it means if it rises; '' if that is no problem."""
+
+
+TOTALS = (
+    Total("replaced", "replaced", "repl"),
+    Total("overflowed", "dropped", "drop", "its queue overflowed"),
+    Total("left", "left", "left"),
+    Total("lost", "lost", "lost", "messages were lost in a crash"),
+)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,11 @@
 
 from contextlib import closing
 
-from robbie_mp.bus.core.ledger import Outcome
 from robbie_mp.bus.observe.unhandled import STATE_BITS, rows_at
 from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
-from robbie_mp.bus.transport.tables import ROW_OPEN, ChannelName, CoreTables
+from robbie_mp.bus.transport.tables import ROW_OPEN, ChannelName, CoreTables, Outcome
 
 
 def latched_bytes(run_id: str) -> dict[ChannelName, int]:

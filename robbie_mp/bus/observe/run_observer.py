@@ -5,7 +5,7 @@ import re
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -214,10 +214,10 @@ class RunObserver:
         for row in self._tables.subscriptions():
             name, counts, slot = row.name, row.counts, row.slot
             figures = SubscriptionFigures(
-                name.type_name,
-                name.topic,
-                row.handling.name,
-                *counts,
+                **asdict(counts),
+                type_name=name.type_name,
+                topic=name.topic,
+                handling=row.handling.name,
                 left=row.left_waiting(counts.dropped),
                 version=name.version,
                 is_open=row.state == ROW_OPEN,

@@ -3,12 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.bus.core.ledger import Outcome
 from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.board import Board
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
-from robbie_mp.bus.transport.tables import CoreTables
+from robbie_mp.bus.transport.tables import CoreTables, Outcome
 from robbie_mp.bus.transport.words import new_fence
 
 _SLOT_BITS = 0xFFFF

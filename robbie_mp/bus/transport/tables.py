@@ -9,7 +9,8 @@ issues one after it has loaded the word and before it loads the rest of the row.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from enum import IntEnum
 from fnmatch import fnmatchcase
 from typing import NamedTuple, Self
 
@@ -111,8 +112,20 @@ class ChannelRow:
         return self._words[self._at + layout.CHANNEL_INTERVALS_SQUARED]
 
 
-class SubscriptionCounts(NamedTuple):
-    """Messages of one subscription: those routed to it, and what became of them."""
+class Outcome(IntEnum):
+    """State of a reference: `state | nth << 8`, if it is the subscription's n-th reference in that state."""
+
+    FREE = 0
+    HELD = 1
+    DELIVERED = 2
+    REPLACED = 3
+    DROPPED = 4
+    LOST = 5
+
+
+@dataclass(frozen=True)
+class SubscriptionCounts:
+    """Messages of one subscription: those routed to it, and what became of them, as in `Outcome`."""
 
     routed: int
     delivered: int
@@ -123,7 +136,17 @@ class SubscriptionCounts(NamedTuple):
     @property
     def waiting(self) -> int:
         """Messages that wait in a queue, or that the module has and has not handled yet."""
-        return self.routed - self.delivered - self.replaced - self.dropped - self.lost
+        ended: int = sum(getattr(self, column) for column in COLUMNS[1:])
+        return self.routed - ended
+
+    @property
+    def missed(self) -> int:
+        """Messages that the module will never get, because its queue was full or a process of it died."""
+        return self.dropped + self.lost
+
+
+COLUMNS = tuple(field.name for field in fields(SubscriptionCounts))
+"""The counters of a subscription in their order in its row."""
 
 
 class SubscriptionRow:
@@ -148,7 +171,7 @@ class SubscriptionRow:
         words[at + layout.SUBSCRIPTION_HANDLING] = handling
         words[at + layout.SUBSCRIPTION_VERSION] = name.version
         if is_reused:
-            for column in range(len(SubscriptionCounts._fields)):
+            for column in range(layout.SUBSCRIPTION_COUNTERS):
                 words[at + layout.SUBSCRIPTION_ROUTED + column] = 0
             words[at + layout.SUBSCRIPTION_LEFT] = 0
             self.forget_deaths()
@@ -184,7 +207,7 @@ class SubscriptionRow:
     def counts(self) -> SubscriptionCounts:
         """Its counters; routed first, so that a message on its way seems to be waiting."""
         words, at = self._words, self._at + layout.SUBSCRIPTION_ROUTED
-        return SubscriptionCounts(words[at], words[at + 1], words[at + 2], words[at + 3], words[at + 4])
+        return SubscriptionCounts(*[words[at + column] for column in range(layout.SUBSCRIPTION_COUNTERS)])
 
     def left_waiting(self, dropped: int) -> int:
         """Return how many of the dropped messages were waiting when the module stopped.
@@ -261,7 +284,7 @@ def left_waiting(word: int, dropped: int) -> int:
 
     Args:
         word: SUBSCRIPTION_LEFT.
-        dropped: SUBSCRIPTION_DROPPED.
+        dropped: `SubscriptionCounts.dropped`.
     """
     return max(0, dropped - (word >> 1)) if word & 1 else word >> 1
 

@@ -19,7 +19,7 @@ from robbie_mp.attached.views.quantities import long_time, rate, seconds, size, 
 from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_name
 from robbie_mp.base.utc import time_of_day
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.bus.observe import ModuleFigures
+from robbie_mp.bus.observe import TOTALS, ModuleFigures, Total
 from robbie_mp.cli.top_program.feed import History, Snapshot
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.reader import crash_reports, last_entries
@@ -130,17 +130,20 @@ def _times(row: ModuleRow) -> Iterable[RenderableType]:
         yield table
 
 
+def _counted(count: int, total: Total) -> Text:
+    return Text(str(count), ALARM if count and total.problem else "")
+
+
 def _books(module: ModuleFigures) -> Iterable[RenderableType]:
     if module.subscriptions:
         table = _table(
-            "subscribes to", "routed", "deliv.", "repl.", "dropped", "left", "lost", "waiting", "handling",
+            "subscribes to", "routed", "deliv.", *(total.heading for total in TOTALS), "waiting", "handling",
         )  # fmt: skip
         for entry in module.subscriptions:
             table.add_row(
                 f"{entry.type_name} {entry.topic}",
-                str(entry.routed), str(entry.delivered), str(entry.replaced),
-                Text(str(entry.overflowed), ALARM if entry.overflowed else ""), str(entry.left),
-                Text(str(entry.lost), ALARM if entry.lost else ""), str(entry.waiting),
+                str(entry.routed), str(entry.delivered),
+                *(_counted(getattr(entry, total.name), total) for total in TOTALS), str(entry.waiting),
                 "newest" if entry.handling == "KEEP_ONLY_NEWEST" else "all",
             )  # fmt: skip
         yield Text()

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from robbie_mp.bus.observe import TOTALS
 from robbie_mp.messages import Log, Message, ModuleProfile, SystemProfile, Time, from_dict
 from robbie_mp.messages.message import fields_of
 from robbie_mp.messages.schema_parser import message_type_from_schema
@@ -21,9 +22,8 @@ OK, WARN, ERROR = 0, 1, 2
 STATES: Final = {"RUNNING": OK, "STOPPED": OK, "STARTING": WARN, "BACKOFF": ERROR, "FAILED": ERROR}
 LOSSES: Final = {
     "restarts": "restarted",
-    "overflowed": "its queue overflowed",
     "refused": "its messages found no room",
-    "lost": "messages were lost in a crash",
+    **{total.name: total.problem for total in TOTALS if total.problem},
 }
 """Counters of a module that should not rise, and what it means if they do."""
 MIN_FREE: Final = 0.05

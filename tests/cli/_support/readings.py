@@ -77,7 +77,7 @@ def laser(at_s: float, **known: object) -> ModuleFigures:
 
 
 def mapping(at_s: float, **known: object) -> ModuleFigures:
-    books = SubscriptionFigures(SCAN[0], SCAN[2], "ALWAYS_DELIVER", 40, 30, 0, 5, 0, left=2, version=1)
+    books = SubscriptionFigures(40, 30, 0, 5, 0, SCAN[0], SCAN[2], "ALWAYS_DELIVER", left=2, version=1)
     values: dict[str, object] = {
         "handled": round(30 * at_s),
         "cpu_s": 0.5 * at_s,

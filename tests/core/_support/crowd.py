@@ -12,6 +12,7 @@ from random import Random
 from robbie_mp import MessageHandling
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import Delivery, Inbound, Outbound
+from robbie_mp.bus.transport.tables import Outcome
 from robbie_mp.bus.transport.words import WORD_MAX
 from tests.core._support.memory import Died
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
@@ -268,7 +269,8 @@ class Crowd:
         for index in range(tables.sizes.subscriptions):
             at = tables.subscription(index)
             if words[at + layout.SUBSCRIPTION_STATE]:
-                routed, *ended = (words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5))
+                first = at + layout.SUBSCRIPTION_ROUTED
+                routed, *ended = (words[first + column] for column in range(layout.SUBSCRIPTION_COUNTERS))
                 waiting[words[at + layout.SUBSCRIPTION_SLOT]] += routed - sum(ended)
         for slot, one in self.participants.items():
             assert waiting[slot] == self.run.waiting(slot), f"slot {slot}"
@@ -327,8 +329,8 @@ class Crowd:
             rows = [tables.subscription(index) for index in range(tables.sizes.subscriptions)]
             mine = [at for at in rows if words[at] and words[at + layout.SUBSCRIPTION_SLOT] == slot]
             assert len(mine) == len(one.subscribes), "rows were used up"
-            delivered = sum(words[at + layout.SUBSCRIPTION_DELIVERED] for at in mine)
-            lost = sum(words[at + layout.SUBSCRIPTION_LOST] for at in mine)
+            delivered = sum(words[at + layout.SUBSCRIPTION_ROUTED + Outcome.DELIVERED - 1] for at in mine)
+            lost = sum(words[at + layout.SUBSCRIPTION_ROUTED + Outcome.LOST - 1] for at in mine)
             told = len(one.seen) + one.died_with
             assert delivered + lost == told or (one.was_failed and delivered + lost > told)
             assert delivered <= len(one.seen)

@@ -13,7 +13,7 @@ from robbie_mp.bus.transport.blocks import Block
 from robbie_mp.bus.transport.endpoint import Endpoint, EndpointMemory
 from robbie_mp.bus.transport.records import ANY_VERSION, Delivery, Inbound, Notice, Outbound
 from robbie_mp.bus.transport.segment import SegmentMismatch
-from robbie_mp.bus.transport.tables import CoreTables, TableSizes
+from robbie_mp.bus.transport.tables import COLUMNS, CoreTables, TableSizes
 from robbie_mp.bus.transport.words import Words
 from tests.core._support.memory import ArrayMemory, Died, Fuse, Memory, StateLog
 
@@ -250,8 +250,7 @@ class SimulatedRun:
 
     def counts(self, subscription: int) -> dict[str, int]:
         at = self.tables.subscription(subscription)
-        kinds = ("routed", "delivered", "replaced", "dropped", "lost")
-        return {kind: self.words[at + layout.SUBSCRIPTION_ROUTED + i] for i, kind in enumerate(kinds)}
+        return {kind: self.words[at + layout.SUBSCRIPTION_ROUTED + i] for i, kind in enumerate(COLUMNS)}
 
     def waiting(self, slot: int) -> int:
         at = self.tables.publisher(slot)

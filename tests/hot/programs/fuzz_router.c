@@ -441,7 +441,7 @@ static void check(const struct run *run)
     uint64_t routed = 0;
     for (uint64_t index = 0; index < SUBSCRIPTIONS; index++) {
         const shared_word *row = run->core + run->subscriptions[index].at;
-        for (int outcome = SUBSCRIPTION_DELIVERED; outcome <= SUBSCRIPTION_LOST; outcome++)
+        for (int outcome = SUBSCRIPTION_ROUTED + 1; outcome < SUBSCRIPTION_LAST_SEQUENCE; outcome++)
             ended[index] += load(row + outcome);
         routed += load(row + SUBSCRIPTION_ROUTED) - ended[index];
     }
