@@ -1,4 +1,4 @@
-"""The modules in docs/how-to.md work as described."""
+"""The modules in docs/how-to.md and docs/calls.md work as described."""
 
 import os
 import subprocess
@@ -30,10 +30,10 @@ from tests.docs._support.pages import block
 PROJECT = Path(__file__).parents[2]
 
 
-def run(*marks: str) -> dict[str, Any]:
+def run(*marks: str, page: str = "docs/how-to.md") -> dict[str, Any]:
     names: dict[str, Any] = {"__name__": __name__}
     for mark in marks:
-        exec(block("docs/how-to.md", mark), names)
+        exec(block(page, mark), names)
     return names
 
 
@@ -219,7 +219,7 @@ def test_module_publishes_results_of_its_worker_processes(tmp_path: Path) -> Non
 
 
 def test_calls_and_their_tests() -> None:
-    names = run("calls", "testing calls")
+    names = run("calls", "testing calls", page="docs/calls.md")
     tests = [function for name, function in names.items() if name.startswith("test_")]
     assert len(tests) == 3
     for test in tests:
@@ -227,7 +227,7 @@ def test_calls_and_their_tests() -> None:
 
 
 def test_goals() -> None:
-    names = run("goals")
+    names = run("goals", page="docs/calls.md")
     with ModuleHarness(names["Wheels"]) as harness:
         harness.send_goal(names["DriveTo"](distance_m=0.45))
         harness.advance(1.0)

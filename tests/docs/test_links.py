@@ -10,7 +10,7 @@ from tests.docs._support.pages import PAGES, ROOT, anchors, blocks, prose
 
 LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
 MENTIONED = re.compile(r"`((?:robbie_mp|tests|modules|workers|hw|profiles|tools|docs)/[\w./]+)`")
-TESTED = ("README.md", "docs/tutorial.md", "docs/how-to.md", "docs/scene-graph.md")
+TESTED = ("README.md", "docs/tutorial.md", "docs/how-to.md", "docs/calls.md", "docs/scene-graph.md")
 
 
 def name(page: Path) -> str:
