@@ -153,7 +153,7 @@ def test_safety_stop_example() -> None:
 
 
 def test_settings() -> None:
-    recorder = run("settings")["Recorder"]
+    recorder = run("settings", page="docs/settings.md")["Recorder"]
     with pytest.raises(SettingError, match="file"):
         ModuleHarness(recorder)
     with ModuleHarness(recorder, {"file": "scans.bin", "mode": "scans"}) as harness:

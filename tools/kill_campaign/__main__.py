@@ -1,4 +1,4 @@
-"""`python -m tools.kill_campaign --kills N --seed S [--json]`: see docs/reliability.md."""
+"""`python -m tools.kill_campaign --kills N --seed S [--json]`: see docs/campaigns.md."""
 
 import argparse
 import json
