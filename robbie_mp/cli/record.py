@@ -122,7 +122,7 @@ def _record(
         recorded,
         selection,
         lambda dropped: LogWriter(
-            folder,
+            folder.resolve(),
             Compression(arguments.compression),
             recorded.metadata(),
             Split(PART_BYTES),

@@ -10,13 +10,10 @@ from robbie_mp.bus.checkpoint.file import (
     CheckpointFileError,
     checkpoint_file,
     read_file,
-    remove_unfinished,
     set_aside,
     write_file,
 )
 from robbie_mp.bus.checkpoint.image import encode
-
-DEAD_PID = 2**22 + 1  # beyond the kernel's largest
 
 
 @pytest.fixture
@@ -110,17 +107,3 @@ def test_file_set_aside_replaces_the_one_set_aside_before(path: Path) -> None:
         assert found is not None
         assert found.state == [number]
     assert list(path.parent.iterdir()) == [aside]
-
-
-def test_only_unfinished_files_of_dead_writers_of_this_module_are_removed(path: Path) -> None:
-    path.parent.mkdir(parents=True)
-    kept = {
-        f".mapping.checkpoint.{os.getpid()}.new",  # a second run of the profile writes it
-        f".other.checkpoint.{DEAD_PID}.new",
-        ".mapping.checkpoint.mine.new",
-        "mapping.checkpoint.damaged",
-    }
-    for name in kept | {f".mapping.checkpoint.{DEAD_PID}.new"}:
-        (path.parent / name).write_bytes(b"")
-    remove_unfinished(path)
-    assert {left.name for left in path.parent.iterdir()} == kept

@@ -65,12 +65,12 @@ def test_append_that_does_not_fit_is_undone_and_a_smaller_one_succeeds(tmp_path:
 def test_page_cache_is_used_without_direct_writes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     ordinary = os.open
 
-    def refuse(path: Path, flags: int, mode: int = 0o777) -> int:
+    def refuse(path: Path, flags: int, mode: int = 0o777, *, dir_fd: int | None = None) -> int:
         if flags & os.O_DIRECT:
             raise OSError(22, "Invalid argument")
-        return ordinary(path, flags, mode)
+        return ordinary(path, flags, mode, dir_fd=dir_fd)
 
-    monkeypatch.setattr("robbie_mp.logs.recording.appended_file.os.open", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     file = AppendedFile(tmp_path / "file")
     file.append([content(PIECE_BYTES + 5, 1)])
     file.close()

@@ -1,10 +1,15 @@
 """Files and folders that only this user can access: how to make them, and how to check one that exists.
 
 A robot may write more than other users should read. And what another user could have written is not trusted.
+No link in the place of a file is followed, nor one in the place of its folder. Where a user chooses a folder,
+resolve its path first.
 """
 
 import contextlib
+import errno
+import fcntl
 import os
+import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,22 +19,46 @@ PRIVATE_FOLDER = 0o700
 PRIVATE_FILE = 0o600
 UNFINISHED = ".new"
 """How the names of files end that are still being written; before it stands the writer's pid."""
+_UNFINISHED_NAME = re.compile(rf"\..+\.[0-9]+{re.escape(UNFINISHED)}")
+_swept: set[tuple[int, int, int]] = set()
+"""Pid, device and inode of folders in which a process has removed what killed writers left."""
 
 
 def make_private_folder(folder: Path) -> None:
     """Make a folder and its missing parents without access for others; existing folders stay as they are.
 
     Raises:
-        OSError: it cannot be made, or is not a folder.
+        OSError: it cannot be made, or is not a folder, or is a link to one.
     """
-    if not folder.is_dir():
-        make_private_folder(folder.parent)
-        folder.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
+    _make_missing(folder)
+    with real_folder(folder):
+        pass
+
+
+@contextlib.contextmanager
+def real_folder(folder: Path) -> Iterator[int]:
+    """Open a folder, not a link to one, and yield its descriptor; links may be planted to write elsewhere.
+
+    Raises:
+        OSError: it does not exist, is not a folder, or is a link to one.
+    """
+    try:
+        fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except NotADirectoryError as error:
+        if not folder.is_symlink():
+            raise
+        raise OSError(errno.ELOOP, f"links to folders are not followed: {folder}") from error
+    try:
+        yield fd
+    finally:
+        os.close(fd)
 
 
 def private_opener(path: str, flags: int) -> int:
     """Open a file, not a link; if that creates it, others cannot read it. For `open(…, opener=…)`."""
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, PRIVATE_FILE)
+    folder, name = os.path.split(path)
+    with real_folder(Path(folder)) as folder_fd:
+        return _open(name, flags, folder_fd)
 
 
 def make_private_file(path: Path) -> BinaryIO:
@@ -50,15 +79,16 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     Raises:
         OSError: there is no space, no permission to write into the folder, or `path` is a folder.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
-    unfinished.unlink(missing_ok=True)  # left by a killed process of the same pid, or a planted link
-    try:
-        with make_private_file(unfinished) as file:
-            yield file
-        unfinished.replace(path)
-    except BaseException:
-        unfinished.unlink(missing_ok=True)
-        raise
+    unfinished = f".{path.name}.{os.getpid()}{UNFINISHED}"
+    with real_folder(path.parent) as folder_fd:
+        _remove_unfinished(folder_fd)
+        try:
+            with _make_unfinished(unfinished, folder_fd) as file:
+                yield file
+            os.replace(unfinished, path.name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        except BaseException:
+            _unlink(unfinished, folder_fd)
+            raise
 
 
 def write_private(path: Path, content: str | bytes | memoryview, *, durably: bool = False) -> None:
@@ -77,6 +107,54 @@ def write_private(path: Path, content: str | bytes | memoryview, *, durably: boo
         if durably:
             file.flush()
             os.fsync(file.fileno())
+
+
+def _make_missing(folder: Path) -> None:
+    if not folder.is_dir():
+        _make_missing(folder.parent)
+        folder.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
+
+
+def _open(name: str, flags: int, folder_fd: int) -> int:
+    return os.open(name, flags | os.O_NOFOLLOW | os.O_CLOEXEC, PRIVATE_FILE, dir_fd=folder_fd)
+
+
+def _unlink(name: str, folder_fd: int) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(name, dir_fd=folder_fd)
+
+
+def _make_unfinished(name: str, folder_fd: int) -> BinaryIO:
+    """Make a file and lock it (flock) while it is open, so that it is not taken for a killed writer's."""
+    while True:
+        _unlink(name, folder_fd)  # left by a killed process of the same pid, or a planted link
+        file = os.fdopen(_open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, folder_fd), "w+b")
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(file, fcntl.LOCK_EX)
+        if os.fstat(file.fileno()).st_nlink:
+            return file
+        file.close()  # somebody has removed it before it was locked
+
+
+def _remove_unfinished(folder_fd: int) -> None:
+    """Remove what killed writers left in a folder, once in each process."""
+    found = os.fstat(folder_fd)
+    folder = os.getpid(), found.st_dev, found.st_ino
+    if folder in _swept:
+        return
+    _swept.add(folder)
+    for name in filter(_UNFINISHED_NAME.fullmatch, os.listdir(folder_fd)):
+        with contextlib.suppress(OSError):  # it is being written, or is not ours
+            _remove_unlocked(name, folder_fd)
+
+
+def _remove_unlocked(name: str, folder_fd: int) -> None:
+    fd = _open(name, os.O_RDONLY | os.O_NONBLOCK, folder_fd)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.unlink(name, dir_fd=folder_fd)
+    finally:
+        os.close(fd)
 
 
 def ownership_problem(found: os.stat_result, *, folder: bool = False, readable: bool = False) -> str:

@@ -3,7 +3,6 @@
 The file is replaced atomically. Whenever power is lost, it holds the old checkpoint or the new one.
 """
 
-import contextlib
 import logging
 import os
 import threading
@@ -13,7 +12,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.base.linux.private_files import PRIVATE_FOLDER, UNFINISHED, ownership_problem, write_private
+from robbie_mp.base.linux.private_files import PRIVATE_FOLDER, ownership_problem, write_private
 from robbie_mp.bus.checkpoint.errors import CheckpointForeign
 from robbie_mp.bus.checkpoint.image import HEADER, Checkpoint, check_crc, decode, read_header
 
@@ -81,15 +80,6 @@ def set_aside(path: Path, why: str) -> Path | None:
     except OSError as error:
         raise CheckpointFileError(f"{path} cannot be renamed to {aside.name}: {error.strerror}") from error
     return aside
-
-
-def remove_unfinished(path: Path) -> None:
-    """Remove the partial files of processes that were killed while they wrote this checkpoint."""
-    for unfinished in path.parent.glob(f".{path.name}.*{UNFINISHED}"):
-        pid = unfinished.name.removeprefix(f".{path.name}.").removesuffix(UNFINISHED)
-        if pid.isdigit() and not Path("/proc", pid).exists():
-            with contextlib.suppress(OSError):
-                unfinished.unlink()
 
 
 def _without_waiting(path: str, flags: int) -> int:

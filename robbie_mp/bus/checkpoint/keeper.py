@@ -12,7 +12,6 @@ from robbie_mp.bus.checkpoint.file import (
     CheckpointFileError,
     CheckpointWriter,
     read_file,
-    remove_unfinished,
     set_aside,
 )
 from robbie_mp.bus.checkpoint.image import Checkpoint, lay_out
@@ -75,7 +74,6 @@ class CheckpointKeeper:
         self.restored = None if found is None else found.state
         self._disk: CheckpointWriter | None = None
         if disk is not None:
-            remove_unfinished(disk.path)
             self._disk = CheckpointWriter(disk.path, disk.every_s, buffers.newest, log)
             if buffers.found is not None:
                 self._disk.write_soon()  # the process that saved it may have been killed before it wrote it

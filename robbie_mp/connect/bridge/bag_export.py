@@ -202,7 +202,7 @@ def _qos(quality: Quality) -> dict[str, str]:
 
 def _make(folder: Path) -> None:
     try:
-        make_private_folder(folder.absolute().parent)
+        make_private_folder(folder.parent.resolve())
         folder.mkdir(mode=0o700)
     except OSError as error:
         raise LogNotWritten(f"{folder} cannot be written: {error.strerror}") from error

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from robbie_mp.base.linux.private_files import write_private
+from robbie_mp.base.linux.private_files import private_opener, write_private
 from robbie_mp.connect.link.header import MAX_COUNTS, ChannelId
 from robbie_mp.connect.link.traffic import TrafficClass
 
@@ -234,7 +234,7 @@ class Books:
             self.unbooked += 1
             return Row(memoryview(bytearray(WORDS * 8)).cast("Q"), 0)
         if self._keys is not None:
-            with self._keys.open("ab", buffering=0) as file:
+            with open(self._keys, "ab", buffering=0, opener=private_opener) as file:
                 file.write(json.dumps(key).encode() + b"\n")
         return self._place(key)
 

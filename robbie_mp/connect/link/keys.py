@@ -226,8 +226,9 @@ class Keys:
     def _write(self, file: Path, text: str) -> None:
         """Replace a file at once, so that no reader sees half of it."""
         try:
-            make_private_folder(file.parent)
-            write_private(file, text, durably=True)
+            folder = file.parent.resolve()
+            make_private_folder(folder)
+            write_private(folder / file.name, text, durably=True)
         except OSError as error:
             raise KeysError(f"cannot write {file}: {error.strerror}") from error
 

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from robbie_mp.base.linux.private_files import private_opener
 from robbie_mp.logs.recording.errors import LogError
 from robbie_mp.logs.recording.format import PART_NAME, ChannelCount, ChannelKey
 from robbie_mp.logs.recording.info import last_counts
@@ -125,7 +126,7 @@ class Tally:
         if len(self._places) > MAX_CHANNELS:
             place = self._places[key] = self._places[OTHERS]
             return place
-        with self._keys.open("ab", buffering=0) as file:
+        with open(self._keys, "ab", buffering=0, opener=private_opener) as file:
             file.write(json.dumps(key).encode() + b"\n")
         return self._place(key)
 

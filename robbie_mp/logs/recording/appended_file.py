@@ -13,7 +13,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from robbie_mp.base.linux.private_files import PRIVATE_FILE
+from robbie_mp.base.linux.private_files import private_opener
 
 BLOCK_BYTES = 4096
 """Alignment of direct writes; no disk has larger blocks."""
@@ -34,10 +34,10 @@ class AppendedFile:
 
     def __init__(self, path: Path):
         self.bytes = 0
-        self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
+        self.fd = private_opener(str(path), os.O_RDWR | os.O_CREAT | os.O_EXCL)
         self._direct: int | None = None
         with contextlib.suppress(OSError):  # file systems in memory or on a network may lack it
-            self._direct = os.open(path, os.O_WRONLY | os.O_DIRECT | os.O_CLOEXEC)
+            self._direct = private_opener(str(path), os.O_WRONLY | os.O_DIRECT)
         self._buffer = mmap.mmap(-1, PIECE_BYTES)  # aligned, as direct writes require
         self._filled = 0
         """Bytes in the buffer: the end of the file after the last whole block, and what follows it."""

@@ -102,7 +102,7 @@ def new_log_file(target: Path) -> Iterator[BinaryIO]:
         LogNotWritten: the target exists, or cannot be written.
     """
     try:
-        file = make_private_file(target)
+        file = make_private_file(target.parent.resolve() / target.name)
     except OSError as error:
         raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
     try:

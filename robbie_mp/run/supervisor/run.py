@@ -95,7 +95,7 @@ def run_profile(
     """
     check_machine()
     sweep()
-    _make_results_folder(output_directory)
+    output_directory = _results_folder(output_directory)
     with ExitStack() as stack:
         directory = RunDirectory.create(profile.name, output_directory)
         connections = stack.enter_context(
@@ -113,7 +113,7 @@ def run_profile(
             complete,
             directory.run_id,
             profile.workspace,
-            output_directory.absolute(),
+            output_directory,
             os.getpid(),
             types,
         )
@@ -121,22 +121,28 @@ def run_profile(
         write_private(directory.folder / PROFILE_FILE, as_profile(profile, settings))
         result = _run(plan, profile, directory.folder, listener, connections, disk)
         if summary := summarize(result):
-            disk.order(["replace", str(output_directory.absolute() / SUMMARY_FILE)], summary.encode())
+            disk.order(["replace", str(output_directory / SUMMARY_FILE)], summary.encode())
     return replace(result, unwritten=disk.unfinished)
 
 
-def _make_results_folder(folder: Path) -> None:
-    """Make the folder for results; refuse one in which others could have put links for modules to follow.
+def _results_folder(folder: Path) -> Path:
+    """Make the folder for results, and return its path without links.
 
     Raises:
-        UnsafeRunFolder: others can write to it.
+        UnsafeRunFolder: others can write to it, and could have put links there; or it is a link of theirs.
     """
-    make_private_folder(folder)
-    problem = ownership_problem(folder.stat(), folder=True, readable=True)
+    problem = ""
+    if folder.is_symlink() and folder.lstat().st_uid not in (0, os.geteuid()):
+        problem = f"is a link that belongs to user {folder.lstat().st_uid}"
+    else:
+        folder = folder.resolve()
+        make_private_folder(folder)
+        problem = ownership_problem(folder.stat(), folder=True, readable=True)
     if problem:
         raise UnsafeRunFolder(
             f"the folder for results, {folder}, {problem}; choose another one with --output"
         )
+    return folder
 
 
 def _run(

@@ -4,7 +4,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from robbie_mp.base.linux.private_files import private_opener
+from robbie_mp.base.linux.private_files import private_opener, real_folder
 
 
 class RotatingFile:
@@ -66,15 +66,16 @@ class RotatingFile:
         return self._open()
 
     def _shift(self) -> None:
-        for number in range(self._files - 2, -1, -1):
-            older = self._numbered(number)
-            if older.exists():
-                older.replace(self._numbered(number + 1))
-        if self._files == 1:
-            self.path.unlink(missing_ok=True)
+        with real_folder(self.path.parent) as fd, contextlib.suppress(FileNotFoundError):
+            for number in range(self._files - 2, -1, -1):
+                self._rename(numbered(self.path, number).name, numbered(self.path, number + 1).name, fd)
+            if self._files == 1:
+                os.unlink(self.path.name, dir_fd=fd)
 
-    def _numbered(self, number: int) -> Path:
-        return numbered(self.path, number)
+    @staticmethod
+    def _rename(name: str, older: str, folder_fd: int) -> None:
+        with contextlib.suppress(FileNotFoundError):
+            os.replace(name, older, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
 
 
 def numbered(path: Path, number: int) -> Path:

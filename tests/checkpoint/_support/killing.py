@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.bus.checkpoint.file import read_file, remove_unfinished, write_file
+from robbie_mp.bus.checkpoint.file import read_file, write_file
 from robbie_mp.bus.checkpoint.image import encode, lay_out
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.segment import unlink_segment
@@ -208,8 +208,7 @@ def file_at_every_line(folder: Path) -> int:
             died = dies_before_line(deaths[number], partial(partial, write_file, path, image))
             found = read_file(path)
             assert (0 if found is None else number_in(found.state)) in (number - 1, number)
-            remove_unfinished(path)
-            assert list(folder.rglob("*.new")) == []
+            assert len(list(folder.rglob("*.new"))) <= died
             deaths[number] += died
             if found is not None and number == 1:
                 path.unlink()
@@ -238,8 +237,7 @@ def file_at_random(folder: Path) -> int:
         number = 0 if found is None else number_in(found.state)
         assert number >= newest + stores
         newest = number
-        remove_unfinished(path)
-        assert list(folder.iterdir()) in ([], [path])
+        assert len(list(folder.iterdir())) <= 2, "what a killed writer leaves is removed by the next one"
     assert newest > 0, "all died before they had stored anything"
     assert unfinished > 0, "none died while it wrote"
     return RANDOM_DEATHS
