@@ -408,29 +408,34 @@ class HouseholdWork:
     async def _pass_door(self, problem: str) -> str:
         """Wait before the door, and ask for it, until it is open; return why the robot drives on."""
         self._enter(HouseholdState.DOOR, f"cannot come to the {self._destination}: {problem}")
-        reason = await self._end_at_door(math.inf)
+        while not isinstance(event := await self._next(), _Drove):
+            pass
+        reason = self._cannot_wait(event)
         while not reason and self._may_ask():
             self._requests += 1
             self._ahead_m = 0.0
             self._sayings.append(OPEN_DOOR.format(self._destination))
-            reason = await self._end_at_door(self.settings.door_s)
+            reason = await self._open_door()
         return reason or "nobody has opened the door"
 
-    async def _end_at_door(self, limit_s: float) -> str:
-        """Wait to be at the door, or for a time until it is open; return why the robot drives on, or ''."""
-        began_s = self._clock()
-        while True:
+    async def _open_door(self) -> str:
+        """Wait for a time until the door is open; return why the robot drives on, or ''."""
+        asked_s = self._clock()
+        while self._clock() - asked_s < self.settings.door_s:
             event = await self._next()
-            if isinstance(event, _Drove) and event.problem:
-                self._requests = self.settings.max_requests
-                return f"cannot come to the door: {event.problem}"
-            if isinstance(event, _Drove) and limit_s == math.inf:
-                return ""
+            if isinstance(event, _Drove) and (reason := self._cannot_wait(event)):
+                return reason
             # Only after a step, the owner sends the new goal before the end of the one at the door counts.
-            if event is None and limit_s < math.inf and self._ahead_m >= self.settings.open_m:
+            if event is None and self._ahead_m >= self.settings.open_m:
                 return "the door is open"
-            if event is None and self._clock() - began_s >= limit_s:
-                return ""
+        return ""
+
+    def _cannot_wait(self, drove: _Drove) -> str:
+        """Return why the robot cannot wait at the door, and ask for no door any more; '' if it can."""
+        if not drove.problem:
+            return ""
+        self._requests = self.settings.max_requests
+        return f"cannot come to the door: {drove.problem}"
 
     # -- persons and objects -----------------------------------------------------------------------------
 
