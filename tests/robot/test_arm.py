@@ -6,7 +6,8 @@ import pytest
 
 from robbie_robots.hw.simulation.table_room import generate_room
 from tests.robot._support.stock_robot import StockRobot
-from tools.trials.missions.grasp import NOISY, Outcome, judge, twins_settings
+from tests.robot._support.twins import twins_settings
+from tools.trials.missions.grasp import NOISY, Outcome, judge
 from tools.trials.missions.mission import settings_for
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")

@@ -1,36 +1,25 @@
 """Orders to the robot with the arm in random rooms, judged by the ground truth.
 
-    python -m tools.trials grasp --seeds 20 [--kill] [--twins] [--profile NAME]
+    python -m tools.trials grasp --seeds 20 [--kill] [--profile NAME]
 
 Each seed makes a room with three objects on a table (`hw.simulation.table_room`), and the robot brings all
 of them to another table. An order is right if the object then stands there upright. A seed is right if all
 orders are, nothing fell over, and neither base, arm nor what it held touched anything else. With `--kill`,
 the tool kills every module once, at a random moment; in lockstep, as in the profile `arm-fast`, the robot
 waits for a restarting module.
-
-With `--twins`, two of the objects differ only by what is printed on them. Both were taught from four pictures
-each, and the robot brings one of them.
 """
 
-import argparse
 import json
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from robbie_robots.hw.simulation.arena_file import read_arena
-from robbie_robots.hw.simulation.table_room import TWINS, generate_room
-from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
-from robbie_robots.workers.taught import as_json
+from robbie_robots.hw.simulation.table_room import generate_room
 from tools.trials.harness import Case
 from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
-from tools.trials.missions.twins import PICTURE_WIDTH, Camera, teach
 
 NOISY = ("base", "laser", "depth_camera", "manipulation")
-TAUGHT_PICTURES = 4
 
 
 @dataclass
@@ -61,35 +50,9 @@ class Outcome(Trial):
 
 def set_up(outcome: Outcome, case: Case) -> Setup:
     """Make the room of a seed."""
-    file, has_twins = case.folder / "room.yaml", case.options.twins
-    file.write_text(generate_room(case.seed, has_twins))
-    settings = twins_settings(case.seed, file, case.folder) if has_twins else []
-    return Setup(file, partial(judge, outcome), settings)
-
-
-def twins_settings(seed: int, room: Path, folder: Path) -> list[str]:
-    """Teach the objects that differ only by their print; return the settings of the robot that knows them.
-
-    Args:
-        seed: of the room.
-        room: its file.
-        folder: folder for what was taught.
-    """
-    random = np.random.default_rng(seed)
-    arena = read_arena(room)
-    twins = TWINS[seed % 2][:2]
-    camera, recognizer = Camera(arena, PICTURE_WIDTH, seed, 1.0), ObjectRecognizer()
-    for one in arena.objects:
-        if one.name in twins:
-            teach(recognizer, camera, one, TAUGHT_PICTURES, random)
-    file = folder / "objects.json"
-    file.write_bytes(as_json("objects", recognizer.plain()))
-    words = {"object": [one.name for one in arena.objects], "place": ["table", "counter"]}
-    return [
-        f"objects.taught_file={file}",
-        f"household.words={json.dumps(words)}",
-        f'household.start_orders=["put the {random.choice(twins)} on the counter"]',
-    ]
+    file = case.folder / "room.yaml"
+    file.write_text(generate_room(case.seed))
+    return Setup(file, partial(judge, outcome))
 
 
 def judge(outcome: Outcome, output: Path) -> None:
@@ -119,12 +82,6 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
     }
 
 
-def options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of rooms."""
-    text = "two objects differ only by their print; bring one"
-    parser.add_argument("--twins", action="store_true", help=text)
-
-
 SUBJECT = Mission(
     outcome=Outcome,
     set_up=set_up,
@@ -132,7 +89,6 @@ SUBJECT = Mission(
     noisy=NOISY,
     limit_s=1500.0,
     kills_s=(2.0, 110.0),
-    more_options=options,
     summary=summary,
     results="rooms",
     seed_makes="a room",

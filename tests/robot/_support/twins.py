@@ -1,5 +1,6 @@
 """Teaches objects that differ only by what is printed on them, from pictures of the simulated camera."""
 
+import json
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -14,14 +15,16 @@ from robbie_robots.hw.camera import CameraGeometry
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_contents import StandingObject
+from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.depth_camera import SimulatedDepthCamera
 from robbie_robots.hw.simulation.object_prints import ObjectPrint
 from robbie_robots.hw.simulation.solid import Floats, Placed, Solid, moved, pose_at
 from robbie_robots.hw.simulation.table_picture import Printed, TablePictures
+from robbie_robots.hw.simulation.table_room import TWINS
 from robbie_robots.modules.manipulation.robot_shapes import RobotShapes, on_floor, table_solids
 from robbie_robots.workers.manipulation.object_names import Prints
 from robbie_robots.workers.objects.object_recognition import ObjectRecognizer
-from robbie_robots.workers.taught import Box, Pixels, TeachingError
+from robbie_robots.workers.taught import Box, Pixels, TeachingError, as_json
 
 ROBOT = Path("hw/robots/home.urdf")
 GEOMETRY = CameraGeometry(200, 150, 1.0)
@@ -36,6 +39,9 @@ PICTURE_WIDTH = 960
 WOOD = (150, 110, 70)
 JOINTS = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll", "gripper"]
 ASIDE = [1.9, 0.3, 0.9, 0.0, -1.2, 0.0, 0.0]
+
+
+TAUGHT_PICTURES = 4
 
 
 class Look(NamedTuple):
@@ -110,3 +116,28 @@ def teach(
         drawn = Box(box.left - left, box.top - top, box.width + left + right, box.height + top + bottom)
         with suppress(TeachingError):
             recognizer.teach(one.name, look.picture, drawn)
+
+
+def twins_settings(seed: int, room: Path, folder: Path) -> list[str]:
+    """Teach the objects that differ only by their print; return the settings of the robot that knows them.
+
+    Args:
+        seed: of the room.
+        room: its file.
+        folder: folder for what was taught.
+    """
+    random = np.random.default_rng(seed)
+    arena = read_arena(room)
+    twins = TWINS[seed % 2][:2]
+    camera, recognizer = Camera(arena, PICTURE_WIDTH, seed, 1.0), ObjectRecognizer()
+    for one in arena.objects:
+        if one.name in twins:
+            teach(recognizer, camera, one, TAUGHT_PICTURES, random)
+    file = folder / "objects.json"
+    file.write_bytes(as_json("objects", recognizer.plain()))
+    words = {"object": [one.name for one in arena.objects], "place": ["table", "counter"]}
+    return [
+        f"objects.taught_file={file}",
+        f"household.words={json.dumps(words)}",
+        f'household.start_orders=["put the {random.choice(twins)} on the counter"]',
+    ]
