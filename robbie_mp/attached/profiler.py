@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
 from robbie_mp.bus.observe import TOTALS, ModuleFigures, RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.bus.transport.words import WORD_MAX
 from robbie_mp.messages import ChannelProfile, ModuleProfile, SystemProfile, Time
+from robbie_mp.messages.message import fields_of
 from robbie_mp.module.module import Module, setting
 from robbie_mp.run.supervisor.states import state_name
 
@@ -57,29 +60,25 @@ def system_profile(now: RunReading, rates: RunRates) -> SystemProfile:
     )
 
 
+_AS_THEY_ARE = (
+    {field.name for field in fields_of(ModuleProfile)} & {field.name for field in fields(ModuleFigures)}
+) - {"state", "refused"}
+"""Figures that the message has under the same names."""
+
+
 def _module(module: ModuleFigures, now_ns: int, rates: RunRates) -> ModuleProfile:
     lately = rates.modules[module.name]
+    known: dict[str, Any] = {name: getattr(module, name) for name in _AS_THEY_ARE}
+    known |= {total.name: module.total(total.name) for total in TOTALS}
     return ModuleProfile(
-        name=module.name,
+        **known,
         state=state_name(module.state),
-        pid=module.pid,
-        incarnation=module.incarnation,
-        restarts=module.restarts,
-        last_end=module.last_end,
         uptime_s=(now_ns - module.started_ns) / 1e9 if module.pid else 0.0,
         cpu_percent=lately.cpu_percent,
-        rss_bytes=module.rss_bytes,
-        threads=module.threads,
         in_hz=lately.in_hz,
         out_hz=lately.out_hz,
-        waiting=module.waiting,
-        waiting_peak=module.waiting_peak,
         waiting_limit=module.queue_messages,
-        outbound_waiting=module.outbound_waiting,
-        **{total.name: module.total(total.name) for total in TOTALS},
         refused=min(module.refused, WORD_MAX),  # a sum of words that a stray pointer may have overwritten
-        pinned=module.pinned,
-        pinned_bytes=module.pinned_bytes,
         memory_used_bytes=module.outstanding_bytes,
         memory_limit_bytes=module.memory_bytes,
         latency_p50_s=_or_nan(lately.latency.p50_s),
@@ -89,9 +88,6 @@ def _module(module: ModuleFigures, now_ns: int, rates: RunRates) -> ModuleProfil
         handler_max_s=_or_nan(lately.handler.max_s),
         lateness_p99_s=_or_nan(lately.lateness.p99_s),
         busy_s=(now_ns - module.busy_since_ns) / 1e9 if module.busy_since_ns else 0.0,
-        handler=module.handler,
-        status=module.status,
-        states=module.states,
     )
 
 

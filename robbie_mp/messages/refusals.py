@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.messages.errors import IllFormed, MessageError
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.registry import TypeRegistry
-from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.messages.well_formed import check_well_formed
 
 if TYPE_CHECKING:
@@ -35,8 +33,6 @@ class Refusals:
 
     def __init__(self, log: Logger):
         self._log = log
-        self._types: TypeRegistry | None = None
-        self._classes: dict[tuple[str, int], type[Message] | None] = {}
         self.on_refused: Callable[[int], None] = lambda _total: None
         self.total = 0
         self.by_kind: Counter[tuple[str, str]] = Counter()
@@ -50,11 +46,14 @@ class Refusals:
         """
         return not message.has_rules or self._passes(check_well_formed, message, origin)
 
-    def admits_encoded(
-        self, type_name: str, version: int, data: bytes | memoryview, origin: str = ""
-    ) -> bool:
-        """Return whether an encoded message is well formed, if it is of a stock type; if not, count it."""
-        known = self._class(type_name, version)
+    def admits_encoded(self, known: type[Message] | None, data: bytes | memoryview, origin: str = "") -> bool:
+        """Return whether an encoded message of a class is well formed; if not, count it.
+
+        Args:
+            known: what `class_with_rules` returned; None: any message is well formed.
+            data: the message.
+            origin: as for `admits`.
+        """
         return known is None or self._passes(lambda one: check_well_formed(known.decode(one)), data, origin)
 
     def count(self, error: MessageError, origin: str = "") -> None:
@@ -88,20 +87,3 @@ class Refusals:
             self.count(error, origin)
             return False
         return True
-
-    def _class(self, type_name: str, version: int) -> type[Message] | None:
-        """Return the class of a type if it has rules and is known in this version."""
-        key = (type_name, version)
-        if key not in self._classes:
-            if len(self._classes) >= MAX_KINDS:
-                self._classes.clear()
-            self._classes[key] = self._find(*key)
-        return self._classes[key]
-
-    def _find(self, type_name: str, version: int) -> type[Message] | None:
-        self._types = self._types or stock_registry()
-        try:
-            found = self._types.get(type_name)
-        except MessageError:
-            return None
-        return found if found.version == version and found.has_rules else None

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
+from robbie_mp.messages.message import Message
 from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscription, Subscriptions

@@ -12,7 +12,6 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import replacing
 from robbie_mp.bus.checkpoint.keeper import Checkpoints
 from robbie_mp.bus.transport.records import MessageHandling
-from robbie_mp.messages import Message
 from robbie_mp.messages.calls import (
     Action,
     FeedbackType,
@@ -24,6 +23,7 @@ from robbie_mp.messages.calls import (
     goal_types,
     reply_type,
 )
+from robbie_mp.messages.message import Message
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.calls import Calls

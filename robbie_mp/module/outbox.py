@@ -149,15 +149,15 @@ class Outbox:
 
     def publish(self, message: Message | EncodedMessage, topic: str, latched: bool = False) -> bool:
         """Encode a message into a new block, or copy an encoded one, and pass it to the core."""
-        if isinstance(message, EncodedMessage):
-            return self._publish_encoded(message, topic, latched)
-        if latched:
+        if latched and not isinstance(message, EncodedMessage):
             check_message(message, "publish")
             self._latch(_name_of(type(message), topic))
         if self._native is not None:
             done = self._native.publish(message, topic)
             if done is True or self._is_done(done):
                 return True
+        if isinstance(message, EncodedMessage):  # not first: the common form should not pay for it
+            return self._publish_encoded(message, topic, latched)
         with self._lock:
             declaration = self._declarations.get((type(message), topic))
             if declaration is None:

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.messages import Goal, Message, Reply, Request, Result
-from robbie_mp.messages.message import check_message_type
+from robbie_mp.messages.calls import Goal, Reply, Request, Result
+from robbie_mp.messages.message import Message, check_message_type
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.envelope import EncodedMessage, MessageType

@@ -47,6 +47,7 @@ from robbie_mp.messages import (
     stock_registry,
 )
 from robbie_mp.messages.refusals import MAX_KINDS, Refusals
+from robbie_mp.messages.stock.registry import class_with_rules
 from robbie_mp.module.harness import ModuleHarness
 from robbie_mp.module.module import Module
 
@@ -206,9 +207,10 @@ def test_number_of_kinds_is_bounded() -> None:
 
 def test_encoded_message_is_refused_if_it_is_ill_formed_or_none() -> None:
     refusals = Refusals(logging.getLogger("test"))
-    name, version = PoseStamped.type_name, PoseStamped.version
-    assert refusals.admits_encoded(name, version, PoseStamped().encode())
-    assert refusals.admits_encoded("some_msgs/msg/Type", 1, b"anything")
-    assert not refusals.admits_encoded(name, version, PoseStamped(pose=at(INF)).encode())
-    assert not refusals.admits_encoded(name, version, PoseStamped().encode()[:9])
+    known = class_with_rules(PoseStamped.type_name, PoseStamped.version)
+    assert known is PoseStamped
+    assert refusals.admits_encoded(known, PoseStamped().encode())
+    assert refusals.admits_encoded(class_with_rules("some_msgs/msg/Type", 1), b"anything")
+    assert not refusals.admits_encoded(known, PoseStamped(pose=at(INF)).encode())
+    assert not refusals.admits_encoded(known, PoseStamped().encode()[:9])
     assert refusals.total == 2

@@ -11,8 +11,10 @@ import pytest
 from robbie_mp import MessageHandling, Module, ModuleHarness, RobbieError
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import LaserScan, Odometry
+from robbie_mp.module.bus import CopyingBus
 from robbie_mp.module.calls.due import NEVER_NS, Due
 from robbie_mp.module.deadlines import Deadlines, InvalidDeadline
+from robbie_mp.module.envelope import Envelope
 from robbie_mp.module.health import Health
 
 SCAN = ChannelName("sensor_msgs/msg/LaserScan", 1, "")
@@ -83,6 +85,18 @@ def test_ill_formed_message_hides_no_good_one() -> None:
             harness.advance(0.15)
             harness.send(LaserScan(angle_min=math.nan), topic="front")
         assert not harness.module.late
+
+
+def test_message_that_a_tool_loses_does_not_count(caplog: pytest.LogCaptureFixture) -> None:
+    bus = CopyingBus(lambda _: 0)
+    name = bus.subscriptions.subscribe(LaserScan, lambda _: None, MessageHandling.ALWAYS_DELIVER, "front")
+    (subscription,) = bus.subscriptions
+    for data in (LaserScan(angle_min=math.nan).encode(), b"\0\1\0\0damaged", LaserScan().encode()):
+        before_ns = bus.newest_stamp_ns(name)
+        bus.hand_over(subscription, name, Envelope("front", 1, "laser", S), data)
+    assert before_ns == -1
+    assert bus.newest_stamp_ns(name) == S
+    assert "a message was lost" in caplog.text
 
 
 def test_first_message_may_be_late_unless_it_is_optional() -> None:

@@ -59,6 +59,7 @@ from robbie_mp.messages import (
     UnknownType,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.messages.stock.registry import class_with_rules
 from robbie_mp.module.envelope import EncodedMessage, Envelope
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import REQUIRED, SettingError
@@ -435,7 +436,7 @@ class Link(Module):
     def _is_well_formed(self, message: Arrived) -> bool:
         name = message.name
         origin = f"from {message.robot} on topic '{name.topic}'"
-        return self.ill_formed.admits_encoded(name.type_name, name.version, message.data, origin)
+        return self.ill_formed.admits_encoded(class_with_rules(*name[:2]), message.data, origin)
 
     def _may_come_in(self, message: Arrived) -> Incoming | None:
         """Find out what becomes of a message; None: it may not come in."""

@@ -8,6 +8,7 @@ from robbie_mp.logs.playback.player import DueTick
 from robbie_mp.logs.playback.translation import Translation
 from robbie_mp.logs.recording.reader import LoggedMessage
 from robbie_mp.messages import MessageError, Tick, Time, TimeJump
+from robbie_mp.messages.stock.registry import class_with_rules
 from robbie_mp.module.module import Module
 from robbie_mp.run.lockstep import Lockstep, TickSchedule
 
@@ -43,7 +44,9 @@ class BusOutlet:
         try:
             data = translation.translate(message.data)
             if not self._module.ill_formed.admits_encoded(
-                channel.type_name, translation.version, data, f"on topic '{channel.topic}'"
+                class_with_rules(channel.type_name, translation.version),
+                data,
+                f"on topic '{channel.topic}'",
             ):
                 self.skipped += 1
                 return True

@@ -1,5 +1,9 @@
 """The stock messages by name."""
 
+from functools import cache, lru_cache
+
+from robbie_mp.messages.errors import UnknownType
+from robbie_mp.messages.message import Message
 from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.stock import (
     foxglove_msgs,
@@ -97,3 +101,16 @@ def stock_registry() -> TypeRegistry:
             vision_msgs.Detection2DArray,
         )
     )
+
+
+_known = cache(stock_registry)
+
+
+@lru_cache(64)
+def class_with_rules(type_name: str, version: int) -> type[Message] | None:
+    """Return the class of a stock type that some messages break; None for all other types and versions."""
+    try:
+        found = _known().get(type_name)
+    except UnknownType:
+        return None
+    return found if found.version == version and found.has_rules else None

@@ -8,7 +8,6 @@ import numpy as np
 
 from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message
 from robbie_mp.messages.calls import (
     Feedback,
     FeedbackType,
@@ -20,6 +19,14 @@ from robbie_mp.messages.calls import (
     goal_types,
     number_call,
     reply_type,
+)
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.stock.robbie_msgs import (
+    CallRefusal,
+    CallsAnswer,
+    CallsQuestion,
+    GoalCancel,
+    GoalEnd,
 )
 from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.bus import Bus
