@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robbie_mp import Header, Message, ModuleHarness, SettingError, Time
+from robbie_mp import EncodedMessage, Header, Message, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CallRefusal,
     CancelNavigation,
@@ -394,7 +394,7 @@ def checkpoint_when(
     kept: list[object] = []
     publish = harness.bus.publish
 
-    def noting(message: Message, topic: str, latched: bool = False) -> bool:
+    def noting(message: Message | EncodedMessage, topic: str, latched: bool = False) -> bool:
         if isinstance(message, ended):
             kept.append(harness.checkpoint)
         return publish(message, topic, latched)
