@@ -1,19 +1,17 @@
 """Fixtures for all tests; the first one fails any test that leaves something behind."""
 
-import os
 import signal
-import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from tests._support.session_memory import SESSION_MEMORY  # isort: skip (robbie_mp looks at what it sets)
 from robbie_mp.run import run_directory
+from tests._support import own_memory
 from tests._support.left_behind import leaving_nothing_behind
-from tests._support.others_runs import OthersRuns, Session, remove_names_of_dead_tests, watched
-from tests._support.own_runs import VARIABLE, own_base_folders
+from tests._support.own_runs import own_base_folders
 from tests._support.robot import Robot, robot_in
 from tools.loop_disk import LoopDisk, NoLoopDisk
 from tools.test_network.network import Network, NoTestNetwork
@@ -31,6 +29,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if any(item.path.is_relative_to(folder) for folder in SLOW_FOLDERS):
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_unconfigure() -> None:
+    """Remove the session's folder in shared memory."""
+    own_memory.remove(SESSION_MEMORY)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -96,25 +99,8 @@ def network() -> Iterator[Network]:
         made.__exit__(None, None, None)
 
 
-@pytest.fixture(scope="session")
-def others_runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OthersRuns]:
-    """Mark the processes that tests start, and record the runs of others on this machine."""
-    remove_names_of_dead_tests()
-    session = Session(os.getpid(), f"{os.getpid()}-{time.monotonic_ns()}")
-    seen = tmp_path_factory.mktemp("others_runs") / "seen"
-    with pytest.MonkeyPatch.context() as patch, watched(session, seen):
-        patch.setenv(VARIABLE, session.mark)
-        yield OthersRuns(session, seen)
-
-
-@pytest.fixture(scope="session")
-def left_behind_check(others_runs: OthersRuns) -> Callable[[], AbstractContextManager[None]]:
-    """Give a context that fails what leaves a process, a thread, a descriptor or a name in shared memory."""
-    return lambda: leaving_nothing_behind(others_runs)
-
-
 @pytest.fixture(autouse=True)
-def nothing_left_behind(left_behind_check: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+def nothing_left_behind() -> Iterator[None]:
     """Fail a test that leaves a process, a thread, a descriptor or a name in shared memory."""
-    with left_behind_check():
+    with leaving_nothing_behind():
         yield

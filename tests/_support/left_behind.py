@@ -9,23 +9,21 @@ from contextlib import contextmanager
 
 import psutil
 
-from tests._support.others_runs import SHARED_MEMORY, OthersRuns, run_id_of
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 
 GRACE_S = 2.0
 
 
 @contextmanager
-def leaving_nothing_behind(others_runs: OthersRuns) -> Iterator[None]:
+def leaving_nothing_behind() -> Iterator[None]:
     """Fail a block that leaves a process, a thread, a descriptor or a name in shared memory."""
     before = Holdings()
     yield
     deadline = time.monotonic() + GRACE_S
     after = Holdings()
-    while (extra := after.beyond(before, others_runs)) and time.monotonic() < deadline:
+    while (extra := after.beyond(before)) and time.monotonic() < deadline:
         time.sleep(0.01)  # let processes that are just ending end; this waits for a condition
-        names = after.names
         after = Holdings()
-        after.names &= names  # other sessions make new names all the time, some of which have no owner yet
     for process in _children() - before.processes:
         process.kill()
     assert not extra, f"left behind: {extra}"
@@ -40,14 +38,12 @@ class Holdings:
         self.names = set(_shared_names())
         self.descriptors = {(fd, _target(fd)) for fd in os.listdir("/proc/self/fd")}
 
-    def beyond(self, before: "Holdings", others_runs: OthersRuns) -> dict[str, list[str]]:
+    def beyond(self, before: "Holdings") -> dict[str, list[str]]:
         """Return what exists beyond what did before, by kind."""
-        names = self.names - before.names
-        others = others_runs.among({run_id_of(name) for name in names}) if names else set()
         extra = {
             "process": [str(one) for one in self.processes - before.processes],
             "thread": [str(one) for one in self.threads - before.threads],
-            "/dev/shm entry": sorted(name for name in names if run_id_of(name) not in others),
+            "shared memory": sorted(self.names - before.names),
             "descriptor": [
                 f"{fd} of {target}"
                 for fd, target in self.descriptors - before.descriptors
@@ -58,12 +54,11 @@ class Holdings:
 
 
 def _shared_names() -> Iterator[str]:
-    """Names in /dev/shm: folders, and the segments in the folders."""
+    """The session's names in shared memory: folders, and the segments in the folders."""
     for name in os.listdir(SHARED_MEMORY):
-        if "robbie" in name:
-            yield name
-            with contextlib.suppress(OSError):
-                yield from (f"{name}/{inner}" for inner in os.listdir(SHARED_MEMORY / name))
+        yield name
+        with contextlib.suppress(OSError):
+            yield from (f"{name}/{inner}" for inner in os.listdir(SHARED_MEMORY / name))
 
 
 def _children() -> set[psutil.Process]:

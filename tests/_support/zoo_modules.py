@@ -27,6 +27,7 @@ from robbie_mp import (
     setting,
 )
 from robbie_mp.bus.observe import RunObserver
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.messages import DriveCommand, EmergencyStop, Image, ModuleState
 
 
@@ -297,7 +298,9 @@ def writable_segments(only: str = "") -> list[mmap.mmap]:
         only: how the names of the files begin.
     """
     lines = [line.split(maxsplit=5) for line in Path("/proc/self/maps").read_text().splitlines()]
-    paths = {line[5] for line in lines if line[1] == "rw-s" and line[5].startswith("/dev/shm/robbie-")}
+    paths = {
+        line[5] for line in lines if line[1] == "rw-s" and line[5].startswith(f"{SHARED_MEMORY}/robbie-")
+    }
     paths = {path for path in paths if Path(path).name.startswith(only)}
     found = []
     for path in sorted(paths):
@@ -396,7 +399,7 @@ class Truncator(Module):
     names: str = setting("*-1-*", "pattern of the files")
 
     def tick(self) -> None:
-        for path in Path(f"/dev/shm/robbie-{self.run_id}").glob(self.names):
+        for path in Path(f"{SHARED_MEMORY}/robbie-{self.run_id}").glob(self.names):
             os.truncate(path, 0)
 
 

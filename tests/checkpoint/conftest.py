@@ -1,12 +1,11 @@
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.bus.transport import names
-from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 
 RUN = f"test{os.getpid()}"  # no id that a run can have: a `robbie run` elsewhere would sweep it as dead
 SLOT = 1
@@ -40,13 +39,13 @@ class SlotOfARun:
 
     def scribble(self, number: int, offset: int, data: bytes) -> None:
         """Overwrite a part of a segment."""
-        with open(Path("/dev/shm") / self.name(number), "r+b") as file:
+        with open(SHARED_MEMORY / self.name(number), "r+b") as file:
             file.seek(offset)
             file.write(data)
 
     def damage(self, number: int, offset: int, size: int = 1) -> None:
         """Flip all bits of a part of a segment: whatever is there, it becomes something else."""
-        with open(Path("/dev/shm") / self.name(number), "r+b") as file:
+        with open(SHARED_MEMORY / self.name(number), "r+b") as file:
             file.seek(offset)
             flipped = bytes(byte ^ 0xFF for byte in file.read(size))
         self.scribble(number, offset, flipped)

@@ -1,7 +1,6 @@
 """The two segments that checkpoints alternate between."""
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from robbie_mp.bus.checkpoint.image import decode, encode, lay_out
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment, SharedMemoryFull
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from tests.checkpoint.conftest import RUN, SLOT, SlotOfARun
 
 
@@ -25,7 +25,7 @@ def number_in(buffers: CheckpointBuffers) -> int | None:
 
 
 def segments(slot: SlotOfARun) -> dict[str, int]:
-    found = Path("/dev/shm").glob(slot.name(0)[:-1] + "*")
+    found = SHARED_MEMORY.glob(slot.name(0)[:-1] + "*")
     return {f"{path.parent.name}/{path.name}": path.stat().st_size for path in found}
 
 
@@ -48,9 +48,9 @@ def test_next_incarnation_restores_the_newest_checkpoint(slot: SlotOfARun) -> No
 def test_checkpoints_of_equal_size_need_only_two_segments(slot: SlotOfARun) -> None:
     buffers = slot.start()
     write(buffers, 1, 2)
-    inodes = {name: os.stat(f"/dev/shm/{name}").st_ino for name in segments(slot)}
+    inodes = {name: os.stat(f"{SHARED_MEMORY}/{name}").st_ino for name in segments(slot)}
     write(buffers, *range(3, 20))
-    assert {name: os.stat(f"/dev/shm/{name}").st_ino for name in segments(slot)} == inodes
+    assert {name: os.stat(f"{SHARED_MEMORY}/{name}").st_ino for name in segments(slot)} == inodes
     assert len(inodes) == 2
 
 
@@ -69,7 +69,7 @@ def test_slowly_growing_state_rarely_needs_a_new_segment(slot: SlotOfARun) -> No
     inodes = set()
     for size in range(1000, 2000, 10):
         write(buffers, 1, size=size)
-        inodes |= {os.stat(f"/dev/shm/{name}").st_ino for name in segments(slot)}
+        inodes |= {os.stat(f"{SHARED_MEMORY}/{name}").st_ino for name in segments(slot)}
     assert len(inodes) <= 10
 
 
@@ -140,7 +140,7 @@ def test_loss_of_the_newest_checkpoint_is_reported_until_there_is_a_newer_one(
     slot: SlotOfARun, loss: str
 ) -> None:
     write(slot.start(), 1, 2)
-    path = Path("/dev/shm") / slot.name(0)
+    path = SHARED_MEMORY / slot.name(0)
     if loss == "removed":
         path.unlink()
     else:
@@ -184,7 +184,7 @@ def test_checkpoint_that_a_killed_process_had_not_completed_is_no_loss(slot: Slo
 @pytest.mark.parametrize("content", [b"", b"x", bytes(4096), b"\xff" * 4096])
 def test_file_that_is_not_a_segment_is_replaced(slot: SlotOfARun, content: bytes) -> None:
     for number in (0, 1):
-        (Path("/dev/shm") / slot.name(number)).write_bytes(content)
+        (SHARED_MEMORY / slot.name(number)).write_bytes(content)
     buffers = slot.start()
     assert buffers.found is None
     write(buffers, 1, 2)
@@ -194,7 +194,7 @@ def test_file_that_is_not_a_segment_is_replaced(slot: SlotOfARun, content: bytes
 def test_segment_is_allocated_completely_and_names_its_owner(slot: SlotOfARun) -> None:
     write(slot.start(), 1, size=100_000)
     (name,) = segments(slot)
-    assert os.stat(f"/dev/shm/{name}").st_blocks * 512 >= 800_000
+    assert os.stat(f"{SHARED_MEMORY}/{name}").st_blocks * 512 >= 800_000
     segment = Segment.attach(name, SegmentKind.CHECKPOINT)
     assert (segment.words[layout.HEADER_SLOT], segment.words[layout.HEADER_INCARNATION]) == (1, 1)
     segment.close()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 from robbie_mp.cli import main
 from robbie_mp.run.doctor.clock import clock_state
 from robbie_mp.run.doctor.examination import examine, guarded, worst
@@ -105,7 +105,7 @@ def test_estimated_memory_at_the_start_is_that_of_a_run() -> None:
     memory = RunMemory(plan)
     for name in ("core", "one", "two"):
         memory.open(name, 1)
-    taken = sum(file.stat().st_size for file in Path("/dev/shm").glob("robbie-d0c7d0c7/*"))
+    taken = sum(file.stat().st_size for file in SHARED_MEMORY.glob("robbie-d0c7d0c7/*"))
     memory.close()
     needs = Needs.of(Profile("p", modules))
     first_messages = 2 * MemoryLimits().segment_bytes + (64 << 10)
@@ -153,7 +153,7 @@ def test_probe_of_shared_memory_leaves_nothing() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("robbie_mp.run.doctor.memory.secrets.token_hex", lambda _size: "d0c0d0c0")
         assert probe_shared_memory() == ""
-        assert not list(Path("/dev/shm").glob("*d0c0d0c0*"))
+        assert not list(SHARED_MEMORY.glob("*d0c0d0c0*"))
         make_folder("d0c0d0c0")
         assert "File exists" in probe_shared_memory(), "the probe looks elsewhere"
         remove_names("d0c0d0c0")

@@ -14,6 +14,7 @@ import pytest
 from robbie_mp.bus.observe import rates_between
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.messages import LaserScan
 from tests._support.robot import robot_in
 from tests.observe._support.top_evidence import (
@@ -167,7 +168,7 @@ def test_processor_time_memory_and_threads_agree_with_psutil(evidence: Evidence)
     ):
         assert early_s <= found_s <= late_s
     assert evidence.loaded["machine"]["memory_total_bytes"] == psutil.virtual_memory().total
-    assert evidence.loaded["machine"]["shared_memory_total_bytes"] == psutil.disk_usage("/dev/shm").total
+    assert evidence.loaded["machine"]["shared_memory_total_bytes"] == psutil.disk_usage(SHARED_MEMORY).total
 
 
 def test_profiler_publishes_the_same_figures(evidence: Evidence) -> None:

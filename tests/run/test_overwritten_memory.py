@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from robbie_mp.base.linux.bus_error import surviving_truncation
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot
 
 PROFILE = """
@@ -81,7 +82,7 @@ def test_module_that_truncates_its_memory_costs_nobody_else(robot: Robot, names:
     robot.write_profile(PROFILE.format(wild="Truncator", settings=f'{{names: "{names}"}}', restarts=2))
     process = robot.start()
     others = ("listener", "pulse", "viewer")
-    with surviving_truncation("/dev/shm/robbie-"):  # this process looks, too
+    with surviving_truncation(f"{SHARED_MEMORY}/robbie-"):  # this process looks, too
         figures = robot.until(lambda top: all(top[name]["state"] == "RUNNING" for name in others))
         pids = {name: figures[name]["pid"] for name in others}
         robot.until(lambda top: top["wild"]["state"] == "FAILED")
@@ -96,7 +97,7 @@ def test_run_whose_own_memory_is_truncated_ends_with_the_reason(robot: Robot, na
     process = robot.start()
     robot.until(lambda top: top["listener"]["handled"] > 20)
     run = robot.known_run()
-    path = Path(f"/dev/shm/robbie-{run.run_id}/{name}")
+    path = Path(f"{SHARED_MEMORY}/robbie-{run.run_id}/{name}")
     os.truncate(path, 0)
     assert Ended.wait_for(process).exit_code == 1
     assert f"the run stops: {path} was truncated, and no process can start without it" in robot.log(
@@ -116,7 +117,7 @@ def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot:
         try:
             assert watching.stdout is not None
             assert watching.stdout.readline()  # it has mapped the run's memory
-            os.truncate(f"/dev/shm/robbie-{robot.known_run().run_id}/{name}", 0)
+            os.truncate(f"{SHARED_MEMORY}/robbie-{robot.known_run().run_id}/{name}", 0)
             watching.communicate(timeout=LIMIT_S)
         finally:
             watching.kill()
@@ -140,8 +141,8 @@ def test_module_whose_memory_is_damaged_is_killed_alone(
     figures = robot.until(lambda top: top["viewer"]["handled"] > 5)
     pids = {name: figures[name]["pid"] for name in others}
     run = robot.known_run()
-    with surviving_truncation("/dev/shm/robbie-"):  # this process looks, too
-        for path in Path(f"/dev/shm/robbie-{run.run_id}").glob(f"{kind}-4-1*"):
+    with surviving_truncation(f"{SHARED_MEMORY}/robbie-"):  # this process looks, too
+        for path in Path(f"{SHARED_MEMORY}/robbie-{run.run_id}").glob(f"{kind}-4-1*"):
             damage(path)
         if kind != "data" or damage is not Path.unlink:  # those that know the segment have mapped it
             robot.until(lambda top: top["wild"]["incarnation"] == 2 and top["wild"]["state"] == "RUNNING")

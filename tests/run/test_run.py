@@ -13,6 +13,7 @@ import psutil
 import pytest
 
 from robbie_mp.bus._hot.choice import PURE_PYTHON, why_not
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.run.trace.reader import last_entries
 from tests._support.debugger import held_by_debugger
@@ -129,14 +130,14 @@ def test_run_whose_files_are_removed_ends_with_the_reason(robot: Robot, removed:
     process = robot.start()
     robot.until(lambda modules: all(modules[name]["state"] == "RUNNING" for name in ("one", "two")))
     run = robot.known_run()
-    path = Path(removed.format(memory=f"/dev/shm/robbie-{run.run_id}", folder=run.folder))
+    path = Path(removed.format(memory=f"{SHARED_MEMORY}/robbie-{run.run_id}", folder=run.folder))
     shutil.rmtree(path) if path.is_dir() else path.unlink()
     ended = Ended.wait_for(process)
     assert ended.exit_code == 1
     assert f"the run stops: {path}" in robot.log("supervisor")
     assert "was removed, and no process can start without it" in robot.log("supervisor")
     assert all(robot.log(name).count("RUNNING → STOPPED") == 1 for name in ("one", "two", "core"))
-    assert not list(Path("/dev/shm").glob(f"*robbie-{run.run_id}*"))
+    assert not list(SHARED_MEMORY.glob(f"*robbie-{run.run_id}*"))
 
 
 @pytest.mark.skipif(why_not() != "", reason=f"NOT TESTED: {why_not()}")
@@ -338,7 +339,7 @@ def test_children_die_with_a_killed_supervisor_and_the_next_run_sweeps(robot: Ro
     process.kill()
     process.wait()
     assert wait_until(lambda: not any(map(is_running, pids)), limit_s=5) < 1.0
-    assert any("robbie-" in name for name in os.listdir("/dev/shm")), "nothing was there to sweep"
+    assert any("robbie-" in name for name in os.listdir(SHARED_MEMORY)), "nothing was there to sweep"
     robot.write_profile(COUNTING, "second")
     assert robot.run(profile="second").exit_code == 0
 
@@ -361,10 +362,10 @@ def test_terminated_run_leaves_no_name_behind(robot: Robot) -> None:
     process = robot.start()
     robot.until(lambda modules: modules["two"]["state"] == "RUNNING")
     run_id = next(iter((robot.folder.parent / "runtime" / "robbie").iterdir())).name
-    assert list(Path("/dev/shm").glob(f"*robbie-{run_id}*"))
+    assert list(SHARED_MEMORY.glob(f"*robbie-{run_id}*"))
     process.send_signal(signal.SIGTERM)
     assert Ended.wait_for(process).exit_code == 0
-    assert not list(Path("/dev/shm").glob(f"*robbie-{run_id}*"))
+    assert not list(SHARED_MEMORY.glob(f"*robbie-{run_id}*"))
 
 
 def test_check_of_a_hanging_import_ends_with_its_parent(robot: Robot) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import Profile, RestartPolicy, RestartWhen
 from robbie_mp.run.supervisor import run
@@ -77,7 +78,7 @@ class Holdings:
             "supervisor's mappings": mappings(os.getpid()),
             "core's descriptors": open_descriptors(core),
             "core's mappings": mappings(core),
-            "names in shared memory": len(list(Path("/dev/shm", f"robbie-{run_id}").iterdir())),
+            "names in shared memory": len(list(Path(SHARED_MEMORY, f"robbie-{run_id}").iterdir())),
             "files": sum(len(files) for _, _, files in os.walk(Path.cwd().parent)),
         }
         for what, count in seen.items():

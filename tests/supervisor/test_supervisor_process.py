@@ -9,13 +9,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.run.supervisor.sweep import Swept, sweep
 from robbie_mp.run.trace.entry import Entry
 from tests.supervisor._support import supervise
 from tests.supervisor._support.running import PROJECT, is_gone, wait_for
-
-SHARED_MEMORY = Path("/dev/shm")
 
 
 @contextmanager

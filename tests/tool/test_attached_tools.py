@@ -13,6 +13,7 @@ import pytest
 from robbie_mp import Header, Time
 from robbie_mp.attached.tool.tool import Detached, Received, Tool
 from robbie_mp.bus.transport.records import Outbound
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import DriveCommand
 from robbie_mp.run.control import ControlRefused, control
@@ -204,7 +205,7 @@ def take_one_by_pattern(run: KnownRun) -> Received:
 
 def names_of(run: KnownRun) -> set[str]:
     """The names of a run in /dev/shm."""
-    return {str(path) for path in Path("/dev/shm").rglob("*") if run.run_id in str(path)}
+    return {str(path) for path in SHARED_MEMORY.rglob("*") if run.run_id in str(path)}
 
 
 def test_stalled_or_misbehaving_tool_is_detached_and_leaves_nothing(robot: Robot) -> None:

@@ -1,6 +1,6 @@
 """A /dev/shm without room, a process without descriptors: an error says so, and nothing is left behind.
 
-/dev/shm is a small one of the test's own, in a namespace of mounts of a process of its own.
+There it is a small file system of the test's own, in a namespace of mounts of a process of its own.
 """
 
 import os
@@ -14,7 +14,7 @@ import pytest
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.run_memory import IncarnationMemory, RingSizes
 from robbie_mp.bus.transport.segment import SharedMemoryFull
-from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 from tests._support.few_descriptors import only_free_descriptors
 from tests.transport._support.pair import Pair, picture
 
@@ -28,7 +28,7 @@ import os, subprocess, sys
 from robbie_mp.bus.transport.layout import in_words, out_words
 from robbie_mp.bus.transport.run_memory import IncarnationMemory, RingSizes
 from robbie_mp.bus.transport.segment import SharedMemoryFull
-from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 
 sizes = RingSizes(16, 4)
 out, into = (-(-8 * words // 4096) for words in (out_words(16), in_words(4)))
@@ -36,7 +36,7 @@ pages = [1, out - 1, out, out + into - 1, out + into, out + into + 1, out + into
 outcomes = []
 for option in [*[f"nr_inodes={number}" for number in range(2, 8)],
                *[f"size={4096 * number}" for number in pages]]:
-    subprocess.run(["mount", "-t", "tmpfs", "-o", option, "none", "/dev/shm"], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", option, "none", SHARED_MEMORY], check=True)
     opened = len(os.listdir("/proc/self/fd"))
     make_folder("7e57f011")
     try:
@@ -49,16 +49,16 @@ for option in [*[f"nr_inodes={number}" for number in range(2, 8)],
         memory.unlink()
         outcomes.append("made")
     assert remove_names("7e57f011") == ["robbie-7e57f011"], (option, "the empty folder")
-    assert os.listdir("/dev/shm") == [], (option, os.listdir("/dev/shm"))
+    assert os.listdir(SHARED_MEMORY) == [], (option, os.listdir(SHARED_MEMORY))
     assert len(os.listdir("/proc/self/fd")) == opened, option
-    subprocess.run(["umount", "/dev/shm"], check=True)
+    subprocess.run(["umount", SHARED_MEMORY], check=True)
 print(*dict.fromkeys(outcomes), sep="\\n")
 """
 
 
 def has_own_mounts() -> bool:
     """Whether this user may mount a /dev/shm that nobody else sees."""
-    mount = ["mount", "-t", "tmpfs", "none", "/dev/shm"]
+    mount = ["mount", "-t", "tmpfs", "none", str(SHARED_MEMORY)]
     try:
         return subprocess.run([*IN_OWN_MEMORY, *mount], check=False, capture_output=True).returncode == 0
     except FileNotFoundError:

@@ -17,7 +17,7 @@ from robbie_mp.bus.transport import layout, segment, tables
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.records import MessageHandling, Outbound
 from robbie_mp.bus.transport.segment import Segment
-from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 from robbie_mp.bus.transport.tables import ChannelName, CoreTables, DeclarationRow, TableSizes
 from robbie_mp.bus.transport.words import Words
 
@@ -58,7 +58,7 @@ def test_header_is_complete_before_the_magic_says_so(monkeypatch: pytest.MonkeyP
     stored: list[list[int]] = []
 
     def fence() -> None:
-        stored.append(array("Q", Path("/dev/shm", NAME).read_bytes())[: layout.HEADER_WORDS].tolist())
+        stored.append(array("Q", Path(SHARED_MEMORY, NAME).read_bytes())[: layout.HEADER_WORDS].tolist())
 
     monkeypatch.setattr(segment, "new_fence", lambda: fence)
     Segment.create(NAME, 64, SegmentKind.BOARD).close()

@@ -10,7 +10,7 @@ from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.ring import RingPlace
 from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
-from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 from robbie_mp.bus.transport.words import read_text, words_for_text, write_text
 from tests._support.growth import blocks_kept
 from tests._support.implementations import NATIVE
@@ -52,18 +52,18 @@ def test_reader_cannot_write(segment: Segment) -> None:
 
 
 def test_segment_is_private_to_its_user(segment: Segment) -> None:
-    assert (Path("/dev/shm") / NAME).stat().st_mode & 0o777 == 0o600
+    assert (SHARED_MEMORY / NAME).stat().st_mode & 0o777 == 0o600
 
 
 def test_pages_are_allocated_when_the_segment_is_made(segment: Segment) -> None:
-    assert (Path("/dev/shm") / NAME).stat().st_blocks * 512 >= 1024 * 8
+    assert (SHARED_MEMORY / NAME).stat().st_blocks * 512 >= 1024 * 8
 
 
 def test_no_room_is_an_error_that_says_what_to_do_and_leaves_no_name() -> None:
-    too_much = os.statvfs("/dev/shm").f_blocks * os.statvfs("/dev/shm").f_frsize * 2
+    too_much = os.statvfs(SHARED_MEMORY).f_blocks * os.statvfs(SHARED_MEMORY).f_frsize * 2
     with pytest.raises(SharedMemoryFull, match="enlarge /dev/shm"):
         Segment.create(NAME, too_much // 8, SegmentKind.DATA)
-    assert not (Path("/dev/shm") / NAME).exists()
+    assert not (SHARED_MEMORY / NAME).exists()
 
 
 def test_segment_that_is_just_being_made_counts_as_missing(segment: Segment) -> None:

@@ -80,10 +80,7 @@ class Contender(Protocol):
 
 @contextlib.contextmanager
 def work_folder() -> Iterator[tuple[str, Path]]:
-    """Yield a topic and a folder that no other work uses, and remove the folder at the end.
-
-    The name has this process, so that other tests know whose names these are in /dev/shm.
-    """
+    """Yield a topic and a folder that no other work uses, and remove the folder at the end."""
     with tempfile.TemporaryDirectory(prefix=f"robbie-bench{os.getpid()}-") as name:
         folder = Path(name)
         yield folder.name.replace("_", "-"), folder

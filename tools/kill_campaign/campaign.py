@@ -211,4 +211,4 @@ def _end(
             if books != [entry.routed for entry in figures[module["name"]].subscriptions]:
                 found.append(f"the summary's books of {module['name']} differ from those before the end")
     left = [path.name for path in SHARED_MEMORY.iterdir() if robot.run_id in path.name]
-    return found + [f"/dev/shm/{name} is left after the end" for name in sorted(left)]
+    return found + [f"{SHARED_MEMORY}/{name} is left after the end" for name in sorted(left)]

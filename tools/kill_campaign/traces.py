@@ -58,7 +58,7 @@ def _opened(pid: int) -> list[str]:
 
 def _mapped(pid: int) -> list[str]:
     lines = Path(f"/proc/{pid}/maps").read_text().splitlines()
-    return [line.split(maxsplit=5)[5] for line in lines if "/dev/shm/" in line]
+    return [line.split(maxsplit=5)[5] for line in lines if str(SHARED_MEMORY) in line]
 
 
 def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
@@ -77,7 +77,9 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
 
 def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
     """Compare a run at rest with itself at the beginning."""
-    found = [f"/dev/shm/{name} belongs to no living process" for name in stale_names(after, run_id, modules)]
+    found = [
+        f"{SHARED_MEMORY}/{name} belongs to no living process" for name in stale_names(after, run_id, modules)
+    ]
     for name, opened in after.descriptors.items():
         extra = Counter(map(_kind, opened)) - Counter(map(_kind, before.descriptors[name]))
         # Each process name has a log file, which is opened with the process's first line and stays open.
@@ -88,7 +90,7 @@ def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str,
     there = after.names | {names.folder(run_id)}  # which the supervisor holds open, and locked
     for name, mappings in after.mappings.items():
         for mapping in sorted(mappings):
-            if mapping.removeprefix("/dev/shm/") not in there:
+            if mapping.removeprefix(f"{SHARED_MEMORY}/") not in there:
                 found.append(f"{name} still maps or has open {mapping}, whose name is gone")
     return found
 

@@ -17,7 +17,8 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import ownership_problem
 from robbie_mp.bus.transport import names
 
-SHARED_MEMORY = Path("/dev/shm")
+SHARED_MEMORY = Path(os.environ.get("ROBBIE_SHARED_MEMORY", "/dev/shm"))
+"""Another folder, which must have the sticky bit, too, keeps runs apart, such as those of tests."""
 
 
 class SegmentMissing(RobbieError, FileNotFoundError):

@@ -17,6 +17,7 @@ import psutil
 import pytest
 
 from robbie_mp.bus.observe import RunObserver, RunReading
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.top_program.feed import RunFeed, Watching
 from robbie_mp.messages import LaserScan
 from tests._support.robot import COMMAND, Robot, wait_until
@@ -100,7 +101,7 @@ def gathered(robot: Robot) -> Evidence:
         final = top(robot, run_id, interval_s=0.0)
         stat_bytes = {
             f"robbie-{run_id}/{path.name}": path.stat().st_size
-            for path in Path(f"/dev/shm/robbie-{run_id}").iterdir()
+            for path in Path(f"{SHARED_MEMORY}/robbie-{run_id}").iterdir()
         }
         maps = [line for line in Path("/proc/self/maps").read_text().splitlines() if run_id in line]
         ended = observer.read()

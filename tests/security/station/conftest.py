@@ -3,12 +3,12 @@
 import json
 import re
 import resource
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests._support.left_behind import leaving_nothing_behind
 from tests._support.robot import Robot, robot_in
 from tests.security.station._support.attacker import Attacker
 
@@ -89,11 +89,9 @@ def nothing_left_behind() -> None:
 
 
 @pytest.fixture(scope="module")
-def shared_station(
-    tmp_path_factory: pytest.TempPathFactory, left_behind_check: Callable[[], AbstractContextManager[None]]
-) -> Iterator[Station]:
+def shared_station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
     """One robot for all attacks in a file, so the effects of one attack remain for the next."""
-    with left_behind_check(), robot_in(tmp_path_factory.mktemp("security")) as robot:
+    with leaving_nothing_behind(), robot_in(tmp_path_factory.mktemp("security")) as robot:
         for source in SOURCES:
             (robot.folder / "zoo" / source.name).write_text(source.read_text())
         robot.write_secret("operator.token", OPERATOR)

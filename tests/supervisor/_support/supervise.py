@@ -7,6 +7,7 @@ import os
 import sys
 from pathlib import Path
 
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.run.run_directory import RunDirectory
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import Run, Scenario, animal
@@ -17,7 +18,7 @@ def main() -> int:
     if terminal != "-":
         os.open(terminal, os.O_RDWR)  # a session leader's first terminal becomes the one that controls it
     directory = RunDirectory.create("zoo", Path(folder), Path(base))
-    segment = Path(f"/dev/shm/robbie-{directory.run_id}/board")
+    segment = Path(f"{SHARED_MEMORY}/robbie-{directory.run_id}/board")
     segment.touch(mode=0o600)
     run = Run(
         Path(folder), *(animal(getattr(zoo, behaviour)) for behaviour in behaviours), run_id=directory.run_id
