@@ -218,7 +218,13 @@ def running(
         on_host: the beginning of a command that runs it on another host of a test network.
     """
     write_profile(folder, profile, name)
-    robot = Robot(folder / name, folder, name, on_host=on_host)
+    with stopping(Robot(folder / name, folder, name, on_host=on_host)) as robot:
+        yield robot
+
+
+@contextlib.contextmanager
+def stopping(robot: Robot) -> Iterator[Robot]:
+    """Stop a robot at the end of the block, if it still runs."""
     try:
         yield robot
     finally:

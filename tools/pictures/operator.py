@@ -7,30 +7,25 @@ pictures of the layouts, of each at three sizes. It needs playwright and Chromiu
 
 import argparse
 import io
-import os
 import signal
 import subprocess
-import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
-from robbie_mp.bus.observe import RunObserver
-from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.run.operator_link import read_link
-from robbie_mp.run.run_directory import KnownRun, list_runs
+from robbie_mp.run.run_directory import list_runs
 from tools.operator.chromium import chromium
+from tools.robot import COMMAND, REPOSITORY, Robot, stopping
 
 FOLDER = Path("docs/images")
 SIZE: ViewportSize = {"width": 1280, "height": 800}
 COLOURS = 256
-ROBBIE = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 SETTINGS = (
     "operator.port=0",
     "operator.speech_commands=[come back, stop, look around]",
@@ -65,23 +60,22 @@ def main() -> None:
     parser.add_argument("--layouts", action="store_true", help="take only the pictures of the layouts")
     only_layouts = parser.parse_args().layouts
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
-        (Path(folder) / "runtime").mkdir(mode=0o700)
-        os.environ["XDG_RUNTIME_DIR"] = f"{folder}/runtime"
         settings = [word for setting in SETTINGS for word in ("--set", setting)]
-        with running("run", "rescue", *settings, output=f"{folder}/rescue"):
+        log = Path(folder, "log")
+        with stopping(Robot(Path(folder, "rescue"), REPOSITORY, "rescue", *settings)) as robot:
             page = new_page(browser)
-            page.goto(wait_for(address))
-            with recording(f"{folder}/log"):
+            page.goto(link(robot))
+            with recording(robot, log):
                 if only_layouts:
                     wait_for_victims(page, 1)
                     take_layouts(page, NAMES[:-1])
                     take_light(page)
                 else:
-                    take_panels(page)
-        play = ("play", f"{folder}/log", "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
-        with running(*play, output=f"{folder}/play"):
+                    take_panels(page, robot)
+        words = (str(log), "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
+        with stopping(Robot(Path(folder, "play"), REPOSITORY, *words, command=("play",))) as robot:
             page = new_page(browser)
-            page.goto(wait_for(address))
+            page.goto(link(robot))
             take_playback(page, only_layouts=only_layouts)
 
 
@@ -93,22 +87,10 @@ def new_page(browser: Browser) -> Page:
 
 
 @contextmanager
-def running(*words: str, output: str) -> Iterator[None]:
-    """Run a robot."""
-    process = subprocess.Popen([*ROBBIE, *words, "--quiet", "--output", output], stdout=subprocess.DEVNULL)
-    try:
-        yield
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(60)
-
-
-@contextmanager
-def recording(folder: str) -> Iterator[None]:
+def recording(robot: Robot, folder: Path) -> Iterator[None]:
     """Record the running robot."""
-    (run,) = own_runs()
-    words = ["record", "--run", run.run_id, "--output", folder]
-    process = subprocess.Popen([*ROBBIE, *words], stdout=subprocess.DEVNULL)
+    words = ["record", "--run", robot.run_id, "--output", str(folder)]
+    process = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL, env=robot.environment)
     try:
         yield
     finally:
@@ -116,37 +98,15 @@ def recording(folder: str) -> Iterator[None]:
         process.wait(60)
 
 
-def own_runs() -> list[KnownRun]:
-    """Return the live runs of this program, not those of the same user elsewhere on the machine."""
-    return [run for run in list_runs([Path(os.environ["XDG_RUNTIME_DIR"], "robbie")]) if run.is_live]
+def link(robot: Robot) -> str:
+    """Return the link to the robot's page, when it is there."""
+    robot.wait_for(robot.attach, "no run appeared")
+    (run,) = list_runs(robot.bases)
+    robot.wait_for(lambda: bool(read_link(run.folder)), "there is no page", LIMIT_S)
+    return read_link(run.folder)
 
 
-def address() -> str:
-    """Return the link to the page, or '' while there is none."""
-    return next((link for run in own_runs() if (link := read_link(run.folder))), "")
-
-
-def status(module: str) -> tuple[int, str]:
-    """Return the pid and status line of a module, or 0 and '' while it does not run."""
-    for run in own_runs():
-        with suppress(SegmentMissing), closing(RunObserver(run.run_id)) as observer:
-            for figures in observer.modules():
-                if figures.name == module:
-                    return figures.pid, figures.status
-    return 0, ""
-
-
-def wait_for(condition: Callable[[], str]) -> str:
-    """Wait until a function returns something, and return it."""
-    until_s = time.monotonic() + LIMIT_S
-    while not (found := condition()):
-        if time.monotonic() > until_s:
-            raise SystemExit(f"{condition.__name__}: nothing within {LIMIT_S:g} s")
-        time.sleep(0.2)
-    return found
-
-
-def take_panels(page: Page) -> None:
+def take_panels(page: Page, robot: Robot) -> None:
     """Take a picture of each panel of the running robot."""
     turn_to(page, "plots")
     for channel, field in PLOTS:
@@ -165,7 +125,7 @@ def take_panels(page: Page) -> None:
     page.wait_for_selector(QUESTION)
     take(page, "map")
     answer(page)
-    os.kill(status(CRASHES)[0], signal.SIGSEGV)
+    robot.send(robot.figures()[CRASHES].pid, signal.SIGSEGV)
     page.click("#mark")
     take_layouts(page, NAMES[:-1])
     take_light(page)
@@ -202,15 +162,11 @@ def take_layouts(page: Page, layouts: Sequence[str]) -> None:
 
 def choose(page: Page, layout: str) -> None:
     """Show a layout. A page that is just being loaded again on a busy machine does not hear the key."""
-
-    def is_shown() -> str:
+    shown = page.locator(f"#layouts:has-text('{layout}')")
+    while not shown.is_visible():
         page.keyboard.press(f"{1 + NAMES.index(layout)}")
         with suppress(PlaywrightTimeout):
-            page.wait_for_selector(f"#layouts:has-text('{layout}')", timeout=KEY_LIMIT_MS)
-            return layout
-        return ""
-
-    wait_for(is_shown)
+            shown.wait_for(timeout=KEY_LIMIT_MS)
 
 
 def take_light(page: Page) -> None:

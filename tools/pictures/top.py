@@ -8,24 +8,17 @@ import asyncio
 import os
 import re
 import signal
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import TypeVar
 
-from robbie_mp.bus.observe import RunReading
 from robbie_mp.cli.top_program.feed import RunFeed
 from robbie_mp.cli.top_program.program import TopProgram
-from robbie_mp.run.run_directory import list_runs
-from robbie_mp.run.supervisor.states import ChildState, state_name
+from tools.robot import REPOSITORY, Robot, stopping
 
 FOLDER = Path("docs/images")
 SIZE = (110, 30)
-ROBBIE = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 VIEWS = {
     "modules": ["1", "down"],
     "types": ["2"],
@@ -36,62 +29,28 @@ VIEWS = {
 ABORTED = "laser"
 WARM_UP_S = 5.0
 AFTER_ABORT_S = 4.0
-LIMIT_S = 120.0
 INTERVAL_S = 0.5
-
-T = TypeVar("T")
 
 
 def main() -> None:
     """Run the demo and take all pictures."""
     argparse.ArgumentParser(prog="python -m tools.pictures.top", description=__doc__).parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        runtime = Path(folder, "runtime")
-        runtime.mkdir(mode=0o700)
-        os.environ["XDG_RUNTIME_DIR"] = str(runtime)
-        demo = subprocess.Popen(
-            [*ROBBIE, "run", "demo", "--quiet", "--output", f"{folder}/output"], stdout=subprocess.DEVNULL
-        )
-        try:
-            (run, *_) = wait_for(lambda: list_runs([runtime / "robbie"]))
-            with closing(RunFeed(run.run_id)) as feed:
-                wait_for(lambda: all_run(feed.poll().reading))
-                time.sleep(WARM_UP_S)
-                asyncio.run(_take_all(feed))
-        finally:
-            demo.send_signal(signal.SIGINT)
-            demo.wait(60)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        stopping(Robot(Path(folder, "demo"), REPOSITORY, "demo")) as robot,
+    ):
+        os.environ |= robot.environment  # the program finds the run there
+        robot.wait_until_running()
+        with closing(RunFeed(robot.run_id)) as feed:
+            time.sleep(WARM_UP_S)
+            asyncio.run(_take_all(robot, feed))
 
 
-def wait_for(condition: Callable[[], T]) -> T:
-    """Wait until something is there, and return it."""
-    until_s = time.monotonic() + LIMIT_S
-    while not (found := condition()):
-        if time.monotonic() > until_s:
-            raise SystemExit(f"the demo did not start within {LIMIT_S:g} s")
-        time.sleep(INTERVAL_S)
-    return found
-
-
-def all_run(reading: RunReading | None, restarts: int = 0) -> bool:
-    """Return whether all modules run, after this number of restarts in total."""
-    return (
-        reading is not None
-        and all(state_name(module.state) == ChildState.RUNNING for module in reading.modules)
-        and sum(module.restarts for module in reading.modules) >= restarts
-    )
-
-
-async def _take_all(feed: RunFeed) -> None:
+async def _take_all(robot: Robot, feed: RunFeed) -> None:
     app = TopProgram(feed, INTERVAL_S)
     async with app.run_test(size=SIZE) as pilot:
-        reading = app.snapshot.reading
-        module = reading.module(ABORTED) if reading else None
-        if module is None:
-            raise SystemExit("the demo did not start in time")
-        os.kill(module.pid, signal.SIGABRT)
-        while not all_run(app.snapshot.reading, restarts=1):
-            await asyncio.sleep(INTERVAL_S)
+        robot.send(robot.figures()[ABORTED].pid, signal.SIGABRT)
+        robot.wait_for(lambda: robot.figures()[ABORTED].restarts > 0 and robot.all_running(), "no restart")
         await asyncio.sleep(AFTER_ABORT_S)
         for view, keys in VIEWS.items():
             await pilot.press(*keys)
