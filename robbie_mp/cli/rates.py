@@ -8,12 +8,12 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.bus.observe.channels import ChannelCount, ChannelCounters
+from robbie_mp.bus.observe.channels import ChannelCounters
 from robbie_mp.bus.observe.rates import intervals_deviation_s
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
-from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.bus.transport.tables import ChannelCounts, ChannelName
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
 from robbie_mp.cli.runs import add_run_argument, choose_run
 
@@ -34,16 +34,14 @@ class Rates:
     """Its standard deviation."""
 
     @classmethod
-    def between(cls, topic: str, before: ChannelCount, after: ChannelCount, seconds: float) -> "Rates":
+    def between(cls, topic: str, before: ChannelCounts, after: ChannelCounts, seconds: float) -> "Rates":
         """Calculate the rates between two readings of the counters."""
         messages, size = after.messages - before.messages, after.bytes - before.bytes
         mean_s = deviation_s = None
-        if messages and before.last_stamp_ns:
-            mean_s = (after.last_stamp_ns - before.last_stamp_ns) / messages / 1e9
-            squares_us2 = after.intervals_squared_us2 - before.intervals_squared_us2
-            deviation_s = intervals_deviation_s(
-                before.last_stamp_ns, after.last_stamp_ns, messages, squares_us2
-            )
+        if messages and before.last_ns:
+            mean_s = (after.last_ns - before.last_ns) / messages / 1e9
+            squares_us2 = after.intervals_squared - before.intervals_squared
+            deviation_s = intervals_deviation_s(before.last_ns, after.last_ns, messages, squares_us2)
         return cls(
             topic=topic,
             messages=messages,
@@ -97,7 +95,7 @@ def _measure(counters: ChannelCounters, wanted: ChannelName, every_s: float) -> 
         time.sleep(every_s)
         after, after_s = counters.read(*wanted), time.monotonic()
         yield [
-            Rates.between(topic, before.get(topic, ChannelCount()), count, after_s - before_s)
+            Rates.between(topic, before.get(topic, ChannelCounts()), count, after_s - before_s)
             for topic, count in sorted(after.items())
         ]
         before, before_s = after, after_s

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from robbie_mp.bus._hot.choice import Native
@@ -24,6 +25,7 @@ CALL_TICK_PERIOD_NS = 50_000_000
 """Period of the ticks granted to a module without a period while its calls or deadlines need them."""
 
 
+@dataclass(slots=True)
 class TickTimes:
     """When the next tick of a module is due, and how many there were; C has a class of the same name.
 
@@ -33,10 +35,9 @@ class TickTimes:
         missed: number of ticks that were skipped.
     """
 
-    __slots__ = ("due_ns", "missed", "ticks")
-
-    def __init__(self) -> None:
-        self.due_ns = self.ticks = self.missed = 0
+    due_ns: int = 0
+    ticks: int = 0
+    missed: int = 0
 
 
 class TimedTicks:

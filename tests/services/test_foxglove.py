@@ -119,7 +119,7 @@ class Lookout:
         return self.names
 
     def channels(self) -> list[ChannelFigures]:
-        return [ChannelFigures(name.type_name, name.version, name.topic, 1, 0) for name in self.names]
+        return [ChannelFigures(1, **name._asdict()) for name in self.names]
 
 
 def test_late_client_gets_what_came_before_its_topic_was_known_to_be_latched(

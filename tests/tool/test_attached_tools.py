@@ -12,7 +12,7 @@ import pytest
 
 from robbie_mp import Header, Time
 from robbie_mp.attached.tool.tool import Detached, Received, Tool
-from robbie_mp.bus.transport.records import Outbound
+from robbie_mp.bus.transport.records import ANY_VERSION, Outbound
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import DriveCommand
@@ -193,8 +193,8 @@ def take_one_by_pattern(run: KnownRun) -> Received:
     """Attach and take a message; repeat if this process stood still and was detached."""
     while True:
         with closing(attach(run, "a tool that takes what it finds")) as curious:
-            curious.subscribe_encoded("*/Drive*", "wh*")
-            curious.subscribe_encoded("robbie_msgs/*", "*s")
+            curious.subscribe("*/Drive*", ANY_VERSION, "wh*")
+            curious.subscribe("robbie_msgs/*", ANY_VERSION, "*s")
             curious.ready()
             with suppress(Detached):
                 assert curious.wait_for(lambda: curious.is_subscribed() and curious.books()[1] > 0, 60.0)

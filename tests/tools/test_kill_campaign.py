@@ -74,7 +74,7 @@ def violations(
         "talker": figures("talker", restarts=1, published=5, refused=refused),
         "hearer": figures("hearer", restarts=restarts, subscriptions=(books,)),
     }
-    channels = [ChannelFigures(Numbered.type_name, 1, "talker", messages, 1000)]
+    channels = [ChannelFigures(messages, 1000, type_name=Numbered.type_name, version=1, topic="talker")]
     return judge(read_records(folder, NAMES), modules, channels).violations
 
 

@@ -17,7 +17,7 @@ from robbie_mp.bus._hot import choice
 from robbie_mp.bus.observe.channels import ChannelCounters
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.layout import LINE_WORDS, Activity
-from robbie_mp.bus.transport.records import ANY_VERSION, Delivery, Inbound, MessageHandling, Outbound
+from robbie_mp.bus.transport.records import Delivery, Inbound, MessageHandling, Outbound
 from robbie_mp.bus.transport.run_memory import make_block_store, make_views
 from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.bus.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
@@ -132,15 +132,13 @@ class Tool:
     ) -> int:
         """Subscribe to messages of a type, on one topic or on all (''). They arrive after `ready`.
 
+        With ANY_VERSION, type and topic are shell patterns.
+
         Returns:
             The number of this subscription.
         """
         self._subscriptions += 1
         return self._endpoint.subscribe(type_name, version, topic, handling)
-
-    def subscribe_encoded(self, type_pattern: str, topic_pattern: str = "*") -> None:
-        """Subscribe to messages whose type and topic match shell patterns."""
-        self.subscribe(type_pattern, ANY_VERSION, topic_pattern)
 
     def ready(self) -> None:
         """Start receiving messages."""

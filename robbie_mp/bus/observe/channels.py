@@ -4,9 +4,14 @@ Reading them costs the robot nothing.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-from robbie_mp.bus.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionCounts
+from robbie_mp.bus.transport.tables import (
+    ROW_OPEN,
+    ChannelCounts,
+    ChannelName,
+    CoreTables,
+    SubscriptionCounts,
+)
 from robbie_mp.bus.transport.words import Words
 
 
@@ -29,18 +34,6 @@ class ChannelNames:
         return known
 
 
-@dataclass(frozen=True)
-class ChannelCount:
-    """The counters of one channel."""
-
-    messages: int = 0
-    bytes: int = 0
-    last_stamp_ns: int = 0
-    """When the newest message was published, monotonic clock; 0: there was none."""
-    intervals_squared_us2: int = 0
-    """Sum of the squared times between messages, of stamps in whole µs, modulo 2^64."""
-
-
 class ChannelCounters:
     """The rows of the channels in the core segment.
 
@@ -54,17 +47,15 @@ class ChannelCounters:
 
     def messages(self) -> dict[ChannelName, int]:
         """Return how many messages have passed through each channel."""
-        return {self._name(row.index): row.messages for row in self._tables.channels()}
+        return {self._name(row.index): row.counts.messages for row in self._tables.channels()}
 
-    def read(self, type_name: str, version: int, topic: str = "") -> dict[str, ChannelCount]:
+    def read(self, type_name: str, version: int, topic: str = "") -> dict[str, ChannelCounts]:
         """Return the counts of a type's channels, by topic; `topic` selects one topic, or all with ''."""
         found = {}
         for row in self._tables.channels():
             name = self._name(row.index)
             if name[:2] == (type_name, version) and topic in ("", name.topic):
-                found[name.topic] = ChannelCount(
-                    row.messages, row.bytes, row.last_stamp_ns, row.intervals_squared_us2
-                )
+                found[name.topic] = row.counts
         return found
 
 

@@ -8,7 +8,7 @@ import psutil
 
 from robbie_mp.bus.observe.connections import Unconnected
 from robbie_mp.bus.transport.histogram import Histogram
-from robbie_mp.bus.transport.tables import SubscriptionCounts
+from robbie_mp.bus.transport.tables import ChannelCounts, SubscriptionCounts
 
 SHARED_MEMORY = "/dev/shm"
 
@@ -165,19 +165,13 @@ class ModuleFigures:
         return sum(getattr(entry, column) for entry in self.subscriptions)
 
 
-@dataclass(frozen=True)
-class ChannelFigures:
+@dataclass(frozen=True, kw_only=True)
+class ChannelFigures(ChannelCounts):
     """The figures of one channel: the messages of one type and version on one topic."""
 
     type_name: str
     version: int
     topic: str
-    messages: int
-    bytes: int
-    last_ns: int = 0
-    """When the newest message was published, monotonic clock; 0: there was none."""
-    intervals_squared: int = 0
-    """Sum of the squared times between two messages, of stamps in whole µs, in µs², modulo 2^64."""
     publishers: tuple[str, ...] = ()
     """Modules that have ever declared that they publish on it, also those that have ended."""
 

@@ -139,12 +139,11 @@ class RunObserver:
         """Return the figures of all channels."""
         return [
             ChannelFigures(
-                *row.name,
-                row.messages,
-                row.bytes,
-                row.last_stamp_ns,
-                row.intervals_squared_us2,
-                tuple(self._board.name(slot) for slot in row.publishers if slot < self._board.slots),
+                **asdict(row.counts),
+                **row.name._asdict(),
+                publishers=tuple(
+                    self._board.name(slot) for slot in row.publishers if slot < self._board.slots
+                ),
             )
             for row in self._tables.channels()
         ]

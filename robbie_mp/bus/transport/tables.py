@@ -44,6 +44,19 @@ def takes_topic(subscribed: str, topic: str) -> bool:
     return subscribed in ("", topic) or (subscribed.endswith("/") and topic.startswith(subscribed))
 
 
+@dataclass(frozen=True)
+class ChannelCounts:
+    """The counters of a channel, in the order of its row."""
+
+    messages: int = 0
+    """Those routed so far."""
+    bytes: int = 0
+    last_ns: int = 0
+    """When the newest message was published, monotonic clock; 0: there was none."""
+    intervals_squared: int = 0
+    """Sum of the squared times between two messages, of stamps in whole µs, in µs², modulo 2^64."""
+
+
 class ChannelRow:
     """One row of the core's channels. Each attribute is read from shared memory when you ask for it."""
 
@@ -92,24 +105,10 @@ class ChannelRow:
         return [slot for slot in range(64 * len(words)) if words[slot // 64] >> slot % 64 & 1]
 
     @property
-    def messages(self) -> int:
-        """Messages routed so far."""
-        return self._words[self._at + layout.CHANNEL_MESSAGES]
-
-    @property
-    def bytes(self) -> int:
-        """Their size in total."""
-        return self._words[self._at + layout.CHANNEL_BYTES]
-
-    @property
-    def last_stamp_ns(self) -> int:
-        """When the newest message was published, monotonic clock; 0: there has been none."""
-        return self._words[self._at + layout.CHANNEL_LAST_STAMP_NS]
-
-    @property
-    def intervals_squared_us2(self) -> int:
-        """Sum of the squares of the times between messages, of stamps in whole µs, modulo 2^64."""
-        return self._words[self._at + layout.CHANNEL_INTERVALS_SQUARED]
+    def counts(self) -> ChannelCounts:
+        """Its counters."""
+        words, at = self._words, self._at + layout.CHANNEL_MESSAGES
+        return ChannelCounts(words[at], words[at + 1], words[at + 2], words[at + 3])
 
 
 class Outcome(IntEnum):

@@ -18,6 +18,7 @@ from robbie_mp.bus.observe import (
 from robbie_mp.bus.observe.figures import MachineReading
 from robbie_mp.bus.transport.histogram import Histogram
 from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.top_program.feed import History, Snapshot, Watching
 from robbie_mp.run.run_directory import KnownRun, RunRecord
 
@@ -59,13 +60,13 @@ def reading(at_s: float, *modules: ModuleFigures, heartbeat_s: float | None = No
         modules=(module("supervisor"), *modules, module("core", work=None, queue_messages=0)),
         channels=(
             ChannelFigures(
-                *SCAN,
+                **ChannelName(*SCAN)._asdict(),
                 messages=round(40 * at_s),
                 bytes=round(4000 * at_s),
                 last_ns=at_ns - SECOND_NS // 4,
                 intervals_squared=round(40 * at_s * (20_000**2 + 30_000**2) / 2),  # 20 and 30 ms in turn
             ),
-            ChannelFigures("nav_msgs/msg/OccupancyGrid", 1, "", 1, 9, 5),
+            ChannelFigures(1, 9, 5, type_name="nav_msgs/msg/OccupancyGrid", version=1, topic=""),
         ),
         segments=(),
         machine=MachineReading((at_s / 2,), (1.0, 2.0, 3.0), 50, 100, 10, 100),
