@@ -168,7 +168,9 @@ def test_processor_time_memory_and_threads_agree_with_psutil(evidence: Evidence)
     ):
         assert early_s <= found_s <= late_s
     assert evidence.loaded["machine"]["memory_total_bytes"] == psutil.virtual_memory().total
-    assert evidence.loaded["machine"]["shared_memory_total_bytes"] == psutil.disk_usage(SHARED_MEMORY).total
+    assert (
+        evidence.loaded["machine"]["shared_memory_total_bytes"] == psutil.disk_usage(str(SHARED_MEMORY)).total
+    )
 
 
 def test_profiler_publishes_the_same_figures(evidence: Evidence) -> None:
