@@ -36,14 +36,18 @@ class LoopDisk:
     Args:
         size_bytes: size of its file.
         max_frozen_s: after this time the watchdog thaws it.
+        at: an empty folder where it is mounted; None: a folder of its own.
 
     Attributes:
         folder: where it is mounted.
     """
 
-    def __init__(self, size_bytes: int = 64 << 20, max_frozen_s: float = MAX_FROZEN_S):
+    def __init__(
+        self, size_bytes: int = 64 << 20, max_frozen_s: float = MAX_FROZEN_S, at: Path | None = None
+    ):
         self._size_bytes = size_bytes
         self._max_frozen_s = max_frozen_s
+        self._at = at
         self._base = Path()
         self._fd = -1
         self._watchdog: subprocess.Popen[str] | None = None
@@ -60,8 +64,8 @@ class LoopDisk:
         if missing := [tool for tool in TOOLS if shutil.which(tool) is None]:
             raise NoLoopDisk(f"there is no {', '.join(missing)}")
         self._base = Path(tempfile.mkdtemp(prefix="robbie-disk-", dir="/tmp"))
-        self.folder = self._base / "mounted"
-        self.folder.mkdir()
+        self.folder = self._at or self._base / "mounted"
+        self.folder.mkdir(exist_ok=True)
         try:
             self._mount(self._base / "image")
         except BaseException:

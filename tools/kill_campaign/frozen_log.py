@@ -29,8 +29,10 @@ def log_disk(output: Path) -> Iterator[LoopDisk | None]:
     Args:
         output: folder where the run will write. It must not exist yet.
     """
+    logs = output / LOG_FOLDER
+    logs.mkdir(parents=True)
     try:
-        disk = LoopDisk(256 << 20, MAX_FROZEN_S).__enter__()
+        disk = LoopDisk(256 << 20, MAX_FROZEN_S, logs).__enter__()
     except NoLoopDisk as error:
         print(
             f"NOT TESTED: the log disk is never frozen, because this machine does not allow one: {error}",
@@ -39,8 +41,6 @@ def log_disk(output: Path) -> Iterator[LoopDisk | None]:
         yield None
         return
     try:
-        output.mkdir(parents=True)
-        (output / LOG_FOLDER).symlink_to(disk.folder)
         yield disk
     finally:
         disk.__exit__(None, None, None)
