@@ -41,7 +41,7 @@ class LaserGeometry:
 
 
 @dataclass(frozen=True)
-class LaserSweep:
+class DeviceSweep:
     """One sweep of a laser.
 
     Attributes:
@@ -65,5 +65,5 @@ class LaserRangeFinder(ABC):
         """Return the laser's mounting pose and beam directions."""
 
     @abstractmethod
-    def scan(self) -> LaserSweep:
+    def scan(self) -> DeviceSweep:
         """Return the newest sweep."""

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceSilent
-from robbie_robots.hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+from robbie_robots.hw.laser import DeviceSweep, LaserGeometry, LaserRangeFinder
 
 
-class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
+class PluggableLaser(PluggableDevice[DeviceSweep], LaserRangeFinder):
     """A laser that connects by itself; `poll` returns its sweeps. Its geometry is known once reported.
 
     Args:
@@ -45,7 +45,7 @@ class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
             raise DeviceSilent(f"the laser at {self.url} has not told its geometry yet: {self.reason}")
         return self._geometry
 
-    def scan(self) -> LaserSweep:
+    def scan(self) -> DeviceSweep:
         """Wait for a sweep and return it, or the newest of several.
 
         Raises:

@@ -24,7 +24,7 @@ from robbie_mp.messages import (
 from robbie_robots.modules.planar_messages import laser_mount, planar, pose_stamped, sweep_of
 from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.mapping.grid_mapper import GridMapper, Limits
+from robbie_robots.workers.mapping.grid_mapper import GridMapper, MapperLimits
 from robbie_robots.workers.maps.map_file import write_large_map
 from robbie_robots.workers.maps.map_picture import map_picture
 from robbie_robots.workers.row_log import RowLog
@@ -79,7 +79,7 @@ class Mapping(Module):
             self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
 
     def _reset(self) -> None:
-        limits = Limits(key_sweeps=self.key_sweeps)
+        limits = MapperLimits(key_sweeps=self.key_sweeps)
         self.mapper = GridMapper(self.resolution_m, self.max_range_m, limits=limits)
         self.odometry_messages = 0
         self.scans = 0

@@ -23,7 +23,7 @@ from robbie_robots.modules.planar_messages import map_cells, sweep_of
 from robbie_robots.modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_robots.workers.home.follow import PersonReport
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.people.clothes import View, clothes_in
+from robbie_robots.workers.people.clothes import ClothesView, clothes_in
 from robbie_robots.workers.people.leg_classifier import LegClassifier
 from robbie_robots.workers.people.leg_segments import find_segments
 from robbie_robots.workers.people.map_things import MapThings
@@ -170,7 +170,7 @@ class PeopleFinder(Module):
         ahead_s = stamp_ns / 1e9 - self.stamp.nanoseconds / 1e9
         places = np.array([one.xy_m + ahead_s * one.velocity_m_per_s for one in persons])
         pixels = image.data.reshape(image.height, image.step)[:, : 3 * image.width]
-        view = View(
+        view = ClothesView(
             pixels.reshape(image.height, image.width, 3),
             float(camera.k[0]),
             (float(camera.k[2]), float(camera.k[5])),

@@ -14,7 +14,7 @@ PAUSE_S, PAUSE_PERIODS = 0.5, 4  # a pause is longer than both
 
 
 @dataclass(frozen=True)
-class Place:
+class TrackMoment:
     """A moment in the track.
 
     Attributes:
@@ -40,12 +40,12 @@ class OdometryTrack:
         """Append an entry: its stamp and the pose (x m, y m, heading rad)."""
         self.log.add([stamp_s, *np.asarray(pose, float)])
 
-    def numbered(self, position: int) -> Place:
+    def numbered(self, position: int) -> TrackMoment:
         """Return an entry by its number, or the nearest one if that was dropped or is yet to come."""
         row = int(np.clip(position - self.log.forgotten, 0, len(self.log) - 1))
-        return Place(row + self.log.forgotten, self.log.rows[row, 1:].copy())
+        return TrackMoment(row + self.log.forgotten, self.log.rows[row, 1:].copy())
 
-    def at(self, stamp_s: float) -> Place | None:
+    def at(self, stamp_s: float) -> TrackMoment | None:
         """Find the place of a stamp, or None if it is not between the newest entries.
 
         Stamps may be out of order if the clock jitters; the order of recording counts. So this returns the
@@ -64,7 +64,7 @@ class OdometryTrack:
         before, after = newest[around[-1]], newest[around[-1] + 1]
         share = (stamp_s - before[0]) / (after[0] - before[0])
         pose = compose(before[1:], share * relative(before[1:], after[1:]))
-        return Place(self.log.forgotten + begin + around[-1] + share, pose)
+        return TrackMoment(self.log.forgotten + begin + around[-1] + share, pose)
 
     def moved(self, begin: float, end: float) -> NDArray[np.float64]:
         """Return the length of the way between two positions, m; 0; and the turns on it, added up, rad."""
@@ -73,7 +73,7 @@ class OdometryTrack:
         steps = relative(rows[:-1, 1:], rows[1:, 1:])
         return np.array([np.hypot(steps[:, 0], steps[:, 1]).sum(), 0.0, np.abs(steps[:, 2]).sum()])
 
-    def is_in_pause(self, place: Place, least_m: float, least_rad: float) -> bool:
+    def is_in_pause(self, place: TrackMoment, least_m: float, least_rad: float) -> bool:
         """Return whether a place lies in a pause of the odometry in which the robot moved.
 
         Where the robot was then is not known: it may have stood for most of the pause.

@@ -16,7 +16,7 @@ VALID_S = 1.0
 KEPT = 100
 
 
-class Body(ABC):
+class WheeledBody(ABC):
     """A body on two driven wheels."""
 
     @abstractmethod
@@ -37,7 +37,7 @@ class Body(ABC):
         """
 
 
-class ObedientBody(Body):
+class ObedientBody(WheeledBody):
     """A body without mass in a world without walls."""
 
     def move(
@@ -47,7 +47,7 @@ class ObedientBody(Body):
         return linear_m_per_s * passed_s, angular_rad_per_s * passed_s
 
 
-class SimulatedBody(Body):
+class SimulatedBody(WheeledBody):
     """A body in a simulated arena: it has mass, its wheels slip, and walls stop it. Threads may share it.
 
     Args:

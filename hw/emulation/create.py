@@ -5,7 +5,7 @@ Source: iRobot, Create 2 Open Interface (OI) Specification based on the Roomba 6
 
 import math
 
-from robbie_robots.hw.emulation.body import Body, ObedientBody
+from robbie_robots.hw.emulation.body import ObedientBody, WheeledBody
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 BIT_RATES = (300, 600, 1200, 2400, 4800, 9600, 14_400, 19_200, 28_800, 38_400, 57_600, 115_200)
@@ -54,7 +54,7 @@ class EmulatedCreate(EmulatedDevice):
         songs: notes by the number of the song; `played` lists what was played.
     """
 
-    def __init__(self, clock: EmulatedClock | None = None, body: Body | None = None) -> None:
+    def __init__(self, clock: EmulatedClock | None = None, body: WheeledBody | None = None) -> None:
         """Create it.
 
         Args:

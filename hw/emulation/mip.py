@@ -21,7 +21,7 @@ EVERYTHING = frozenset({ACCELERATION, TURN, MAGNETIC, QUATERNION, EULER, GPS_TIM
 
 
 @dataclass
-class Motion:
+class MipMeasurements:
     """The measurements of the unit; set them to your liking: g, rad/s, gauss, rad.
 
     The unit's x points ahead, y to the right and z down; the quaternion turns its frame to north, east, down.
@@ -53,7 +53,7 @@ class EmulatedMip(EmulatedDevice):
     ) -> None:
         super().__init__(clock)
         self.bit_rate, self.fields, self.base_hz = bit_rate, fields, base_hz
-        self.motion = Motion()
+        self.motion = MipMeasurements()
         self.power_on()
 
     def power_on(self) -> None:

@@ -7,7 +7,7 @@ import math
 import struct
 from dataclasses import dataclass, field
 
-from robbie_robots.hw.emulation.body import Body, ObedientBody
+from robbie_robots.hw.emulation.body import ObedientBody, WheeledBody
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice, oldest_due
 
 HEADER = b"\xfa\xfb"
@@ -31,7 +31,7 @@ VEL, CONFIG, RVEL, SONAR, STOP, VEL2, HOST_BAUD, ESTOP = 11, 18, 21, 28, 29, 32,
 
 
 @dataclass
-class Base:
+class PioneerState:
     """The state of the robot's body; set it to your liking.
 
     Attributes:
@@ -78,11 +78,11 @@ class EmulatedPioneer(EmulatedDevice):
     def __init__(
         self,
         clock: EmulatedClock | None = None,
-        base: Base | None = None,
-        body: Body | None = None,
+        base: PioneerState | None = None,
+        body: WheeledBody | None = None,
     ) -> None:
         super().__init__(clock)
-        self.base = base or Base()
+        self.base = base or PioneerState()
         self._body = body or ObedientBody()
         self.velocity = self.wanted = (0.0, 0.0)
         self.power_on()

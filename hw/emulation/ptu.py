@@ -17,7 +17,7 @@ VERSION = "Pan-Tilt Controller v2.12.1d1(C14/E), (C)2003 Directed Perception, In
 
 
 @dataclass
-class Joint:
+class PtuJoint:
     """One joint, in steps.
 
     Attributes:
@@ -52,7 +52,7 @@ class EmulatedPtu(EmulatedDevice):
 
     def power_on(self) -> None:
         """Look straight ahead, with the maker's values."""
-        self.joints = {"P": Joint(-3090, 3090), "T": Joint(-907, 604)}
+        self.joints = {"P": PtuJoint(-3090, 3090), "T": PtuJoint(-907, 604)}
         self.repeats = self.is_verbose = True
         self._received = ""
         self._moved_s = self.clock.now_s()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.hw.emulation.body import Body
+from robbie_robots.hw.emulation.body import WheeledBody
 from robbie_robots.hw.pose import wrapped
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ def recorded_drive(
     )
 
 
-class RecordedBody(Body):
+class RecordedBody(WheeledBody):
     """A body that moves as it was recorded, whatever its motors are told.
 
     Args:

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Way:
+class EmulatedMode:
     """A scan mode.
 
     Attributes:
@@ -54,29 +54,37 @@ class RpLidarModel:
     number: int
     bit_rate: int
     turns_per_s: float
-    ways: tuple[Way, ...]
+    ways: tuple[EmulatedMode, ...]
     typical: int = 0
     tells_ways: bool = True
 
 
 A1 = RpLidarModel(
-    0x18, 115_200, 5.5, (Way("Standard", 0x81, 500), Way("Express", 0x82, 250)), tells_ways=False
+    0x18,
+    115_200,
+    5.5,
+    (EmulatedMode("Standard", 0x81, 500), EmulatedMode("Express", 0x82, 250)),
+    tells_ways=False,
 )
 A3 = RpLidarModel(
     0x31,
     256_000,
     10.0,
     (
-        Way("Standard", 0x81, 250),
-        Way("Express", 0x82, 125),
-        Way("Boost", 0x84, 62.5),
-        Way("Sensitivity", 0x84, 66.5),
-        Way("HQ", 0x83, 500),
+        EmulatedMode("Standard", 0x81, 250),
+        EmulatedMode("Express", 0x82, 125),
+        EmulatedMode("Boost", 0x84, 62.5),
+        EmulatedMode("Sensitivity", 0x84, 66.5),
+        EmulatedMode("HQ", 0x83, 500),
     ),
     typical=3,
 )
 S2 = RpLidarModel(
-    0x71, 1_000_000, 10.0, (Way("Standard", 0x81, 62.5), Way("DenseBoost", 0x85, 31.25)), typical=1
+    0x71,
+    1_000_000,
+    10.0,
+    (EmulatedMode("Standard", 0x81, 62.5), EmulatedMode("DenseBoost", 0x85, 31.25)),
+    typical=1,
 )
 
 SAMPLES_OF_FRAME = {0x81: 1, 0x82: 32, 0x83: 16, 0x84: 96, 0x85: 40}
@@ -110,7 +118,7 @@ class EmulatedRpLidar(EmulatedDevice):
     def power_on(self) -> None:
         """Wait for a command."""
         self._received = bytearray()
-        self._way: Way | None = None
+        self._way: EmulatedMode | None = None
         self.motor_pwm = 0
         self.began_s = 0.0
 
@@ -197,7 +205,7 @@ class EmulatedRpLidar(EmulatedDevice):
         size = len(data) if length is None else length
         self.send(b"\xa5\x5a" + struct.pack("<IB", size | mode, kind) + data)
 
-    def _scan(self, way: Way) -> None:
+    def _scan(self, way: EmulatedMode) -> None:
         self._way, self._frames = way, 0
         self.began_s = self.clock.now_s()
         self._answer(way.answer, b"", STREAM, BYTES_OF_FRAME[way.answer])
@@ -217,7 +225,7 @@ class EmulatedRpLidar(EmulatedDevice):
         ranges = self._measure(turns, np.radians((swept_deg - behind_deg) % 360)) * 1000
         return np.where(np.isfinite(ranges) & (ranges > 0), ranges, 0.0)
 
-    def _frame(self, way: Way) -> bytes:
+    def _frame(self, way: EmulatedMode) -> bytes:
         count = SAMPLES_OF_FRAME[way.answer]
         swept = self._swept_deg(0, count)
         start = round(swept[0] % 360 * 64) % (360 * 64)

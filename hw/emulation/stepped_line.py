@@ -8,7 +8,7 @@ from robbie_robots.hw.emulation.faults import Faults, FaultyWay
 from robbie_robots.hw.emulation.line import BITS_PER_BYTE, MAX_RATE_DIFFERENCE
 
 
-class SimulatedTime:
+class SteppedTime:
     """A clock that a `SteppedLine` moves.
 
     Example:
@@ -38,7 +38,7 @@ class SteppedLine(Port):
     """
 
     def __init__(
-        self, device: EmulatedDevice, clock: SimulatedTime, faults: Faults | None = None, seed: int = 0
+        self, device: EmulatedDevice, clock: SteppedTime, faults: Faults | None = None, seed: int = 0
     ) -> None:
         self.url = "simulated"
         self._device, self._clock = device, clock

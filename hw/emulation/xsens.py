@@ -23,7 +23,7 @@ DOUBLE = 3
 
 
 @dataclass
-class Motion:
+class XsensMeasurements:
     """The measurements of the unit; set them to your liking.
 
     Attributes:
@@ -54,7 +54,7 @@ class EmulatedMti(EmulatedDevice):
     def __init__(self, clock: EmulatedClock | None = None, bit_rate: int = 115_200) -> None:
         super().__init__(clock)
         self.bit_rate = bit_rate
-        self.motion = Motion()
+        self.motion = XsensMeasurements()
         self.device_id = 0x01234567
         # Kept without power.
         self._outputs = [(PACKET_COUNTER, 0xFFFF), (FINE_TIME, 0xFFFF), (QUATERNION, 100),

@@ -10,7 +10,7 @@ from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.flir import ptu_protocol as protocol
-from robbie_robots.hw.flir.ptu_protocol import Answer, Axis, PtuFraming
+from robbie_robots.hw.flir.ptu_protocol import Axis, PtuAnswer, PtuFraming
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
 from robbie_robots.hw.pan_tilt import PanTiltLimits, PanTiltState, PanTiltUnit
 
@@ -169,7 +169,7 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
         except DamagedFrame as error:
             raise DeviceFault(f"the unit at {self.url} answers {axis}{what} with {answer.text!r}") from error
 
-    def _answer(self, port: Port, command: bytes) -> Answer:
+    def _answer(self, port: Port, command: bytes) -> PtuAnswer:
         """Send a command and return the answer to it."""
         port.write(command)
         end_s = time.monotonic() + ANSWER_S

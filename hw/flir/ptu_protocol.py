@@ -24,7 +24,7 @@ class Axis(StrEnum):
     TILT = "T"
 
 
-class Answer(NamedTuple):
+class PtuAnswer(NamedTuple):
     """A line from the unit.
 
     Attributes:
@@ -73,7 +73,7 @@ def speed(axis: Axis, steps_per_s: int) -> bytes:
     return f"{axis}S{steps_per_s} ".encode("ascii")
 
 
-class PtuFraming(Framing[Answer]):
+class PtuFraming(Framing[PtuAnswer]):
     """The unit's answers, each from `*` or `!` to the line's end; an echo before it is skipped."""
 
     head_bytes = MAX_ANSWER_BYTES
@@ -96,17 +96,17 @@ class PtuFraming(Framing[Answer]):
             raise DamagedFrame(f"no end of line in {MAX_ANSWER_BYTES} characters")
         return end.end() if end else None
 
-    def parse(self, frame: bytes) -> Answer:
+    def parse(self, frame: bytes) -> PtuAnswer:
         """Return the answer."""
         if frame in (b"!P", b"!T"):
-            return Answer(False, "", Axis(frame[1:].decode()))
+            return PtuAnswer(False, "", Axis(frame[1:].decode()))
         text = frame[1:].strip()
         if not _TEXT.fullmatch(text):
             raise DamagedFrame(f"no answer of a pan-tilt unit: {frame!r}")
-        return Answer(frame[:1] == b"*", text.decode("ascii"))
+        return PtuAnswer(frame[:1] == b"*", text.decode("ascii"))
 
 
-def number(answer: Answer) -> float:
+def number(answer: PtuAnswer) -> float:
     """Return the number in an answer, terse or verbose.
 
     Raises:

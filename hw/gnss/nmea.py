@@ -68,7 +68,7 @@ class PositionFix:
 
 
 @dataclass(frozen=True)
-class Motion:
+class RmcSentence:
     """An RMC sentence; a value that the receiver does not know is NaN.
 
     Attributes:
@@ -153,14 +153,14 @@ def position_fix(sent: Sentence) -> PositionFix:
     )
 
 
-def motion(sent: Sentence) -> Motion:
+def motion(sent: Sentence) -> RmcSentence:
     """Return what an RMC sentence tells.
 
     Raises:
         DamagedFrame: it is another sentence, or a field is malformed.
     """
     fields = _fields(sent, "RMC", 9)
-    return Motion(
+    return RmcSentence(
         time_of_day_s=_time(fields[0]),
         valid=fields[1] == "A",
         latitude_deg=_angle(fields[2], fields[3], "N", "S"),

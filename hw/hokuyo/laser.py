@@ -13,13 +13,13 @@ from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.hokuyo.scip import (
     STAMP_BITS,
     DamagedLine,
-    Reply,
     ReplyReader,
+    ScipReply,
     meaning,
     measurement,
     parameters,
 )
-from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
 from robbie_robots.hw.pose import ORIGIN, Pose
 
@@ -30,7 +30,7 @@ ANSWER_S = 1.0
 ON = ("00", "02")
 
 
-class Data(StrEnum):
+class SentMeasurements(StrEnum):
     """The choice of measurements that the laser sends."""
 
     RANGES = "MD"
@@ -66,7 +66,7 @@ class HokuyoLaser(PluggableLaser):
         url: str,
         mount: Pose = ORIGIN,
         *,
-        data: Data = Data.RANGES,
+        data: SentMeasurements = SentMeasurements.RANGES,
         field_rad: tuple[float, float] | None = None,
         merge: int = 1,
         skip: int = 0,
@@ -83,7 +83,7 @@ class HokuyoLaser(PluggableLaser):
         self._stamps = DeviceClock(2**STAMP_BITS / 1000, 0.001, latency_s)
         self._reader = ReplyReader()
         # What arrived together with the answer to the last command.
-        self._early: list[Reply] = []
+        self._early: list[ScipReply] = []
         self._request = ""
 
     def _start(self, port: Port) -> None:
@@ -101,7 +101,7 @@ class HokuyoLaser(PluggableLaser):
         self._request = f"{self._data}{first:04d}{last:04d}{self._merge:02d}{self._skip}00"
         self._answer(port, self._request, ON if on.status == "02" else ("00",))
 
-    def _take(self, data: bytes) -> list[LaserSweep]:
+    def _take(self, data: bytes) -> list[DeviceSweep]:
         """Return the sweeps that are whole now, without the damaged ones."""
         sweeps = []
         early, self._early = self._early, []
@@ -129,13 +129,13 @@ class HokuyoLaser(PluggableLaser):
         """Switch the laser off."""
         self.port.write(b"QT\n")
 
-    def _sweep(self, reply: Reply) -> LaserSweep:
+    def _sweep(self, reply: ScipReply) -> DeviceSweep:
         if reply.status != "99":
             raise DamagedLine(f"a sweep with {meaning(reply.status)}")
         measured, geometry = measurement(reply), self.geometry
         if len(measured.ranges_mm) != geometry.beams:
             raise DamagedLine(f"a sweep of {len(measured.ranges_mm)} beams instead of {geometry.beams}")
-        return LaserSweep(
+        return DeviceSweep(
             self._stamps.stamp_s(measured.stamp_ms / 1000, reply.arrived_s),
             ranges_in_metres(measured.ranges_mm, 0.001, geometry),
             None if measured.intensities is None else measured.intensities.astype("float32"),
@@ -157,7 +157,7 @@ class HokuyoLaser(PluggableLaser):
         self.period_s = 60.0 / int(told["SCAN"]) * (1 + self._skip)
         self.time_increment_s = 60.0 / int(told["SCAN"]) / steps * self._merge
         most_mm = int(told["DMAX"])
-        if self._data is Data.SHORT_RANGES:
+        if self._data is SentMeasurements.SHORT_RANGES:
             most_mm = min(most_mm, 4095)
         self._geometry = LaserGeometry(
             angle_min_rad=(first - front + (self._merge - 1) / 2) * step_rad,
@@ -169,7 +169,7 @@ class HokuyoLaser(PluggableLaser):
         )
         return first, last
 
-    def _answer(self, port: Port, command: str, good: tuple[str, ...] = ("00",)) -> Reply:
+    def _answer(self, port: Port, command: str, good: tuple[str, ...] = ("00",)) -> ScipReply:
         """Send a command and return the reply to it; skip the rest of an earlier stream.
 
         Raises:
@@ -190,7 +190,7 @@ class HokuyoLaser(PluggableLaser):
         raise DeviceSilent(f"no answer to {command} from {self.url}: does this laser speak SCIP 2.0?")
 
 
-def _tolerant(reply: Reply) -> dict[str, str]:
+def _tolerant(reply: ScipReply) -> dict[str, str]:
     """Return the description that a laser gives of itself; nothing if its form is not known."""
     with suppress(DamagedLine):
         return parameters(reply.lines)

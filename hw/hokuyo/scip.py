@@ -41,7 +41,7 @@ class DamagedLine(DeviceFault):
 
 
 @dataclass(frozen=True)
-class Reply:
+class ScipReply:
     """A reply of the laser, up to an empty line.
 
     Attributes:
@@ -81,7 +81,7 @@ class ReplyReader:
         self._buffer = b""
         self._began_s = 0.0
 
-    def feed(self, data: bytes, arrived_s: float) -> list[Reply]:
+    def feed(self, data: bytes, arrived_s: float) -> list[ScipReply]:
         """Take bytes in pieces of any length; return the replies that are whole now."""
         if not self._buffer.strip(b"\n"):
             self._began_s = arrived_s
@@ -105,7 +105,7 @@ class ReplyReader:
         self._buffer = b""
 
 
-def reply_of(text: bytes, arrived_s: float = 0.0) -> Reply:
+def reply_of(text: bytes, arrived_s: float = 0.0) -> ScipReply:
     """Return a reply from its lines.
 
     Raises:
@@ -118,10 +118,10 @@ def reply_of(text: bytes, arrived_s: float = 0.0) -> Reply:
     status = lines[0] if echo == OLDEST_COMMAND else without_checksum(lines[0])
     if len(status) != STATUS_BYTES and echo != OLDEST_COMMAND:
         raise DamagedLine(f"a status of {len(status)} characters")
-    return Reply(echo.decode("ascii", "replace"), status.decode("ascii", "replace"), lines[1:], arrived_s)
+    return ScipReply(echo.decode("ascii", "replace"), status.decode("ascii", "replace"), lines[1:], arrived_s)
 
 
-def measurement(reply: Reply) -> Measurement:
+def measurement(reply: ScipReply) -> Measurement:
     """Return the data of a sweep: GD, GS, MD, MS, GE or ME, told by its echo.
 
     Raises:

@@ -62,7 +62,7 @@ class CreateBase(ConnectedBase):
         self._encoders: tuple[int, int] | None = None
         self._is_back = False
         self._recent: deque[tuple[float, float, float]] = deque(maxlen=FRAMES_OF_SPEED)
-        self.mode = oi.Mode.OFF
+        self.mode = oi.CreateMode.OFF
         """The robot's mode in its last frame."""
 
     def show(self, lamps: oi.Leds, color: int = 0, intensity: int = 255) -> None:
@@ -91,7 +91,7 @@ class CreateBase(ConnectedBase):
         excess = max(1.0, abs(left) / MAX_WHEEL_M_PER_S, abs(right) / MAX_WHEEL_M_PER_S)
         command = oi.drive_direct(round(1000 * left / excess), round(1000 * right / excess))
         # After a cliff, a wheel drop or the charger the robot is passive, until it is told otherwise.
-        return (oi.safe() if self.mode is oi.Mode.PASSIVE else b"") + command
+        return (oi.safe() if self.mode is oi.CreateMode.PASSIVE else b"") + command
 
     def _halt(self) -> bytes:
         return oi.drive_direct(0, 0)
@@ -105,7 +105,7 @@ class CreateBase(ConnectedBase):
         self._decoder.reset()
         self._is_back = True
         self._recent.clear()
-        self.mode = oi.Mode.OFF
+        self.mode = oi.CreateMode.OFF
 
     def _take(self, data: bytes) -> list[BaseReading]:
         arrived_s, frames = self._clock(), self._decoder.feed(data)
@@ -117,7 +117,7 @@ class CreateBase(ConnectedBase):
         encoders = values["left_encoder"], values["right_encoder"]
         state = self._moved(stamp_s, *self._motion_since(encoders, stamp_s))
         bumps = oi.Bumps(values["bumps_and_wheel_drops"] & 0xF)
-        self.mode = oi.Mode(values["mode"] & 3)
+        self.mode = oi.CreateMode(values["mode"] & 3)
         return BaseReading(
             state=state,
             covariance=self.odometer.covariance,
@@ -171,6 +171,6 @@ class CreateBase(ConnectedBase):
             problems.append("too much current in a motor")
         if values["charging_sources"]:
             problems.append("at the charger")
-        if self.mode in (oi.Mode.OFF, oi.Mode.PASSIVE):
+        if self.mode in (oi.CreateMode.OFF, oi.CreateMode.PASSIVE):
             problems.append(f"{self.mode.name.lower()} mode")
         return tuple(problems)

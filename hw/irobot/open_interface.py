@@ -27,7 +27,7 @@ class OpenInterfaceError(ValueError):
     """A command has a value that the Open Interface does not allow."""
 
 
-class Mode(IntEnum):
+class CreateMode(IntEnum):
     """How far the robot obeys (packet 35)."""
 
     OFF = 0
@@ -65,7 +65,7 @@ class Leds(IntFlag):
     CHECK_ROBOT = 8
 
 
-class Packet(NamedTuple):
+class SensorPacket(NamedTuple):
     """One sensor packet: its name, and its format as in `struct`, big-endian."""
 
     name: str
@@ -89,7 +89,7 @@ _NAMES_AND_FORMATS = """
 """
 # The packets 7 to 58.
 PACKETS = {
-    number: Packet(*text.split()) for number, text in enumerate(_NAMES_AND_FORMATS.split(";"), start=7)
+    number: SensorPacket(*text.split()) for number, text in enumerate(_NAMES_AND_FORMATS.split(";"), start=7)
 }
 # Groups of consecutive packets: first and last packet.
 GROUPS = {
@@ -107,7 +107,7 @@ GROUPS = {
 }
 
 
-def packets_of(number: int) -> tuple[Packet, ...]:
+def packets_of(number: int) -> tuple[SensorPacket, ...]:
     """Return the packets of a group, or the one packet with this number.
 
     Raises:

@@ -13,7 +13,7 @@ from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
 from robbie_robots.hw.odometry import OdometryNoise
 from robbie_robots.hw.pioneer import p2os
-from robbie_robots.hw.pioneer.p2os import Command, PacketId
+from robbie_robots.hw.pioneer.p2os import PacketId, PioneerCommand
 
 BIT_RATE = 9_600
 HEADING_MODULUS = 4_096
@@ -118,15 +118,15 @@ class PioneerBase(ConnectedBase):
         """Return what the robot has reported since the last call; keep its watchdog content."""
         if self.is_connected and self._monotonic() - self._pulse_s >= PULSE_PERIOD_S:
             self._pulse_s = self._monotonic()
-            self.send(p2os.command(Command.PULSE))
+            self.send(p2os.command(PioneerCommand.PULSE))
         return super().poll(min(wait_s, PULSE_PERIOD_S))
 
     def _greet(self, port: Port) -> None:
         decoder = FrameDecoder(p2os.P2osFraming())
         # The robot may still be connected to a host that has died.
-        port.write(p2os.command(Command.CLOSE))
+        port.write(p2os.command(PioneerCommand.CLOSE))
         port.drain(quiet_s=0.12, limit_s=0.5)
-        for step in (Command.PULSE, Command.OPEN, Command.CLOSE):
+        for step in (PioneerCommand.PULSE, PioneerCommand.OPEN, PioneerCommand.CLOSE):
             port.write(p2os.command(step))
             answer = self._answer(port, decoder, step)
         try:
@@ -135,27 +135,27 @@ class PioneerBase(ConnectedBase):
             raise DeviceFault(f"the robot at {self.url} does not tell its name: {error}") from error
         self.model = self._wanted_model or MODELS.get(self.name.model, P3AT)
         for number, argument in (
-            (Command.OPEN, None),
-            (Command.PULSE, None),
-            (Command.SONAR, 1),
-            (Command.ENABLE, 1),
+            (PioneerCommand.OPEN, None),
+            (PioneerCommand.PULSE, None),
+            (PioneerCommand.SONAR, 1),
+            (PioneerCommand.ENABLE, 1),
         ):
             port.write(p2os.command(number, argument))
         self._set_accelerations(port, decoder)
 
-    def _set_accelerations(self, port: Port, decoder: FrameDecoder[p2os.Packet]) -> None:
+    def _set_accelerations(self, port: Port, decoder: FrameDecoder[p2os.PioneerPacket]) -> None:
         """Let the robot brake as hard as it can, and limit its speed so that it stands in time."""
         self.configuration = told = self._ask_configuration(port, decoder)
         model = self.model
         speed_up = round(1000 * model.acceleration_m_per_s2)
         turn_up = round(math.degrees(model.turn_acceleration_rad_per_s2))
-        port.write(p2os.command(Command.ACCELERATION, speed_up))
-        port.write(p2os.command(Command.TURN_ACCELERATION, turn_up))
+        port.write(p2os.command(PioneerCommand.ACCELERATION, speed_up))
+        port.write(p2os.command(PioneerCommand.TURN_ACCELERATION, turn_up))
         if told is not None:
             self._stamps.set_period(told.report_period_s or REPORT_PERIOD_S)
         if told is not None and _tells_brakes(told):
-            port.write(p2os.command(Command.ACCELERATION, -told.top_acceleration_mm_per_s2))
-            port.write(p2os.command(Command.TURN_ACCELERATION, -told.top_turn_acceleration_deg_per_s2))
+            port.write(p2os.command(PioneerCommand.ACCELERATION, -told.top_acceleration_mm_per_s2))
+            port.write(p2os.command(PioneerCommand.TURN_ACCELERATION, -told.top_turn_acceleration_deg_per_s2))
         self._limit_speed(told)
 
     def _limit_speed(self, told: p2os.Configuration | None) -> None:
@@ -184,15 +184,17 @@ class PioneerBase(ConnectedBase):
             speed = f"{self.limits.linear_m_per_s:.2g} m/s"
             self._stop_problem = (f"drives at most {speed}: its watchdog waits {told.watchdog_s:g} s",)
 
-    def _ask_configuration(self, port: Port, decoder: FrameDecoder[p2os.Packet]) -> p2os.Configuration | None:
+    def _ask_configuration(
+        self, port: Port, decoder: FrameDecoder[p2os.PioneerPacket]
+    ) -> p2os.Configuration | None:
         """Return the robot's parameters; None: its firmware does not tell them."""
         for _ in range(CONFIGURATION_ATTEMPTS):
-            port.write(p2os.command(Command.CONFIG))
+            port.write(p2os.command(PioneerCommand.CONFIG))
             with suppress(DeviceSilent, DamagedFrame):
                 return p2os.configuration(self._answer(port, decoder, PacketId.CONFIG))
         return None
 
-    def _answer(self, port: Port, decoder: FrameDecoder[p2os.Packet], step: int) -> p2os.Packet:
+    def _answer(self, port: Port, decoder: FrameDecoder[p2os.PioneerPacket], step: int) -> p2os.PioneerPacket:
         end_s = self._monotonic() + HANDSHAKE_TIMEOUT_S
         others = 0
         while (left_s := end_s - self._monotonic()) > 0:
@@ -205,20 +207,20 @@ class PioneerBase(ConnectedBase):
         raise DeviceSilent(f"no robot answers SYNC{step} at {self.url}")
 
     def _motion(self, linear_m_per_s: float, angular_rad_per_s: float) -> bytes:
-        speed = p2os.command(Command.SPEED, round(1000 * linear_m_per_s))
-        return speed + p2os.command(Command.TURN_RATE, round(math.degrees(angular_rad_per_s)))
+        speed = p2os.command(PioneerCommand.SPEED, round(1000 * linear_m_per_s))
+        return speed + p2os.command(PioneerCommand.TURN_RATE, round(math.degrees(angular_rad_per_s)))
 
     def _halt(self) -> bytes:
-        return p2os.command(Command.STOP)
+        return p2os.command(PioneerCommand.STOP)
 
     def stop_for_emergency(self) -> None:
         """Brake as hard as possible; do not move again before `release`."""
-        self.send(p2os.command(Command.EMERGENCY_STOP))
+        self.send(p2os.command(PioneerCommand.EMERGENCY_STOP))
         super().stop_for_emergency()
 
     def _stop(self) -> None:
         super()._stop()
-        self.send(p2os.command(Command.ENABLE, 0) + p2os.command(Command.CLOSE))
+        self.send(p2os.command(PioneerCommand.ENABLE, 0) + p2os.command(PioneerCommand.CLOSE))
 
     def _reset(self) -> None:
         super()._reset()

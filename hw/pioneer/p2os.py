@@ -21,7 +21,7 @@ class P2osError(ValueError):
     """A command has a value that does not fit its packet."""
 
 
-class Command(IntEnum):
+class PioneerCommand(IntEnum):
     """The commands of a client. The handshake's SYNC0, SYNC1 and SYNC2 are the first three."""
 
     PULSE = 0
@@ -56,7 +56,7 @@ class PacketId(IntEnum):
     MOVING = 0x33
 
 
-class Packet(NamedTuple):
+class PioneerPacket(NamedTuple):
     """A packet: its number, and the bytes behind."""
 
     number: int
@@ -85,7 +85,7 @@ def command(number: int, argument: int | str | None = None) -> bytes:
     """Return the packet of a command.
 
     Args:
-        number: the command, such as `Command.SPEED`.
+        number: the command, such as `PioneerCommand.SPEED`.
         argument: a number from -65535 to 65535, a short text, or nothing.
 
     Raises:
@@ -104,7 +104,7 @@ def command(number: int, argument: int | str | None = None) -> bytes:
     return packet(struct.pack("<BBH", number, kind, abs(argument)))
 
 
-class P2osFraming(Framing[Packet]):
+class P2osFraming(Framing[PioneerPacket]):
     """The packets of both directions."""
 
     start = HEADER
@@ -118,13 +118,13 @@ class P2osFraming(Framing[Packet]):
             raise DamagedFrame(f"a packet of {head[2]} bytes")
         return 3 + head[2]
 
-    def parse(self, frame: bytes) -> Packet:
+    def parse(self, frame: bytes) -> PioneerPacket:
         """Return the packet's number and contents."""
         data = frame[3:-2]
         (told,) = struct.unpack(">H", frame[-2:])
         if checksum(data) != told:
             raise DamagedFrame(f"checksum {told:04x} instead of {checksum(data):04x}")
-        return Packet(data[0], data[1:])
+        return PioneerPacket(data[0], data[1:])
 
 
 class RobotName(NamedTuple):
@@ -135,7 +135,7 @@ class RobotName(NamedTuple):
     model: str
 
 
-def robot_name(answer: Packet) -> RobotName:
+def robot_name(answer: PioneerPacket) -> RobotName:
     """Return the names in the answer to SYNC2.
 
     Raises:
@@ -212,8 +212,8 @@ _CONFIG_START = struct.Struct("<B5H")
 _CONFIG_END = struct.Struct("<BBBHHBHHHB4HHH5H5H")
 
 
-def configuration(sent: Packet) -> Configuration:
-    """Return the robot's parameters in the answer to `Command.CONFIG`.
+def configuration(sent: PioneerPacket) -> Configuration:
+    """Return the robot's parameters in the answer to `PioneerCommand.CONFIG`.
 
     Raises:
         DamagedFrame: it is another packet, or it is too short.
@@ -238,7 +238,7 @@ _SONAR = struct.Struct("<BH")
 _SIP_END = struct.Struct("<BBBBBHB")
 
 
-def server_information(sent: Packet) -> ServerInformation:
+def server_information(sent: PioneerPacket) -> ServerInformation:
     """Return the contents of a standard packet.
 
     Raises:

@@ -13,7 +13,7 @@ from robbie_robots.hw.connection.clock import MAX_DRIFT, RegularClock
 from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
-from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
 from robbie_robots.hw.pose import ORIGIN, Pose
 from robbie_robots.hw.rplidar.protocol import (
@@ -182,7 +182,7 @@ class RpLidar(PluggableLaser):
             sent_s = reader.frame_bytes * BITS_PER_BYTE / self.bit_rate
         self._clock_of_frames = RegularClock(frame_s, sent_s, max_drift=drift)
 
-    def _take(self, data: bytes) -> list[LaserSweep]:
+    def _take(self, data: bytes) -> list[DeviceSweep]:
         """Return the turns that are whole now."""
         arrived_s, reader = self._clock(), self._reader
         self._waiting += data
@@ -209,7 +209,7 @@ class RpLidar(PluggableLaser):
         first_s = last_s - (len(samples) + reader.pending - 1) * self._sample_s
         return self._turns(samples, first_s)
 
-    def _turns(self, samples: Samples, first_s: float) -> list[LaserSweep]:
+    def _turns(self, samples: Samples, first_s: float) -> list[DeviceSweep]:
         """Return the turns that end within some samples; keep the last one's beginning."""
         sweeps, begin = [], 0
         for at in np.flatnonzero(samples.firsts).tolist():
@@ -239,7 +239,7 @@ class RpLidar(PluggableLaser):
             self.port.write(request(MOTOR_PWM, bytes(2)))
         self.port.set_motor_line(True)
 
-    def _sweep(self, turn: Samples) -> LaserSweep:
+    def _sweep(self, turn: Samples) -> DeviceSweep:
         """Return the nearest range of each sector; the laser's angles are clockwise."""
         geometry = self.geometry
         metres = ranges_in_metres(turn.distances_mm, 0.001, geometry)
@@ -252,7 +252,7 @@ class RpLidar(PluggableLaser):
             intensities = np.zeros(geometry.beams, np.float32)
             nearest = metres == ranges[sectors]
             intensities[sectors[nearest]] = turn.qualities[nearest]
-        return LaserSweep(self._turn_began_s, ranges, intensities)
+        return DeviceSweep(self._turn_began_s, ranges, intensities)
 
     def _chosen(self, port: Port) -> ScanMode:
         """Return the scan mode to use.

@@ -40,7 +40,7 @@ class DamagedTelegram(ValueError):
 
 
 @dataclass(frozen=True)
-class Command:
+class ColaCommand:
     """A command in both dialects: the text, and the arguments in binary.
 
     Attributes:
@@ -63,17 +63,17 @@ class Command:
         return framed(payload)
 
 
-LOG_IN = Command("sMN SetAccessMode", "03 F4724744", bytes.fromhex("03 F4724744"), "sAN SetAccessMode")
-CONFIGURE = Command(
+LOG_IN = ColaCommand("sMN SetAccessMode", "03 F4724744", bytes.fromhex("03 F4724744"), "sAN SetAccessMode")
+CONFIGURE = ColaCommand(
     "sWN LMDscandatacfg",
     "01 00 1 1 0 00 00 0 0 0 0 +1",
     bytes.fromhex("0100 01 01 00 0000 00 00 00 00 0001"),
     "sWA LMDscandatacfg",
 )
-START_MEASURING = Command("sMN LMCstartmeas", "", b"", "sAN LMCstartmeas")
-RUN = Command("sMN Run", "", b"", "sAN Run")
-STREAM = Command("sEN LMDscandata", "1", b"\x01", "sEA LMDscandata")
-END_STREAM = Command("sEN LMDscandata", "0", b"\x00", "sEA LMDscandata")
+START_MEASURING = ColaCommand("sMN LMCstartmeas", "", b"", "sAN LMCstartmeas")
+RUN = ColaCommand("sMN Run", "", b"", "sAN Run")
+STREAM = ColaCommand("sEN LMDscandata", "1", b"\x01", "sEA LMDscandata")
+END_STREAM = ColaCommand("sEN LMDscandata", "0", b"\x00", "sEA LMDscandata")
 
 
 def checksum(payload: bytes) -> int:
@@ -139,7 +139,7 @@ class TextReader:
 
 
 @dataclass(frozen=True)
-class Channel:
+class ColaChannel:
     """Values of one kind.
 
     Attributes:
@@ -182,7 +182,7 @@ class ScanData:
     start_us: int
     sent_us: int
     scan_rate_hz: float
-    channels: list[Channel]
+    channels: list[ColaChannel]
 
 
 class _Fields(ABC):
@@ -299,10 +299,10 @@ def _scan_data(fields: _Fields) -> ScanData:
     )
 
 
-def _channel(fields: _Fields, size: int) -> Channel:
+def _channel(fields: _Fields, size: int) -> ColaChannel:
     name, scale, offset = fields.name(), fields.real(), fields.real()
     start, step, count = fields.signed(4), fields.unsigned(2), fields.unsigned(2)
-    return Channel(name, scale, offset, start, step, fields.array(count, size))
+    return ColaChannel(name, scale, offset, start, step, fields.array(count, size))
 
 
 def _count(fields: _Fields, limit: int) -> int:

@@ -11,7 +11,7 @@ from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
-from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
 from robbie_robots.hw.pose import ORIGIN, Pose
 from robbie_robots.hw.sick.cola import (
@@ -23,7 +23,7 @@ from robbie_robots.hw.sick.cola import (
     START_MEASURING,
     STREAM,
     BinaryFraming,
-    Command,
+    ColaCommand,
     DamagedTelegram,
     Dialect,
     ScanData,
@@ -82,7 +82,7 @@ class SickColaLaser(PluggableLaser):
                 self._ask(port, command)
         self._ask(port, STREAM)
 
-    def _take(self, data: bytes) -> list[LaserSweep]:
+    def _take(self, data: bytes) -> list[DeviceSweep]:
         """Return the scans that are whole now."""
         arrived_s, sweeps = self._clock(), []
         early, self._early = self._early, []
@@ -106,7 +106,7 @@ class SickColaLaser(PluggableLaser):
         """End the stream."""
         self.port.write(END_STREAM.frame(self._dialect))
 
-    def _sweep(self, scan: ScanData, arrived_s: float) -> LaserSweep:
+    def _sweep(self, scan: ScanData, arrived_s: float) -> DeviceSweep:
         channels = {channel.name: channel for channel in scan.channels}
         distances, strengths = channels.get("DIST1"), channels.get("RSSI1")
         if distances is None or not len(distances.values) or not distances.step_1e4_deg:
@@ -134,7 +134,7 @@ class SickColaLaser(PluggableLaser):
         if strengths is not None and len(strengths.values) == geometry.beams:
             intensities = (strengths.values * strengths.scale + strengths.offset).astype(np.float32)
         stamp_s = sent_s - self._age_s(scan, geometry)
-        return LaserSweep(stamp_s, ranges_in_metres(millimetres, 0.001, geometry), intensities)
+        return DeviceSweep(stamp_s, ranges_in_metres(millimetres, 0.001, geometry), intensities)
 
     def _age_s(self, scan: ScanData, geometry: LaserGeometry) -> float:
         """Return how long before its transmission a scan's first beam was measured.
@@ -146,7 +146,7 @@ class SickColaLaser(PluggableLaser):
         field_s = (geometry.beams - 1) * self.time_increment_s
         return told_s + field_s if told_s < field_s else told_s
 
-    def _ask(self, port: Port, command: Command) -> None:
+    def _ask(self, port: Port, command: ColaCommand) -> None:
         """Send a command and wait for the laser's answer.
 
         Raises:

@@ -13,7 +13,7 @@ from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
-from robbie_robots.hw.laser import LaserGeometry, LaserSweep
+from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
 from robbie_robots.hw.pose import ORIGIN, Pose
 from robbie_robots.hw.sick.lms2xx_telegrams import (
@@ -144,7 +144,7 @@ class SickLms2xx(PluggableLaser):
             raise DeviceFault(f"the scanner refuses {self._field_deg} degrees by {self._step / 100:g}")
         self._switch(port, bytes([STREAM]), MODE_CHANGE_S)
 
-    def _take(self, data: bytes) -> list[LaserSweep]:
+    def _take(self, data: bytes) -> list[DeviceSweep]:
         """Return the scans that are whole now."""
         sweeps = []
         early, self._early = self._early, []
@@ -169,7 +169,7 @@ class SickLms2xx(PluggableLaser):
         """End the stream, and leave the bit rate that the scanner has after power-on."""
         self.port.write(telegram(SWITCH_MODE, bytes([REQUEST_ONLY])))
 
-    def _sweeps(self, measured: Scan) -> list[LaserSweep]:
+    def _sweeps(self, measured: Scan) -> list[DeviceSweep]:
         """Return the sweep that is whole with this scan, if one is."""
         arrived_s, geometry = self._clock(), self.geometry
         self.is_polluted = bool(measured.status & 0x80)
@@ -192,12 +192,12 @@ class SickLms2xx(PluggableLaser):
             values[offset::PARTIAL_SCANS] = part.values
         return [self._sweep(values, measured.unit_m, arrived_s)]
 
-    def _sweep(self, values: NDArray[np.int64], unit_m: float, arrived_s: float) -> LaserSweep:
+    def _sweep(self, values: NDArray[np.int64], unit_m: float, arrived_s: float) -> DeviceSweep:
         ranges = ranges_in_metres(values, unit_m, self.geometry)
         ranges[values >= least_code(self._range_bits)] = np.inf
         # ACK and NAK count as skipped, too, so that only damaged telegrams tell.
         has_gap, self._gaps = self._reader.damaged != self._gaps, self._reader.damaged
-        return LaserSweep(self._stamps.stamp_s(arrived_s, has_gap=has_gap), ranges)
+        return DeviceSweep(self._stamps.stamp_s(arrived_s, has_gap=has_gap), ranges)
 
     def _find(self, port: Port) -> None:
         """Find the scanner's bit rate and stop its stream."""

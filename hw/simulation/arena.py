@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena_contents import (
     AppearingObstacle,
+    ArenaPerson,
+    ArenaVictim,
     HazardSign,
     NumberSign,
-    Person,
     Sheet,
     StandingObject,
     Table,
-    Victim,
 )
 from robbie_robots.hw.simulation.doors import Door, door_leaves
 
@@ -50,14 +50,14 @@ class Arena:
     width_m: float
     height_m: float
     wall_height_m: float = 1.2
-    victims: tuple[Victim, ...] = ()
+    victims: tuple[ArenaVictim, ...] = ()
     signs: tuple[HazardSign, ...] = ()
     appearing: tuple[AppearingObstacle, ...] = ()
     numbers: tuple[NumberSign, ...] = ()
     sheet: Sheet | None = None
     tables: tuple[Table, ...] = ()
     objects: tuple[StandingObject, ...] = ()
-    people: tuple[Person, ...] = ()
+    people: tuple[ArenaPerson, ...] = ()
     doors: tuple[Door, ...] = ()
 
     def with_obstacles(self, indices: Iterable[int]) -> "Arena":

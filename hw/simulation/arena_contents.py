@@ -80,7 +80,7 @@ class WallSpot:
 
 
 @dataclass(frozen=True)
-class Victim:
+class ArenaVictim:
     """A doll in front of a wall, with a tag on its chest.
 
     Attributes:
@@ -248,7 +248,7 @@ class StandingObject:
 
 
 @dataclass(frozen=True)
-class Person:
+class ArenaPerson:
     """Somebody who walks along a way.
 
     Attributes:

@@ -18,7 +18,7 @@ class DrawingError(ValueError):
         self.row = row
 
 
-class Drawing:
+class ArenaDrawing:
     """A checked drawing: `#` wall, `.` or space free, `o` round obstacle, `R` the robot's start.
 
     Raises:

@@ -13,21 +13,21 @@ from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_contents import (
     POST_RADIUS_M,
     AppearingObstacle,
+    ArenaPerson,
+    ArenaVictim,
     BoardFont,
     Colour,
     Figure,
     HazardSign,
     NumberSign,
-    Person,
     Sheet,
     SignKind,
     StandingObject,
     Table,
-    Victim,
     VictimKind,
     WallSpot,
 )
-from robbie_robots.hw.simulation.arena_drawing import Drawing, DrawingError
+from robbie_robots.hw.simulation.arena_drawing import ArenaDrawing, DrawingError
 from robbie_robots.hw.simulation.aruco import TAG_COUNT
 from robbie_robots.hw.simulation.box_segments import box_segments
 from robbie_robots.hw.simulation.doors import Door
@@ -180,8 +180,8 @@ class _ArenaReader:
     def _in_circle(self, x: float, y: float) -> bool:
         return bool(np.any(np.hypot(self._circles[:, 0] - x, self._circles[:, 1] - y) <= self._circles[:, 2]))
 
-    def _victims(self) -> tuple[Victim, ...]:
-        victims: dict[int, Victim] = {}
+    def _victims(self) -> tuple[ArenaVictim, ...]:
+        victims: dict[int, ArenaVictim] = {}
         for entry in self._file.maps("victims", "a victim", ("tag", "kind", *SPOT_KEYS)):
             tag = entry.number("tag")
             if tag not in range(TAG_COUNT):
@@ -189,7 +189,7 @@ class _ArenaReader:
             if tag in victims:
                 entry.fail(entry.node("tag"), f"another victim has the tag {tag:g} already")
             kind = entry.name("kind", VictimKind, VictimKind.STILL)
-            victims[int(tag)] = Victim(int(tag), kind, self._spot(entry))
+            victims[int(tag)] = ArenaVictim(int(tag), kind, self._spot(entry))
         return tuple(victims.values())
 
     def _signs(self) -> tuple[HazardSign, ...]:
@@ -199,14 +199,14 @@ class _ArenaReader:
             for entry in entries
         )
 
-    def _people(self) -> tuple[Person, ...]:
-        people: dict[str, Person] = {}
+    def _people(self) -> tuple[ArenaPerson, ...]:
+        people: dict[str, ArenaPerson] = {}
         for entry in self._file.maps("people", "a person", PERSON_KEYS):
             name = entry.text("name")
             if name in people:
                 entry.fail(entry.node("name"), f"another person is called {name!r} already")
             walks = entry.name("walks", Walk, Walk.TO_AND_FRO)
-            people[name] = Person(
+            people[name] = ArenaPerson(
                 name,
                 self._way(entry, walks is Walk.LOOP),
                 entry.positive("speed_m_per_s", 0.6),
@@ -254,10 +254,10 @@ class _ArenaReader:
         return WallSpot(x, y, entry.positive("height_m", 0.35), facing)
 
 
-def _drawing(file: YamlMap) -> Drawing:
+def _drawing(file: YamlMap) -> ArenaDrawing:
     lines, first = file.block("drawing")
     try:
-        return Drawing(lines)
+        return ArenaDrawing(lines)
     except DrawingError as error:
         file.fail_at(first + error.row, str(error))
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.doors import Doors
-from robbie_robots.hw.simulation.people import STEP_S, People
+from robbie_robots.hw.simulation.people import STEP_S, WalkingPeople
 
 # No obstacle appears nearer than this to the robot, so that it can stop.
 APART_M = 0.6
@@ -21,7 +21,7 @@ class ChangingArena:
         arena: the world.
         body_radius_m: the robot's radius.
         obstacles: indices of the obstacles that are present already.
-        people: where people are, as `People.states`; by default where they begin.
+        people: where people are, as `WalkingPeople.states`; by default where they begin.
         doors: how far doors are open, as `Doors.states`; by default as at the start.
     """
 
@@ -37,7 +37,7 @@ class ChangingArena:
         self._body_radius_m = body_radius_m
         self.obstacles = obstacles
         self.doors = Doors(arena.doors, doors)
-        self.people = People(arena.people, people, self.doors)
+        self.people = WalkingPeople(arena.people, people, self.doors)
         self.arena = arena.with_obstacles(obstacles).with_doors(self.doors.opened_rad)
         self._steps = -1
 

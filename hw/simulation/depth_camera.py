@@ -14,7 +14,7 @@ ON_FLOOR, ON_NOTHING = -2, -1
 """Instead of the number of a shape."""
 
 
-class View(NamedTuple):
+class DepthView(NamedTuple):
     """What lies in the direction of each pixel.
 
     Attributes:
@@ -63,7 +63,9 @@ class SimulatedDepthCamera:
         """
         return self.measured(self.view(pose, seen).depths_m)
 
-    def view(self, pose: NDArray[np.float64], seen: Iterable[Placed], behind: View | None = None) -> View:
+    def view(
+        self, pose: NDArray[np.float64], seen: Iterable[Placed], behind: DepthView | None = None
+    ) -> DepthView:
         """Return what the camera sees, without noise and limits of range.
 
         Args:
@@ -89,7 +91,7 @@ class SimulatedDepthCamera:
             is_nearer = ranges < depths[wanted]
             depths[wanted[is_nearer]], shapes[wanted[is_nearer]] = ranges[is_nearer], number
         size = (self.geometry.height, self.geometry.width)
-        return View(depths.reshape(size), shapes.reshape(size))
+        return DepthView(depths.reshape(size), shapes.reshape(size))
 
     def measured(self, depths_m: NDArray[np.float64]) -> NDArray[np.uint16]:
         """Return the depth image of exact depths (height, width): mm, with noise."""

@@ -5,7 +5,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+from robbie_robots.hw.laser import DeviceSweep, LaserGeometry, LaserRangeFinder
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
 
@@ -77,7 +77,7 @@ class SimulatedLaser(LaserRangeFinder):
         """
         self._placed = (Pose(*robot), stamp_s)
 
-    def scan(self) -> LaserSweep:
+    def scan(self) -> DeviceSweep:
         """Return a sweep from the last place, with the stamp given there.
 
         Raises:
@@ -91,7 +91,7 @@ class SimulatedLaser(LaserRangeFinder):
         robot, stamp_s = self._placed
         if self.failure is not LaserFailure.FROZEN or self._last_m is None:
             self._last_m = self._measure(robot)
-        return LaserSweep(stamp_s, self._last_m.copy())
+        return DeviceSweep(stamp_s, self._last_m.copy())
 
     def _measure(self, robot: Pose) -> NDArray[np.float32]:
         if self.failure is LaserFailure.BLIND:

@@ -29,7 +29,7 @@ MAX_TRIES = 20_000
 Place = tuple[float, float]
 
 
-class CannotBeArranged(ValueError):
+class BoardsDoNotFit(ValueError):
     """A ground has no room for all boards."""
 
 
@@ -143,7 +143,7 @@ class _Ground:
                 and math.dist((x, y), self.start) >= FROM_START_M + radius
             ):
                 return x, y
-        raise CannotBeArranged(f"found no places for all boards in {MAX_TRIES} tries: choose another seed")
+        raise BoardsDoNotFit(f"found no places for all boards in {MAX_TRIES} tries: choose another seed")
 
     def _is_free(self, place: Place) -> bool:
         """Return whether nothing is near to a place in front of a board."""
@@ -173,7 +173,7 @@ def main(words: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     try:
         sys.stdout.write(generate_ground(options.seed, sheet=options.sheet))
-    except CannotBeArranged as error:
+    except BoardsDoNotFit as error:
         parser.error(str(error))
     return 0
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.hw.simulation.arena_contents import HazardSign, SignKind, Victim, VictimKind
+from robbie_robots.hw.simulation.arena_contents import ArenaVictim, HazardSign, SignKind, VictimKind
 from robbie_robots.hw.simulation.aruco import tag_cells
 from robbie_robots.hw.simulation.texture import Texture
 
@@ -31,12 +31,12 @@ SIGN_COLOURS = {
 }
 
 
-def victim_textures(victim: Victim) -> tuple[Texture, Texture]:
+def victim_textures(victim: ArenaVictim) -> tuple[Texture, Texture]:
     """Return the two pictures of a victim (red, green, blue). They differ only if it waves."""
     return _coloured(victim, 0), _coloured(victim, 1)
 
 
-def victim_heat(victim: Victim) -> tuple[Texture, Texture]:
+def victim_heat(victim: ArenaVictim) -> tuple[Texture, Texture]:
     """Return the two pictures of a warm victim's temperatures, in hundredths of a kelvin."""
     return _heated(victim, 0), _heated(victim, 1)
 
@@ -54,7 +54,7 @@ def sign_texture(sign: HazardSign) -> Texture:
     return Texture(values, from_middle < SIGN_TEXELS / 2, SIGN_M / SIGN_TEXELS, SIGN_TEXELS / 2)
 
 
-def _coloured(victim: Victim, phase: int) -> Texture:
+def _coloured(victim: ArenaVictim, phase: int) -> Texture:
     head, body, paper = _shapes(victim, phase)
     values = np.empty((ROWS, COLUMNS, 3), np.uint8)
     values[:] = SHIRT
@@ -67,7 +67,7 @@ def _coloured(victim: Victim, phase: int) -> Texture:
     return Texture(values, head | body | paper, TAG_M / 6 / CELL, TAG_ROW)
 
 
-def _heated(victim: Victim, phase: int) -> Texture:
+def _heated(victim: ArenaVictim, phase: int) -> Texture:
     head, body, paper = _shapes(victim, phase)
     celsius = np.full((ROWS, COLUMNS), SHIRT_CELSIUS)
     celsius[head] = SKIN_CELSIUS
@@ -80,7 +80,9 @@ def centikelvin(celsius: NDArray[np.float64]) -> NDArray[np.uint16]:
     return np.asarray((celsius + 273.15) * 100).astype(np.uint16)
 
 
-def _shapes(victim: Victim, phase: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+def _shapes(
+    victim: ArenaVictim, phase: int
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return masks (ROWS, COLUMNS) of the head with hands, the body with arms, and the paper."""
     row, column = np.mgrid[:ROWS, :COLUMNS] + 0.5
     aside = column - COLUMNS / 2

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from robbie_robots.hw.pose import Pose, wrapped
-from robbie_robots.hw.simulation.arena_contents import Colour, Person, WallSpot
+from robbie_robots.hw.simulation.arena_contents import ArenaPerson, Colour, WallSpot
 from robbie_robots.hw.simulation.doors import Doors
 from robbie_robots.hw.simulation.hanging import Hanging
 from robbie_robots.hw.simulation.texture import Texture
@@ -110,7 +110,7 @@ def leg_circles(shown: Array) -> Array:
     return np.column_stack([middles, np.full(len(middles), LEG_RADIUS_M)])
 
 
-class People:
+class WalkingPeople:
     """Moves people along their ways, in fixed steps of time.
 
     A person stops in front of the robot and in front of people earlier in the list; the first one stops for
@@ -124,7 +124,7 @@ class People:
 
     def __init__(
         self,
-        persons: Sequence[Person],
+        persons: Sequence[ArenaPerson],
         states: Sequence[Sequence[float]] = (),
         doors: Doors | None = None,
     ) -> None:
@@ -180,7 +180,7 @@ class People:
             x_m=state.x_m + step * (x - state.x_m), y_m=state.y_m + step * (y - state.y_m)
         )
 
-    def _stopped(self, person: Person, state: PersonState) -> PersonState:
+    def _stopped(self, person: ArenaPerson, state: PersonState) -> PersonState:
         """Return a person whose way is blocked; after a while, the person turns back."""
         if state.blocked_s < PATIENCE_S:
             return _standing(state, state.blocked_s + STEP_S)
@@ -222,7 +222,7 @@ class People:
         return 0.0 <= spare_s < 0.5
 
 
-def _first(person: Person) -> PersonState:
+def _first(person: ArenaPerson) -> PersonState:
     (x, y, _), (next_x, next_y, _) = person.way[:2]
     return PersonState(x, y, math.atan2(next_y - y, next_x - x))
 
@@ -236,14 +236,14 @@ def _standing(state: PersonState, blocked_s: float) -> PersonState:
     return state._replace(stride=max(0.0, state.stride - STEP_S / START_S), blocked_s=blocked_s)
 
 
-def _turned_back(person: Person, state: PersonState) -> PersonState:
+def _turned_back(person: ArenaPerson, state: PersonState) -> PersonState:
     count = len(person.way)
     back = state.next_point - state.direction
     back = back % count if person.is_loop else max(0, min(count - 1, back))
     return state._replace(direction=-state.direction, next_point=back)
 
 
-def _arrived(person: Person, state: PersonState, now_s: float) -> PersonState:
+def _arrived(person: ArenaPerson, state: PersonState, now_s: float) -> PersonState:
     """Return a person at its way point, with the next one to walk to."""
     x, y, pause_s = person.way[state.next_point]
     count, direction = len(person.way), state.direction
@@ -259,7 +259,7 @@ def _arrived(person: Person, state: PersonState, now_s: float) -> PersonState:
     )
 
 
-def person_hanging(person: Person, shown: Sequence[float], eye: Pose) -> Hanging:
+def person_hanging(person: ArenaPerson, shown: Sequence[float], eye: Pose) -> Hanging:
     """Return the picture of a person, upright and turned to the eye.
 
     Args:

@@ -10,7 +10,7 @@ ROOM_CELLS, CORRIDOR_CELLS, DOOR_CELLS = 8, 6, 4
 
 
 @dataclass(frozen=True)
-class Region:
+class CellRegion:
     """A rectangle of cells: its first row and column, and those after its last."""
 
     top: int
@@ -43,13 +43,13 @@ class RoomPlan:
     rows: int
     columns: int
     random: np.random.Generator
-    rooms: list[Region] = field(default_factory=list)
+    rooms: list[CellRegion] = field(default_factory=list)
 
     def draw(self) -> NDArray[np.bool_]:
         """Return where walls are: (rows, columns)."""
         self._walls = np.ones((self.rows, self.columns), np.bool_)
         self._partings: list[tuple[slice, slice]] = []
-        inside = Region(1, 1, self.rows - 1, self.columns - 1)
+        inside = CellRegion(1, 1, self.rows - 1, self.columns - 1)
         corridor = self._corridor(inside)
         for region in corridor or (inside,):
             self._part(region)
@@ -57,23 +57,23 @@ class RoomPlan:
             self._open_doors(parting)
         return self._walls
 
-    def _corridor(self, region: Region) -> tuple[Region, ...]:
+    def _corridor(self, region: CellRegion) -> tuple[CellRegion, ...]:
         """Lay a corridor through the middle, from left to right, if there is room on both sides."""
         least, most = ROOM_CELLS, region.rows - CORRIDOR_CELLS - ROOM_CELLS - 2
         if most < least or region.columns < 2 * ROOM_CELLS:
             return ()
         above = region.top + int(self.random.integers(least, most + 1))
         below = above + CORRIDOR_CELLS + 2
-        corridor = Region(above + 1, region.left, below - 1, region.right)
+        corridor = CellRegion(above + 1, region.left, below - 1, region.right)
         self._walls[corridor.top : corridor.bottom, corridor.left : corridor.right] = False
         columns = slice(region.left, region.right)
         self._partings += [(slice(above, above + 1), columns), (slice(below - 1, below), columns)]
         return (
-            Region(region.top, region.left, above, region.right),
-            Region(below, region.left, region.bottom, region.right),
+            CellRegion(region.top, region.left, above, region.right),
+            CellRegion(below, region.left, region.bottom, region.right),
         )
 
-    def _part(self, region: Region) -> None:
+    def _part(self, region: CellRegion) -> None:
         """Divide a region in two, and its parts again, until they are rooms."""
         along = region.columns >= region.rows
         length = region.columns if along else region.rows
@@ -85,15 +85,15 @@ class RoomPlan:
         if along:
             column = region.left + wall
             pieces = (
-                Region(region.top, region.left, region.bottom, column),
-                Region(region.top, column + 1, region.bottom, region.right),
+                CellRegion(region.top, region.left, region.bottom, column),
+                CellRegion(region.top, column + 1, region.bottom, region.right),
             )
             self._partings.append((slice(region.top, region.bottom), slice(column, column + 1)))
         else:
             row = region.top + wall
             pieces = (
-                Region(region.top, region.left, row, region.right),
-                Region(row + 1, region.left, region.bottom, region.right),
+                CellRegion(region.top, region.left, row, region.right),
+                CellRegion(row + 1, region.left, region.bottom, region.right),
             )
             self._partings.append((slice(row, row + 1), slice(region.left, region.right)))
         for piece in pieces:

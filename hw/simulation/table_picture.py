@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from robbie_robots.hw.camera import CameraGeometry
-from robbie_robots.hw.simulation.depth_camera import View
+from robbie_robots.hw.simulation.depth_camera import DepthView
 from robbie_robots.hw.simulation.object_prints import ObjectPrint
 from robbie_robots.hw.simulation.solid import Floats, Placed
 
@@ -51,7 +51,7 @@ class TablePictures:
         self._noise = np.rint(self._random.normal(0.0, noise, NOISE_TABLE)).astype(np.int16)
 
     def capture(
-        self, pose: Floats, behind: View, colours: Sequence[Sequence[int]], objects: Sequence[Printed]
+        self, pose: Floats, behind: DepthView, colours: Sequence[Sequence[int]], objects: Sequence[Printed]
     ) -> Pixels:
         """Return a picture: (height, width, 3), red, green, blue.
 
@@ -70,7 +70,7 @@ class TablePictures:
         picture *= self._light
         return self._with_noise(picture)
 
-    def _draw(self, picture: NDArray[np.float32], pose: Floats, behind: View, one: Printed) -> None:
+    def _draw(self, picture: NDArray[np.float32], pose: Floats, behind: DepthView, one: Printed) -> None:
         rectangle = self._rectangle(pose, one.placed)
         if rectangle is None:
             return

@@ -44,7 +44,7 @@ objects:
 """
 
 
-class CannotBeArranged(ValueError):
+class ObjectsDoNotFit(ValueError):
     """The objects found no places."""
 
 
@@ -75,7 +75,7 @@ def generate_room(seed: int, has_twins: bool = False) -> str:
         if len(placed) == len(KINDS):
             break
     else:
-        raise CannotBeArranged(f"found no places for all objects in {MAX_TRIES} tries: choose another seed")
+        raise ObjectsDoNotFit(f"found no places for all objects in {MAX_TRIES} tries: choose another seed")
     text = ROOM.format(seed=seed)
     twins = TWINS[seed % 2]
     kinds = {name: KINDS.get(name, KINDS[twins[0]]) for name in twins} if has_twins else KINDS
@@ -104,7 +104,7 @@ def main(words: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     try:
         sys.stdout.write(generate_room(options.seed, options.twins))
-    except CannotBeArranged as error:
+    except ObjectsDoNotFit as error:
         parser.error(str(error))
     return 0
 

@@ -21,7 +21,7 @@ from robbie_robots.hw.emulation.create import EmulatedCreate
 from robbie_robots.hw.emulation.device import EmulatedDevice
 from robbie_robots.hw.emulation.faults import Faults
 from robbie_robots.hw.emulation.line import BITS_PER_BYTE, EmulatedLine
-from robbie_robots.hw.emulation.p2os import BIT_RATES, Base, EmulatedPioneer
+from robbie_robots.hw.emulation.p2os import BIT_RATES, EmulatedPioneer, PioneerState
 from robbie_robots.hw.emulation.scip import UTM_30LX, EmulatedHokuyo
 from robbie_robots.hw.laser import LaserGeometry
 from robbie_robots.hw.pose import Pose, wrapped
@@ -197,7 +197,7 @@ class EmulatedPioneerBase(EmulatedBase):
 
     def create_device(self, body: SimulatedBody) -> EmulatedPioneer:
         """Return the controller."""
-        base = Base(watchdog_s=self.watchdog_s, bit_rate=self.bit_rate)
+        base = PioneerState(watchdog_s=self.watchdog_s, bit_rate=self.bit_rate)
         self.pioneer = EmulatedPioneer(base=base, body=body)
         return self.pioneer
 

@@ -1,7 +1,7 @@
 """The robot's laser range finder, if it is a Hokuyo."""
 
 from robbie_mp import setting
-from robbie_robots.hw.hokuyo.laser import Data, HokuyoLaser
+from robbie_robots.hw.hokuyo.laser import HokuyoLaser, SentMeasurements
 from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
 
 
@@ -9,8 +9,8 @@ class HokuyoLaserRangeFinder(PluggableLaserModule):
     """A Hokuyo laser with SCIP 2 on a serial port, USB or TCP, such as the URG-04LX or the UST-10LX."""
 
     port: str = setting("/dev/ttyACM0", "port of the laser: a path, or socket://HOST:10940")
-    data: Data = setting(
-        Data.RANGES, "what it measures: MD ranges, MS ranges up to 4.095 m, ME intensities too"
+    data: SentMeasurements = setting(
+        SentMeasurements.RANGES, "what it measures: MD ranges, MS ranges up to 4.095 m, ME intensities too"
     )
     merge: int = setting(1, "steps of the laser that become one beam", minimum=1, maximum=99)
     skip: int = setting(0, "sweeps to skip after each one", minimum=0, maximum=9)

@@ -12,7 +12,7 @@ NEAR = 0.1
 """Commands this near to where the joints were stopped, in rad or m, begin there: their sender knows of it."""
 
 
-class Source(NamedTuple):
+class JointSource(NamedTuple):
     """Who commands: a link may pass on commands of modules and of operators."""
 
     sender: str
@@ -40,9 +40,9 @@ class JointControl:
         self._clock = clock
         self._at: dict[str, tuple[float, float]] = {}
         self._goals: dict[str, float] = {}
-        self._sent_s: dict[Source, float] = {}
-        self._must_let_go: set[Source] = set()
-        self._mover: Source | None = None
+        self._sent_s: dict[JointSource, float] = {}
+        self._must_let_go: set[JointSource] = set()
+        self._mover: JointSource | None = None
         self.kept: dict[str, float] = {}
         self.until_s = -math.inf
         self.is_stopped = self.holds = False
@@ -77,7 +77,7 @@ class JointControl:
         self.holds = False
 
     def followed(
-        self, source: Source, wanted: Mapping[str, float], sent_s: float, until_s: float
+        self, source: JointSource, wanted: Mapping[str, float], sent_s: float, until_s: float
     ) -> dict[str, float] | None:
         """Return the positions that a command leads to; None if another source moves the joints.
 
@@ -110,7 +110,7 @@ class JointControl:
     def _is_moved_by_hand(self) -> bool:
         return self._mover is not None and self._mover.by_hand and self._clock() < self.until_s
 
-    def _note(self, source: Source, wanted: Mapping[str, float], sent_s: float) -> None:
+    def _note(self, source: JointSource, wanted: Mapping[str, float], sent_s: float) -> None:
         """Note whether a source may move the joints, and when it has sent something."""
         if self._mover is not None and self._mover.by_hand and not self._is_moved_by_hand:
             self._end(self._sent_s.keys() - {self._mover})  # the operator has let go
@@ -122,7 +122,7 @@ class JointControl:
         self._sent_s = {**self._recent(sent_s), source: sent_s}
         self._must_let_go &= self._sent_s.keys()
 
-    def _is_taken(self, source: Source, sent_s: float) -> bool:
+    def _is_taken(self, source: JointSource, sent_s: float) -> bool:
         """Return whether another source moves the joints, and this one does not take over."""
         if self._mover in (None, source) or self._mover in self._must_let_go:
             return False
@@ -130,13 +130,13 @@ class JointControl:
             return False
         return self._is_moved_by_hand or sent_s - self._sent_s.get(self._mover, -math.inf) < LET_GO_S
 
-    def _end(self, sources: Iterable[Source]) -> None:
+    def _end(self, sources: Iterable[JointSource]) -> None:
         """Let nobody of these move the joints before letting go; keep the joints where they are."""
         self._must_let_go |= set(sources)
         self._mover = None
         self.kept = {name: self._kept(name, *seen) for name, seen in self._at.items()}
 
-    def _recent(self, now_s: float) -> dict[Source, float]:
+    def _recent(self, now_s: float) -> dict[JointSource, float]:
         return {source: at_s for source, at_s in self._sent_s.items() if now_s - at_s < LET_GO_S}
 
     def _is_near(self, wanted: Mapping[str, float]) -> bool:

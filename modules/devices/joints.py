@@ -22,7 +22,7 @@ from robbie_robots.hw.dynamixel.servos import BIT_RATE, STEPS_PER_TURN, Dynamixe
 from robbie_robots.hw.joints import Joint, JointCommandError, JointReading, Joints, checked
 from robbie_robots.hw.simulation.joints import SimulatedJoints
 from robbie_robots.modules.devices.command_age import MAX_AGE_S, StaleCommand, command_since, left_s
-from robbie_robots.modules.devices.joint_control import JointControl, Source
+from robbie_robots.modules.devices.joint_control import JointControl, JointSource
 from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 PAN_TILT = ["pan", "tilt"]
@@ -173,7 +173,7 @@ class CommandedJoints(Module):
                 self.moved.command(positions_rad, math.inf)
                 return
             checked(self.moved.joints, positions_rad, fresh_s)
-            source = Source(self.envelope.sender, command.by_hand)
+            source = JointSource(self.envelope.sender, command.by_hand)
             sent_s, until_s = self.envelope.published_ns / 1e9, judged_s + fresh_s
             followed = self.control.followed(source, positions_rad, sent_s, until_s)
             if followed is None:

@@ -4,12 +4,12 @@ import numpy as np
 
 from robbie_mp import Header, Time, setting
 from robbie_mp.messages import LaserScan
-from robbie_robots.hw.laser import LaserSweep
+from robbie_robots.hw.laser import DeviceSweep
 from robbie_robots.hw.pluggable_laser import PluggableLaser
 from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 
-class PluggableLaserModule(PluggableDeviceModule[LaserSweep]):
+class PluggableLaserModule(PluggableDeviceModule[DeviceSweep]):
     """A laser that may be pulled out and plugged in. A subclass opens its driver.
 
     Publishes `LaserScan`, stamped with the time of the sweep, and `DeviceState`, on a topic named after the
@@ -28,7 +28,7 @@ class PluggableLaserModule(PluggableDeviceModule[LaserSweep]):
         assert isinstance(self.device, PluggableLaser)
         return self.device
 
-    def on_value(self, value: LaserSweep) -> None:
+    def on_value(self, value: DeviceSweep) -> None:
         """Publish a sweep."""
         geometry = self.laser.geometry
         self.publish(

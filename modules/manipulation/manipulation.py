@@ -44,19 +44,19 @@ from robbie_robots.modules.manipulation.shape_messages import view_of
 from robbie_robots.modules.sensor_deadlines import JOINTS_S
 from robbie_robots.workers.manipulation.arm_model import ArmModel
 from robbie_robots.workers.manipulation.errors import KinematicsMissing, ManipulationError
-from robbie_robots.workers.manipulation.hand_work import HandWork, Order, Outcome
-from robbie_robots.workers.manipulation.hand_work_states import Task
+from robbie_robots.workers.manipulation.hand_work import HandOutcome, HandWork, JointOrder
+from robbie_robots.workers.manipulation.hand_work_states import HandTask
 
 PickUpGoal = ActiveGoal[PickUp, PickUpFeedback, PickUpResult]
 PutDownGoal = ActiveGoal[PutDown, PutDownFeedback, PutDownResult]
 HandOverGoal = ActiveGoal[HandOver, HandOverFeedback, HandOverResult]
 StowArmGoal = ActiveGoal[StowArm, StowArmFeedback, StowArmResult]
 AnyGoal = PickUpGoal | PutDownGoal | HandOverGoal | StowArmGoal
-GOALS: dict[Task, Any] = {
-    Task.PICK_UP: PickUp,
-    Task.PUT_DOWN: PutDown,
-    Task.HAND_OVER: HandOver,
-    Task.STOW: StowArm,
+GOALS: dict[HandTask, Any] = {
+    HandTask.PICK_UP: PickUp,
+    HandTask.PUT_DOWN: PutDown,
+    HandTask.HAND_OVER: HandOver,
+    HandTask.STOW: StowArm,
 }
 
 
@@ -107,7 +107,7 @@ class Manipulation(Module):
         self.told: tuple[str, str, bool] | None = None
         self.joints_stamp = Time()
         self.holds = False
-        self.order: Order | None = None
+        self.order: JointOrder | None = None
         if self.restored is not None:
             self._restore(self.restored)
         self.show_state(self.work.machine.state)
@@ -124,7 +124,7 @@ class Manipulation(Module):
         self.released, self.accepted_s, self.holds = kept["released"], kept["accepted_s"], kept["holds"]
         self.holds |= self.checkpoint_lost  # until AUTO is told
         if kept["goal"] is not None:
-            self.active = self.resume_goal(GOALS[Task(kept["task"])], kept["goal"])
+            self.active = self.resume_goal(GOALS[HandTask(kept["task"])], kept["goal"])
         self.work.remember(kept["work"])
 
     def on_joints(self, state: JointState) -> None:
@@ -159,7 +159,7 @@ class Manipulation(Module):
         """Pick up an object from now on."""
         if not active.goal.object:
             raise CallRefused("which object? Its name is empty")
-        is_same = self.work.task is Task.PICK_UP and self.work.target == active.goal.object
+        is_same = self.work.task is HandTask.PICK_UP and self.work.target == active.goal.object
         self._take(active)
         if not is_same:
             self.work.pick_up(active.goal.object)
@@ -168,20 +168,20 @@ class Manipulation(Module):
     def on_put_down(self, active: PutDownGoal) -> None:
         """Put down what is held from now on."""
         if not self._has_released(active.goal):
-            self._release(active, Task.PUT_DOWN, self.work.put_down)
+            self._release(active, HandTask.PUT_DOWN, self.work.put_down)
         else:
             active.succeed(PutDownResult())
 
     def on_hand_over(self, active: HandOverGoal) -> None:
         """Hand over what is held from now on."""
         if not self._has_released(active.goal):
-            self._release(active, Task.HAND_OVER, self.work.hand_over)
+            self._release(active, HandTask.HAND_OVER, self.work.hand_over)
         else:
             active.succeed(HandOverResult())
 
     def on_stow(self, active: StowArmGoal) -> None:
         """Move the arm above the robot from now on."""
-        is_same = self.work.task is Task.STOW
+        is_same = self.work.task is HandTask.STOW
         self._take(active)
         if not is_same:
             self.work.stow()
@@ -192,7 +192,7 @@ class Manipulation(Module):
         is_idle = self.work.task is None and self.work.held is None
         return is_idle and bool(goal.object) and goal.object == self.released
 
-    def _release(self, active: PutDownGoal | HandOverGoal, task: Task, begin: Callable[[], None]) -> None:
+    def _release(self, active: PutDownGoal | HandOverGoal, task: HandTask, begin: Callable[[], None]) -> None:
         """Let go what is held from now on."""
         wanted, held = active.goal.object, self.work.held
         is_same = self.work.task is task and wanted in ("", self.work.target)
@@ -246,7 +246,7 @@ class Manipulation(Module):
         if before is not None:
             before.preempt(f"{active.client} has sent another goal")
 
-    def _end(self, active: AnyGoal, outcome: Outcome) -> None:
+    def _end(self, active: AnyGoal, outcome: HandOutcome) -> None:
         """Tell the goal's client how it ended."""
         self.log.info("%s", outcome.text)
         self.active = None

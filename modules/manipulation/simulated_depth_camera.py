@@ -12,7 +12,7 @@ from robbie_mp.scene.conversion import from_pose
 from robbie_robots.hw.camera import CameraGeometry
 from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.box_segments import box_segments
-from robbie_robots.hw.simulation.depth_camera import SimulatedDepthCamera, View
+from robbie_robots.hw.simulation.depth_camera import DepthView, SimulatedDepthCamera
 from robbie_robots.hw.simulation.object_prints import ObjectPrint
 from robbie_robots.hw.simulation.solid import Floats, Placed, Solid, pose_at
 from robbie_robots.hw.simulation.table_picture import Printed, TablePictures
@@ -102,7 +102,7 @@ class SimulatedDepthCameraModule(SimulatedDevice):
         self.status = f"{self.images} images"
 
     def _take_picture(
-        self, pictures: TablePictures, at: Floats, behind: View, objects: dict[str, Placed]
+        self, pictures: TablePictures, at: Floats, behind: DepthView, objects: dict[str, Placed]
     ) -> None:
         """Publish a colour picture."""
         printed = [Printed(placed, self.prints[name]) for name, placed in objects.items()]

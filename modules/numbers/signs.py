@@ -32,7 +32,7 @@ from robbie_robots.workers.numbers.board_reader import BoardReader, BoardSightin
 from robbie_robots.workers.numbers.digit_reader import ReaderMissing
 from robbie_robots.workers.numbers.quadrangles import QuadranglesMissing
 from robbie_robots.workers.numbers.sign_map import SheetVotes, Sign, SignMap
-from robbie_robots.workers.numbers.sign_placing import View, distances_m, posts_on
+from robbie_robots.workers.numbers.sign_placing import SignView, distances_m, posts_on
 from robbie_robots.workers.planar_pose import transform_points
 
 TELL_PERIOD_S = 0.5
@@ -148,7 +148,7 @@ class NumberSignFinder(Module):
         detections = [detection(image.header, one) for one in sightings]
         self.publish(Detection2DArray(header=image.header, detections=detections), topic="camera")
         half_width_rad = math.atan(camera.width / 2 / float(camera.k[0]))
-        view = View(eye, half_width_rad, self._points(scan, X_ML))
+        view = SignView(eye, half_width_rad, self._points(scan, X_ML))
         for sighting in sightings:
             if sighting.is_sheet:
                 self.sheet.see(sighting.text)
@@ -159,7 +159,9 @@ class NumberSignFinder(Module):
                 self.signs.look(sign, eye)
         self._remember()
 
-    def _place(self, sighting: BoardSighting, view: View, X_MC: RigidTransform, camera: CameraInfo) -> None:
+    def _place(
+        self, sighting: BoardSighting, view: SignView, X_MC: RigidTransform, camera: CameraInfo
+    ) -> None:
         """Add a board to the map, if the laser sees a post below it."""
         quadrangle = sighting.quadrangle
         focal_px, centre_px = float(camera.k[0]), (float(camera.k[2]), float(camera.k[5]))

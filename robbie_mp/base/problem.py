@@ -8,14 +8,14 @@ from robbie_mp.base.errors import RobbieError
 
 
 @dataclass(frozen=True)
-class Place:
+class SourcePlace:
     """Where a value was written: a line of a file, or an option of the command line."""
 
     source: Path | str
     """The file, or the option as typed."""
     line: int = 0
     """Line number from 1; 0 on the command line."""
-    via: "Place | None" = None
+    via: "SourcePlace | None" = None
     """Where the value of the variable was written, if there is a variable at this place."""
 
     @property
@@ -37,7 +37,7 @@ class Problem:
     """One error of a profile."""
 
     text: str
-    place: Place | None = None
+    place: SourcePlace | None = None
 
     def __str__(self) -> str:
         return f"{self.place}: {self.text}" if self.place else self.text
@@ -51,6 +51,6 @@ class ProfileError(RobbieError, ValueError):
         super().__init__("\n".join(map(str, self.problems)))
 
 
-def refuse(text: str, place: Place | None = None) -> ProfileError:
+def refuse(text: str, place: SourcePlace | None = None) -> ProfileError:
     """Return the error for a single problem."""
     return ProfileError([Problem(text, place)])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from robbie_mp.base.problem import Place, ProfileError, refuse
+from robbie_mp.base.problem import ProfileError, SourcePlace, refuse
 
 TAG = "tag:yaml.org,2002:"
 CORE_SCHEMA = {
@@ -33,11 +33,11 @@ MAX_VALUES = 100_000
 
 
 @dataclass(frozen=True)
-class Node:
+class YamlNode:
     """A value of a profile with its place; the values of a map have the places of their keys."""
 
-    value: "dict[str, Node] | list[Node] | bool | int | float | str | None"
-    place: Place
+    value: "dict[str, YamlNode] | list[YamlNode] | bool | int | float | str | None"
+    place: SourcePlace
 
     def plain(self) -> object:
         """Return the value without places."""
@@ -52,7 +52,7 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers = CORE_SCHEMA
 
 
-def read_file(file: Path) -> Node:
+def read_file(file: Path) -> YamlNode:
     """Read a YAML file.
 
     Raises:
@@ -62,16 +62,16 @@ def read_file(file: Path) -> Node:
     try:
         content = file.read_bytes()
     except OSError as error:
-        raise refuse(f"cannot be read: {error.strerror}", Place(file, 1)) from None
+        raise refuse(f"cannot be read: {error.strerror}", SourcePlace(file, 1)) from None
     try:
         text = content.decode()
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise refuse("expected UTF-8 text; got other bytes", Place(file, line)) from None
+        raise refuse("expected UTF-8 text; got other bytes", SourcePlace(file, line)) from None
     return read_text(text, file)
 
 
-def read_text(text: str, source: Path | str) -> Node:
+def read_text(text: str, source: Path | str) -> YamlNode:
     """Read YAML text; an empty text is null.
 
     Args:
@@ -88,7 +88,7 @@ def read_text(text: str, source: Path | str) -> Node:
         raise refuse(f"YAML: character #x{error.character:04x} is not allowed", _at(source, line)) from None
     try:
         root = loader.get_single_node()
-        return _Converter(source).convert(root) if root else Node(None, _at(source, 1))
+        return _Converter(source).convert(root) if root else YamlNode(None, _at(source, 1))
     except yaml.MarkedYAMLError as error:
         raise _syntax_error(error, source) from None
     except ProfileError:
@@ -101,8 +101,8 @@ def read_text(text: str, source: Path | str) -> Node:
         loader.dispose()
 
 
-def _at(source: Path | str, line: int) -> Place:
-    return Place(source, line if isinstance(source, Path) else 0)
+def _at(source: Path | str, line: int) -> SourcePlace:
+    return SourcePlace(source, line if isinstance(source, Path) else 0)
 
 
 def _syntax_error(error: yaml.MarkedYAMLError, source: Path | str) -> ProfileError:
@@ -123,7 +123,7 @@ class _Converter:
         self.open: list[yaml.Node] = []
         self.count = 0
 
-    def convert(self, node: yaml.Node, place: Place | None = None) -> Node:
+    def convert(self, node: yaml.Node, place: SourcePlace | None = None) -> YamlNode:
         """Convert a node; `place` is the place of its key, if it has one."""
         place = place or self.place_of(node)
         self.count += 1
@@ -136,16 +136,16 @@ class _Converter:
         self.open.append(node)
         try:
             if isinstance(node, yaml.MappingNode) and node.tag == TAG + "map":
-                return Node(self.convert_map(node), place)
+                return YamlNode(self.convert_map(node), place)
             if isinstance(node, yaml.SequenceNode) and node.tag == TAG + "seq":
-                return Node([self.convert(child) for child in node.value], place)
-            return Node(self.convert_scalar(node, place), place)
+                return YamlNode([self.convert(child) for child in node.value], place)
+            return YamlNode(self.convert_scalar(node, place), place)
         finally:
             self.open.pop()
 
-    def convert_map(self, node: yaml.MappingNode) -> dict[str, Node]:
+    def convert_map(self, node: yaml.MappingNode) -> dict[str, YamlNode]:
         """Convert a map, whose keys must be different str."""
-        result: dict[str, Node] = {}
+        result: dict[str, YamlNode] = {}
         for key_node, value_node in node.value:
             key, place = self.convert(key_node).value, self.place_of(key_node)
             if not isinstance(key, str):
@@ -157,7 +157,7 @@ class _Converter:
             result[key] = self.convert(value_node, place)
         return result
 
-    def convert_scalar(self, node: yaml.Node, place: Place) -> bool | int | float | str | None:
+    def convert_scalar(self, node: yaml.Node, place: SourcePlace) -> bool | int | float | str | None:
         """Convert a scalar by its tag; the core schema gives it one if the file does not."""
         text, kind = node.value, node.tag.removeprefix(TAG)
         if not isinstance(node, yaml.ScalarNode) or kind not in ("null", "bool", "int", "float", "str"):
@@ -172,13 +172,13 @@ class _Converter:
             return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         return text.lower() == "true" if kind == "bool" else None
 
-    def convert_int(self, text: str, place: Place) -> int:
+    def convert_int(self, text: str, place: SourcePlace) -> int:
         """Convert an int, which must fit into 64 bits."""
         number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)) if len(text) < 64 else 1 << 64
         if not -(1 << 63) <= number < 1 << 64:
             raise refuse(f"YAML: {text:.40} does not fit into 64 bits", place)
         return number
 
-    def place_of(self, node: yaml.Node) -> Place:
+    def place_of(self, node: yaml.Node) -> SourcePlace:
         """Return where a node begins."""
         return _at(self.source, node.start_mark.line + 1)

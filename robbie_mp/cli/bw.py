@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.rates import Rates, add_rate_arguments, print_rates
+from robbie_mp.cli.rates import TrafficRates, add_rate_arguments, print_rates
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -24,7 +24,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.set_defaults(command=lambda arguments: print_rates(arguments, describe))
 
 
-def describe(rates: Rates) -> str:
+def describe(rates: TrafficRates) -> str:
     """Describe the bandwidth in one line."""
     return (
         f"{rates.bytes_per_s / 1e6:.3f} MB/s, {rates.mean_bytes:.0f} bytes a message "

@@ -15,7 +15,7 @@ from robbie_mp.cli.runs import choose_run
 from robbie_mp.run.run_directory import KnownRun
 
 if TYPE_CHECKING:
-    from robbie_mp.base.yaml_reader import Node
+    from robbie_mp.base.yaml_reader import YamlNode
 
 Completer = Callable[..., list[str]]
 
@@ -93,7 +93,7 @@ def profiles(**_: object) -> list[str]:
         return stock_names()
 
 
-def _of_profile(names: Callable[["Node"], Iterable[str]]) -> Completer:
+def _of_profile(names: Callable[["YamlNode"], Iterable[str]]) -> Completer:
     """Return a completer for names in the merged profile on the command line."""
 
     def complete(parsed_args: argparse.Namespace, **_: object) -> list[str]:
@@ -109,7 +109,7 @@ def _of_profile(names: Callable[["Node"], Iterable[str]]) -> Completer:
     return complete
 
 
-def _keys(tree: "Node", section: str) -> list[str]:
+def _keys(tree: "YamlNode", section: str) -> list[str]:
     node = tree.value.get(section) if isinstance(tree.value, dict) else None
     return list(node.value) if node is not None and isinstance(node.value, dict) else []
 

@@ -27,7 +27,7 @@ from robbie_mp.connect.bridge.bag_export import bridge_of_log, export_bag
 from robbie_mp.logs.recording.columns import Columns, columns
 from robbie_mp.logs.recording.decoding import logged_type
 from robbie_mp.logs.recording.errors import LogNotWritten, NotDecodable
-from robbie_mp.logs.recording.png import IMAGE_TYPES, NoPicture, PngMaker
+from robbie_mp.logs.recording.png import IMAGE_TYPES, NotPng, PngMaker
 from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name, open_log, select
 from robbie_mp.logs.recording.repair import Progress
 from robbie_mp.messages import Message, Time
@@ -162,7 +162,7 @@ def _write_pictures(maker: PngMaker, rows: "_Rows", folder: Path) -> Counter[str
         for time_ns, sequence, message in rows:
             try:
                 picture = maker.make(message)
-            except NoPicture as error:
+            except NotPng as error:
                 refused[str(error) if len(refused) < MAX_REASONS else "other reasons"] += 1
                 continue
             stem = _stamp(message, time_ns)

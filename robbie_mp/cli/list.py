@@ -14,7 +14,7 @@ from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_name
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import RunObserver
-from robbie_mp.bus.observe.declarations import Declaration, read_declarations
+from robbie_mp.bus.observe.declarations import ObservedDeclaration, read_declarations
 from robbie_mp.bus.observe.latched import latched_bytes
 from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
@@ -155,11 +155,11 @@ def _topics(run: KnownRun) -> list[Row]:
     return rows
 
 
-def _is_published(wanted: Declaration, declared: Sequence[Declaration]) -> bool:
+def _is_published(wanted: ObservedDeclaration, declared: Sequence[ObservedDeclaration]) -> bool:
     return any(entry.is_publisher and wanted.name.takes(entry.name) for entry in declared)
 
 
-def _subscribers(name: ChannelName, declared: Sequence[Declaration]) -> list[str]:
+def _subscribers(name: ChannelName, declared: Sequence[ObservedDeclaration]) -> list[str]:
     """Return the modules that subscribe to a channel, each once even if several of its patterns match."""
     modules = [entry.module for entry in declared if not entry.is_publisher and entry.name.takes(name)]
     return list(dict.fromkeys(modules))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from robbie_mp.attached.tool.parameters import ANSWER_TIMEOUT_S, Answer, Parameters
+from robbie_mp.attached.tool.parameters import ANSWER_TIMEOUT_S, ChangeAnswer, Parameters
 from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.yaml_reader import read_text
@@ -205,7 +205,7 @@ def load(arguments: argparse.Namespace) -> int:
     parameters = Parameters(run)
     wanted = _read(Path(arguments.file))
     before = _check(parameters, wanted, arguments.file)
-    done: dict[str, Answer] = {}
+    done: dict[str, ChangeAnswer] = {}
     try:
         for path in before:
             done[path] = parameters.set_text(path, inline(wanted[path]), arguments.timeout)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robbie_mp.base.problem import Place, Problem, ProfileError, refuse
+from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.cli import completers
 from robbie_mp.cli.log_files import add_limit_argument
 from robbie_mp.cli.parser import add_command
@@ -29,9 +29,9 @@ SETTINGS = {"start": "start_s", "end": "end_s", "loop": "loop", "topics": "topic
 """Options of this command, and the settings of the playback that they set as they are."""
 PLACES = {
     "file": None,  # the error names it
-    "rate": Place("--rate"),
-    "max_chunk_mib": Place("--max-chunk-mib"),
-    **{setting: Place(f"--{option}") for option, setting in SETTINGS.items()},
+    "rate": SourcePlace("--rate"),
+    "max_chunk_mib": SourcePlace("--max-chunk-mib"),
+    **{setting: SourcePlace(f"--{option}") for option, setting in SETTINGS.items()},
 }
 """The place of each setting that this command sets."""
 

@@ -21,7 +21,7 @@ from robbie_mp.cli.output import print_in_place
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.logs.playback.player import ControlRefused
+from robbie_mp.logs.playback.player import PlaybackRefused
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.run.run_directory import KnownRun
 
@@ -121,7 +121,7 @@ def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:
         if not tool.wait_for(has_answered, TIMEOUT_S):
             raise NoPlayback(f"the playback of run {run.run_id} has not answered within {TIMEOUT_S:g} s")
     if answer[0].error:
-        raise ControlRefused(answer[0].error)
+        raise PlaybackRefused(answer[0].error)
     return answer[0]
 
 

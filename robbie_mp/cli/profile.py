@@ -12,7 +12,7 @@ from robbie_mp.cli.parser import add_command
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import last_line, preflight
-from robbie_mp.run.profile.show import Line, as_tree, origins, to_lines
+from robbie_mp.run.profile.show import YamlLine, as_tree, origins, to_lines
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -104,12 +104,12 @@ def show(arguments: argparse.Namespace) -> int:
         described["origins"] = {"/".join(path): origin for path, origin in origin_of.items()}
         print(json.dumps(described, indent=2))
     else:
-        left_out = (Line(f"# {name} is left out: {why}") for name, why in profile.left_out.items())
-        _print_lines([Line(f"# profile {profile.name}"), *left_out, *to_lines(tree, origin_of)])
+        left_out = (YamlLine(f"# {name} is left out: {why}") for name, why in profile.left_out.items())
+        _print_lines([YamlLine(f"# profile {profile.name}"), *left_out, *to_lines(tree, origin_of)])
     return 0
 
 
-def _print_lines(lines: Iterable[Line]) -> None:
+def _print_lines(lines: Iterable[YamlLine]) -> None:
     if not sys.stdout.isatty():
         print(*lines, sep="\n")
         return

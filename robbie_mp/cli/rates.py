@@ -19,7 +19,7 @@ from robbie_mp.cli.runs import add_run_argument, choose_run
 
 
 @dataclass(frozen=True)
-class Rates:
+class TrafficRates:
     """The traffic of a channel between two readings."""
 
     topic: str
@@ -34,7 +34,9 @@ class Rates:
     """Its standard deviation."""
 
     @classmethod
-    def between(cls, topic: str, before: ChannelCounts, after: ChannelCounts, seconds: float) -> "Rates":
+    def between(
+        cls, topic: str, before: ChannelCounts, after: ChannelCounts, seconds: float
+    ) -> "TrafficRates":
         """Calculate the rates between two readings of the counters."""
         messages, size = after.messages - before.messages, after.bytes - before.bytes
         mean_s = deviation_s = None
@@ -72,7 +74,7 @@ def _seconds(text: str) -> float:
     return seconds
 
 
-def print_rates(arguments: argparse.Namespace, describe: Callable[[Rates], str]) -> int:
+def print_rates(arguments: argparse.Namespace, describe: Callable[[TrafficRates], str]) -> int:
     """Print a line for each topic periodically, until the run ends or the user presses Ctrl-C."""
     run = choose_run(arguments.run)
     wanted = choose_messages(run, arguments).channel
@@ -89,13 +91,13 @@ def print_rates(arguments: argparse.Namespace, describe: Callable[[Rates], str])
     return 0
 
 
-def _measure(counters: ChannelCounters, wanted: ChannelName, every_s: float) -> Iterator[list[Rates]]:
+def _measure(counters: ChannelCounters, wanted: ChannelName, every_s: float) -> Iterator[list[TrafficRates]]:
     before, before_s = counters.read(*wanted), time.monotonic()
     while True:
         time.sleep(every_s)
         after, after_s = counters.read(*wanted), time.monotonic()
         yield [
-            Rates.between(topic, before.get(topic, ChannelCounts()), count, after_s - before_s)
+            TrafficRates.between(topic, before.get(topic, ChannelCounts()), count, after_s - before_s)
             for topic, count in sorted(after.items())
         ]
         before, before_s = after, after_s

@@ -12,7 +12,7 @@ from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.logs.capture.position import Position
 from robbie_mp.logs.capture.recorded_run import RecordedRun
 from robbie_mp.logs.capture.recording_session import RecordingSession
-from robbie_mp.logs.capture.selection import Pair, Selection, type_pattern
+from robbie_mp.logs.capture.selection import Selection, TypeAndTopic, type_pattern
 from robbie_mp.logs.capture.tally import Tally, UnendedParts
 from robbie_mp.logs.recording.chunk import Compression
 from robbie_mp.logs.recording.chunk_queue import BufferLimits
@@ -28,7 +28,7 @@ from robbie_mp.run.run_directory import list_runs
 
 WARN_UNMATCHED_AFTER_S = 10.0
 CRASHED = ("BACKOFF", "FAILED")
-MODULE_STATES = Pair(ModuleState.type_name, "*")
+MODULE_STATES = TypeAndTopic(ModuleState.type_name, "*")
 MEGABYTE = 1e6
 MAX_READ_S = 5.0
 """How long the end of a run waits until the part that a killed logger left has been read."""
@@ -82,7 +82,7 @@ class MessageLogger(Module):
         """Start the recording, or continue it after a restart, and subscribe."""
         self.run = RecordedRun(next(run.folder for run in list_runs() if run.run_id == self.run_id))
         self.selection = Selection.by_types_and_topics(self.types, self.topics, self.exclude)
-        self.triggers = [Pair(type_pattern(self.trigger), self.trigger_topic)] if self.trigger else []
+        self.triggers = [TypeAndTopic(type_pattern(self.trigger), self.trigger_topic)] if self.trigger else []
         self.triggering: dict[ChannelKey, bool] = {}
         pairs = self.selection.pairs + ([*self.triggers, MODULE_STATES] if self.snapshot_s else [])
         for type_of, topic in dict.fromkeys(pairs):

@@ -17,7 +17,7 @@ from typing import Any, Final, TypeVar, get_type_hints, overload
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.module.value_check import (
-    Limits,
+    ValueLimits,
     ValueMismatch,
     check_value,
     describe,
@@ -55,7 +55,7 @@ class Setting:
     """One declared setting; reading it before the instance has its value raises AttributeError."""
 
     def __init__(
-        self, default: object, description: str, limits: Limits, *, changeable: bool = False
+        self, default: object, description: str, limits: ValueLimits, *, changeable: bool = False
     ) -> None:
         self.changeable = changeable
         self.default = default
@@ -173,7 +173,7 @@ def setting(
         finite: Refuse infinity and not-a-number.
         changeable: The setting may be changed while the module runs; see `Module.setting_changed`.
     """
-    limits = Limits(minimum, maximum, tuple(choices), must_exist, finite)
+    limits = ValueLimits(minimum, maximum, tuple(choices), must_exist, finite)
     return Setting(default, description, limits, changeable=changeable)
 
 

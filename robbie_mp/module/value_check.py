@@ -19,7 +19,7 @@ class ValueMismatch(RobbieError, ValueError):
 
 
 @dataclass(frozen=True)
-class Limits:
+class ValueLimits:
     """Limits of a value, besides its type; in lists and maps they apply to every element."""
 
     minimum: float | None = None
@@ -31,10 +31,12 @@ class Limits:
     """Refuse infinity and not-a-number."""
 
 
-NO_LIMITS = Limits()
+NO_LIMITS = ValueLimits()
 
 
-def check_value(declared: Any, value: object, limits: Limits = NO_LIMITS, folder: Path | None = None) -> Any:
+def check_value(
+    declared: Any, value: object, limits: ValueLimits = NO_LIMITS, folder: Path | None = None
+) -> Any:
     """Return `value` as the declared type: an int becomes a float, a str a path; containers are copied.
 
     Args:
@@ -99,7 +101,7 @@ def holds_secret(declared: Any) -> bool:
     return declared is Secret or any(map(holds_secret, get_args(declared)))
 
 
-def outline(declared: Any, limits: Limits) -> dict[str, Any]:
+def outline(declared: Any, limits: ValueLimits) -> dict[str, Any]:
     """Return a type and its limits as plain data, for input forms.
 
     Returns:
@@ -136,14 +138,14 @@ def _without_none(declared: Any) -> Any:
     return others[0]
 
 
-def _element(where: str, declared: Any, value: object, limits: Limits, folder: Path | None) -> Any:
+def _element(where: str, declared: Any, value: object, limits: ValueLimits, folder: Path | None) -> Any:
     try:
         return check_value(declared, value, limits, folder)
     except ValueMismatch as mismatch:
         raise ValueMismatch(f"{where}: {mismatch}") from None
 
 
-def _check_scalar(declared: Any, value: object, limits: Limits, folder: Path | None) -> Any:
+def _check_scalar(declared: Any, value: object, limits: ValueLimits, folder: Path | None) -> Any:
     if declared is Secret:
         try:
             return read_secret(value, folder)
@@ -176,7 +178,7 @@ def _to_float(value: Any, expected: str) -> float:
         raise ValueMismatch(f"expected {expected}; got an int that no float can hold") from None
 
 
-def _check_path(path: Path, limits: Limits, folder: Path | None) -> Path:
+def _check_path(path: Path, limits: ValueLimits, folder: Path | None) -> Path:
     try:
         absolute = (folder or Path.cwd()) / stock_path(path).expanduser()
     except RuntimeError:  # "~name" of nobody
@@ -186,14 +188,14 @@ def _check_path(path: Path, limits: Limits, folder: Path | None) -> Path:
     return absolute
 
 
-def _within(value: float, limits: Limits) -> bool:
+def _within(value: float, limits: ValueLimits) -> bool:
     """Return whether a number is inside the bounds; not-a-number is inside none."""
     return (limits.minimum is None or value >= limits.minimum) and (
         limits.maximum is None or value <= limits.maximum
     )
 
 
-def describe_limits(limits: Limits) -> str:
+def describe_limits(limits: ValueLimits) -> str:
     """Return limits in words, to follow those of a type; "" if there are none."""
     if limits.choices:
         return ", " + _one_of(limits.choices)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from robbie_mp.base.problem import Place, Problem
+from robbie_mp.base.problem import Problem, SourcePlace
 from robbie_mp.scene.errors import SceneGraphError
 from robbie_mp.scene.node import Joint, Node
 from robbie_mp.scene.rigid_transform import RigidTransform
@@ -17,7 +17,7 @@ class Described(NamedTuple):
     """A node, and the place where it is described."""
 
     node: Node
-    place: Place
+    place: SourcePlace
 
 
 class Description:
@@ -28,11 +28,11 @@ class Description:
         self.nodes: list[Described] = []
         self.problems: list[Problem] = []
 
-    def wrong(self, text: str, place: Place) -> None:
+    def wrong(self, text: str, place: SourcePlace) -> None:
         """Note a problem."""
         self.problems.append(Problem(text, place))
 
-    def attempt(self, place: Place, make: Callable[[], Made], instead: Made) -> Made:
+    def attempt(self, place: SourcePlace, make: Callable[[], Made], instead: Made) -> Made:
         """Return the result of `make`; if it raises an error, note the problem and return `instead`."""
         try:
             return make()
@@ -75,7 +75,7 @@ def prefixed(node: Node, prefix: str) -> Node:
 
 def make_node(
     description: Description,
-    place: Place,
+    place: SourcePlace,
     name: str,
     parent: str | None,
     origin: RigidTransform,

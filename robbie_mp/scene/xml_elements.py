@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
 
-from robbie_mp.base.problem import Place, Problem
+from robbie_mp.base.problem import Problem, SourcePlace
 from robbie_mp.scene.errors import SceneFileError
 
 MAX_DEPTH = 64
@@ -17,7 +17,7 @@ class Element:
 
     tag: str
     attributes: dict[str, str]
-    place: Place
+    place: SourcePlace
     children: list["Element"] = field(default_factory=list)
 
     def all(self, tag: str) -> list["Element"]:
@@ -39,14 +39,14 @@ def read_xml(file: Path) -> Element:
     try:
         reader.parser.Parse(file.read_bytes(), True)
     except OSError as error:
-        raise SceneFileError([Problem(f"cannot be read: {error.strerror}", Place(file, 1))]) from None
+        raise SceneFileError([Problem(f"cannot be read: {error.strerror}", SourcePlace(file, 1))]) from None
     except expat.ExpatError as error:
         text = f"not XML: {expat.ErrorString(error.code)}"
-        raise SceneFileError([Problem(text, Place(file, error.lineno))]) from None
+        raise SceneFileError([Problem(text, SourcePlace(file, error.lineno))]) from None
     except SceneFileError:
         raise
     except (LookupError, ValueError) as error:  # Python's errors for an unknown encoding
-        raise SceneFileError([Problem(f"not XML: {error}", Place(file, 1))]) from None
+        raise SceneFileError([Problem(f"not XML: {error}", SourcePlace(file, 1))]) from None
     return reader.root
 
 
@@ -79,5 +79,5 @@ class _Reader:
     def _refuse(self, text: str) -> NoReturn:
         raise SceneFileError([Problem(text, self._place())])
 
-    def _place(self) -> Place:
-        return Place(self.file, self.parser.CurrentLineNumber)
+    def _place(self) -> SourcePlace:
+        return SourcePlace(self.file, self.parser.CurrentLineNumber)

@@ -2,9 +2,9 @@
 
 import math
 
-from robbie_mp.base.problem import Place
+from robbie_mp.base.problem import SourcePlace
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.base.yaml_reader import Node as Yaml
+from robbie_mp.base.yaml_reader import YamlNode as Yaml
 from robbie_mp.scene.described import Description
 
 
@@ -38,7 +38,7 @@ class Fields:
         """Return the path of a value."""
         return f"{self._path}.{key}" if self._path else key
 
-    def place_of(self, key: str) -> Place:
+    def place_of(self, key: str) -> SourcePlace:
         """Return the place of a value, or of the map if the value is missing."""
         return self.values[key].place if key in self.values else self.place
 

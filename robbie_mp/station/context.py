@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.messages import Header, Time, TimeJump
 from robbie_mp.scene import SceneGraphListener
 from robbie_mp.station.driving.command import RobotCommand
-from robbie_mp.station.driving.motion import Motion
+from robbie_mp.station.driving.motion import RobotMotion
 from robbie_mp.station.driving.operators import Operators
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map.marks import MapMarks, PlacesWatch
@@ -47,7 +47,7 @@ class RobotView:
     """What the robot does and sees."""
 
     scene: SceneGraphListener
-    motion: Motion
+    motion: RobotMotion
     """Its movement, and what it is commanded."""
     cameras: Cameras
     """Those that have sent an image."""
@@ -55,7 +55,7 @@ class RobotView:
 
 
 @dataclass(frozen=True)
-class MapView:
+class MapContents:
     """What the map and the 3-D view show besides the robot."""
 
     marks: MapMarks
@@ -76,7 +76,7 @@ class StationContext:
     settings: StationSettings
     run: RunView
     robot: RobotView
-    map: MapView
+    map: MapContents
     operators: Operators
     """The open pages, and who drives."""
     live: LiveParts
@@ -94,14 +94,14 @@ def context_of(station: StationModule) -> StationContext:
     station.hear(TimeJump, lambda _jump: scene.forget())
     places = PlacesWatch(station)
     operators = Operators(RobotCommand(station, station.publish))
-    motion = Motion(station, scene, operators.pages, station.robot_size_m)
+    motion = RobotMotion(station, scene, operators.pages, station.robot_size_m)
     robot = RobotView(scene, motion, Cameras(station), LightsWatch(station))
     return StationContext(
         messages=station,
         settings=station,
         run=run,
         robot=robot,
-        map=MapView(MapMarks(), places),
+        map=MapContents(MapMarks(), places),
         operators=operators,
         live=LiveParts(),
         clock=station.clock,

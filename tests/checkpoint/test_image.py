@@ -16,7 +16,7 @@ from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooNew,
 from robbie_mp.bus.checkpoint.image import (
     CRC_BEGIN,
     HEADER,
-    Header,
+    ImageHeader,
     aligned,
     decode,
     encode,
@@ -137,7 +137,7 @@ def with_structure(structure: bytes, pieces: bytes = bytes(256)) -> bytes:
     image = bytearray(begin + len(pieces))
     image[HEADER.size : HEADER.size + len(structure)] = structure
     image[begin:] = pieces
-    write_header(memoryview(image), Header(len(image), len(structure), 1, 0))
+    write_header(memoryview(image), ImageHeader(len(image), len(structure), 1, 0))
     assert zlib.crc32(image[CRC_BEGIN:]) == struct.unpack_from("<I", image, 12)[0]
     return bytes(image)
 

@@ -22,7 +22,7 @@ from tests.hot._support.build import HOT, fused_module
 from tests.hot._support.histories import history
 from tests.hot._support.many_histories import compare_histories
 from tests.hot._support.trace import difference, played
-from tools.fuzz.core.attack import Attack
+from tools.fuzz.core.attack import SimulatedAttack
 from tools.fuzz.core.plain import inputs
 
 HISTORIES = 200
@@ -51,8 +51,8 @@ PLANTED = {
 }  # fmt: skip
 
 
-def attack(data: bytes) -> Attack:
-    played = Attack(data)
+def attack(data: bytes) -> SimulatedAttack:
+    played = SimulatedAttack(data)
     played.run()
     return played
 

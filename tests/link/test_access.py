@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.connect.link.access import MAX_COUNTED, MAX_DECISIONS, MAX_RULES, OTHERS, Access, AccessError
+from robbie_mp.connect.link.access import (
+    MAX_COUNTED,
+    MAX_DECISIONS,
+    MAX_RULES,
+    OTHERS,
+    AccessError,
+    LinkAccess,
+)
 from robbie_mp.run.trace.log_limit import LOG_BURST
 
 TWIST = "geometry_msgs/msg/Twist"
@@ -16,8 +23,8 @@ LOG = logging.getLogger(__name__)
 NAMES = st.text("ab*?", max_size=3)
 
 
-def access(**accept: list[str]) -> Access:
-    return Access(accept, LOG)
+def access(**accept: list[str]) -> LinkAccess:
+    return LinkAccess(accept, LOG)
 
 
 def test_nothing_is_allowed_without_a_rule() -> None:
@@ -41,7 +48,7 @@ def test_rule_without_a_topic_allows_all_topics() -> None:
 
 
 def test_patterns_of_robots_add_to_each_other() -> None:
-    checked = Access({"*": ["LaserScan"], "robot?": ["Twist"]}, LOG)
+    checked = LinkAccess({"*": ["LaserScan"], "robot?": ["Twist"]}, LOG)
     assert checked.allows("robot2", SCAN, "") and checked.allows("robot2", TWIST, "")
     assert checked.allows("laptop", SCAN, "") and not checked.allows("laptop", TWIST, "")
 
@@ -56,9 +63,9 @@ def test_patterns_of_robots_add_to_each_other() -> None:
 def test_what_is_allowed_never_depends_on_what_was_asked_before(
     accept: dict[str, list[str]], asked: list[tuple[str, str, str]]
 ) -> None:
-    checked = Access(accept, LOG)
+    checked = LinkAccess(accept, LOG)
     answers = [checked.allows(*one) for one in asked]
-    assert answers == [Access(accept, LOG).allows(*one) for one in asked]
+    assert answers == [LinkAccess(accept, LOG).allows(*one) for one in asked]
     assert checked.refused_total == answers.count(False)
     if not any(fnmatchcase(robot, name) for robot, _, _ in asked for name in accept):
         assert not any(answers)
@@ -110,4 +117,4 @@ def test_wrong_rule_is_an_error_that_says_which_and_what_is_right(
     accept: dict[str, list[str]], expected: str
 ) -> None:
     with pytest.raises(AccessError, match=expected):
-        Access(accept, LOG)
+        LinkAccess(accept, LOG)

@@ -8,7 +8,16 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.connect.link import books as link_books
-from robbie_mp.connect.link.books import KEPT_SESSIONS, NEXT, RECEIVED, REFUSED, TAKEN, Account, Books, Key
+from robbie_mp.connect.link.books import (
+    KEPT_SESSIONS,
+    NEXT,
+    RECEIVED,
+    REFUSED,
+    TAKEN,
+    Account,
+    CountKey,
+    LinkBooks,
+)
 from robbie_mp.connect.link.traffic import TrafficClass
 
 ROWS = 200
@@ -21,30 +30,30 @@ def few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(link_books, "MAX_ROWS", ROWS)
 
 
-def receive(books: Books, session: int) -> None:
+def receive(books: LinkBooks, session: int) -> None:
     """Count what comes in a session of blue: a message of each channel, and one that is refused."""
-    books.row(Key("stream", "blue", session, TrafficClass.STATE))[NEXT] = session
+    books.row(CountKey("stream", "blue", session, TrafficClass.STATE))[NEXT] = session
     for number, channel in enumerate((ODOM, MAP)):
-        row = books.row(Key("in", "blue", session, TrafficClass.STATE, number, *channel))
+        row = books.row(CountKey("in", "blue", session, TrafficClass.STATE, number, *channel))
         row.add(RECEIVED)
         row.add(REFUSED)
 
 
-def send(books: Books) -> None:
+def send(books: LinkBooks) -> None:
     """Count what goes to blue: three messages, of which one arrives."""
-    row = books.row(Key("out", "blue", books.session, TrafficClass.STATE, 0, *ODOM))
+    row = books.row(CountKey("out", "blue", books.session, TrafficClass.STATE, 0, *ODOM))
     row.add(TAKEN, 3)
     row.add(RECEIVED)
 
 
-def figures(books: Books) -> dict[tuple[bool, str], Account]:
+def figures(books: LinkBooks) -> dict[tuple[bool, str], Account]:
     return {(one.is_sent, one.channel.topic): one for one in books.accounts()}
 
 
 def test_rows_of_sessions_that_ended_long_ago_are_given_back_and_their_sums_stay() -> None:
-    books = Books(None, "link", 7)
+    books = LinkBooks(None, "link", 7)
     send(books)
-    row = books.find(Key("out", "blue", 7, TrafficClass.STATE, 0, *ODOM))
+    row = books.find(CountKey("out", "blue", 7, TrafficClass.STATE, 0, *ODOM))
     assert row is not None
     for session in range(1000, 2000):
         receive(books, session)
@@ -60,10 +69,10 @@ def test_rows_of_sessions_that_ended_long_ago_are_given_back_and_their_sums_stay
 
 def test_sums_of_own_earlier_sessions_stay_and_what_was_under_way_is_lost(tmp_path: Path) -> None:
     for session in range(1, 500):
-        books = Books(tmp_path, "link", session)
+        books = LinkBooks(tmp_path, "link", session)
         send(books)
         books.close()
-    books = Books(tmp_path, "link", 500)
+    books = LinkBooks(tmp_path, "link", 500)
     found = figures(books)[True, "odom"]
     assert books.unbooked == 0
     assert (found.sent, found.received, found.lost) == (3 * 499, 499, 2 * 499)
@@ -75,7 +84,7 @@ def test_sums_of_own_earlier_sessions_stay_and_what_was_under_way_is_lost(tmp_pa
 def test_no_count_is_lost_if_the_process_is_killed_while_rows_are_given_back(
     step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    books = Books(tmp_path, "link", 7)
+    books = LinkBooks(tmp_path, "link", 7)
     send(books)
     sessions = iter(range(1000, 2000))
     while len(list(books)) < ROWS - 2:
@@ -85,8 +94,8 @@ def test_no_count_is_lost_if_the_process_is_killed_while_rows_are_given_back(
         kill_at(step, patch)
         with pytest.raises(Killed):
             for session in sessions:
-                books.row(Key("stream", "blue", session, TrafficClass.STATE))
-    again = Books(tmp_path, "link", 8)
+                books.row(CountKey("stream", "blue", session, TrafficClass.STATE))
+    again = LinkBooks(tmp_path, "link", 8)
     after = figures(again)
     assert {key: one.received for key, one in after.items()} == {
         key: one.received for key, one in before.items()

@@ -4,7 +4,7 @@ from collections import deque
 
 import pytest
 
-from robbie_mp.connect.link.congestion import MAX_QUEUE_BYTES, USUAL_PART_BYTES, Window
+from robbie_mp.connect.link.congestion import MAX_QUEUE_BYTES, USUAL_PART_BYTES, SendWindow
 from robbie_mp.connect.link.header import PART_BYTES
 
 STEP_NS = 1_000_000
@@ -16,7 +16,7 @@ class SlowNetwork:
     """Carries packets one after the other at a rate that can change, and acknowledges each."""
 
     def __init__(self, round_trip_ns: int):
-        self.window = Window()
+        self.window = SendWindow()
         self.window.watch(self)
         self.now_ns = 10**9
         self.trip_ns = 0
@@ -87,12 +87,12 @@ def test_network_whose_delay_grows_is_used_again_within_seconds() -> None:
 def test_packets_are_larger_only_where_the_network_is_so_fast_that_they_take_no_time(
     bytes_per_s: float, part_bytes: int
 ) -> None:
-    window = Window()
+    window = SendWindow()
     window.bandwidth = bytes_per_s
     assert window.part_bytes == part_bytes
 
 
 def test_no_more_waits_on_the_way_than_queues_and_sockets_hold() -> None:
-    window = Window()
+    window = SendWindow()
     window.bandwidth = 2e9
     assert window.limit == MAX_QUEUE_BYTES

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import pytest
 
-from robbie_mp.connect.link.header import ChannelId, Data
+from robbie_mp.connect.link.header import ChannelId, DataHeader
 from robbie_mp.connect.link.traffic import TrafficClass
 from tests.link._support.network import MS, Conditions, two_robots
 
@@ -127,6 +127,6 @@ def test_what_is_urgent_is_repeated_less_often_while_nothing_is_acknowledged() -
     red.offer(STOP, TrafficClass.URGENT, b"stop")
     network.run(6.0)
     assert blue.received(STOP) == [b"stop"]
-    copies = [one for one in network.carried if isinstance(one[2], Data) and one[2].traffic == 0]
+    copies = [one for one in network.carried if isinstance(one[2], DataHeader) and one[2].traffic == 0]
     # Both ways within a round trip of 4 s, in which the link is thought to be down for a while.
     assert 2 * 5 < len(copies) < 2 * 25

@@ -13,9 +13,9 @@ from robbie_mp.connect.link.header import (
     VERSION,
     Beat,
     ChannelId,
-    Data,
+    DataHeader,
     Packet,
-    Report,
+    ReceiverReport,
     pack,
     unpack,
 )
@@ -28,10 +28,10 @@ TOPICS = st.text(st.characters(codec="utf-8"), max_size=24)
 
 
 @st.composite
-def data_headers(draw: st.DrawFn) -> Data:
+def data_headers(draw: st.DrawFn) -> DataHeader:
     sequence = draw(st.integers(1, MAX_SEQUENCE))
     whole = draw(st.integers(0, (1 << 32) - 1))
-    header = Data(
+    header = DataHeader(
         draw(ROBOTS),
         draw(st.sampled_from(CLASSES)),
         draw(st.integers(0, 3)),
@@ -56,7 +56,7 @@ def data_headers(draw: st.DrawFn) -> Data:
 
 
 REPORTS = st.builds(
-    Report,
+    ReceiverReport,
     ROBOTS,
     st.sampled_from(CLASSES),
     WORDS,
@@ -107,7 +107,7 @@ def test_no_bytes_make_unpack_raise(rest: bytes) -> None:
 
 def test_a_header_that_names_too_much_is_refused() -> None:
     name = ChannelId("sensor_msgs/msg/Image", 1, "camera")
-    good = Data("red", CLASSES[2], 0, 1, 7, 8, 5, 1, 9, 0, 10, 0, 0, name, 10, ("red",))
+    good = DataHeader("red", CLASSES[2], 0, 1, 7, 8, 5, 1, 9, 0, 10, 0, 0, name, 10, ("red",))
     assert unpack(pack(good)) == good
     bad: list[Packet] = [
         good._replace(sources=("red",) * (MAX_HOPS + 1)),
@@ -125,11 +125,11 @@ def test_a_header_that_names_too_much_is_refused() -> None:
         good._replace(name=name._replace(type_name="no type")),
         good._replace(name=name._replace(version=0)),
         good._replace(name=name._replace(topic="x" * 97)),
-        Report("red", CLASSES[0], 1, 2, 3, 3, 0, ((0, 0, 0),) * (MAX_COUNTS + 1)),
-        Report("red", CLASSES[0], 1, 2, 3, 0, 0, ()),
-        Report("red", CLASSES[0], 1, 2, 3, 4, 0, ()),
-        Report("red", CLASSES[0], 1, 2, MAX_SEQUENCE + 2, 3, 0, ()),
-        Report("red", CLASSES[0], 1, 2, 3, 3, MAX_SEQUENCE + 1, ()),
+        ReceiverReport("red", CLASSES[0], 1, 2, 3, 3, 0, ((0, 0, 0),) * (MAX_COUNTS + 1)),
+        ReceiverReport("red", CLASSES[0], 1, 2, 3, 0, 0, ()),
+        ReceiverReport("red", CLASSES[0], 1, 2, 3, 4, 0, ()),
+        ReceiverReport("red", CLASSES[0], 1, 2, MAX_SEQUENCE + 2, 3, 0, ()),
+        ReceiverReport("red", CLASSES[0], 1, 2, 3, 3, MAX_SEQUENCE + 1, ()),
     ]
     assert [unpack(pack(packet)) for packet in bad] == [None] * len(bad)
 

@@ -9,22 +9,31 @@ from hypothesis import strategies as st
 
 from robbie_mp.connect.link import books as link_books
 from robbie_mp.connect.link import sending
-from robbie_mp.connect.link.books import HANDLING, NEXT, RECEIVED, RECEIVED_BEFORE, REFUSED, TAKEN, Books, Key
-from robbie_mp.connect.link.congestion import Window
+from robbie_mp.connect.link.books import (
+    HANDLING,
+    NEXT,
+    RECEIVED,
+    RECEIVED_BEFORE,
+    REFUSED,
+    TAKEN,
+    CountKey,
+    LinkBooks,
+)
+from robbie_mp.connect.link.congestion import SendWindow
 from robbie_mp.connect.link.header import (
     MAX_COUNTS,
     MAX_SEQUENCE,
     MAX_WORD,
     Beat,
     ChannelId,
-    Data,
-    Report,
+    DataHeader,
+    ReceiverReport,
     pack,
     unpack,
 )
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
-from robbie_mp.connect.link.sending import MAX_UNREPORTED, MAX_URGENT, Limits
+from robbie_mp.connect.link.sending import MAX_UNREPORTED, MAX_URGENT, SendLimits
 from robbie_mp.connect.link.traffic import CLASSES, TrafficClass
 from robbie_mp.connect.link.under_way import MAX_SENDINGS, UnderWay
 from tests.link._support.network import MS, Robot, two_robots
@@ -42,12 +51,12 @@ class Sent:
     """Keeps what a link sends."""
 
     def __init__(self) -> None:
-        self.packets: list[Data | Report | Beat] = []
+        self.packets: list[DataHeader | ReceiverReport | Beat] = []
 
     def send(
         self,
         robot: str,
-        packet: Data | Report | Beat,
+        packet: DataHeader | ReceiverReport | Beat,
         payload: memoryview | bytes,
         *,
         as_datagram: bool = False,
@@ -66,8 +75,8 @@ class Besieged:
         self.now_ns = 1000 * MS
         self.sent = Sent()
         self.taken: list[Arrived] = []
-        self.books = Books(None, "link", 5)
-        limits = Limits(messages=100, bytes=1 << 16, state_period_ns=0)
+        self.books = LinkBooks(None, "link", 5)
+        limits = SendLimits(messages=100, bytes=1 << 16, state_period_ns=0)
         self.node = LinkNode(
             "red", 5, self.books, NodeSettings(limits, 1 << 16, 1 << 16), self.sent, self._take
         )
@@ -77,7 +86,7 @@ class Besieged:
         self.taken.append(message)
         return Fate.PUBLISHED
 
-    def get(self, packet: Data | Report | Beat, payload: bytes = b"") -> None:
+    def get(self, packet: DataHeader | ReceiverReport | Beat, payload: bytes = b"") -> None:
         """Take a packet as it comes from the network."""
         self.node.take_and_tell("blue", pack(packet), payload, self.now_ns)
         self.node.tell_all(self.now_ns)
@@ -96,8 +105,8 @@ class Besieged:
             self.now_ns += 10 * MS
 
 
-def data(**changed: object) -> Data:
-    whole = Data("blue", TrafficClass.STATE, 0, 1, OTHER, 5, 1, 1, 1, 0, 4, 0, 0, ODOM, 4, ("blue",))
+def data(**changed: object) -> DataHeader:
+    whole = DataHeader("blue", TrafficClass.STATE, 0, 1, OTHER, 5, 1, 1, 1, 0, 4, 0, 0, ODOM, 4, ("blue",))
     return whole._replace(**changed)  # type: ignore[arg-type]
 
 
@@ -121,12 +130,12 @@ SESSIONS = st.sampled_from([0, 4, 5, OTHER, OTHER + 1])
 NAMES = st.sampled_from([None, ODOM, POSE])
 HOSTILE = st.one_of(
     st.builds(
-        Data, st.just("blue"), st.sampled_from(CLASSES), st.integers(0, 3), st.integers(0, 3), SESSIONS,
+        DataHeader, st.just("blue"), st.sampled_from(CLASSES), st.integers(0, 3), st.integers(0, 3), SESSIONS,
         SESSIONS, WORDS, WORDS, WORDS, st.integers(0, 9), st.integers(0, 9), TIMES, WORDS, NAMES,
         st.integers(0, 9), st.just(("blue",)),
     ),
     st.builds(
-        Report, st.just("blue"), st.sampled_from(CLASSES), SESSIONS, SESSIONS, WORDS, WORDS, WORDS,
+        ReceiverReport, st.just("blue"), st.sampled_from(CLASSES), SESSIONS, SESSIONS, WORDS, WORDS, WORDS,
         st.lists(st.tuples(st.integers(0, 3), WORDS, WORDS), max_size=3).map(tuple), st.booleans(),
     ),
     st.builds(Beat, st.just("blue"), SESSIONS, SESSIONS, TIMES, TIMES, TIMES, WORDS, st.integers(0, 1000)),
@@ -135,9 +144,11 @@ HOSTILE = st.one_of(
 
 @settings(max_examples=60)
 @given(st.lists(st.tuples(HOSTILE, st.binary(max_size=9)), max_size=30))
-def test_no_packets_in_any_order_raise_or_spoil_the_books(packets: list[tuple[Data, bytes]]) -> None:
+def test_no_packets_in_any_order_raise_or_spoil_the_books(packets: list[tuple[DataHeader, bytes]]) -> None:
     link = Besieged()
-    link.books.row(Key("out", "blue", 4, TrafficClass.STATE, 1, *ODOM))[TAKEN] = 3  # of an earlier process
+    link.books.row(CountKey("out", "blue", 4, TrafficClass.STATE, 1, *ODOM))[TAKEN] = (
+        3  # of an earlier process
+    )
     names = {ODOM: TrafficClass.STATE, EVENTS: TrafficClass.RELIABLE, STOP: TrafficClass.URGENT}
     for packet, payload in packets:
         for name, traffic in names.items():
@@ -172,13 +183,13 @@ def test_what_is_taken_but_never_handled_fills_no_memory(monkeypatch: pytest.Mon
     for _ in range(200):
         link.run(0.1, name=EVENTS, traffic=TrafficClass.RELIABLE, size=1000)
         number = stream.under_way.number
-        link.get(Report("blue", TrafficClass.RELIABLE, OTHER, 5, stream.sequence + 1, 1, number, ()))
+        link.get(ReceiverReport("blue", TrafficClass.RELIABLE, OTHER, 5, stream.sequence + 1, 1, number, ()))
     assert stream.unsettled_bytes < (1 << 16) + 3000
     assert link.books.accounts()[0].dropped > 1000
 
 
 def test_sendings_without_a_report_are_bounded() -> None:
-    window = Window()
+    window = SendWindow()
     under_way = UnderWay(window, is_stream=True)
     for number in range(MAX_SENDINGS + 10):
         under_way.add(number, 100, number)
@@ -187,7 +198,7 @@ def test_sendings_without_a_report_are_bounded() -> None:
 
 
 def test_a_peer_that_reports_at_once_does_not_open_the_window_without_end() -> None:
-    window = Window()
+    window = SendWindow()
     now_ns = 10**9
     for _ in range(100):
         delivered, load = window.sent(100_000, now_ns)
@@ -205,7 +216,7 @@ def test_reports_of_what_was_never_sent_change_nothing_and_are_counted() -> None
     before = len(stream.sent) + len(stream.pending)
     number, sequence = stream.under_way.number, stream.sequence
     for newest, following in [(number + 1, 1), (number, sequence + 2), (MAX_SEQUENCE, MAX_SEQUENCE + 1)]:
-        link.get(Report("blue", TrafficClass.RELIABLE, OTHER, 5, following, 1, newest, ((0, 3, 0),)))
+        link.get(ReceiverReport("blue", TrafficClass.RELIABLE, OTHER, 5, following, 1, newest, ((0, 3, 0),)))
     assert len(stream.sent) + len(stream.pending) >= before
     assert link.node.peers["blue"].strange == 3
     assert link.books.accounts()[0].received == 0
@@ -216,7 +227,7 @@ def test_a_forged_session_does_not_end_one_that_is_heard_but_a_new_one_follows_a
     link.run(0.3, name=EVENTS, traffic=TrafficClass.RELIABLE)
     peer = link.node.peers["blue"]
     for forged in (data(session=OTHER + 1), Beat("blue", OTHER + 1, 5, link.now_ns, 0, 0)):
-        link.get(forged, b"data" if isinstance(forged, Data) else b"")
+        link.get(forged, b"data" if isinstance(forged, DataHeader) else b"")
     assert (peer.session, peer.sessions, peer.stale) == (OTHER, 1, 2)
     link.get(data(), b"data")
     assert len(link.taken) == 1
@@ -229,8 +240,8 @@ def test_a_report_that_was_overtaken_does_not_turn_the_books_back() -> None:
     link = Besieged()
     link.run(0.2, name=ODOM, traffic=TrafficClass.STATE)
     link.beat()
-    older = Report("blue", TrafficClass.STATE, OTHER, 5, 3, 3, 2, ((0, 2, 0),))
-    newer = Report("blue", TrafficClass.STATE, OTHER, 5, 6, 6, 5, ((0, 5, 0),))
+    older = ReceiverReport("blue", TrafficClass.STATE, OTHER, 5, 3, 3, 2, ((0, 2, 0),))
+    newer = ReceiverReport("blue", TrafficClass.STATE, OTHER, 5, 6, 6, 5, ((0, 5, 0),))
     for report in (newer, older):
         link.get(report)
     (account,) = link.books.accounts()
@@ -239,12 +250,12 @@ def test_a_report_that_was_overtaken_does_not_turn_the_books_back() -> None:
 
 def test_a_report_about_an_earlier_session_cannot_tell_more_than_was_sent() -> None:
     link = Besieged()
-    row = link.books.row(Key("out", "blue", 4, TrafficClass.STATE, 0, *ODOM))
+    row = link.books.row(CountKey("out", "blue", 4, TrafficClass.STATE, 0, *ODOM))
     row[TAKEN], row[RECEIVED_BEFORE] = 10, 2
     for received in (MAX_WORD, 9):
-        link.get(Report("blue", TrafficClass.STATE, OTHER, 4, 1, 1, 0, ((0, received, 0),)))
+        link.get(ReceiverReport("blue", TrafficClass.STATE, OTHER, 4, 1, 1, 0, ((0, received, 0),)))
     assert row[RECEIVED] == 0
-    link.get(Report("blue", TrafficClass.STATE, OTHER, 4, 1, 1, 0, ((0, 7, 1),)))
+    link.get(ReceiverReport("blue", TrafficClass.STATE, OTHER, 4, 1, 1, 0, ((0, 7, 1),)))
     assert (row[RECEIVED], row[REFUSED]) == (9, 1)
 
 
@@ -259,8 +270,8 @@ def test_a_peer_with_endless_channels_fills_neither_books_nor_memory() -> None:
 
 def test_full_books_give_each_stream_counts_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(link_books, "MAX_ROWS", 2)
-    books = Books(None, "link", 1)
-    rows = [books.row(Key("stream", "blue", session, 0)) for session in range(5)]
+    books = LinkBooks(None, "link", 1)
+    rows = [books.row(CountKey("stream", "blue", session, 0)) for session in range(5)]
     for number, row in enumerate(rows):
         row[NEXT] = number
     assert [row[NEXT] for row in rows] == [0, 1, 2, 3, 4]
@@ -271,21 +282,21 @@ def test_full_books_give_each_stream_counts_of_its_own(monkeypatch: pytest.Monke
 # -- the newest of each channel ----------------------------------------------------------------------------
 
 
-def stream_of(books: Books, taken: list[Arrived]) -> ReceiveStream:
+def stream_of(books: LinkBooks, taken: list[Arrived]) -> ReceiveStream:
     def take(message: Arrived) -> Fate:
         taken.append(message)
         return Fate.PUBLISHED
 
-    return ReceiveStream(TrafficClass.STATE, books.row(Key("stream", "blue", OTHER, 2)), take, 1 << 16)
+    return ReceiveStream(TrafficClass.STATE, books.row(CountKey("stream", "blue", OTHER, 2)), take, 1 << 16)
 
 
-def state(sequence: int, channel: int) -> Data:
+def state(sequence: int, channel: int) -> DataHeader:
     name = (ODOM, POSE)[channel]
     return data(channel=channel, sequence=sequence, oldest=sequence, sending=sequence, name=name)
 
 
 def test_a_state_that_another_channel_has_overtaken_is_taken_once_and_never_after_a_newer_one() -> None:
-    books, taken = Books(None, "link", 1), list[Arrived]()
+    books, taken = LinkBooks(None, "link", 1), list[Arrived]()
     stream = stream_of(books, taken)
     for sequence, channel in [(2, 1), (1, 0), (1, 0), (2, 1), (5, 0), (4, 0), (3, 1), (3, 1)]:
         stream.take(state(sequence, channel), b"data")
@@ -295,11 +306,11 @@ def test_a_state_that_another_channel_has_overtaken_is_taken_once_and_never_afte
 
 
 def test_a_restarted_link_takes_no_state_again_that_was_overtaken() -> None:
-    books, taken = Books(None, "link", 1), list[Arrived]()
+    books, taken = LinkBooks(None, "link", 1), list[Arrived]()
     stream = stream_of(books, taken)
     for sequence, channel in [(2, 1), (1, 0), (6, 1)]:
         stream.take(state(sequence, channel), b"data")
-    books.row(Key("stream", "blue", OTHER, 2))[HANDLING] = 4  # killed while it published this one
+    books.row(CountKey("stream", "blue", OTHER, 2))[HANDLING] = 4  # killed while it published this one
     again = stream_of(books, taken)
     assert again.next == 7
     for sequence, channel in [(1, 0), (4, 0), (5, 0)]:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.connect.link.header import ChannelId, Data, Packet
+from robbie_mp.connect.link.header import ChannelId, DataHeader, Packet
 from robbie_mp.connect.link.receiving import Arrived, Fate
-from robbie_mp.connect.link.sending import Limits, seems_to_shrink
+from robbie_mp.connect.link.sending import SendLimits, seems_to_shrink
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 from tests.link._support.network import MS, Conditions, Network, Robot, two_robots
 
@@ -121,7 +121,7 @@ def test_a_reliable_message_waits_for_ten_seconds_without_a_link() -> None:
 
 
 def test_a_full_store_drops_the_oldest_and_counts_them() -> None:
-    network, red, blue = two_robots(5, limits=Limits(messages=10, bytes=1 << 20, state_period_ns=0))
+    network, red, blue = two_robots(5, limits=SendLimits(messages=10, bytes=1 << 20, state_period_ns=0))
     network.conditions.is_cut = True
     network.run(1.0)
     for number in range(50):
@@ -226,7 +226,7 @@ def test_packets_of_others_than_they_say_and_of_no_link_are_counted() -> None:
     network, red, blue = two_robots(12)
     assert red.node is not None
     session = blue.books.session
-    forged = Data("blue", TrafficClass.STATE, 0, 0, session, red.books.session, 1, 1, 1, 0, 0, 0, 0)
+    forged = DataHeader("blue", TrafficClass.STATE, 0, 0, session, red.books.session, 1, 1, 1, 0, 0, 0, 0)
     network.carry("green", "red", forged, b"")
     network.run(0.1)
     red.take("blue", b"nonsense", b"")
@@ -331,7 +331,7 @@ def test_bulk_is_compressed_only_if_it_becomes_shorter(data: bytes, shrinks: boo
     network.run(1.0)
     assert seems_to_shrink(data) == shrinks
     assert blue.received(BULK) == [data]
-    sizes = {one[2].whole for one in network.carried if isinstance(one[2], Data)}
+    sizes = {one[2].whole for one in network.carried if isinstance(one[2], DataHeader)}
     assert (max(sizes) < len(data) / 10) == shrinks
 
 
@@ -340,13 +340,13 @@ def test_state_of_several_datagrams_is_sent_again_when_one_of_them_is_lost(
     start: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     network, red, blue = two_robots(8)
-    lost: list[Data] = []
+    lost: list[DataHeader] = []
     carry = network.carry
 
     def lose_one(
         sender: str, receiver: str, packet: Packet, payload: bytes, is_datagram: bool = False
     ) -> None:
-        if isinstance(packet, Data) and packet.traffic is TrafficClass.STATE and packet.start == start:
+        if isinstance(packet, DataHeader) and packet.traffic is TrafficClass.STATE and packet.start == start:
             lost.append(packet)
             if len(lost) == 1:
                 return

@@ -11,7 +11,7 @@ import pytest
 from robbie_mp.connect.link import wire as wire_module
 from robbie_mp.connect.link.header import PART_BYTES, Beat, pack
 from robbie_mp.connect.link.turns import Turns
-from robbie_mp.connect.link.wire import PACKETS, Endpoints, InboxLimits, Received, Wire
+from robbie_mp.connect.link.wire import PACKETS, Endpoints, InboxLimits, ReceivedPacket, Wire
 from tests._support.robot import wait_until
 
 LIMITS = InboxLimits(packets=100, bytes=2 * PART_BYTES)
@@ -58,7 +58,7 @@ def test_what_waits_is_bounded_by_packets(wire: Wire) -> None:
 
 
 def test_packets_are_handed_over_at_once_and_wait_in_order_while_somebody_has_the_turn(wire: Wire) -> None:
-    taken: list[Received] = []
+    taken: list[ReceivedPacket] = []
     wire.take_at_once(taken.append)
     payloads = arrive(wire, 5, 100)
     assert len(taken) == 5
@@ -76,7 +76,7 @@ def test_packets_are_handed_over_at_once_and_wait_in_order_while_somebody_has_th
 
 
 def test_an_exception_in_a_thread_of_zenoh_reaches_the_module(wire: Wire) -> None:
-    def fail(_packet: Received) -> None:
+    def fail(_packet: ReceivedPacket) -> None:
         raise ValueError("on purpose")
 
     wire.take_at_once(fail)

@@ -25,18 +25,18 @@ from robbie_robots.hw.simulation.random_rooms import drawn_map
 from robbie_robots.modules.localization import MonteCarloLocalization
 from robbie_robots.workers.maps.map_file import write_map
 from tests._support.present import present
-from tools.trials.driving.localization import RESOLUTION_M, Conditions, Drive
+from tools.trials.driving.localization import RESOLUTION_M, Conditions, DrivenRobot
 
 Harness = ModuleHarness[MonteCarloLocalization]
 
 
 @pytest.fixture
-def drive() -> Drive:
-    return Drive(1, Conditions(width_m=8.0, height_m=6.0))
+def drive() -> DrivenRobot:
+    return DrivenRobot(1, Conditions(width_m=8.0, height_m=6.0))
 
 
 @pytest.fixture
-def map_file(drive: Drive, tmp_path: Path) -> Path:
+def map_file(drive: DrivenRobot, tmp_path: Path) -> Path:
     cells, corner = drawn_map(drive.arena, RESOLUTION_M)
     write_map(tmp_path / "map.yaml", cells, RESOLUTION_M, corner)
     return tmp_path / "map.yaml"
@@ -46,7 +46,7 @@ def pose_of(x_m: float, y_m: float, heading_rad: float) -> Pose:
     return Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad))
 
 
-def along(drive: Drive, harness: Harness, way_m: float) -> Iterator[PlanarPose]:
+def along(drive: DrivenRobot, harness: Harness, way_m: float) -> Iterator[PlanarPose]:
     """Drive, and send the module what the robot's devices would say; yields the true poses."""
     for truth in drive.steps(way_m):
         wheels = drive.drive.read()
@@ -70,7 +70,9 @@ def off_m(pose: PoseStamped, truth: PlanarPose) -> float:
     return float(np.hypot(pose.pose.position.x - truth[0], pose.pose.position.y - truth[1]))
 
 
-def test_pose_is_published_once_it_is_certain_and_survives_a_restart(drive: Drive, map_file: Path) -> None:
+def test_pose_is_published_once_it_is_certain_and_survives_a_restart(
+    drive: DrivenRobot, map_file: Path
+) -> None:
     with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
         *_, truth = along(drive, harness, 2.5)
         states = harness.take(LocalizationState)
@@ -85,7 +87,7 @@ def test_pose_is_published_once_it_is_certain_and_survives_a_restart(drive: Driv
         assert not restarted.take(PoseStamped, "map_pose_guess")
 
 
-def test_robot_is_localized_anew_when_time_jumps(drive: Drive, map_file: Path) -> None:
+def test_robot_is_localized_anew_when_time_jumps(drive: DrivenRobot, map_file: Path) -> None:
     with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
         list(along(drive, harness, 2.0))
         assert present(present(harness.module.localizer).newest).converged
@@ -95,7 +97,7 @@ def test_robot_is_localized_anew_when_time_jumps(drive: Drive, map_file: Path) -
         assert off_m(harness.take(PoseStamped, "map_pose_guess")[-1], truth) < 0.5
 
 
-def test_map_and_first_pose_can_be_messages(drive: Drive) -> None:
+def test_map_and_first_pose_can_be_messages(drive: DrivenRobot) -> None:
     cells, corner = drawn_map(drive.arena, RESOLUTION_M)
     info = MapMetaData(
         resolution=RESOLUTION_M,

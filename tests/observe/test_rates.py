@@ -8,7 +8,7 @@ from robbie_mp.bus.observe import TOTALS
 from robbie_mp.bus.observe.channels import ChannelCounters
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.tables import COLUMNS, Outcome
-from robbie_mp.cli.rates import Rates
+from robbie_mp.cli.rates import TrafficRates
 from robbie_mp.messages import ModuleProfile
 from robbie_mp.messages.message import fields_of
 from tests.core._support.simulated_run import TYPE, SimulatedRun, connected
@@ -30,7 +30,7 @@ def test_jitter_of_30_us_is_measured_whatever_the_period(period_s: float) -> Non
         run.run_core()
         publisher.collect_freed()
     (after,) = counters.read(TYPE, 1).values()
-    rates = Rates.between("", before, after, 1.0)
+    rates = TrafficRates.between("", before, after, 1.0)
     assert rates.interval_mean_s == pytest.approx(np.diff(stamps_ns).mean() / 1e9)
     assert rates.interval_deviation_s == pytest.approx(np.diff(stamps_ns).std() / 1e9, abs=1e-6)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.logs.playback.player import ControlRefused, DueTick
+from robbie_mp.logs.playback.player import DueTick, PlaybackRefused
 from robbie_mp.logs.recording.reader import Log, open_log
 from tests.playback._support.recorder import SECOND_NS, TICK_NS, PlayerRig
 from tests.recording._support.logs import START_NS, STEP_NS, write_log
@@ -167,7 +167,7 @@ def test_impossible_command_is_refused_and_changes_nothing(
     log: Log, command: str, value: float, said: str
 ) -> None:
     rig = PlayerRig(log)
-    with pytest.raises(ControlRefused, match=said):
+    with pytest.raises(PlaybackRefused, match=said):
         rig.player.control(command, value)
     rig.run(LENGTH_S + 0.1)
     assert rig.outlet.numbers == ALL
@@ -176,7 +176,7 @@ def test_impossible_command_is_refused_and_changes_nothing(
 def test_step_at_the_end_is_refused(log: Log) -> None:
     rig = PlayerRig(log, None)
     rig.run(0.1)
-    with pytest.raises(ControlRefused, match="no message left"):
+    with pytest.raises(PlaybackRefused, match="no message left"):
         rig.player.control("step", 0)
 
 
@@ -234,7 +234,7 @@ def test_clock_goes_back_only_at_announced_jumps_and_messages_stay_in_order(
         rig.outlet.room = 0 if full else 1000
         try:
             rig.player.control(command, value)
-        except ControlRefused as refusal:
+        except PlaybackRefused as refusal:
             assert command == "step", refusal
         rig.run(wait_s, period_s=0.05)
     assert len(rig.outlet.jumps) == len(rig.clock.jumps)

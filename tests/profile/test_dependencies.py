@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.base.problem import Place
-from robbie_mp.base.yaml_reader import Node
+from robbie_mp.base.problem import SourcePlace
+from robbie_mp.base.yaml_reader import YamlNode
 from robbie_mp.run.profile.dependencies import read_dependencies
 from tests.profile.conftest import Robot
 
@@ -51,9 +51,9 @@ def test_dependency_on_a_removed_module_is_refused(robot: Robot) -> None:
 
 @given(st.dictionaries(st.sampled_from(NAMES), st.lists(st.sampled_from(NAMES), max_size=3)))
 def test_accepted_dependencies_can_be_sorted(wishes: dict[str, list[str]]) -> None:
-    here = Place("test")
+    here = SourcePlace("test")
     modules = {
-        name: Node({"depends_on": Node([Node(other, here) for other in others], here)}, here)
+        name: YamlNode({"depends_on": YamlNode([YamlNode(other, here) for other in others], here)}, here)
         for name, others in wishes.items()
     }
     names, problems = read_dependencies(modules)

@@ -8,8 +8,8 @@ import yaml
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.base.problem import Place, ProfileError
-from robbie_mp.base.yaml_reader import Node, read_text
+from robbie_mp.base.problem import ProfileError, SourcePlace
+from robbie_mp.base.yaml_reader import YamlNode, read_text
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.merge import merge
 from robbie_mp.run.profile.model import Profile
@@ -85,12 +85,12 @@ def test_any_bytes_are_a_profile_or_a_profile_error(content: bytes) -> None:
     check(content.decode("latin-1"))
 
 
-def node(value: object) -> Node:
-    place = Place("test")
+def node(value: object) -> YamlNode:
+    place = SourcePlace("test")
     if isinstance(value, dict):
-        return Node({key: node(child) for key, child in value.items()}, place)
+        return YamlNode({key: node(child) for key, child in value.items()}, place)
     assert value is None or isinstance(value, int)
-    return Node(value, place)
+    return YamlNode(value, place)
 
 
 TREES = st.dictionaries(

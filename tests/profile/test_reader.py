@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.base.problem import Place, ProfileError
-from robbie_mp.base.yaml_reader import MAX_DEPTH, Node, read_file, read_text
+from robbie_mp.base.problem import ProfileError, SourcePlace
+from robbie_mp.base.yaml_reader import MAX_DEPTH, YamlNode, read_file, read_text
 
 FILE = Path("/ws/p.yaml")
 
@@ -64,7 +64,7 @@ def test_values_have_the_line_of_their_key_and_elements_their_own_line() -> None
     assert isinstance(root.value, dict)
     b = root.value["b"].value
     assert isinstance(b, dict)
-    assert (root.value["b"].place, b["c"].place) == (Place(FILE, 2), Place(FILE, 3))
+    assert (root.value["b"].place, b["c"].place) == (SourcePlace(FILE, 2), SourcePlace(FILE, 3))
     elements = b["d"].value
     assert isinstance(elements, list)
     assert [element.place.line for element in elements] == [6, 7]
@@ -140,5 +140,5 @@ def test_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
 
 
 def test_plain_data_of_a_node_has_no_line_numbers() -> None:
-    place = Place(FILE, 1)
-    assert Node({"a": Node([Node(1, place)], place)}, place).plain() == {"a": [1]}
+    place = SourcePlace(FILE, 1)
+    assert YamlNode({"a": YamlNode([YamlNode(1, place)], place)}, place).plain() == {"a": [1]}

@@ -6,8 +6,8 @@ import pytest
 
 from robbie_mp.logs.recording.format import (
     PART_NAME,
-    ChannelCount,
     ChannelKey,
+    RecordedCount,
     RunMetadata,
     TopicNames,
     counts_from_metadata,
@@ -32,7 +32,7 @@ def test_two_types_never_share_a_topic_and_two_senders_of_one_type_do() -> None:
 
 
 def test_written_counts_are_read_back() -> None:
-    counts = {SCAN: ChannelCount(17, 3), SCAN._replace(topic='"', sender=""): ChannelCount(0, 1)}
+    counts = {SCAN: RecordedCount(17, 3), SCAN._replace(topic='"', sender=""): RecordedCount(0, 1)}
     assert counts_from_metadata(counts_metadata(counts.items())) == counts
 
 

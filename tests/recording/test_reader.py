@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from robbie_mp.logs.recording.contents import Block
+from robbie_mp.logs.recording.contents import MessageBlock
 from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.errors import LogUnreadable, NotALog
 from robbie_mp.logs.recording.limits import ReadLimits
@@ -200,14 +200,14 @@ def test_seek_in_an_hour_of_log_does_not_read_all_of_it(
         for second in range(3600):
             file.add(scan(second), time_ns=START_NS + second * 10**9)
     with open_log(path) as log:
-        reads: list[Block] = []
-        read = Block.read
+        reads: list[MessageBlock] = []
+        read = MessageBlock.read
 
-        def read_and_count(block: Block, file: BinaryIO, limits: ReadLimits) -> bytes:
+        def read_and_count(block: MessageBlock, file: BinaryIO, limits: ReadLimits) -> bytes:
             reads.append(block)
             return read(block, file, limits)
 
-        monkeypatch.setattr(Block, "read", read_and_count)
+        monkeypatch.setattr(MessageBlock, "read", read_and_count)
         first = next(log.messages(start_ns=START_NS + 1800 * 10**9))
     assert first.time_ns == START_NS + 1800 * 10**9
     assert len(reads) == 1

@@ -7,7 +7,7 @@ import pytest
 from robbie_robots.hw.simulation.table_room import generate_room
 from tests.robot._support.stock_robot import StockRobot
 from tests.robot._support.twins import twins_settings
-from tools.trials.missions.grasp import NOISY, Outcome, judge
+from tools.trials.missions.grasp import NOISY, GraspResult, judge
 from tools.trials.missions.mission import settings_for
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
@@ -25,7 +25,7 @@ def test_robot_brings_the_object_that_was_taught_and_not_another_of_its_size(
     words = [word for setting in settings for word in ("--set", setting)]
     exit_code, _modules, errors = robot.run("arm-fast", *words, timeout_s=580.0)
     assert exit_code == 0, errors
-    outcome = Outcome(seed=0)
+    outcome = GraspResult(seed=0)
     judge(outcome, robot.output)
     assert (outcome.right, outcome.orders, outcome.reasons) == (1, 1, [])
     assert (outcome.fallen, outcome.slips, outcome.contacts, outcome.touches) == ([], 0, 0, 0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.robot._support.stock_robot import StockRobot
-from tools.trials.missions.household import NOISY, Outcome, apartment, judge, plan_of
+from tools.trials.missions.household import NOISY, OrderResult, apartment, judge, plan_of
 from tools.trials.missions.mission import settings_for
 
 pytest.importorskip("pinocchio", reason="arms need the extra 'arm'")
@@ -24,7 +24,7 @@ def test_robot_finds_an_object_and_hands_it_to_the_person_who_wants_it(
     words = [word for setting in settings for word in ("--set", setting)]
     exit_code, _modules, errors = robot.run("household-fast", *words, timeout_s=580.0)
     assert exit_code == 0, errors
-    outcome = Outcome(seed=1, task="bring")
+    outcome = OrderResult(seed=1, task="bring")
     judge(outcome, plan, robot.output)
     assert outcome.reasons == []
     assert (outcome.fallen, outcome.contacts, outcome.collisions) == ([], 0, 0)

@@ -9,7 +9,7 @@ import pytest
 from robbie_robots.hw.simulation.arena_file import read_arena
 from tests._support.places import ARENAS
 from tests.robot._support.stock_robot import StockRobot
-from tools.trials.missions.rescue import Outcome, judge
+from tools.trials.missions.rescue import RescueResult, judge
 
 # The time of the mission is simulated, but that of the machine is not; on a busy one it takes its time.
 pytestmark = pytest.mark.timeout(400)
@@ -20,7 +20,7 @@ def test_small_mission_finds_all_victims_maps_everything_and_comes_home(robot: S
     assert exit_code == 0, errors
     assert {module["restarts"] for module in modules.values()} == {0}
     arena = read_arena(ARENAS / "rescue_small.yaml")
-    outcome = Outcome(seed=0, victims=len(arena.victims))
+    outcome = RescueResult(seed=0, victims=len(arena.victims))
     judge(outcome, arena, robot.output)
     assert outcome.is_home, outcome.reason
     assert outcome.found == outcome.victims == 2, outcome.placed_m

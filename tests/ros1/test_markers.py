@@ -8,7 +8,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp.connect.ros1.conversion import ros1_type
-from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, Place, can_be_markers
+from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, ShownPlace, can_be_markers
 from robbie_mp.connect.ros1.module import Ros1Bridge
 from robbie_mp.connect.ros1.ros_node import MESSAGE, pack
 from robbie_mp.messages import (
@@ -107,7 +107,7 @@ def test_victims_are_kept_by_their_number_and_show_their_state(as_robot_knows_it
 def test_places_beyond_the_limit_or_nowhere_are_left_out_and_counted() -> None:
     book = MarkerBook(VictimFound)
     for number in range(MAX_PLACES):
-        book._places[number] = Place("map", 0.0, 0.0, 0.0, "", 0)
+        book._places[number] = ShownPlace("map", 0.0, 0.0, 0.0, "", 0)
     book.add(victim(MAX_PLACES, 0).encode())
     assert book.left_out == 1
     found = read(shown(MarkerBook(PointsOfInterest), places("lost", x=math.nan)))

@@ -3,7 +3,7 @@
 import pytest
 
 from robbie_mp.connect.bridge.mapping import Quality
-from robbie_mp.connect.ros2.side import Channel, NodeName
+from robbie_mp.connect.ros2.side import NodeName, RosChannel
 from robbie_mp.connect.ros2.tokens import (
     PUBLISHER,
     SUBSCRIPTION,
@@ -19,8 +19,8 @@ STRING = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a1
 TYPE = f"std_msgs::msg::dds_::String_/{STRING}"
 
 
-def chatter(name: str, **quality: int) -> Channel:
-    return Channel(name, "std_msgs/msg/String", STRING, Quality(**quality))  # type: ignore[arg-type]
+def chatter(name: str, **quality: int) -> RosChannel:
+    return RosChannel(name, "std_msgs/msg/String", STRING, Quality(**quality))  # type: ignore[arg-type]
 
 
 def test_examples_of_the_design_document_are_met() -> None:
@@ -84,7 +84,7 @@ def test_examples_of_the_design_document_are_met() -> None:
     ],
 )
 def test_tokens_and_attachments_are_those_of_real_nodes(
-    node: NodeName, zenoh_id: str, entity: int, channel: Channel, end: str, attached: str
+    node: NodeName, zenoh_id: str, entity: int, channel: RosChannel, end: str, attached: str
 ) -> None:
     token = endpoint_token(zenoh_id, node, entity, PUBLISHER, channel)
     assert token == f"@ros2_lv/{node.domain}/{zenoh_id}/0/{entity}/MP/{end}"

@@ -13,7 +13,7 @@ import pytest
 from robbie_mp import ModuleHarness
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.connect.foxglove.module import FoxgloveServer
-from robbie_mp.connect.foxglove.server import CDR, Announced, FromClient
+from robbie_mp.connect.foxglove.server import CDR, ClientChannel, FromClient
 from robbie_mp.connect.link.header import ChannelId
 from robbie_mp.connect.link.module import Link
 from robbie_mp.connect.link.receiving import Arrived
@@ -89,7 +89,7 @@ def foxglove(accept: dict[str, str]) -> Iterator[tuple[ModuleHarness[Any], Feed]
         names = {text.split()[0]: name for name, text in accept.items()}
 
         def feed(message: Message) -> None:
-            channel = Announced(names[message.type_name], message.type_name, CDR)
+            channel = ClientChannel(names[message.type_name], message.type_name, CDR)
             bridge.module._publish(FromClient(channel, message.encode(), 0, 0.0))
 
         yield bridge, feed

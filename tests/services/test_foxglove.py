@@ -13,7 +13,7 @@ from websockets.exceptions import InvalidStatus
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.bus.observe import ChannelFigures
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.connect.bridge.surroundings import Surroundings
+from robbie_mp.connect.bridge.surroundings import BridgeRun
 from robbie_mp.connect.foxglove import door, server
 from robbie_mp.connect.foxglove import module as services_foxglove
 from robbie_mp.connect.foxglove.module import FoxgloveServer
@@ -165,8 +165,8 @@ def test_a_type_that_a_bridge_has_learnt_is_shown(
 ) -> None:
     name = ChannelName("nose_msgs/msg/Gas", 1, "gas")
     assert harness.module._schema(name) is None
-    learnt = Surroundings(KnownTypes([TypeDescription(name.type_name, 1, "uint16 ppm\n")]), frozenset())
-    monkeypatch.setattr(Surroundings, "of", lambda *_: learnt)
+    learnt = BridgeRun(KnownTypes([TypeDescription(name.type_name, 1, "uint16 ppm\n")]), frozenset())
+    monkeypatch.setattr(BridgeRun, "of", lambda *_: learnt)
     assert harness.module._schema(name) == "uint16 ppm\n"
 
 

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from robbie_mp import SettingError
 from robbie_mp.logs.message_logger import MessageLogger
 from robbie_mp.logs.recording.errors import NotALog
-from robbie_mp.logs.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
+from robbie_mp.logs.recording.format import ChannelKey, RecordedCount, RunMetadata, counts_from_metadata
 from robbie_mp.logs.recording.info import describe
 from robbie_mp.logs.recording.reader import Log, open_log
 from robbie_mp.messages import LaserScan, ModuleState, Odometry
@@ -181,7 +181,7 @@ def taken_by_robbie_record(robot: Robot) -> set[tuple[int, bytes]]:
     return messages
 
 
-def check_with_other_readers(path: Path, counts: dict[ChannelKey, ChannelCount]) -> None:
+def check_with_other_readers(path: Path, counts: dict[ChannelKey, RecordedCount]) -> None:
     """See that the mcap library and rosbags find what we find, field by field."""
     with open_log(path) as log:
         ours = list(log.messages())

@@ -15,7 +15,7 @@ import pytest
 
 from robbie_mp.cli.playback import give_order
 from robbie_mp.logs.playback.outlet import PATIENCE_NS
-from robbie_mp.logs.playback.player import ControlRefused
+from robbie_mp.logs.playback.player import PlaybackRefused
 from robbie_mp.messages import Image, PlaybackState
 from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
 from tests.recording._support.logs import START_NS, STEP_NS, LogFile
@@ -92,7 +92,7 @@ def test_controlled_and_killed_playback_loses_and_repeats_no_message(player_robo
         assert numbers(player_robot) == list(range(1, number + 1))
     state = steer("pause")
     assert (state.position.nanoseconds, state.messages) == (START_NS + 2 * STEP_NS, 3)
-    with pytest.raises(ControlRefused, match=r"0 to 5\.9 s"):
+    with pytest.raises(PlaybackRefused, match=r"0 to 5\.9 s"):
         steer("seek", 100.0)
     assert "float32 number" in player_robot.command("type", "show", "Stranger").stdout  # by the log's schema
 

@@ -16,8 +16,15 @@ import pytest
 from robbie_mp.connect.ros1 import ros_node
 from robbie_mp.connect.ros1.conversion import ros1_type
 from robbie_mp.connect.ros1.module import Ros1Bridge
-from robbie_mp.connect.ros1.process import MISSING_PAUSE_S, Announced, Inbox, Outbox, RosAddress, RosProcess
-from robbie_mp.connect.ros1.ros_node import FIRST_ANNOUNCED, MAX_ANNOUNCED, MESSAGE, Frame, frames, pack
+from robbie_mp.connect.ros1.process import (
+    MISSING_PAUSE_S,
+    AnnouncedType,
+    NodeInbox,
+    NodeOutbox,
+    RosAddress,
+    RosProcess,
+)
+from robbie_mp.connect.ros1.ros_node import FIRST_ANNOUNCED, MAX_ANNOUNCED, MESSAGE, NodeFrame, frames, pack
 from robbie_mp.messages import (
     DriveCommand,
     Header,
@@ -115,7 +122,7 @@ def test_velocity_whose_publisher_does_not_say_what_it_has_sent_is_refused(
     kind = ros1_type(Twist)
     (number,) = (number for number, (one, _) in bridge.module._incoming.items() if one.name == "/cmd_vel")
     for _ in range(30):
-        frame = Frame(MESSAGE, number, 0, kind.to_ros1(Twist(linear=Vector3(x=0.25)).encode()))
+        frame = NodeFrame(MESSAGE, number, 0, kind.to_ros1(Twist(linear=Vector3(x=0.25)).encode()))
         bridge.module.ros._inbox.push(frame)
         bridge.advance(0.05)
     assert not bridge.take(DriveCommand, topic="manual")
@@ -153,7 +160,7 @@ def announce(bridge: Bridge, topic: str, name: str, definition: str, md5: str = 
     """Let ROS announce a type on a topic; return the number of its messages."""
     channel = next(number for number, (one, _) in bridge.module._incoming.items() if one.name == topic)
     md5 = md5 or hashlib.md5(definition.encode()).hexdigest()
-    return bridge.module.ros._number(Announced(channel, name, md5, definition))
+    return bridge.module.ros._number(AnnouncedType(channel, name, md5, definition))
 
 
 def test_a_type_that_only_ros_knows_is_published_as_that_type(bridge: Bridge) -> None:
@@ -301,8 +308,8 @@ def test_node_announces_the_type_of_each_connection_once(monkeypatch: pytest.Mon
                 subscribed["/any"](SimpleNamespace(_connection_header=header, _buff=b"1"))
     assert len(outbox._announcements) == MAX_ANNOUNCED
     head = ros_node.FRAME.size
-    first = Announced(**json.loads(outbox._announcements[0][head:]))
-    assert first == Announced(1, "a/T0", "abc", "uint8 x")
+    first = AnnouncedType(**json.loads(outbox._announcements[0][head:]))
+    assert first == AnnouncedType(1, "a/T0", "abc", "uint8 x")
     channels = [ros_node.FRAME.unpack(frame[:head])[2] for _, frame in outbox._waiting]
     assert channels[:3] == [FIRST_ANNOUNCED, FIRST_ANNOUNCED, FIRST_ANNOUNCED + 1]
     assert channels[-1] == 1  # no number was left
@@ -349,7 +356,7 @@ def test_types_that_modules_declare_may_be_accepted() -> None:
 
 
 def test_a_slow_ros_node_costs_the_oldest_messages_of_the_same_topic() -> None:
-    outbox = Outbox(max_bytes=100)
+    outbox = NodeOutbox(max_bytes=100)
     for number in range(4):
         outbox.push(1, bytes([number]), depth=2)
     outbox.push(2, b"other", depth=2)
@@ -364,16 +371,16 @@ def test_a_slow_ros_node_costs_the_oldest_messages_of_the_same_topic() -> None:
 
 
 def test_messages_that_wait_are_limited_in_bytes() -> None:
-    outbox = Outbox(max_bytes=10)
+    outbox = NodeOutbox(max_bytes=10)
     for number in range(3):
         outbox.push(1, bytes([number]) * 6, depth=100)
     assert (outbox.pop(), outbox.dropped) == (b"\2" * 6, 2)
 
 
 def test_a_slow_bridge_loses_the_oldest_messages() -> None:
-    inbox = Inbox()
+    inbox = NodeInbox()
     for number in range(1005):
-        inbox.push(Frame(MESSAGE, 1, 0, str(number).encode()))
+        inbox.push(NodeFrame(MESSAGE, 1, 0, str(number).encode()))
     taken = inbox.take()
     assert (len(taken), taken[0].payload, inbox.dropped) == (1000, b"5", 5)
     assert inbox.take() == []

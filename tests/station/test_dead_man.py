@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robbie_mp.station.driving.dead_man import LIMIT_S, MAX_WAITING, PING_PERIOD_S, WINDOW_S, DeadManSwitch
-from robbie_mp.station.driving.driver import Wish, checked
+from robbie_mp.station.driving.driver import DriverInput, checked
 
 PAGE_AHEAD_S = 1000.0
 """How far the page's clock is ahead of the robot's."""
@@ -149,12 +149,12 @@ def test_malformed_commands_are_ignored(sent: Any) -> None:
 
 def test_speeds_beyond_the_pad_are_clamped() -> None:
     sent = {"linear": 7, "angular": -7, "sent_s": 1, "held": True}
-    assert checked(sent) == Wish(held=True, begins=False, linear=1.0, angular=-1.0, sent_s=1.0)
+    assert checked(sent) == DriverInput(held=True, begins=False, linear=1.0, angular=-1.0, sent_s=1.0)
 
 
 def test_who_has_let_go_does_not_move_the_robot() -> None:
     sent = {"linear": 1, "angular": 1, "sent_s": 1, "held": False}
-    assert checked(sent) == Wish(held=False, begins=False, linear=0.0, angular=0.0, sent_s=1.0)
+    assert checked(sent) == DriverInput(held=False, begins=False, linear=0.0, angular=0.0, sent_s=1.0)
 
 
 def test_order_is_prompt_only_while_the_page_answers() -> None:

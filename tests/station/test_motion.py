@@ -18,14 +18,14 @@ from robbie_mp.messages import (
     Quaternion,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphListener, UnknownNode
-from robbie_mp.station.driving.motion import WITHOUT_GUARD, Motion, Movement, free_way_m, tilt
+from robbie_mp.station.driving.motion import WITHOUT_GUARD, Movement, RobotMotion, free_way_m, tilt
 from robbie_mp.station.page.state_item import clock_text
 from robbie_mp.station.page.state_strip import time_left_s
 from robbie_mp.station.watch.latest import Latest, MessageSource
 
 
 class Stage:
-    """What `Motion` sees of a station."""
+    """What `RobotMotion` sees of a station."""
 
     def __init__(self) -> None:
         self.known: dict[tuple[type[Message], str], Latest[Any]] = {}
@@ -34,9 +34,9 @@ class Stage:
     def newest(self, message_type: type[Message], topic: str = "") -> Latest[Any]:
         return self.known.setdefault((message_type, topic), Latest())
 
-    def motion(self) -> Motion:
+    def motion(self) -> RobotMotion:
         messages, scene = cast(MessageSource, self), cast(SceneGraphListener, self.scene)
-        return Motion(messages, scene, {"one"}, (0.4, 0.3, 0.2))
+        return RobotMotion(messages, scene, {"one"}, (0.4, 0.3, 0.2))
 
     def _pose(self, *_nodes: str) -> None:
         raise UnknownNode("map")

@@ -9,7 +9,7 @@ from robbie_mp.station.stop.requests import (
     MAX_PRESSES,
     MIN_INTERVAL_S,
     REPEAT_S,
-    Fate,
+    PressState,
     StopRequests,
 )
 
@@ -56,7 +56,7 @@ def test_press_is_repeated_until_the_base_confirms_it(base: Base) -> None:
     base.says(engaged=True)
     base.after(10 * REPEAT_S)
     assert base.heard == [True] * 6
-    assert base.requests.fate("one") is Fate.CONFIRMED
+    assert base.requests.fate("one") is PressState.CONFIRMED
     assert base.requests.waits_s is None
 
 
@@ -64,16 +64,16 @@ def test_earlier_report_of_the_base_does_not_confirm_a_press(base: Base) -> None
     base.requests.press("one")
     base.clock.advance(0.01)
     base.says(engaged=True, earlier_s=0.02)
-    assert base.requests.fate("one") is Fate.PENDING
+    assert base.requests.fate("one") is PressState.PENDING
 
 
 def test_press_right_after_a_release_is_not_confirmed_by_the_earlier_stop(base: Base) -> None:
     base.requests.release()
     base.requests.press("one")
     base.after(IN_FLIGHT_S / 2).says(engaged=True)  # it has heard neither yet
-    assert base.requests.fate("one") is Fate.PENDING
+    assert base.requests.fate("one") is PressState.PENDING
     base.after(IN_FLIGHT_S).says(engaged=True)
-    assert base.requests.fate("one") is Fate.CONFIRMED
+    assert base.requests.fate("one") is PressState.CONFIRMED
 
 
 def test_repeated_settled_press_does_not_stop_the_robot_again(base: Base) -> None:
@@ -89,7 +89,7 @@ def test_repeated_settled_press_does_not_stop_the_robot_again(base: Base) -> Non
 def test_release_withdraws_waiting_presses_and_a_new_press_stops_again(base: Base) -> None:
     base.requests.press("one")
     assert base.requests.release()
-    assert base.requests.fate("one") is Fate.WITHDRAWN
+    assert base.requests.fate("one") is PressState.WITHDRAWN
     base.after(1)
     assert base.heard == [True, False]
     base.requests.press("two")
@@ -101,7 +101,7 @@ def test_press_refused_for_lack_of_memory_is_sent_as_soon_as_possible(base: Base
     base.requests.press("one")
     base.clock.advance(0.1)
     base.says(engaged=True)
-    assert base.requests.fate("one") is Fate.PENDING, "nothing was sent that could be confirmed"
+    assert base.requests.fate("one") is PressState.PENDING, "nothing was sent that could be confirmed"
     assert not base.requests.release()
     base.has_room = True
     base.after(0.001)
@@ -115,20 +115,20 @@ def test_flood_of_presses_is_bounded_in_memory_and_rate(base: Base) -> None:
     base.after(MIN_INTERVAL_S)
     assert base.heard == [True, True]
     known = [base.requests.fate(str(number)) for number in range(3 * MAX_PRESSES)]
-    assert known.count(Fate.PENDING) == MAX_PRESSES
+    assert known.count(PressState.PENDING) == MAX_PRESSES
     base.after(0.01).says(engaged=True)
     assert base.requests.waits_s is None
 
 
 def test_pages_are_notified_when_the_state_of_a_press_changes(base: Base) -> None:
-    told: list[Fate | None] = []
+    told: list[PressState | None] = []
     listener = lambda: told.append(base.requests.fate("one"))  # noqa: E731
     base.requests.listen(listener)
     base.requests.press("one")
     base.after(0.1).says(engaged=True)
     base.requests.ignore(listener)
     base.requests.press("two")
-    assert told == [Fate.PENDING, Fate.CONFIRMED]
+    assert told == [PressState.PENDING, PressState.CONFIRMED]
 
 
 @pytest.mark.parametrize(

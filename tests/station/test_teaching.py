@@ -18,7 +18,7 @@ from robbie_mp.messages import (
     Time,
 )
 from robbie_mp.station.panels.teaching import checked_box, pixels_of_box
-from robbie_mp.station.watch.cameras import Camera
+from robbie_mp.station.watch.cameras import CameraTopic
 from robbie_robots.workers.taught import Box
 from tests._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
@@ -98,7 +98,7 @@ def seen_at(seconds: float, *, name: str = "") -> Detection2DArray:
 
 
 def test_detections_of_several_modules_are_drawn_together_and_old_ones_are_not() -> None:
-    camera = Camera()
+    camera = CameraTopic()
     assert camera.boxes([seen_at(1.0)]) == []
     stamp = Time.from_nanoseconds(round(2.0e9))
     camera.latest.put(Image(header=Header(stamp=stamp), height=10, width=20))

@@ -8,18 +8,18 @@ import pytest
 from tools.trials.driving.campus import (
     MOST_END_ERROR_M,
     Campus,
-    Result,
+    CampusResult,
     trial,
 )
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
+def result() -> CampusResult:
     return trial(14.0, 10.0, 1, seed=0)
 
 
 @pytest.mark.slow
-def test_small_campus_is_mapped_with_every_sweep(result: Result) -> None:
+def test_small_campus_is_mapped_with_every_sweep(result: CampusResult) -> None:
     assert not result.violations()
     assert result.loops_closed > 0
     assert result.end_error_m < 0.1
@@ -28,7 +28,7 @@ def test_small_campus_is_mapped_with_every_sweep(result: Result) -> None:
 
 
 @pytest.mark.slow
-def test_trial_fails_if_a_sweep_is_missing_or_the_end_is_wrong(result: Result) -> None:
+def test_trial_fails_if_a_sweep_is_missing_or_the_end_is_wrong(result: CampusResult) -> None:
     assert replace(result, refused={"sweeps beyond the grid's memory": 1}).violations()
     assert replace(result, thinned=1).violations()
     assert replace(result, end_error_m=2 * MOST_END_ERROR_M).violations()

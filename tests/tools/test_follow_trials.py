@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from robbie_robots.hw.simulation.arena_file import read_arena
-from tools.trials.missions.follow import Outcome, apartment, judge, summary
+from tools.trials.missions.follow import FollowResult, apartment, judge, summary
 
 
-def judged(folder: Path, *, wrong: int = 0, touches: int = 0, state: str = "FOLLOW") -> Outcome:
+def judged(folder: Path, *, wrong: int = 0, touches: int = 0, state: str = "FOLLOW") -> FollowResult:
     files = {
         "referee": {
             "near_share": 0.95,
@@ -24,7 +24,7 @@ def judged(folder: Path, *, wrong: int = 0, touches: int = 0, state: str = "FOLL
     }
     for name, content in files.items():
         (folder / f"{name}.json").write_text(json.dumps(content))
-    outcome = Outcome(seed=1)
+    outcome = FollowResult(seed=1)
     judge(outcome, folder)
     return outcome
 

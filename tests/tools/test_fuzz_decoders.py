@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 
-from tools.fuzz.decoders.fuzz import Subject, fuzz
+from tools.fuzz.decoders.fuzz import DecoderUnderTest, fuzz
 from tools.fuzz.decoders.subjects import SUBJECTS
 
 DAMAGED_BYTES = 10_000
@@ -42,10 +42,10 @@ def frame(_random: Random) -> bytes:
 
 
 def test_decoder_that_raises_is_reported() -> None:
-    outcome = fuzz(Subject(Fragile, frame), DAMAGED_BYTES)
+    outcome = fuzz(DecoderUnderTest(Fragile, frame), DAMAGED_BYTES)
     assert "UnicodeDecodeError" in outcome.failures[0]
 
 
 def test_decoder_that_stays_out_of_step_is_reported() -> None:
-    outcome = fuzz(Subject(Deaf, frame), DAMAGED_BYTES)
+    outcome = fuzz(DecoderUnderTest(Deaf, frame), DAMAGED_BYTES)
     assert "5 intact frames lost" in outcome.failures[0]

@@ -3,10 +3,10 @@
 import json
 from pathlib import Path
 
-from tools.trials.missions.grasp import Outcome, judge, summary
+from tools.trials.missions.grasp import GraspResult, judge, summary
 
 
-def judged(folder: Path, *, on: str = "counter", lies: bool = False, contacts: int = 0) -> Outcome:
+def judged(folder: Path, *, on: str = "counter", lies: bool = False, contacts: int = 0) -> GraspResult:
     objects = {"soup": {"on": on, "lies": lies}, "tea": {"on": "counter", "lies": False}}
     ends = [
         {"object": name, "place": "counter", "is_done": True, "reason": "done", "duration_s": 30.02}
@@ -19,7 +19,7 @@ def judged(folder: Path, *, on: str = "counter", lies: bool = False, contacts: i
     }
     for name, content in files.items():
         (folder / f"{name}.json").write_text(json.dumps(content))
-    outcome = Outcome(seed=1)
+    outcome = GraspResult(seed=1)
     judge(outcome, folder)
     return outcome
 

@@ -7,11 +7,11 @@ import pytest
 
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.workers.maps.map_annotations import AnnotatedMap, Annotations
-from tools.trials.missions.household import TASKS, Outcome, apartment, judge, plan_of, summary
+from tools.trials.missions.household import TASKS, OrderResult, apartment, judge, plan_of, summary
 
 
-def outcome_of(folder: Path, task: str, *, on: str, is_done: bool = True, lies: bool = False) -> Outcome:
-    outcome = Outcome(seed=3, task=task)
+def outcome_of(folder: Path, task: str, *, on: str, is_done: bool = True, lies: bool = False) -> OrderResult:
+    outcome = OrderResult(seed=3, task=task)
     plan = plan_of(task, 3, apartment(3)[1])
     objects = {name: {"on": on, "lies": lies} for name in ("soup", "tea", "cola")}
     ends = [{"is_done": is_done, "reason": "there", "duration_s": 20.0}]
@@ -60,8 +60,8 @@ def test_robot_must_truly_come_back_to_the_place_that_it_has_learnt(
 
 def test_summary_counts_each_task() -> None:
     outcomes = [
-        Outcome(1, task="bring", is_right=True, is_done=True, simulated_s=60.0),
-        Outcome(1, task="put", is_done=True, collisions=2),
+        OrderResult(1, task="bring", is_right=True, is_done=True, simulated_s=60.0),
+        OrderResult(1, task="put", is_done=True, collisions=2),
     ]
     total = summary(outcomes)
     assert (total["orders"], total["right"], total["said_done_but_wrong"]) == (2, 1, 1)

@@ -12,7 +12,7 @@ from robbie_robots.hw.simulation.random_rooms import drawn_map, random_rooms
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from tools.trials.__main__ import main
 from tools.trials.driving import kidnap
-from tools.trials.driving.kidnap import MOST_M, Building, run_trial
+from tools.trials.driving.kidnap import MOST_M, KidnapBuilding, run_trial
 from tools.trials.driving.localization import CLEARANCE_M, RESOLUTION_M, STEP_S, Conditions, Operator
 from tools.trials.driving.swept import swept
 
@@ -46,7 +46,7 @@ def write_log(file: Path, seed: int, steps: int = STEPS) -> None:
 def test_lifted_robot_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kidnap, "AFTER_M", 15.0)
     write_log(tmp_path / "rooms.clf", seed=2)
-    building = Building(tmp_path / "rooms.clf")
+    building = KidnapBuilding(tmp_path / "rooms.clf")
     assert sum(step.scan is not None for step in building.steps) == pytest.approx(
         STEPS / STEPS_PER_SCAN, abs=2
     )

@@ -4,10 +4,10 @@ import math
 from pathlib import Path
 
 from tools.link.pair import Received
-from tools.link.trial import TRIALS, Figures, Trial, _greatest_age_s, _judge, linked_pair, run_trial
-from tools.test_network.network import Conditions, Network
+from tools.link.trial import TRIALS, LinkFigures, LinkTrial, _greatest_age_s, _judge, linked_pair, run_trial
+from tools.test_network.network import Network, NetworkConditions
 
-GOOD = Figures("good", 1.0, 5.0, 20.0, 30.0, 20.0, 150.0, 100.0, 0, 15.0)
+GOOD = LinkFigures("good", 1.0, 5.0, 20.0, 30.0, 20.0, 150.0, 100.0, 0, 15.0)
 
 
 def received(number: int, sent_s: float, at_s: float) -> Received:
@@ -15,7 +15,7 @@ def received(number: int, sent_s: float, at_s: float) -> Received:
 
 
 def judged(**changed: float) -> list[str]:
-    figures = Figures(**(vars(GOOD) | {"failures": []} | changed))
+    figures = LinkFigures(**(vars(GOOD) | {"failures": []} | changed))
     _judge(figures, TRIALS[0])
     return figures.failures
 
@@ -36,7 +36,9 @@ def test_age_of_the_newest_counts_until_the_next_one_comes() -> None:
 
 def test_short_play_over_a_bad_network_loses_nothing_uncounted(network: Network, tmp_path: Path) -> None:
     with linked_pair(tmp_path, network) as pair:
-        figures = run_trial(pair, Trial("2 % loss", Conditions(20e6, loss=0.02, delay_s=0.005)), 2.0)
+        figures = run_trial(
+            pair, LinkTrial("2 % loss", NetworkConditions(20e6, loss=0.02, delay_s=0.005)), 2.0
+        )
     assert not [one for one in figures.failures if "duplicates" in one or "reordered" in one]
     assert figures.commands_received > 0.5
     assert figures.reliable_missing == 0

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from robbie_robots.hw.simulation.arena_file import read_arena
 from tests._support.places import ARENAS
-from tools.trials.missions.numbers import Outcome, false_signs, judge, summary
+from tools.trials.missions.numbers import GroundResult, false_signs, judge, summary
 
 
-def judged(folder: Path, *, collisions: int = 0, is_right: bool = True) -> Outcome:
+def judged(folder: Path, *, collisions: int = 0, is_right: bool = True) -> GroundResult:
     more = {"aside_rad": 0.5, "is_in_order": True}
     visits = [
         {"digit": 3, "distance_m": 0.8, "counts": True, **more},
@@ -21,7 +21,7 @@ def judged(folder: Path, *, collisions: int = 0, is_right: bool = True) -> Outco
     }
     for name, content in files.items():
         (folder / f"{name}.json").write_text(json.dumps(content))
-    outcome = Outcome(seed=1, sheet=False)
+    outcome = GroundResult(seed=1, sheet=False)
     judge(outcome, folder)
     return outcome
 

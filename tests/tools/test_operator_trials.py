@@ -4,7 +4,7 @@ from pathlib import Path
 
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import EmergencyStop, Odometry, Twist, TwistWithCovariance, Vector3
-from tools.operator.journal import Journal
+from tools.operator.journal import WitnessReader
 from tools.operator.stops import summary
 from tools.operator.witness import Witness
 
@@ -14,7 +14,7 @@ def odometry(speed_m_per_s: float) -> Odometry:
 
 
 def test_journal_finds_when_the_base_first_stood_after_an_event(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "witness.txt")
+    journal = WitnessReader(tmp_path / "witness.txt")
     assert journal.newest("speed") == 0.0
     with ModuleHarness(Witness, output_directory=tmp_path) as harness:
         times_ns = []
@@ -33,7 +33,7 @@ def test_journal_finds_when_the_base_first_stood_after_an_event(tmp_path: Path) 
 
 def test_incomplete_line_is_read_when_it_is_complete(tmp_path: Path) -> None:
     file = tmp_path / "witness.txt"
-    journal = Journal(file)
+    journal = WitnessReader(file)
     file.write_text("speed 5 0.5\nspeed 1")
     assert journal.newest("speed") == 0.5
     with file.open("a") as more:

@@ -11,7 +11,7 @@ from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.workers.planar_pose import compose
 from tests._support.places import ARENAS
 from tools.robot import REPOSITORY
-from tools.trials.missions.rescue import Outcome
+from tools.trials.missions.rescue import RescueResult
 from tools.trials.missions.rescue_team import (
     PROFILE,
     SIMULATED,
@@ -49,8 +49,8 @@ def test_each_robot_knows_the_other_and_only_known_modules_get_settings(tmp_path
 
 def test_victim_counts_once_and_only_where_it_was_placed() -> None:
     team = TeamOutcome(0, victims=3)
-    team.robots["red"] = Outcome(0, placed_m={1: 0.1, 2: 0.5}, collisions=1, simulated_s=50.0)
-    team.robots["blue"] = Outcome(0, placed_m={1: 0.05, 3: 0.01}, simulated_s=60.0)
+    team.robots["red"] = RescueResult(0, placed_m={1: 0.1, 2: 0.5}, collisions=1, simulated_s=50.0)
+    team.robots["blue"] = RescueResult(0, placed_m={1: 0.05, 3: 0.01}, simulated_s=60.0)
     sum_up(team)
     assert (team.found, team.collisions, team.simulated_s) == (2, 1, 60.0)
 
@@ -64,7 +64,7 @@ def test_robot_alone_has_the_same_profile_and_no_team(tmp_path: Path) -> None:
 
 def test_team_is_compared_with_one_robot_in_the_same_arena() -> None:
     team, alone = TeamOutcome(0, simulated_s=60.0), TeamOutcome(0)
-    alone.robots["red"] = Outcome(0, simulated_s=100.0)
+    alone.robots["red"] = RescueResult(0, simulated_s=100.0)
     compare(team, alone)
     assert (team.ratio, team.alone) == (0.6, alone.robots["red"])
 

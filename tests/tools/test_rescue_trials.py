@@ -10,10 +10,10 @@ import pytest
 
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
-from robbie_robots.hw.simulation.arena_contents import Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.arena_contents import ArenaVictim, VictimKind, WallSpot
 from robbie_robots.hw.simulation.box_segments import box_segments
 from robbie_robots.workers.maps.map_file import write_map
-from tools.trials.missions.rescue import Outcome, judge, mapped_share, summary
+from tools.trials.missions.rescue import RescueResult, judge, mapped_share, summary
 
 # The robot starts at (1, 2) and looks along y: the map's x axis is the arena's y axis.
 ARENA = Arena(
@@ -23,8 +23,8 @@ ARENA = Arena(
     width_m=4.0,
     height_m=3.0,
     victims=(
-        Victim(5, VictimKind.STILL, WallSpot(4.0, 2.0, 0.35, math.pi)),
-        Victim(6, VictimKind.COLD, WallSpot(2.0, 0.0, 0.35, math.pi / 2)),
+        ArenaVictim(5, VictimKind.STILL, WallSpot(4.0, 2.0, 0.35, math.pi)),
+        ArenaVictim(6, VictimKind.COLD, WallSpot(2.0, 0.0, 0.35, math.pi / 2)),
     ),
 )
 
@@ -45,7 +45,7 @@ def test_mapped_share_refers_to_the_reachable_area(
     assert mapped_share(ARENA, tmp_path / "map.yaml") == pytest.approx(share, abs=0.03)
 
 
-def judged(tmp_path: Path, victims: list[tuple[int, float, float, str]], **mission: object) -> Outcome:
+def judged(tmp_path: Path, victims: list[tuple[int, float, float, str]], **mission: object) -> RescueResult:
     write_known(tmp_path / "map.yaml", (-2.5, 2.5))
     said = {"reason": "is home", "notes": [], "duration_s": 60.0} | mission
     (tmp_path / "mission.json").write_text(json.dumps(said))
@@ -54,7 +54,7 @@ def judged(tmp_path: Path, victims: list[tuple[int, float, float, str]], **missi
         writer = csv.writer(file)
         writer.writerow(("id", "time", "name", "x", "y", "z", "confirmed"))
         writer.writerows((tag, "", "", x, y, 0.35, confirmed) for tag, x, y, confirmed in victims)
-    outcome = Outcome(seed=0, victims=2)
+    outcome = RescueResult(seed=0, victims=2)
     judge(outcome, ARENA, tmp_path)
     return outcome
 
@@ -81,8 +81,8 @@ def test_robot_is_home_only_if_it_reports_so_and_stands_there(
 
 def test_summary_counts_all_missions() -> None:
     outcomes = [
-        Outcome(0, mapped=1.0, victims=4, found=4, placed_m={1: 0.1}, is_home=True),
-        Outcome(1, mapped=0.9, victims=4, found=2, placed_m={2: 0.3}, collisions=1, trouble="it hung"),
+        RescueResult(0, mapped=1.0, victims=4, found=4, placed_m={1: 0.1}, is_home=True),
+        RescueResult(1, mapped=0.9, victims=4, found=2, placed_m={2: 0.3}, collisions=1, trouble="it hung"),
     ]
     total = summary(outcomes)
     assert (total["mapped_mean"], total["found_share"], total["collisions"]) == (0.95, 0.75, 1)

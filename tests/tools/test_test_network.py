@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from tests._support.robot import wait_until
 from tools.test_network.delay import Delay
-from tools.test_network.network import PERFECT, Conditions, Host, Network, NoTestNetwork
+from tools.test_network.network import PERFECT, Host, Network, NetworkConditions, NoTestNetwork
 
 LIMIT_S = 10.0
 SO_RCVBUFFORCE = 33
@@ -98,7 +98,7 @@ def tcp_bit_per_s(network: Network, duration_s: float) -> float:
 
 
 def test_one_packet_in_five_is_lost_when_this_is_set(network: Network) -> None:
-    network.set(Conditions(loss=0.2))
+    network.set(NetworkConditions(loss=0.2))
     share = len(arrivals(network, 1500)) / 1500
     assert 0.75 < share < 0.85  # five standard deviations
     network.set(PERFECT)
@@ -107,7 +107,7 @@ def test_one_packet_in_five_is_lost_when_this_is_set(network: Network) -> None:
 
 def test_delay_varies_within_its_jitter_and_keeps_the_order(network: Network) -> None:
     arrivals(network, 1)  # now the hosts know each other's Ethernet addresses
-    network.set(Conditions(delay_s=0.1, jitter_s=0.05))
+    network.set(NetworkConditions(delay_s=0.1, jitter_s=0.05))
     seen = arrivals(network, 500, pause_s=0.003)
     delays_s = [delay_s for _, delay_s in seen]
     assert [number for number, _ in seen] == list(range(500))
@@ -119,7 +119,7 @@ def test_delay_varies_within_its_jitter_and_keeps_the_order(network: Network) ->
 
 
 def test_packets_overtake_one_another_only_when_this_is_set(network: Network) -> None:
-    network.set(Conditions(delay_s=0.05, jitter_s=0.04, reorders=True))
+    network.set(NetworkConditions(delay_s=0.05, jitter_s=0.04, reorders=True))
     numbers = [number for number, _ in arrivals(network, 50)]
     assert sorted(numbers) == list(range(50))
     assert numbers != sorted(numbers)
@@ -127,7 +127,7 @@ def test_packets_overtake_one_another_only_when_this_is_set(network: Network) ->
 
 def test_a_tcp_connection_gets_the_bandwidth_and_no_more(network: Network) -> None:
     assert tcp_bit_per_s(network, 0.2) > 50e6
-    network.set(Conditions(bandwidth_bit_per_s=5e6))
+    network.set(NetworkConditions(bandwidth_bit_per_s=5e6))
     assert 4e6 < tcp_bit_per_s(network, 1.0) < 5.5e6  # at the start the bucket is full
 
 
@@ -223,7 +223,7 @@ def test_who_may_not_make_a_network_is_told_why(monkeypatch: pytest.MonkeyPatch)
 )
 def test_conditions_that_cannot_be_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="must be"):
-        Conditions(**wrong)  # type: ignore[arg-type]
+        NetworkConditions(**wrong)  # type: ignore[arg-type]
 
 
 @given(

@@ -9,19 +9,19 @@ import pytest
 
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.people import read_heads
-from tools.trials.missions.who_is_who import Outcome, judge, party, summary
+from tools.trials.missions.who_is_who import TourResult, judge, party, summary
 
 
 def person(name: str, x_m: float, y_m: float = 0.0) -> dict[str, Any]:
     return {"name": name, "x_m": x_m, "y_m": y_m, "faces": 3}
 
 
-def judged(folder: Path, found: list[dict[str, Any]], touches: int = 0) -> Outcome:
+def judged(folder: Path, found: list[dict[str, Any]], touches: int = 0) -> TourResult:
     truth = [person("Anna", 1.0), person("Ben", 4.0), person("Clara", 7.0)]
     told = {"found": found, "truth": truth, "known": ["Anna", "Ben"], "duration_s": 40.0}
     (folder / "guests.json").write_text(json.dumps(told))
     (folder / "base.json").write_text(json.dumps({"touches": touches}))
-    outcome = Outcome(0)
+    outcome = TourResult(0)
     judge(outcome, ["Anna", "Ben"], folder)
     return outcome
 

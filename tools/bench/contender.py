@@ -28,7 +28,7 @@ class Trouble(RuntimeError):
 
 
 @dataclass
-class Outcome:
+class WorkResult:
     """The result of one piece of work.
 
     Attributes:
@@ -70,7 +70,7 @@ class Contender(Protocol):
     def why_absent(self) -> str:
         """Why it cannot be measured here; '' if it can."""
 
-    def run(self, work: Work) -> Outcome:
+    def run(self, work: Work) -> WorkResult:
         """Do the work.
 
         Raises:
@@ -105,7 +105,7 @@ class PeerContender:
         """Why it cannot be measured here."""
         return self.peer.why_absent
 
-    def run(self, work: Work) -> Outcome:
+    def run(self, work: Work) -> WorkResult:
         """Start the peer's processes, and wait until they end."""
         with work_folder() as (topic, folder):
             here = work.at(topic, folder)
@@ -189,7 +189,7 @@ def last_words(file: Path) -> str:
     return next(filter(None, reversed(lines)), "it printed nothing")
 
 
-def outcome(work: Work) -> Outcome:
+def outcome(work: Work) -> WorkResult:
     """Read the records of finished work."""
     publisher = np.fromfile(record.publisher_file(work), np.int64)
     last_ns = 0
@@ -199,4 +199,4 @@ def outcome(work: Work) -> Outcome:
         last_ns = max(last_ns, int(words[record.LAST_NS]))
         latencies.append(words[record.HEADER :])
     took_s = (last_ns - int(publisher[record.BEGAN_NS])) / 1e9
-    return Outcome(int(publisher[record.SENT]), latencies, took_s)
+    return WorkResult(int(publisher[record.SENT]), latencies, took_s)

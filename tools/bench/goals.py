@@ -13,7 +13,7 @@ Figure = Callable[["Results"], tuple[float | None, str]]
 
 
 @dataclass(frozen=True)
-class Goal:
+class PerformanceGoal:
     """One performance goal.
 
     Attributes:
@@ -108,43 +108,55 @@ OFTEN, SELDOM, FIFO = "64 bytes, 1 kHz, ", "64 bytes, 30 Hz, ", "64 bytes, 1 kHz
 """Beginnings of the titles of the results of `latency`."""
 TIME = "us_per_message"
 GOALS = (
-    Goal("64 B, 1 kHz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor", OFTEN)),
-    Goal("64 B, 1 kHz: p50 ÷ best peer", 0.75, _against_best("latency", "robbie", OFTEN)),
-    Goal("64 B, 1 kHz: p99 ÷ best peer", 1.0, _against_best("latency", "robbie", OFTEN, "p99_us")),
-    Goal("64 B, 30 Hz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor", SELDOM)),
-    Goal("64 B, 30 Hz: p50 ÷ best peer", 0.75, _against_best("latency", "robbie", SELDOM)),
-    Goal("64 B, all at SCHED_FIFO: p99 ÷ best peer", 1.0, _against_best("latency", "robbie", FIFO, "p99_us")),
-    Goal("1 MB in place: p50 ÷ own 64 B", 1.5, _against("large", IN, "robbie 64 B", "1 MB")),
-    Goal("6.2 MB in place: p50 ÷ own 64 B", 1.5, _against("large", IN, "robbie 64 B", "6.2")),
-    Goal("6.2 MB in place: p50 ÷ best peer that copies", 0.1, _against_best("large", IN, "6.2")),
-    Goal("1 MB in place: p50 ÷ best peer in place", 1.0, _against_best("large", IN, "1 MB", in_place=True)),
-    Goal("6.2 MB in place: p50 ÷ best peer in place", 1.0, _against_best("large", IN, "6.2", in_place=True)),
-    Goal("6.2 MB copied: p50 ÷ best peer", 1.0, _against_best("large", "robbie", "6.2")),
-    Goal("6.2 MB copied: p50 ÷ (memcpy + 64 B)", 1.1, _copy_and_wake),
-    Goal("1 MB to 8 in place: p50 ÷ best peer that copies", 0.3, _against_best("fanout", IN)),
-    Goal("1 MB to 8 in place: p50 ÷ best peer in place", 0.8, _against_best("fanout", IN, in_place=True)),
-    Goal("1 MB to 8 copied: p50 ÷ best peer", 0.3, _against_best("fanout", "robbie")),
-    Goal("flat out: messages/s", 200_000, _of_row("throughput", "robbie", "received_per_s"), True),
-    Goal(
+    PerformanceGoal("64 B, 1 kHz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor", OFTEN)),
+    PerformanceGoal("64 B, 1 kHz: p50 ÷ best peer", 0.75, _against_best("latency", "robbie", OFTEN)),
+    PerformanceGoal("64 B, 1 kHz: p99 ÷ best peer", 1.0, _against_best("latency", "robbie", OFTEN, "p99_us")),
+    PerformanceGoal("64 B, 30 Hz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor", SELDOM)),
+    PerformanceGoal("64 B, 30 Hz: p50 ÷ best peer", 0.75, _against_best("latency", "robbie", SELDOM)),
+    PerformanceGoal(
+        "64 B, all at SCHED_FIFO: p99 ÷ best peer", 1.0, _against_best("latency", "robbie", FIFO, "p99_us")
+    ),
+    PerformanceGoal("1 MB in place: p50 ÷ own 64 B", 1.5, _against("large", IN, "robbie 64 B", "1 MB")),
+    PerformanceGoal("6.2 MB in place: p50 ÷ own 64 B", 1.5, _against("large", IN, "robbie 64 B", "6.2")),
+    PerformanceGoal("6.2 MB in place: p50 ÷ best peer that copies", 0.1, _against_best("large", IN, "6.2")),
+    PerformanceGoal(
+        "1 MB in place: p50 ÷ best peer in place", 1.0, _against_best("large", IN, "1 MB", in_place=True)
+    ),
+    PerformanceGoal(
+        "6.2 MB in place: p50 ÷ best peer in place", 1.0, _against_best("large", IN, "6.2", in_place=True)
+    ),
+    PerformanceGoal("6.2 MB copied: p50 ÷ best peer", 1.0, _against_best("large", "robbie", "6.2")),
+    PerformanceGoal("6.2 MB copied: p50 ÷ (memcpy + 64 B)", 1.1, _copy_and_wake),
+    PerformanceGoal("1 MB to 8 in place: p50 ÷ best peer that copies", 0.3, _against_best("fanout", IN)),
+    PerformanceGoal(
+        "1 MB to 8 in place: p50 ÷ best peer in place", 0.8, _against_best("fanout", IN, in_place=True)
+    ),
+    PerformanceGoal("1 MB to 8 copied: p50 ÷ best peer", 0.3, _against_best("fanout", "robbie")),
+    PerformanceGoal("flat out: messages/s", 200_000, _of_row("throughput", "robbie", "received_per_s"), True),
+    PerformanceGoal(
         "flat out: messages/s ÷ iceoryx2",
         1.0,
         _against("throughput", "robbie", "iceoryx2", column="received_per_s"),
         True,
     ),
-    Goal("flat out: lost", 0, _of_row("throughput", "robbie", "lost")),
-    Goal("20 idle modules: % of a core", 1.0, _of_row("idle", "robbie", "cpu_percent")),
-    Goal(
+    PerformanceGoal("flat out: lost", 0, _of_row("throughput", "robbie", "lost")),
+    PerformanceGoal("20 idle modules: % of a core", 1.0, _of_row("idle", "robbie", "cpu_percent")),
+    PerformanceGoal(
         "20 modules, 1,500 messages/s: robot ÷ floor",
         1.3,
         _against("loaded", "robbie", "floor", column=TIME),
     ),
-    Goal(
+    PerformanceGoal(
         "20 modules, 1,500 messages/s: robot ÷ best peer",
         1.0,
         _against_best("loaded", "robbie", column=TIME),
     ),
-    Goal("call and reply, 64 B each: p50 ÷ one way", 2.2, _against("call", "robbie-call", "robbie")),
-    Goal("SIGKILL to next message: median ms", 60.0, _of_row("restart", "robbie small", "away_ms")),
+    PerformanceGoal(
+        "call and reply, 64 B each: p50 ÷ one way", 2.2, _against("call", "robbie-call", "robbie")
+    ),
+    PerformanceGoal(
+        "SIGKILL to next message: median ms", 60.0, _of_row("restart", "robbie small", "away_ms")
+    ),
 )
 
 

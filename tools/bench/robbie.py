@@ -7,7 +7,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from tools.bench.contender import Outcome, Trouble, last_words, outcome, work_folder
+from tools.bench.contender import Trouble, WorkResult, last_words, outcome, work_folder
 from tools.bench.work import Work
 from tools.robot import Robot, RobotTrouble, running
 
@@ -65,7 +65,7 @@ class RobbieContender:
         """Robbie is never absent."""
         return ""
 
-    def run(self, work: Work) -> Outcome:
+    def run(self, work: Work) -> WorkResult:
         """Run a profile with one publisher and the work's subscribers until it ends."""
         with work_folder() as (topic, folder):
             here = work.at(topic, folder)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.bench.contender import Contender, Outcome, Trouble
+from tools.bench.contender import Contender, Trouble, WorkResult
 from tools.bench.work import Work
 
 LEFT_OUT = "left out by --quick"
@@ -95,14 +95,14 @@ def _say(text: str) -> None:
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
-def last_of_all(outcome: Outcome) -> NDArray[np.float64]:
+def last_of_all(outcome: WorkResult) -> NDArray[np.float64]:
     """Return for each message that all subscribers received the time until the last one had it, in µs."""
     of_each = np.array([one[: outcome.sent] for one in outcome.latencies_ns])
     complete = (of_each > 0).all(axis=0)
     return np.asarray(of_each[:, complete].max(axis=0) / 1e3, np.float64)
 
 
-def _figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def _figures(outcomes: Sequence[WorkResult]) -> dict[str, Any]:
     """Return the quantiles of latency, the rate and the losses of each round.
 
     The quantiles of a round in which nothing arrived are None.
@@ -122,6 +122,6 @@ def _quantile(values: NDArray[np.float64], quantile: float) -> float | None:
     return float(np.quantile(values, quantile)) if values.size else None
 
 
-def _received_per_s(outcome: Outcome) -> float:
+def _received_per_s(outcome: WorkResult) -> float:
     received = outcome.sent - outcome.lost / len(outcome.latencies_ns)
     return received / outcome.took_s if outcome.took_s > 0 else 0.0

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from tools.kill_campaign.campaign import Plan, run_campaign
+from tools.kill_campaign.campaign import AttackPlan, run_campaign
 from tools.robot import RobotTrouble
 
 VIOLATED = 1
@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="robbie-campaign-") as temporary:
         folder = options.keep or Path(temporary)
         try:
-            plan = Plan(
+            plan = AttackPlan(
                 options.kills,
                 options.seed,
                 mean_pause_s=options.mean_pause,

@@ -34,7 +34,7 @@ RESTART_SAID = re.compile(r"^(\S+): BACKOFF \((.*), again in [0-9.]+ s\)$", re.M
 
 
 @dataclass(frozen=True)
-class Plan:
+class AttackPlan:
     """The plan of attack on a robot.
 
     Attributes:
@@ -61,7 +61,7 @@ class Plan:
 
 
 def run_campaign(
-    plan: Plan, folder: Path, each_second: Callable[[Robot], None] | None = None
+    plan: AttackPlan, folder: Path, each_second: Callable[[Robot], None] | None = None
 ) -> dict[str, Any]:
     """Run a campaign in an empty folder and return its report. Its `violations` must be empty.
 
@@ -83,7 +83,7 @@ def run_campaign(
 
 
 def _run(
-    plan: Plan,
+    plan: AttackPlan,
     robot: Robot,
     names: list[str],
     sending: list[str],

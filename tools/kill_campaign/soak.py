@@ -24,7 +24,7 @@ import psutil
 from robbie_mp.bus.transport.tables import COLUMNS
 from tools.kill_campaign.__main__ import as_text
 from tools.kill_campaign.attack import CORE
-from tools.kill_campaign.campaign import Plan, run_campaign
+from tools.kill_campaign.campaign import AttackPlan, run_campaign
 from tools.robot import REPOSITORY, Robot, RobotTrouble
 
 LOG = REPOSITORY.parent / "shared" / "data" / "intel.clf"
@@ -156,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
     if not others:
         print(f"soak: {options.log} does not exist, so no log is played and mapped", file=sys.stderr)
     watch = Watch()
-    plan = Plan(
+    plan = AttackPlan(
         10**9,
         options.seed,
         options.minutes,

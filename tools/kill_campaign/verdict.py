@@ -33,7 +33,7 @@ SHOWN = 50
 
 
 @dataclass
-class Verdict:
+class CampaignVerdict:
     """The findings of a campaign.
 
     Attributes:
@@ -70,7 +70,7 @@ def read_records(folder: Path, names: list[str]) -> dict[str, ModuleRecord]:
 
 def judge(
     records: dict[str, ModuleRecord], modules: Mapping[str, ModuleFigures], channels: list[ChannelFigures]
-) -> Verdict:
+) -> CampaignVerdict:
     """Compare journals with counters of a robot at rest.
 
     Args:
@@ -78,7 +78,7 @@ def judge(
         modules: figures of the modules by name.
         channels: figures of all channels.
     """
-    verdict = Verdict(records)
+    verdict = CampaignVerdict(records)
     for record in records.values():
         verdict.violations += record.violations[:SHOWN]
         if len(record.violations) > SHOWN:

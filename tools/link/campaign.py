@@ -38,7 +38,7 @@ DEATH_MESSAGES = 100
 
 
 @dataclass
-class Report:
+class CampaignReport:
     """The result of a campaign."""
 
     links_killed: int = 0
@@ -116,14 +116,14 @@ class Campaign:
         sends, more = dict.fromkeys(CLASSES, PERIOD_S), {"bulk_bytes": BULK_BYTES}
         self.red = LinkedRobot(folder, "red", common | red, sends, (), more=more)
         self.blue = LinkedRobot(folder, "blue", common | {"listen": [], "connect": at}, {}, CLASSES)
-        self.report = Report()
+        self.report = CampaignReport()
         self._epochs: list[Epoch] = []
         """Those of the sender's lives that are over."""
         self._first = 1
         self._links_killed = self._receivers_killed = 0
         """In the sender's present life."""
 
-    def play(self, kills: int) -> Report:
+    def play(self, kills: int) -> CampaignReport:
         """Play the campaign.
 
         Args:

@@ -24,7 +24,7 @@ from tools.bench.machine import describe_machine
 from tools.bench.table import render
 from tools.link.pair import LinkedRobot, Received
 from tools.robot import RobotTrouble
-from tools.test_network.network import PERFECT, Conditions, Network, NoTestNetwork
+from tools.test_network.network import PERFECT, Network, NetworkConditions, NoTestNetwork
 
 PORT = 7447
 PERIODS_S = {"urgent": 0.5, "state": 0.1, "reliable": 0.02, "bulk": 0.06}
@@ -37,11 +37,11 @@ DRAIN_S = 15.0
 """Time limit in which reliable messages arrive that a bad network has held back."""
 COMMAND_ALLOWANCE_S = 0.05
 STATE_PERIODS = 3
-GOOD = Conditions(bandwidth_bit_per_s=20e6, delay_s=0.005)
+GOOD = NetworkConditions(bandwidth_bit_per_s=20e6, delay_s=0.005)
 
 
 @dataclass(frozen=True)
-class Trial:
+class LinkTrial:
     """One condition.
 
     Attributes:
@@ -53,10 +53,10 @@ class Trial:
     """
 
     title: str
-    conditions: Conditions
+    conditions: NetworkConditions
     cut_s: float = 0.0
     flapping_s: tuple[float, float] | None = None
-    then: Conditions | None = None
+    then: NetworkConditions | None = None
 
     @property
     def holds(self) -> bool:
@@ -70,20 +70,20 @@ class Trial:
 
 
 TRIALS = [
-    Trial("20 Mbit/s, 5 ms each way", GOOD),
-    Trial("2 % loss", Conditions(20e6, loss=0.02, delay_s=0.005)),
-    Trial("20 % loss", Conditions(20e6, loss=0.2, delay_s=0.005)),
-    Trial("5 Mbit/s", Conditions(5e6, delay_s=0.005)),
-    Trial("5 Mbit/s, 50 ms each way", Conditions(5e6, delay_s=0.05)),
-    Trial("100 ± 50 ms each way", Conditions(20e6, delay_s=0.1, jitter_s=0.05)),
-    Trial("fall from 800 to 5 Mbit/s", Conditions(800e6), then=Conditions(5e6)),
-    Trial("10 s without network", GOOD, cut_s=10.0),
-    Trial("flapping: 2 s up, 1 s down", GOOD, flapping_s=(2.0, 1.0)),
+    LinkTrial("20 Mbit/s, 5 ms each way", GOOD),
+    LinkTrial("2 % loss", NetworkConditions(20e6, loss=0.02, delay_s=0.005)),
+    LinkTrial("20 % loss", NetworkConditions(20e6, loss=0.2, delay_s=0.005)),
+    LinkTrial("5 Mbit/s", NetworkConditions(5e6, delay_s=0.005)),
+    LinkTrial("5 Mbit/s, 50 ms each way", NetworkConditions(5e6, delay_s=0.05)),
+    LinkTrial("100 ± 50 ms each way", NetworkConditions(20e6, delay_s=0.1, jitter_s=0.05)),
+    LinkTrial("fall from 800 to 5 Mbit/s", NetworkConditions(800e6), then=NetworkConditions(5e6)),
+    LinkTrial("10 s without network", GOOD, cut_s=10.0),
+    LinkTrial("flapping: 2 s up, 1 s down", GOOD, flapping_s=(2.0, 1.0)),
 ]
 
 
 @dataclass
-class Figures:
+class LinkFigures:
     """The measurements in one condition. Times in ms.
 
     Attributes:
@@ -143,7 +143,7 @@ def linked_pair(folder: Path, network: Network) -> Iterator[Pair]:
             one.run.stop()
 
 
-def run_trial(pair: Pair, trial: Trial, duration_s: float) -> Figures:
+def run_trial(pair: Pair, trial: LinkTrial, duration_s: float) -> LinkFigures:
     """Set the network, measure, and set it perfect again."""
     pair.network.set(trial.conditions)
     time.sleep(SETTLE_S)
@@ -179,11 +179,11 @@ def _drain(pair: Pair, until_s: float) -> None:
         time.sleep(0.2)
 
 
-def _evaluate(pair: Pair, trial: Trial, began_s: float, ended_s: float) -> Figures:
+def _evaluate(pair: Pair, trial: LinkTrial, began_s: float, ended_s: float) -> LinkFigures:
     def sent_within(found: Sequence[Received]) -> list[Received]:
         return [one for one in found if began_s <= one.sent_s < ended_s]
 
-    figures = Figures(trial.title)
+    figures = LinkFigures(trial.title)
     everything = {topic: pair.laptop.received(topic) for topic in PERIODS_S}
     everything[COMMAND] = pair.robot.received(COMMAND)
     for topic, found in everything.items():
@@ -222,7 +222,7 @@ def _greatest_age_s(found: Sequence[Received], began_s: float, ended_s: float) -
     return max(ages, default=math.nan)
 
 
-def _judge(figures: Figures, trial: Trial) -> None:
+def _judge(figures: LinkFigures, trial: LinkTrial) -> None:
     limit_ms = (trial.round_trip_s + COMMAND_ALLOWANCE_S) * 1e3
     if not figures.command_p99 <= limit_ms:
         figures.failures.append(f"commands: p99 above {limit_ms:.0f} ms")
@@ -238,7 +238,7 @@ HEADINGS = (
 )  # fmt: skip
 
 
-def row(one: Figures) -> list[str]:
+def row(one: LinkFigures) -> list[str]:
     """Return a row of the table."""
     return [
         one.title,

@@ -4,7 +4,7 @@ from bisect import bisect_right
 from pathlib import Path
 
 
-class Journal:
+class WitnessReader:
     """Reads a witness's file while it grows.
 
     Args:

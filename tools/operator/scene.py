@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.run.run_directory import list_runs
-from tools.operator.journal import Journal
+from tools.operator.journal import WitnessReader
 from tools.robot import OFTEN, Robot, RobotTrouble, write_profile
 
 TOKEN = "an-operator-on-trial"
@@ -87,7 +87,7 @@ class Scene:
             arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
         write_profile(workspace, profile(arena, others, linear_m_per_s), "trial")
         self.robot = Robot(folder / "run", workspace, "trial", on_host=on_host)
-        self.journal = Journal(self.robot.output / "witness.txt")
+        self.journal = WitnessReader(self.robot.output / "witness.txt")
         self._bases = [folder / "run" / "runtime" / "robbie"]
 
     def begin(self) -> None:

@@ -26,7 +26,7 @@ ALL = {f"/{topic_of(one)}": ros1_name(one.type_name) for one in TYPES_OF_ROS1}
 
 
 @dataclass
-class Figures:
+class Ros1Figures:
     """The result of a trial.
 
     Attributes:
@@ -82,7 +82,7 @@ def node_of(robot: Robot) -> psutil.Process | None:
         return None
 
 
-def run_trial(ros: Ros, robot: Robot, kills: int, seed: int, pause_s: float = 1.0) -> Figures:
+def run_trial(ros: Ros, robot: Robot, kills: int, seed: int, pause_s: float = 1.0) -> Ros1Figures:
     """Kill, and wait until a new ROS node hears the robot again.
 
     Args:
@@ -92,7 +92,7 @@ def run_trial(ros: Ros, robot: Robot, kills: int, seed: int, pause_s: float = 1.
         seed: decides who is killed, and when.
         pause_s: the longest time before a kill, and before roscore is started again (s).
     """
-    chance, figures = random.Random(seed), Figures()
+    chance, figures = random.Random(seed), Ros1Figures()
     for number in range(kills):
         victim = VICTIMS[number % 3] if number < 3 else chance.choice(VICTIMS)
         time.sleep(chance.uniform(0.0, pause_s))
@@ -120,7 +120,7 @@ def _kill(ros: Ros, robot: Robot, victim: str, away_s: float) -> float:
     return time.monotonic()
 
 
-def _judge(robot: Robot, figures: Figures) -> None:
+def _judge(robot: Robot, figures: Ros1Figures) -> None:
     for name, one in robot.figures().items():
         if name != "ros1" and one.restarts:
             figures.failures.append(f"{name} was restarted {one.restarts} times")

@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 from tools.standstill.scene import TrialRobot
 from tools.standstill.ways import NEAR, DrivingWay
-from tools.test_network.network import Conditions
+from tools.test_network.network import NetworkConditions
 
 DISK_BYTES = 64 << 20
 HOUR_S = 3600
@@ -69,7 +69,7 @@ def process_failures(role: str) -> dict[str, Failure]:
     return found
 
 
-def network(conditions: Conditions, *, lets_go: bool = False) -> Failure:
+def network(conditions: NetworkConditions, *, lets_go: bool = False) -> Failure:
     """Return a failure of the network."""
     return Failure(
         lambda scene: scene.network.delay(conditions),
@@ -142,11 +142,11 @@ NETWORK = {
         lambda scene: scene.network.cut(),
         lambda scene: scene.network.restore(),
     ),
-    "network 0.1 s": network(Conditions(delay_s=0.1), lets_go=True),
-    "network 0.3 s": network(Conditions(delay_s=0.3)),
-    "network 1 s": network(Conditions(delay_s=1.0)),
-    "network 3 s": network(Conditions(delay_s=3.0)),
-    "network reordered": network(Conditions(delay_s=0.05, jitter_s=0.05, reorders=True), lets_go=True),
+    "network 0.1 s": network(NetworkConditions(delay_s=0.1), lets_go=True),
+    "network 0.3 s": network(NetworkConditions(delay_s=0.3)),
+    "network 1 s": network(NetworkConditions(delay_s=1.0)),
+    "network 3 s": network(NetworkConditions(delay_s=3.0)),
+    "network reordered": network(NetworkConditions(delay_s=0.05, jitter_s=0.05, reorders=True), lets_go=True),
 }
 PAGE = {
     "page closed": Failure(lambda scene: scene.page.close(), lambda _scene: None, is_final=True),

@@ -23,7 +23,7 @@ from tools.operator.chromium import CHROMIUM, chromium
 from tools.robot import COMMAND, REPOSITORY, Robot
 from tools.ros1.ros import ROSCORE, SYSTEM_PYTHON
 from tools.standstill.scene import TrialRobot
-from tools.test_network.network import Conditions, Host, Network
+from tools.test_network.network import Host, Network, NetworkConditions
 
 WALL, FLOOR = "#" * 14, "#............#"
 HALL = "cell_m: 1.0\ndrawing: |\n" + "".join(
@@ -35,7 +35,7 @@ OWN_CLOCK = ("env", "--unset=LD_PRELOAD")
 LINK = "robbie_mp.connect.link.module:Link"
 END_LIMIT_S = 20.0
 DRIVE_KEYS = ("KeyW", "KeyA")
-NEAR = Conditions(delay_s=0.001)
+NEAR = NetworkConditions(delay_s=0.001)
 PORT, ROS_PORT = 7447, 11311
 TOKEN = "an-operator-of-foxglove"
 

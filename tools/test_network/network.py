@@ -49,7 +49,7 @@ class NoTestNetwork(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Conditions:
+class NetworkConditions:
     """The network's faults; each direction has the same ones, and its own random numbers.
 
     Attributes:
@@ -75,7 +75,7 @@ class Conditions:
             raise ValueError(f"the jitter must be between 0 and the delay: {self}")
 
 
-PERFECT = Conditions()
+PERFECT = NetworkConditions()
 
 
 class Host:
@@ -148,7 +148,7 @@ class Network:
         """Return a host."""
         return self._hosts[name]
 
-    def set(self, conditions: Conditions) -> None:
+    def set(self, conditions: NetworkConditions) -> None:
         """Set what the network does from now on. What was cut stays cut."""
         for index, host in enumerate(self._hosts.values()):
             self._limit(f"port{index}", conditions)
@@ -157,7 +157,7 @@ class Network:
             _run(host.command("iptables-restore", "--noflush"), rules)
         self.delay(conditions)
 
-    def delay(self, conditions: Conditions) -> None:
+    def delay(self, conditions: NetworkConditions) -> None:
         """Set the delay alone; from one delay to another, this takes effect at once."""
         if not conditions.delay_s:
             _batch(self._switch, *(f"link set port{i} master hub" for i in range(len(self._names))))
@@ -223,7 +223,7 @@ class Network:
         self._kept.callback(made.close)
         return made
 
-    def _limit(self, port: str, conditions: Conditions) -> None:
+    def _limit(self, port: str, conditions: NetworkConditions) -> None:
         tc = self._switch.command("tc", "qdisc")
         rate = conditions.bandwidth_bit_per_s
         if math.isinf(rate):

@@ -29,7 +29,7 @@ class PlanResult(StrEnum):
 
 
 @dataclass(frozen=True)
-class Plan:
+class ExplorationPlan:
     """The result of planning, with the path.
 
     Attributes:
@@ -96,7 +96,7 @@ class FrontierExploration:
             self._avoided.append(self._goal)
         self._goal = None
 
-    def plan_exploration(self, grid: NavigationGrid, pose: ArrayLike) -> Plan:
+    def plan_exploration(self, grid: NavigationGrid, pose: ArrayLike) -> ExplorationPlan:
         """Choose a frontier and plan a path to it.
 
         Args:
@@ -107,7 +107,7 @@ class FrontierExploration:
         frontiers = tuple(find_frontiers(grid, self._settings.min_frontier_m))
         start = grid.nearest(grid.drivable, pose, self._settings.snap_m)
         if start is None:
-            return Plan(PlanResult.NO_WAY, frontiers=frontiers)
+            return ExplorationPlan(PlanResult.NO_WAY, frontiers=frontiers)
         ways = PathField(grid, start)
         reached = np.isfinite(ways.cost_m)
         best, best_cost = None, math.inf
@@ -120,20 +120,22 @@ class FrontierExploration:
                 best, best_cost = cell, cost
         if best is None:
             self._goal = None
-            return Plan(PlanResult.EXPLORED, frontiers=frontiers)
+            return ExplorationPlan(PlanResult.EXPLORED, frontiers=frontiers)
         self._goal = grid.middles_m(best)
-        return Plan(PlanResult.GO, grid.middles_m(ways.path(best)), float(ways.cost_m[best]), frontiers)
+        return ExplorationPlan(
+            PlanResult.GO, grid.middles_m(ways.path(best)), float(ways.cost_m[best]), frontiers
+        )
 
-    def plan_way_to(self, grid: NavigationGrid, pose: ArrayLike, goal_xy_m: ArrayLike) -> Plan:
+    def plan_way_to(self, grid: NavigationGrid, pose: ArrayLike, goal_xy_m: ArrayLike) -> ExplorationPlan:
         """Plan a path to a given place, ending within `snap_m` of it."""
         start = grid.nearest(grid.drivable, pose, self._settings.snap_m)
         if start is None:
-            return Plan(PlanResult.NO_WAY)
+            return ExplorationPlan(PlanResult.NO_WAY)
         ways = PathField(grid, start)
         cell = grid.nearest(np.isfinite(ways.cost_m), goal_xy_m, self._settings.snap_m)
         if cell is None:
-            return Plan(PlanResult.NO_WAY)
-        return Plan(PlanResult.GO, grid.middles_m(ways.path(cell)), float(ways.cost_m[cell]))
+            return ExplorationPlan(PlanResult.NO_WAY)
+        return ExplorationPlan(PlanResult.GO, grid.middles_m(ways.path(cell)), float(ways.cost_m[cell]))
 
     def _cost_m(
         self, frontier: Frontier, way_m: float, goal: NDArray[np.float64], pose: NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.base.state_machine import StateMachine
-from robbie_robots.workers.exploration.exploration import FrontierExploration, Plan, PlanResult
+from robbie_robots.workers.exploration.exploration import ExplorationPlan, FrontierExploration, PlanResult
 from robbie_robots.workers.exploration.explorer_states import TRANSITIONS, ExplorerSettings, ExplorerState
 from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
@@ -59,7 +59,7 @@ class Explorer:
     ) -> None:
         self.settings = settings or ExplorerSettings()
         self.machine = StateMachine(ExplorerState.WAIT, TRANSITIONS, clock)
-        self.plan = Plan(PlanResult.NO_WAY)
+        self.plan = ExplorationPlan(PlanResult.NO_WAY)
         self.exploring_ended: str | None = None
         self.home_xy_m = None if home_xy_m is None else np.asarray(home_xy_m, float)
         self._clock = clock

@@ -21,7 +21,7 @@ SAME_M = 0.8
 
 
 @dataclass(frozen=True)
-class Work:
+class SharedTarget:
     """A target, as the team shares it.
 
     Attributes:
@@ -52,7 +52,9 @@ class Member:
     target_xy_m: Points | None
 
 
-def own_work(around: DrivableGround, own: Member, work: Sequence[Work], others: Sequence[Claim]) -> list[int]:
+def own_work(
+    around: DrivableGround, own: Member, work: Sequence[SharedTarget], others: Sequence[Claim]
+) -> list[int]:
     """Return the indices of the targets that are this robot's own, in the order of its tour.
 
     Args:
@@ -80,7 +82,7 @@ def own_work(around: DrivableGround, own: Member, work: Sequence[Work], others: 
 
 
 def _tour_costs(
-    around: DrivableGround, team: Sequence[Member], work: Sequence[Work], begin_m: Costs
+    around: DrivableGround, team: Sequence[Member], work: Sequence[SharedTarget], begin_m: Costs
 ) -> TourCosts:
     grid, count = around.grid, len(work)
     cells = [grid.cell(one.goal) for one in work]

@@ -81,7 +81,7 @@ class PlaceSettings:
 
 
 @dataclass
-class Place:
+class PersonPlace:
     """A place where a person may be.
 
     Attributes:
@@ -120,10 +120,10 @@ class PersonPlaces:
     def __init__(self, settings: PlaceSettings | None = None) -> None:
         self.settings = settings or PlaceSettings()
         self.dropped = 0
-        self._places: list[Place] = []
+        self._places: list[PersonPlace] = []
 
     @property
-    def open(self) -> list[Place]:
+    def open(self) -> list[PersonPlace]:
         """Return the places at which the robot has to look."""
         return [place for place in self._places if place.is_open]
 
@@ -144,7 +144,7 @@ class PersonPlaces:
             if len(self._places) >= MAX_PLACES:
                 self.dropped += 1
                 return
-            place = Place(one.xy_m, one.name)
+            place = PersonPlace(one.xy_m, one.name)
             self._places.append(place)
         if one.has_moved and not place.has_moved and not place.faces:
             place.is_open = True
@@ -152,14 +152,14 @@ class PersonPlaces:
         place.confidence = max(place.confidence, one.confidence)
         place.has_moved = place.has_moved or one.has_moved
 
-    def _near(self, xy_m: Sequence[float]) -> Place | None:
+    def _near(self, xy_m: Sequence[float]) -> PersonPlace | None:
         nearest = min(self._places, key=lambda place: math.dist(place.xy_m, xy_m), default=None)
         is_same = nearest is not None and math.dist(nearest.xy_m, xy_m) <= self.settings.apart_m
         return nearest if is_same else None
 
     def see_faces(
-        self, faces: Sequence[SeenFace], eye: Eye, looked_at: Place | None = None
-    ) -> list[tuple[Place, SeenFace]]:
+        self, faces: Sequence[SeenFace], eye: Eye, looked_at: PersonPlace | None = None
+    ) -> list[tuple[PersonPlace, SeenFace]]:
         """Take the faces of a picture.
 
         Args:
@@ -200,7 +200,7 @@ class PersonPlaces:
         return face.away_m > differs * away_m or differs * face.away_m < away_m
 
     def _should_show(
-        self, place: Place, away_m: float, aside: float, eye: Eye, nearer: Sequence[float]
+        self, place: PersonPlace, away_m: float, aside: float, eye: Eye, nearer: Sequence[float]
     ) -> bool:
         """Return whether a picture should show the face of somebody who is there."""
         low_m, high_m = self.settings.face_m
@@ -208,7 +208,7 @@ class PersonPlaces:
         is_hidden = any(abs(aside - other) < self.settings.aside_rad for other in nearer)
         return place.is_seen and low_m <= away_m <= high_m and is_inside and not is_hidden
 
-    def at(self, track: str) -> Place | None:
+    def at(self, track: str) -> PersonPlace | None:
         """Return the place of a track."""
         return next((place for place in self._places if place.track == track), None)
 
@@ -218,4 +218,4 @@ class PersonPlaces:
 
     def remember(self, memory: Iterable[Sequence[Any]]) -> None:
         """Continue with the places that `memory` returned."""
-        self._places = [Place((xy[0], xy[1]), *rest) for xy, *rest in memory]
+        self._places = [PersonPlace((xy[0], xy[1]), *rest) for xy, *rest in memory]

@@ -20,7 +20,7 @@ from robbie_mp.base.procedure import Failed, Procedure, pause
 from robbie_mp.base.state_machine import StateMachine, TimeOut
 from robbie_robots.workers.home.area_search import AreaSearch
 from robbie_robots.workers.home.follow import PersonReport
-from robbie_robots.workers.home.person_places import Eye, PersonPlaces, Place, SeenFace
+from robbie_robots.workers.home.person_places import Eye, PersonPlace, PersonPlaces, SeenFace
 
 Array = NDArray[np.float64]
 
@@ -149,7 +149,7 @@ class TourEnd:
 class _Candidate:
     """The person whom the robot is about to look at."""
 
-    place: Place
+    place: PersonPlace
     goal: Array | None = None
     faces: list[str] = field(default_factory=list)
     seen_s: float = -math.inf
@@ -201,7 +201,7 @@ class PersonTour:
     def _begin(self, learns: str, wanted: int) -> None:
         self.learns, self._wanted = learns, wanted
         self.met: list[Met] = []
-        self._places_of_met: list[Place] = []
+        self._places_of_met: list[PersonPlace] = []
         self.places = PersonPlaces()
         self._area.begin()
         self._heading_rad: float | None = None
@@ -267,7 +267,7 @@ class PersonTour:
 
     # -- steps -----------------------------------------------------------------------------------------
 
-    async def _choose(self, reason: str) -> Place:
+    async def _choose(self, reason: str) -> PersonPlace:
         """Return the nearest person in front of the robot, rather one whose legs are likely legs."""
         self.machine.go(TourState.CHOOSE, reason)
         while not self.machine.is_late:
@@ -276,7 +276,7 @@ class PersonTour:
                 return near[0]
         raise Failed("nobody is in front of the robot")
 
-    def _in_front(self) -> list[Place]:
+    def _in_front(self) -> list[PersonPlace]:
         near = []
         for one in self._persons.values():
             place = self.places.at(one.name)
@@ -286,7 +286,7 @@ class PersonTour:
                 near.append((not self._is_likely(place), away_m, one.name, place))
         return [place for *_, place in sorted(near)]
 
-    async def _search(self, reason: str) -> Place | None:
+    async def _search(self, reason: str) -> PersonPlace | None:
         """Drive where the robot has not looked until somebody is seen; at the end, return who is left."""
         self.machine.go(TourState.SEARCH, reason)
         area = self._area
@@ -351,7 +351,7 @@ class PersonTour:
         is_gone = min(looked_s, self._clock() - candidate.seen_s) >= self.settings.gone_s
         return looked_s < self.settings.look_s and candidate.place.is_open and not is_gone
 
-    def _leave(self, place: Place) -> None:
+    def _leave(self, place: PersonPlace) -> None:
         """Note that a place shows no face; the robot comes back only to somebody who may be a person."""
         self._candidate = None
         place.looks += 1
@@ -385,7 +385,7 @@ class PersonTour:
         self.to_learn = None
         return event.problem if isinstance(event, _Taught) else "that took too long"
 
-    def _new(self) -> list[Place]:
+    def _new(self) -> list[PersonPlace]:
         """Return the places at which the robot has to look."""
         same_m = self.settings.same_m
         return [
@@ -394,11 +394,11 @@ class PersonTour:
             if all(math.dist(one.xy_m, place.xy_m) > same_m for one in self.met)
         ]
 
-    def _ranked(self, places: list[Place]) -> list[Place]:
+    def _ranked(self, places: list[PersonPlace]) -> list[PersonPlace]:
         """Return places: first those where a person is most likely, then the nearest."""
         return sorted(places, key=lambda one: (not one.faces, one.looks, self._away(one.xy_m)))
 
-    def _is_likely(self, place: Place) -> bool:
+    def _is_likely(self, place: PersonPlace) -> bool:
         return place.has_moved or place.confidence >= self.settings.likely
 
     def _away(self, xy_m: tuple[float, float]) -> tuple[float, float]:
@@ -525,6 +525,6 @@ class PersonTour:
                 self.go_round(memory["wanted"])
         self.met = [Met(name, (x, y), faces) for name, x, y, faces in memory["met"]]
         self.places.remember(memory["places"])
-        self._places_of_met = [Place(one.xy_m, "", is_open=False) for one in self.met]
+        self._places_of_met = [PersonPlace(one.xy_m, "", is_open=False) for one in self.met]
         self._began_s = self._clock() - memory["used_s"]
         self.end = None if memory["end"] is None else TourEnd(*memory["end"])

@@ -39,7 +39,7 @@ class Shape:
     is_round: bool = False
 
 
-class Surroundings:
+class CollisionWorld:
     """What an arm must not touch. It does not change; for other surroundings you make a new one.
 
     Args:

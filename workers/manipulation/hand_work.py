@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robbie_mp.base.procedure import Failed, Procedure, pause
 from robbie_mp.base.state_machine import StateMachine
 from robbie_robots.workers.manipulation.arm_model import ArmModel
-from robbie_robots.workers.manipulation.collisions import Shape, Surroundings
+from robbie_robots.workers.manipulation.collisions import CollisionWorld, Shape
 from robbie_robots.workers.manipulation.errors import ManipulationError, Unreachable
 from robbie_robots.workers.manipulation.grasps import grasps, moved_along, places
 from robbie_robots.workers.manipulation.hand_work_states import (
@@ -23,7 +23,7 @@ from robbie_robots.workers.manipulation.hand_work_states import (
     TRANSITIONS,
     HandSettings,
     HandState,
-    Task,
+    HandTask,
 )
 from robbie_robots.workers.manipulation.planning import plan, reach, straight_line
 from robbie_robots.workers.manipulation.table_view import TableView
@@ -45,7 +45,7 @@ MAX_GRASPS = 60
 """Poses of the hand that are tried for one object or place."""
 
 
-class Order(NamedTuple):
+class JointOrder(NamedTuple):
     """Where the joints should be now: (joints,) rad, and half of the gripper's opening."""
 
     positions: Floats
@@ -53,7 +53,7 @@ class Order(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class HandOutcome:
     """How an order ended: done, or why not."""
 
     is_done: bool
@@ -88,10 +88,10 @@ class HandWork:
         self._arm, self._clock, self.settings = arm, clock, settings or HandSettings()
         self._chance = np.random.default_rng(seed)
         self.machine = StateMachine(HandState.REST, TRANSITIONS, clock, TIME_OUTS, on_change)
-        self.task: Task | None = None
+        self.task: HandTask | None = None
         self.target = ""
         self.held: Shape | None = None
-        self.outcome: Outcome | None = None
+        self.outcome: HandOutcome | None = None
         self.tries = 0
         self.view: TableView | None = None
         self._is_released = False
@@ -111,7 +111,7 @@ class HandWork:
         self._way: Trajectory | None = None
         self._way_began_s = 0.0
         self._line: Floats | None = None
-        self._work = Procedure[Outcome]()
+        self._work = Procedure[HandOutcome]()
 
     # -- what it is told ---------------------------------------------------------------------------------
 
@@ -137,27 +137,27 @@ class HandWork:
 
     def pick_up(self, name: str) -> None:
         """Begin to pick up an object; an order before ends."""
-        self._begin(Task.PICK_UP, name)
+        self._begin(HandTask.PICK_UP, name)
 
     def put_down(self) -> None:
         """Begin to put down what is held; an order before ends."""
-        self._begin(Task.PUT_DOWN, self.held.name if self.held is not None else "")
+        self._begin(HandTask.PUT_DOWN, self.held.name if self.held is not None else "")
 
     def hand_over(self) -> None:
         """Begin to hold out what is held, and let it go when somebody pulls; an order before ends."""
-        self._begin(Task.HAND_OVER, self.held.name if self.held is not None else "")
+        self._begin(HandTask.HAND_OVER, self.held.name if self.held is not None else "")
         self.view = None  # there is no table
 
     def stow(self) -> None:
         """Begin to move the arm above the robot, with what it holds; an order before ends."""
-        self._begin(Task.STOW, self.held.name if self.held is not None else "")
+        self._begin(HandTask.STOW, self.held.name if self.held is not None else "")
 
     def stop(self, reason: str) -> None:
         """End the order; the arm stands still."""
         if self.task is not None:
-            self._end(Outcome(False, reason))
+            self._end(HandOutcome(False, reason))
 
-    def _begin(self, task: Task, target: str) -> None:
+    def _begin(self, task: HandTask, target: str) -> None:
         self.task, self.target, self.tries, self.outcome = task, target, 0, None
         self._is_released, self._problem = False, ""
         self.view = None if self.view is None else replace(self.view, stamp_s=-math.inf)
@@ -165,7 +165,7 @@ class HandWork:
 
     # -- the order ---------------------------------------------------------------------------------------
 
-    async def _carry_out(self, reason: str) -> Outcome:
+    async def _carry_out(self, reason: str) -> HandOutcome:
         """Try until the order is done. Before it fails, stow the arm: the robot will drive on."""
         while True:
             try:
@@ -179,24 +179,24 @@ class HandWork:
                 if self.tries < self.settings.max_tries and not has_nothing:
                     continue
             if self._problem or self._is_stowed():
-                return Outcome(False, self._problem or reason)
+                return HandOutcome(False, self._problem or reason)
             self._problem = reason
 
-    async def _attempt(self, reason: str) -> Outcome:
+    async def _attempt(self, reason: str) -> HandOutcome:
         """Do what the order says, and stow the arm."""
         if not await self._recover(reason):
             await self._free()
-            is_over = self._is_released or self.task is Task.STOW
-        elif self.task is Task.HAND_OVER and not self._problem:
+            is_over = self._is_released or self.task is HandTask.STOW
+        elif self.task is HandTask.HAND_OVER and not self._problem:
             await self._let_go(await self._offer())
             is_over = True
         else:
             await self._lift()
-            is_over = self.task is not Task.PUT_DOWN
+            is_over = self.task is not HandTask.PUT_DOWN
         if not is_over and not self._problem:
             await self._look()
             await self._reach()
-            if self.task is Task.PICK_UP:
+            if self.task is HandTask.PICK_UP:
                 await self._close()
                 await self._lift()
             else:
@@ -217,7 +217,7 @@ class HandWork:
             return self.held is not None
         if self.held is None and self._gives_away and not self._is_released:
             raise Failed("there is nothing in the hand")
-        if self.held is not None and self.task is Task.PICK_UP and self.held.name != self.target:
+        if self.held is not None and self.task is HandTask.PICK_UP and self.held.name != self.target:
             raise Failed(f"the hand holds {self.held.name}")
         return self.held is not None
 
@@ -236,7 +236,7 @@ class HandWork:
         self._choose_way(sees_target=await self._until(self._sees_target))
 
     def _sees_target(self) -> bool:
-        if self.view is None or self.task is not Task.PICK_UP:
+        if self.view is None or self.task is not HandTask.PICK_UP:
             return self.view is not None
         is_there = self.view.named(self.target) is not None
         if not is_there and self.machine.time_in_state_s < LOOKS_AGAIN_S:
@@ -250,7 +250,7 @@ class HandWork:
             problem = f"sees no {self.target} on a table"
             raise Failed(problem) if self.tries else Unreachable(problem)  # it looks twice
         shape = self.view.named(self.target)
-        if self.task is Task.PICK_UP and shape is not None:
+        if self.task is HandTask.PICK_UP and shape is not None:
             self._choose_grasp(self.view, shape)
         else:
             self._choose_place(self.view)
@@ -318,11 +318,11 @@ class HandWork:
     async def _let_go(self, reason: str) -> None:
         """Open the gripper, and draw the hand back."""
         self._enter(HandState.OPEN, reason)
-        if self.task is Task.PUT_DOWN and self.held is not None and self.view is not None:
+        if self.task is HandTask.PUT_DOWN and self.held is not None and self.view is not None:
             # From now on, the arm must keep away from it.
             there = replace(self.held, pose=self._arm.pose(self._here()) @ self.held.pose)
             self.view = replace(self.view, objects=(*self.view.objects, there))
-        if self.task is not Task.PICK_UP:
+        if self.task is not HandTask.PICK_UP:
             self.held, self._is_released = None, True
         self._opening_m = self._arm.opening_m
         self._grasp = None
@@ -331,20 +331,20 @@ class HandWork:
         self._enter(HandState.WITHDRAW, "open")
         await self._move_hand(ahead_m=-self.settings.back_m)
 
-    async def _stow(self) -> Outcome:
+    async def _stow(self) -> HandOutcome:
         """Move the arm above the robot."""
         self._enter(HandState.STOW, self._problem or "the robot will drive on")
         await self._move(self._plan_to(np.array(self.settings.stow)))
         if self._problem and not self._is_released:
-            return Outcome(False, self._problem)
+            return HandOutcome(False, self._problem)
         if self.held is not None:
-            return Outcome(True, f"holds {self.target}")
-        done = "has handed over" if self.task is Task.HAND_OVER else "has put down"
-        return Outcome(True, "is stowed" if self.task is Task.STOW else f"{done} {self.target}")
+            return HandOutcome(True, f"holds {self.target}")
+        done = "has handed over" if self.task is HandTask.HAND_OVER else "has put down"
+        return HandOutcome(True, "is stowed" if self.task is HandTask.STOW else f"{done} {self.target}")
 
     # -- waiting -----------------------------------------------------------------------------------------
 
-    def step(self) -> Order | None:
+    def step(self) -> JointOrder | None:
         """Return where the joints should be now; None while it is not known where they are."""
         if self._positions is None:
             return None
@@ -358,9 +358,9 @@ class HandWork:
         if self._way is None:
             self._way = self._standing()
         passed_s = self._clock() - self._way_began_s
-        return Order(self._way.at(passed_s), self._opening_m)
+        return JointOrder(self._way.at(passed_s), self._opening_m)
 
-    def _end(self, outcome: Outcome) -> None:
+    def _end(self, outcome: HandOutcome) -> None:
         self.outcome, self.task = outcome, None
         self._work.cancel()
         self._enter(HandState.REST, outcome.text)
@@ -404,14 +404,14 @@ class HandWork:
 
     # -- planning ------------------------------------------------------------------------------------------
 
-    def _around(self, margin_m: float, touchable: Collection[str] = ()) -> Surroundings:
+    def _around(self, margin_m: float, touchable: Collection[str] = ()) -> CollisionWorld:
         """Return what the arm must not touch; without what it holds."""
         obstacles = [] if self.view is None else [self.view.table, *self.view.objects]
         held = self.held if self._opening_m == 0.0 else None
         if held is not None:
             obstacles = [one for one in obstacles if one.name != held.name]
         held_margin_m = margin_m if touchable == () else -0.006
-        return Surroundings(
+        return CollisionWorld(
             self._arm,
             obstacles,
             margin_m=margin_m,
@@ -440,7 +440,7 @@ class HandWork:
                 line = self._line_to(moved_along(grasp, -self.settings.back_m), grasp, free, touching)
                 held = replace(shape, pose=np.linalg.inv(grasp) @ shape.pose)
                 others = [view.table, *(one for one in view.objects if one is not shape)]
-                lifting = Surroundings(self._arm, others, margin_m=0.0, held=held, held_margin_m=-0.006)
+                lifting = CollisionWorld(self._arm, others, margin_m=0.0, held=held, held_margin_m=-0.006)
                 raised = moved_along(grasp, up_m=self.settings.lift_m)
                 straight_line(self._arm, lifting, line[-1], raised, 0.0)
             except Unreachable as error:
@@ -466,7 +466,7 @@ class HandWork:
                 line = self._line_to(above, pose, free, lowering)
                 there = replace(self.held, pose=pose @ self.held.pose)
                 around = [view.table, *view.objects, there]
-                leaving = Surroundings(self._arm, around, margin_m=0.0, touchable=(there.name,))
+                leaving = CollisionWorld(self._arm, around, margin_m=0.0, touchable=(there.name,))
                 straight_line(self._arm, leaving, line[-1], moved_along(pose, -self.settings.back_m))
             except Unreachable as error:
                 problem = error
@@ -475,7 +475,7 @@ class HandWork:
             return
         raise problem
 
-    def _line_to(self, begin: Floats, end: Floats, free: Surroundings, near: Surroundings) -> Floats:
+    def _line_to(self, begin: Floats, end: Floats, free: CollisionWorld, near: CollisionWorld) -> Floats:
         """Return a straight way of the hand between two poses."""
         aside = np.array(self.settings.stow)
         first = reach(self._arm, free, begin, aside, self._chance, GRASP_RESTARTS)
@@ -489,7 +489,7 @@ class HandWork:
 
     @property
     def _gives_away(self) -> bool:
-        return self.task in (Task.PUT_DOWN, Task.HAND_OVER)
+        return self.task in (HandTask.PUT_DOWN, HandTask.HAND_OVER)
 
     @property
     def stands_out(self) -> bool:
@@ -558,7 +558,7 @@ class HandWork:
             table, *objects = (_shape(one) for one in memory["view"])
             self.view = TableView(-math.inf, table, tuple(objects))
         if memory["task"] is not None:
-            self.task = Task(memory["task"])
+            self.task = HandTask(memory["task"])
             self._work.begin(self._carry_out("after a restart"))
 
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 from robbie_mp.base.state_machine import TimeOut
 
 
-class Task(StrEnum):
+class HandTask(StrEnum):
     """What an arm can be told to do."""
 
     PICK_UP = "pick up"

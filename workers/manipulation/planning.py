@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from robbie_robots.workers.manipulation.arm_model import ArmModel
-from robbie_robots.workers.manipulation.collisions import Surroundings
+from robbie_robots.workers.manipulation.collisions import CollisionWorld
 from robbie_robots.workers.manipulation.errors import NoWay, Unreachable
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,7 @@ JUMP_RAD = 0.25
 
 def reach(
     arm: ArmModel,
-    surroundings: Surroundings,
+    surroundings: CollisionWorld,
     goal: Floats,
     near: Floats,
     chance: np.random.Generator,
@@ -104,7 +104,7 @@ class _Tree:
 
 
 def plan(
-    surroundings: Surroundings,
+    surroundings: CollisionWorld,
     begin: Floats,
     end: Floats,
     chance: np.random.Generator,
@@ -150,7 +150,7 @@ def plan(
     raise NoWay(f"found no way for the arm in {settings.max_steps} steps")
 
 
-def _extend(surroundings: Surroundings, tree: _Tree, target: Floats, step_rad: float) -> int | None:
+def _extend(surroundings: CollisionWorld, tree: _Tree, target: Floats, step_rad: float) -> int | None:
     """Grow a tree one step towards a position; return the new place, or None if something is in the way."""
     nearest = tree.nearest(target)
     there = tree.positions[nearest]
@@ -161,7 +161,7 @@ def _extend(surroundings: Surroundings, tree: _Tree, target: Floats, step_rad: f
 
 
 def _connect(
-    surroundings: Surroundings, tree: _Tree, target: Floats, settings: PlannerSettings
+    surroundings: CollisionWorld, tree: _Tree, target: Floats, settings: PlannerSettings
 ) -> int | None:
     """Grow a tree to a position as far as it goes; return the place if it arrives."""
     while tree.count < 2 * settings.max_steps:
@@ -173,7 +173,7 @@ def _connect(
     return None
 
 
-def _smoothed(surroundings: Surroundings, way: Floats, chance: np.random.Generator, tries: int) -> Floats:
+def _smoothed(surroundings: CollisionWorld, way: Floats, chance: np.random.Generator, tries: int) -> Floats:
     """Return a shorter way: random pieces are replaced by straight ones where nothing is in the way."""
     for _ in range(tries):
         if len(way) < 3:
@@ -197,7 +197,7 @@ def _at(way: Floats, lengths: Floats, length: float) -> Floats:
 
 def straight_line(
     arm: ArmModel,
-    surroundings: Surroundings,
+    surroundings: CollisionWorld,
     begin: Floats,
     goal: Floats,
     half_opening_m: float | None = None,

@@ -47,7 +47,7 @@ class KnownObject:
 
 
 @dataclass(frozen=True)
-class Region:
+class TableRegion:
     """The space in front of the robot in which it looks for a table: least and greatest x, y, z; m."""
 
     least_m: tuple[float, float, float] = (0.2, -0.7, 0.15)
@@ -95,14 +95,14 @@ class TableFinder:
     def __init__(
         self,
         known: Sequence[KnownObject],
-        region: Region | None = None,
+        region: TableRegion | None = None,
         tolerance_m: float = 0.015,
         seed: int = 0,
         certain: float = 0.7,
     ) -> None:
         self.namer = ObjectNamer((one.name for one in known), certain)
         self._known = tuple(known)
-        self._region = region or Region()
+        self._region = region or TableRegion()
         self._tolerance_m = tolerance_m
         self._chance = np.random.default_rng(seed)
 

@@ -18,7 +18,7 @@ BATCH = 256  # branches scored together, because numpy's cost is per call
 
 
 @dataclass(frozen=True)
-class Window:
+class SearchWindow:
     """The poses to search: this far on each side of the first guess.
 
     Attributes:
@@ -102,7 +102,7 @@ def search(
     field: ScoreField,
     points: ArrayLike,
     guess: ArrayLike,
-    window: Window,
+    window: SearchWindow,
     least_score: float = 0.0,
     apart_from: Around | None = None,
 ) -> Found | None:
@@ -159,7 +159,7 @@ def search(
 
 
 def _turned(
-    field: ScoreField, points: NDArray[np.float64], guess: NDArray[np.float64], window: Window
+    field: ScoreField, points: NDArray[np.float64], guess: NDArray[np.float64], window: SearchWindow
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the headings to try (rad from the guess) and the points' cells at each, `(A, N, 2)`."""
     farthest = max(float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 90)), 1.0)
@@ -189,7 +189,11 @@ def _scores(
 
 
 def _doubt(
-    field: ScoreField, level: int, branches: NDArray[np.int64], turns: NDArray[np.float64], window: Window
+    field: ScoreField,
+    level: int,
+    branches: NDArray[np.int64],
+    turns: NDArray[np.float64],
+    window: SearchWindow,
 ) -> NDArray[np.float64]:
     """Return the smallest doubt among the poses of each branch."""
     low, high = branches[:, 1:], branches[:, 1:] + 2**level - 1

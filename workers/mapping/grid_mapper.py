@@ -19,12 +19,12 @@ from robbie_robots.workers.mapping.corrected_track import corrected
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
 from robbie_robots.workers.mapping.loop_closing import LoopCloser
 from robbie_robots.workers.mapping.map_renderer import MapRenderer
-from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
+from robbie_robots.workers.mapping.occupancy_grid import GrowingGrid
 from robbie_robots.workers.mapping.redundancy import redundant
 from robbie_robots.workers.mapping.scan_matcher import Match
 from robbie_robots.workers.mapping.scan_tracker import ScanTracker, odometry_deviation
 from robbie_robots.workers.mapping.slip_watch import SlipWatch
-from robbie_robots.workers.odometry_track import OdometryTrack, Place
+from robbie_robots.workers.odometry_track import OdometryTrack, TrackMoment
 from robbie_robots.workers.planar_pose import compose, relative, rotated_information
 from robbie_robots.workers.row_log import RowLog
 
@@ -40,7 +40,7 @@ NOWHERE = np.zeros(3)
 
 
 @dataclass(frozen=True)
-class Limits:
+class MapperLimits:
     """Limits of the mapper's memory. `GridMapper.refused` counts the inputs beyond them.
 
     Attributes:
@@ -87,9 +87,9 @@ class GridMapper:
         resolution_m: float = 0.05,
         max_range_m: float = 30.0,
         laser_pose: ArrayLike = (0.0, 0.0, 0.0),
-        limits: Limits | None = None,
+        limits: MapperLimits | None = None,
     ) -> None:
-        self.limits = limits or Limits()
+        self.limits = limits or MapperLimits()
         self.max_range_m = max_range_m
         self.laser_pose = np.asarray(laser_pose, float)
         self.refused: Counter[str] = Counter()
@@ -100,7 +100,7 @@ class GridMapper:
         self._tracker = ScanTracker(self._keys)
         self._slips = SlipWatch(self._keys)
         self._closer = LoopCloser(self._keys)
-        self._renderer = MapRenderer(self._keys, OccupancyGrid(resolution_m, self.limits.cells))
+        self._renderer = MapRenderer(self._keys, GrowingGrid(resolution_m, self.limits.cells))
         self._odometry = OdometryTrack(self.limits.odometry)
         # Matched sweeps: position in the odometry, laser's pose by odometry, key sweep, pose relative to it.
         self._anchors = RowLog(8, self.limits.odometry)
@@ -173,7 +173,7 @@ class GridMapper:
             window = window.around(np.floor(self.pose[:2] / grid.resolution_m), most_cells)
         return (*grid.cells(window), grid.resolution_m)
 
-    def drawn(self, most_sweeps: int | None = None) -> OccupancyGrid:
+    def drawn(self, most_sweeps: int | None = None) -> GrowingGrid:
         """Draw the map and return its grid, which later drawing changes. `most_sweeps` is as in `grid`."""
         self._renderer.update(most_sweeps)
         self.refused["sweeps beyond the grid's memory"] = self._renderer.left_out
@@ -243,7 +243,7 @@ class GridMapper:
     @staticmethod
     def from_state(state: Mapping[str, Any]) -> "GridMapper":
         """Make a mapper that continues exactly from a `state`, which stores ranges as float32."""
-        mapper = GridMapper(**state["settings"], limits=Limits(**state["limits"]))
+        mapper = GridMapper(**state["settings"], limits=MapperLimits(**state["limits"]))
         mapper.refused.update(state["refused"])
         mapper.thinned = state.get("thinned", 0)
         gaps = state.get("gaps", {"noticed": 0, "open": 0})
@@ -278,7 +278,7 @@ class GridMapper:
                 continue
             self._use(first.stamp_s, first.sweep, place)
 
-    def _use(self, stamp_s: float, sweep: LaserSweep, place: Place) -> None:
+    def _use(self, stamp_s: float, sweep: LaserSweep, place: TrackMoment) -> None:
         """Match a sweep and anchor the trajectory at it."""
         odometry = self._laser(place.pose)
         since = stamp_s - self._newest[0], relative(self._newest[1], odometry)
@@ -378,7 +378,7 @@ class GridMapper:
         self.thinned += len(numbers)
 
     def _anchor(
-        self, place: Place, odometry: NDArray[np.float64], key: int, offset: NDArray[np.float64]
+        self, place: TrackMoment, odometry: NDArray[np.float64], key: int, offset: NDArray[np.float64]
     ) -> None:
         self._anchors.add([place.position, *odometry, key, *offset])
 

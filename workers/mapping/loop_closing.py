@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.mapping.correlative_search import ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
 from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import (
@@ -122,7 +122,7 @@ class LoopCloser:
         recent = keys.spaced(np.flatnonzero(since < BACK_M)[::-1], MOST_SWEEPS)
         surfaces = keys.surfaces(reference)
         here = keys.surfaces(recent).seen_from(keys.poses[newest]).thinned(QUERY_POINTS)
-        window = Window(reach_m, float(np.clip(0.1 * (1 + reach_m), 0.0, 0.5)), 0.02 / reach_m**2)
+        window = SearchWindow(reach_m, float(np.clip(0.1 * (1 + reach_m), 0.0, 0.5)), 0.02 / reach_m**2)
         field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, reach_m)
         found = search(field, here.points, keys.poses[newest], window, LEAST_SCORE)
         if found is None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
-from robbie_robots.workers.mapping.occupancy_grid import GridFull, OccupancyGrid
+from robbie_robots.workers.mapping.occupancy_grid import GridFull, GrowingGrid
 from robbie_robots.workers.planar_pose import transform_points, wrap_angle
 
 MOVED_CELLS = 0.5
@@ -23,7 +23,7 @@ class MapRenderer:
         behind: Number of sweeps that the last update left for the next one.
     """
 
-    def __init__(self, keys: KeySweeps, grid: OccupancyGrid) -> None:
+    def __init__(self, keys: KeySweeps, grid: GrowingGrid) -> None:
         self.grid = grid
         self.left_out = 0
         self.behind = 0

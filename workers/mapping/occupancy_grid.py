@@ -35,7 +35,7 @@ class GridFull(MemoryError):
 
 
 @dataclass(frozen=True)
-class Window:
+class CellWindow:
     """A rectangle of cells: from `low` (x, y) up to, but not including, `high`, in cells from the origin."""
 
     low: NDArray[np.int64]
@@ -47,7 +47,7 @@ class Window:
         width, height = (self.high - self.low).tolist()
         return height, width
 
-    def around(self, centre: ArrayLike, most_cells: int) -> "Window":
+    def around(self, centre: ArrayLike, most_cells: int) -> "CellWindow":
         """Return the largest part around a cell with at most `most_cells` cells, as square as possible."""
         height, width = self.shape
         if height * width <= most_cells:
@@ -56,16 +56,16 @@ class Window:
         wide = width if width < side else min(width, most_cells // min(height, side))
         size = np.array([wide, min(height, most_cells // wide)])
         low = np.clip(np.asarray(centre, np.int64) - size // 2, self.low, self.high - size)
-        return Window(low, low + size)
+        return CellWindow(low, low + size)
 
-    def bands(self, rows: int) -> "Iterator[Window]":
+    def bands(self, rows: int) -> "Iterator[CellWindow]":
         """Cut the window into bands of at most `rows` rows, beginning with the largest y."""
         for top in range(int(self.high[1]), int(self.low[1]), -rows):
             low = max(top - rows, int(self.low[1]))
-            yield Window(np.array([self.low[0], low]), np.array([self.high[0], top]))
+            yield CellWindow(np.array([self.low[0], low]), np.array([self.high[0], top]))
 
 
-class OccupancyGrid:
+class GrowingGrid:
     """A grid without a fixed extent, whose memory grows with the area that was seen.
 
     Args:
@@ -101,15 +101,15 @@ class OccupancyGrid:
         """Memory of the grid's cells."""
         return sum(block.nbytes for block in (*self._counts, *self._percent))
 
-    def known(self) -> Window:
+    def known(self) -> CellWindow:
         """Return the smallest window of whole tiles that contains all that was seen."""
         self._refresh()
         if not self._slots:
-            return Window(np.zeros(2, np.int64), np.zeros(2, np.int64))
+            return CellWindow(np.zeros(2, np.int64), np.zeros(2, np.int64))
         tiles = _unpacked(np.fromiter(self._slots, np.int64, len(self._slots)))
-        return Window(tiles.min(axis=0) * TILE, (tiles.max(axis=0) + 1) * TILE)
+        return CellWindow(tiles.min(axis=0) * TILE, (tiles.max(axis=0) + 1) * TILE)
 
-    def cells(self, window: Window | None = None) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+    def cells(self, window: CellWindow | None = None) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
         """Return the map in ROS's form, and its position.
 
         Args:
@@ -154,7 +154,7 @@ class OccupancyGrid:
         corner_m: NDArray[np.float64] = known.low * np.float64(self.resolution_m)
         return percent, corner_m, self.resolution_m * coarse
 
-    def _inside(self, window: Window) -> Iterator[tuple[int, int, NDArray[np.int8]]]:
+    def _inside(self, window: CellWindow) -> Iterator[tuple[int, int, NDArray[np.int8]]]:
         """Yield the tiles that touch a window: their left and lowest cell, and their occupancy."""
         keys = np.fromiter(self._slots, np.int64, len(self._slots))
         low = _unpacked(keys) * TILE

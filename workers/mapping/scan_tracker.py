@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.mapping.correlative_search import ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
 from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import compose, rotated_information
@@ -68,7 +68,7 @@ class ScanTracker:
         deviation = odometry_deviation(step)
         guess = compose(before, step)
         field, matcher = self._recent()
-        window = Window(
+        window = SearchWindow(
             float(np.clip(DEVIATIONS * deviation[0], LEAST_REACH_M, MOST_REACH_M)),
             float(np.clip(DEVIATIONS * deviation[2], LEAST_REACH_RAD, MOST_REACH_RAD)),
             DOUBT / deviation[0] ** 2,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.laser.surface_points import SurfacePoints
-from robbie_robots.workers.mapping.correlative_search import Around, ScoreField, Window, search
+from robbie_robots.workers.mapping.correlative_search import Around, ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
 from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import relative, transform_points, wrap_angle
@@ -113,7 +113,7 @@ class SlipWatch:
         is_strained = _is_strained(guess, deviation, match)
         if self._undecided or is_strained or agreement < SUSPECT:
             for reach_m, reach_rad, overlap in WINDOWS:
-                window = Window(reach_m, reach_rad, DOUBT_PER_M2)
+                window = SearchWindow(reach_m, reach_rad, DOUBT_PER_M2)
                 other = None if self._undecided else match
                 found, is_only = self._found(sweep, guess, window, overlap, other, agreement, is_strained)
                 if found is not None and is_only:
@@ -153,7 +153,7 @@ class SlipWatch:
         """
         self._forget()
         reach_m, reach_rad = np.clip(GAP_DEVIATIONS * deviation[[0, 2]], *GAP_REACH)
-        window = Window(float(reach_m), float(reach_rad), DOUBT_PER_M2)
+        window = SearchWindow(float(reach_m), float(reach_rad), DOUBT_PER_M2)
         found, is_only = self._found(sweep, guess, window, GAP_OVERLAP)
         if found is None or not is_only:
             return None
@@ -168,7 +168,7 @@ class SlipWatch:
         self,
         sweep: LaserSweep,
         guess: NDArray[np.float64],
-        window: Window,
+        window: SearchWindow,
         least_overlap: float,
         other: Match | None = None,
         agreement: float = 0.0,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, ndimage
 
-from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.mapping.correlative_search import ScoreField, SearchWindow, search
 from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT, distance_cells
 from robbie_robots.workers.planar_pose import rotate, transform_points, wrap_angle
 
@@ -34,9 +34,9 @@ BLOCK = 4  # shifts along a side that share a score for the next best pose
 ELSEWHERE_M, ELSEWHERE_RAD = 0.8, 0.35
 FINE_M, FINE_BLUR_M = 0.025, 0.06
 MOST_POINTS = 6000
-KNOWN_WINDOW = Window(0.5, 0.15)
+KNOWN_WINDOW = SearchWindow(0.5, 0.15)
 """How far a known start may be wrong."""
-FOUND_WINDOW = Window(0.2, math.tau / HEADINGS)
+FOUND_WINDOW = SearchWindow(0.2, math.tau / HEADINGS)
 
 
 @dataclass(frozen=True)

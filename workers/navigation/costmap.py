@@ -23,7 +23,7 @@ MOST_UNSEEN_M = 50.0  # a goal that is farther beyond the map than this is not s
 AROUND_GOAL_M = 1.0
 
 
-class Costmap:
+class LiveCostmap:
     """A map with live obstacles on it.
 
     Args:

@@ -15,7 +15,7 @@ from robbie_mp.base.state_machine import StateMachine
 from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep, UnusableSweeps
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard
-from robbie_robots.workers.navigation.costmap import Costmap
+from robbie_robots.workers.navigation.costmap import LiveCostmap
 from robbie_robots.workers.navigation.live_obstacles import LiveObstacles
 from robbie_robots.workers.navigation.local_planner import LocalPlanner
 from robbie_robots.workers.navigation.navigator_states import (
@@ -54,7 +54,7 @@ class _Seen(NamedTuple):
 class _Situation(NamedTuple):
     """The inputs that the robot needs to drive to a goal. All are known."""
 
-    costmap: Costmap
+    costmap: LiveCostmap
     pose: NDArray[np.float64]
     points: NDArray[np.float64]  # near the robot, of all lasers, as the guard expects them
     loose: NDArray[np.bool_]  # which of them may move: the map shows free ground there
@@ -105,7 +105,7 @@ class Navigator:
         self._local = LocalPlanner(guard, self.follower)
         self._obstacles = obstacles or LiveObstacles()
         self._progress = ProgressWatch()
-        self._costmap: Costmap | None = None
+        self._costmap: LiveCostmap | None = None
         self._pose: tuple[NDArray[np.float64], float] | None = None
         self._sweep: _Seen | None = None
         self.unusable = UnusableSweeps()
@@ -162,8 +162,8 @@ class Navigator:
         self._end(NavigatorState.IDLE, reason)
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
-        """Take a new map, or new no-go areas on it: see `Costmap` for the arguments."""
-        self._costmap = Costmap(cells, resolution_m, corner_xy_m, self.settings.clearance_m)
+        """Take a new map, or new no-go areas on it: see `LiveCostmap` for the arguments."""
+        self._costmap = LiveCostmap(cells, resolution_m, corner_xy_m, self.settings.clearance_m)
 
     def see_pose(self, pose: ArrayLike, stamp_s: float, told_s: float) -> None:
         """Take the robot's pose.

@@ -16,10 +16,10 @@ from robbie_robots.workers.exploration.drivable_ground import DrivableGround
 from robbie_robots.workers.numbers.mission_states import TIME_OUTS, TRANSITIONS, NumbersSettings, NumbersState
 from robbie_robots.workers.numbers.mission_targets import (
     Look,
+    NumbersTarget,
     NumbersTargets,
+    PostWish,
     SignReport,
-    Target,
-    Wish,
     aside_of,
 )
 from robbie_robots.workers.numbers.sign_map import ALL_SECTORS, SECTORS, sector_rad
@@ -48,7 +48,7 @@ EMPTY_PLANS = 3
 
 
 @dataclass(frozen=True)
-class Orders:
+class NumbersOrder:
     """The robot's current order.
 
     Attributes:
@@ -94,7 +94,7 @@ class NumbersMission:
         self._sheet = ""
         self._images: int | None = None
         self._first_image: int | None = None
-        self._target: Target | None = None
+        self._target: NumbersTarget | None = None
         self._planned_s = -math.inf
         self._given_up: list[tuple[float, float]] = []
         self._looked: list[Look] = []
@@ -172,10 +172,10 @@ class NumbersMission:
 
     # -- outputs ---------------------------------------------------------------------------------------
 
-    def step(self) -> Orders:
+    def step(self) -> NumbersOrder:
         """Decide what the robot does now, and return it."""
         if self.machine.is_final:
-            return Orders()
+            return NumbersOrder()
         if self.used_s >= self.settings.time_limit_s:
             self.machine.go(NumbersState.DONE, "the time is over")
         elif self._ground is not None and self._pose is not None and self._images is not None:
@@ -270,7 +270,7 @@ class NumbersMission:
         is_near = math.dist(target.about_xy_m, carriers[0].xy_m) <= MOVED_M / 2
         return is_near and self._is_allowed(target)
 
-    def _wanted_front(self, targets: NumbersTargets) -> Target | None:
+    def _wanted_front(self, targets: NumbersTargets) -> NumbersTarget | None:
         """Return where to stop in front of the wanted digit, if its place is known."""
         for sign in self._carriers():
             target = targets.front_of(sign, self._avoided)
@@ -290,7 +290,7 @@ class NumbersMission:
             sure = [sign for sign in self.signs if sign.is_open and sign.likely == self.wanted]
         return sorted(sure, key=lambda sign: -sign.views)
 
-    def _best_search(self, targets: NumbersTargets) -> Target | None:
+    def _best_search(self, targets: NumbersTargets) -> NumbersTarget | None:
         """Return the best place to search; the current target as long as it is worth almost as much."""
         wishes = [wish for sign in self.signs if (wish := self._wish(sign)).bits]
         between_m = self.settings.again_m if self._round else self.settings.view_m
@@ -307,25 +307,25 @@ class NumbersMission:
             again = next((target for target in found if target.is_like(old)), None)
         return again if again is not None and again.value >= KEEP_SHARE * best.value else best
 
-    def _wish(self, sign: SignReport) -> Wish:
+    def _wish(self, sign: SignReport) -> PostWish:
         """Return what the robot wants to see of a post in this round."""
         is_closed = sign.digit is not None or not (sign.is_open or self._round)
         bits = 0 if is_closed else ALL_SECTORS
         if sign.likely is None or math.isnan(sign.facing_rad):
-            wish = Wish(sign.xy_m, bits if self._round else bits & ~sign.searched)
+            wish = PostWish(sign.xy_m, bits if self._round else bits & ~sign.searched)
         else:
             for number in range(SECTORS):
                 if abs(math.remainder(sector_rad(number) - sign.facing_rad, math.tau)) > CONFIRM_RAD:
                     bits &= ~(1 << number)
             worth = WANTED_WORTH if sign.likely == self.wanted else OTHER_WORTH
-            wish = Wish(sign.xy_m, bits, worth, sign.facing_rad)
+            wish = PostWish(sign.xy_m, bits, worth, sign.facing_rad)
         # A look that found the digit covers less of the wish to make sure of it than of the search before.
         for look in self._looked:
             if math.dist(look.xy_m, sign.xy_m) <= MOVED_M:
                 wish = replace(wish, bits=wish.bits & ~wish.seen_from(look.from_xy_m))
         return wish
 
-    def _take(self, target: Target) -> None:
+    def _take(self, target: NumbersTarget) -> None:
         """Take a target, unless it is almost the current one: each new goal restarts navigation."""
         old = self._target
         if target.state is NumbersState.SEARCH:
@@ -343,7 +343,7 @@ class NumbersMission:
         is_wanted = target.state is NumbersState.APPROACH
         self.machine.go(target.state, f"number {self.wanted} {about}" if is_wanted else about)
 
-    def _is_allowed(self, target: Target) -> bool:
+    def _is_allowed(self, target: NumbersTarget) -> bool:
         is_new = all(math.dist(target.goal[:2], place[:2]) > MOVED_M / 2 for place in self._avoided)
         return is_new and self._is_in_front(target.goal, target.about_xy_m)
 
@@ -360,7 +360,7 @@ class NumbersMission:
         if self._round > self.settings.max_rounds:
             self.machine.go(NumbersState.DONE, f"did not find a way to number {self.wanted}")
 
-    def _judge_approach(self, target: Target) -> None:
+    def _judge_approach(self, target: NumbersTarget) -> None:
         """Say that the number is reached, if the robot is near it."""
         assert self._pose is not None
         away_m = math.dist(self._pose[:2], target.about_xy_m)
@@ -388,17 +388,17 @@ class NumbersMission:
         self._planned_s = -math.inf
         self.machine.go(NumbersState.EXPLORE, reason)
 
-    def _is_given_up(self, target: Target) -> bool:
+    def _is_given_up(self, target: NumbersTarget) -> bool:
         return any(math.dist(place, target.about_xy_m) <= MOVED_M for place in self._given_up)
 
-    def _orders(self) -> Orders:
+    def _orders(self) -> NumbersOrder:
         if self._target is None:
-            return Orders()
+            return NumbersOrder()
         if self.state is NumbersState.VIEW:
-            return Orders(None, self._target.looks[self._look].xy_m)
+            return NumbersOrder(None, self._target.looks[self._look].xy_m)
         if self.state is NumbersState.REACHED:
-            return Orders(None, self._target.about_xy_m)
-        return Orders(self._target.goal if self.state in TRAVELS else None, self._worth_a_look())
+            return NumbersOrder(None, self._target.about_xy_m)
+        return NumbersOrder(self._target.goal if self.state in TRAVELS else None, self._worth_a_look())
 
     def _worth_a_look(self) -> tuple[float, float] | None:
         """Return the nearest post near the way of which the robot sees something that it wants to see."""

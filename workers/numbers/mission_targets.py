@@ -62,7 +62,7 @@ class SignReport:
 
 
 @dataclass(frozen=True)
-class Wish:
+class PostWish:
     """What the robot wants to see of a post.
 
     Attributes:
@@ -98,7 +98,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Target:
+class NumbersTarget:
     """A place to drive to.
 
     Attributes:
@@ -115,7 +115,7 @@ class Target:
     looks: tuple[Look, ...] = ()
     value: float = 0.0
 
-    def is_like(self, other: "Target") -> bool:
+    def is_like(self, other: "NumbersTarget") -> bool:
         """Return whether two targets are the same, except for small changes of the map."""
         near = math.dist(self.about_xy_m, other.about_xy_m) <= SAME_M
         return near and self.state is other.state
@@ -144,7 +144,7 @@ class NumbersTargets:
         around = max(1, round(BOARD_M / ground.resolution_m))
         self._hides = ndimage.binary_dilation(ground.cells >= OCCUPIED_PERCENT, iterations=around)
 
-    def front_of(self, sign: SignReport, avoided: Sequence[Points]) -> Target | None:
+    def front_of(self, sign: SignReport, avoided: Sequence[Points]) -> NumbersTarget | None:
         """Return where to stop in front of a sign; None if the robot cannot drive there.
 
         Args:
@@ -161,11 +161,11 @@ class NumbersTargets:
             return None
         cost_m = self._ways_m[tuple(self._cells[good].T)] + ASIDE_M_PER_RAD * aside_rad[good]
         place = self._places[good][int(np.argmin(cost_m))]
-        return Target(NumbersState.APPROACH, _facing(place, sign.xy_m), sign.xy_m)
+        return NumbersTarget(NumbersState.APPROACH, _facing(place, sign.xy_m), sign.xy_m)
 
     def best_view(
-        self, wishes: Iterable[Wish], between_m: tuple[float, float], avoided: Sequence[Points]
-    ) -> Target | None:
+        self, wishes: Iterable[PostWish], between_m: tuple[float, float], avoided: Sequence[Points]
+    ) -> NumbersTarget | None:
         """Return the best place to look at posts from; None if there is nothing to see from anywhere.
 
         Args:
@@ -190,8 +190,8 @@ class NumbersTargets:
         return self._view_from(places[best], wishes, between_m, float(values[best]))
 
     def view_again(
-        self, old: Target, wishes: Iterable[Wish], between_m: tuple[float, float]
-    ) -> Target | None:
+        self, old: NumbersTarget, wishes: Iterable[PostWish], between_m: tuple[float, float]
+    ) -> NumbersTarget | None:
         """Return an earlier view with its present value; None if nothing is left to see there."""
         cell = self._ground.grid.nearest(np.isfinite(self._ways_m), old.goal, SAME_M)
         if cell is None:
@@ -201,9 +201,9 @@ class NumbersTargets:
         if not gain:
             return None
         view = self._view_from(place, wishes, between_m, gain / (float(self._ways_m[cell]) + LOOK_M))
-        return Target(view.state, old.goal, view.about_xy_m, view.looks, view.value)
+        return NumbersTarget(view.state, old.goal, view.about_xy_m, view.looks, view.value)
 
-    def frontiers(self) -> Iterator[Target]:
+    def frontiers(self) -> Iterator[NumbersTarget]:
         """Return where the map ends."""
         grid = self._ground.grid
         for frontier in find_frontiers(grid, self._settings.min_frontier_m):
@@ -211,9 +211,11 @@ class NumbersTargets:
             if cell is not None:
                 x, y = frontier.middle_xy_m.tolist()
                 value = FRONTIER_GAIN / (float(self._ways_m[cell]) + EXPLORE_LATER_M)
-                yield Target(NumbersState.EXPLORE, _facing(grid.middles_m(cell), (x, y)), (x, y), (), value)
+                yield NumbersTarget(
+                    NumbersState.EXPLORE, _facing(grid.middles_m(cell), (x, y)), (x, y), (), value
+                )
 
-    def _seen(self, places: Points, wish: Wish, between_m: tuple[float, float]) -> NDArray[np.int64]:
+    def _seen(self, places: Points, wish: PostWish, between_m: tuple[float, float]) -> NDArray[np.int64]:
         """Return how many of a wish's bits a look from each place `(N, 2)` covers: `(N,)`."""
         offset = places - wish.xy_m
         distance_m = np.hypot(offset[:, 0], offset[:, 1])
@@ -249,8 +251,8 @@ class NumbersTargets:
         return ~is_hidden
 
     def _view_from(
-        self, place: Points, wishes: Sequence[Wish], between_m: tuple[float, float], value: float
-    ) -> Target:
+        self, place: Points, wishes: Sequence[PostWish], between_m: tuple[float, float], value: float
+    ) -> NumbersTarget:
         """Return a place with all looks that a camera with a limited pan can take from there."""
         seen = [wish for wish in wishes if self._seen(place[None], wish, between_m)[0]]
         seen.sort(key=lambda wish: -wish.worth * wish.seen_from(place).bit_count())
@@ -262,7 +264,7 @@ class NumbersTargets:
             if abs(math.remainder(bearing_rad - heading_rad, math.tau)) <= MAX_PAN_RAD:
                 looks.append(Look(wish.xy_m, (x, y)))
         goal = np.array([x, y, heading_rad])
-        return Target(NumbersState.SEARCH, goal, seen[0].xy_m, tuple(looks[:MAX_LOOKS]), value)
+        return NumbersTarget(NumbersState.SEARCH, goal, seen[0].xy_m, tuple(looks[:MAX_LOOKS]), value)
 
     @staticmethod
     def _are_away(places: Points, avoided: Sequence[Points], by_m: float) -> NDArray[np.bool_]:

@@ -42,7 +42,7 @@ POSE_SPREAD_M, SPREAD_PER_M = 0.04, 0.02
 
 
 @dataclass
-class Place:
+class SightingPlace:
     """A place from where a sign was seen.
 
     Attributes:
@@ -76,7 +76,7 @@ class Sign:
 
     xy_m: Points
     weight: float = 0.0
-    places: list[Place] = field(default_factory=list)
+    places: list[SightingPlace] = field(default_factory=list)
     glimpses: Counter[str] = field(default_factory=Counter)
     facing: Points = field(default_factory=lambda: np.zeros(2))
     searched: int = 0
@@ -137,7 +137,7 @@ class Sign:
         nearest = min(self.places, key=lambda place: math.dist(place.xy_m, eye), default=None)
         is_full = len(self.places) >= MAX_PLACES
         if nearest is None or (math.dist(nearest.xy_m, eye) >= APART_M and not is_full):
-            nearest = Place(eye)
+            nearest = SightingPlace(eye)
             self.places.append(nearest)
         nearest.votes[text] += 1
 
@@ -239,7 +239,7 @@ class SignMap:
             Sign(
                 **{
                     **entry,
-                    "places": [Place((x, y), Counter(votes)) for x, y, votes in entry["places"]],
+                    "places": [SightingPlace((x, y), Counter(votes)) for x, y, votes in entry["places"]],
                     "glimpses": Counter(entry["glimpses"]),
                 }
             )

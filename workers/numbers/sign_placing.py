@@ -22,7 +22,7 @@ OCCUPIED_PERCENT = 50
 
 
 @dataclass(frozen=True)
-class View:
+class SignView:
     """What the laser saw, and from where the camera looked.
 
     Attributes:

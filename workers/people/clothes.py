@@ -23,7 +23,7 @@ FEWEST_COLUMNS, FEWEST_ROWS = 4, 6
 NO_PART = np.full(PART_BINS, np.nan)
 
 
-class View(NamedTuple):
+class ClothesView(NamedTuple):
     """A camera's picture and where it was taken.
 
     Attributes:
@@ -47,7 +47,7 @@ class View(NamedTuple):
         return np.array([self.centre_px[0] + scale * x, self.centre_px[1] + scale * y, depth])
 
 
-def clothes_in(view: View, persons_m: Array) -> list[Array | None]:
+def clothes_in(view: ClothesView, persons_m: Array) -> list[Array | None]:
     """Return how each person is dressed; None for those who are not seen well.
 
     Args:
@@ -83,7 +83,7 @@ def blended(old: Array, new: Array, share: float) -> Array:
     return mixed
 
 
-def _columns(view: View, xy: Array) -> tuple[float, float, float] | None:
+def _columns(view: ClothesView, xy: Array) -> tuple[float, float, float] | None:
     """Return the columns from and to which a person's middle is seen, and its depth."""
     column, _row, depth = view.place([*xy, 1.0])
     if not NEAREST_M <= depth <= FARTHEST_M:
@@ -92,7 +92,7 @@ def _columns(view: View, xy: Array) -> tuple[float, float, float] | None:
     return column - half, column + half, float(depth)
 
 
-def _histograms(view: View, xy: Array, columns: tuple[float, float, float]) -> Array | None:
+def _histograms(view: ClothesView, xy: Array, columns: tuple[float, float, float]) -> Array | None:
     height, width, _ = view.pixels.shape
     left, right = round(columns[0]), round(columns[1])
     if left < 0 or right > width or right - left < FEWEST_COLUMNS:

@@ -17,7 +17,12 @@ from robbie_robots.workers.exploration.team_claims import Claim, TeamClaims
 from robbie_robots.workers.rescue.mission_limits import MissionLimits
 from robbie_robots.workers.rescue.mission_orders import OperatorOrder, OperatorOrders
 from robbie_robots.workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
-from robbie_robots.workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings, Target
+from robbie_robots.workers.rescue.mission_targets import (
+    MissionMap,
+    MissionTargets,
+    RescueTarget,
+    SearchedGrid,
+)
 from robbie_robots.workers.rescue.mission_victims import MissionVictims
 from robbie_robots.workers.rescue.right_of_way import RightOfWay
 
@@ -38,7 +43,7 @@ SAME_TARGET_M = 0.3
 
 
 @dataclass(frozen=True)
-class Orders:
+class RescueOrder:
     """The robot's current order.
 
     Attributes:
@@ -94,8 +99,8 @@ class Mission:
         self._touches = False
         self._clock = clock
         self._targets = MissionTargets(self.settings)
-        self._target: Target | None = None
-        self._around: Surroundings | None = None
+        self._target: RescueTarget | None = None
+        self._around: MissionMap | None = None
         self._searched: SearchedGrid | None = None
         self._pose: Points | None = None
         self._camera_s = self._searched_s = clock()
@@ -153,8 +158,8 @@ class Mission:
     # -- inputs ----------------------------------------------------------------------------------------
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
-        """Take a new map. `Surroundings` describes the arguments."""
-        self._around = Surroundings(cells, resolution_m, corner_xy_m, self.settings)
+        """Take a new map. `MissionMap` describes the arguments."""
+        self._around = MissionMap(cells, resolution_m, corner_xy_m, self.settings)
 
     def see_searched(self, searched: SearchedGrid) -> None:
         """Record which walls were searched."""
@@ -222,10 +227,10 @@ class Mission:
 
     # -- outputs ---------------------------------------------------------------------------------------
 
-    def step(self) -> Orders:
+    def step(self) -> RescueOrder:
         """Decide what the robot does now, and return it."""
         if self.machine.is_final:
-            return Orders()
+            return RescueOrder()
         if self.operator.is_awaited:
             self.limits.begin()
         if self._around is None or self._pose is None:
@@ -238,10 +243,10 @@ class Mission:
             self._plan()
         return self._orders()
 
-    def _wait(self) -> Orders:
+    def _wait(self) -> RescueOrder:
         if self.limits.is_over:
             self._end("the time is over, and it never began")
-        return Orders()
+        return RescueOrder()
 
     def _judge(self) -> None:
         """Change the state if an input requires it."""
@@ -345,7 +350,7 @@ class Mission:
         elif target is not None:
             self._take(target)
 
-    def _take(self, target: Target) -> None:
+    def _take(self, target: RescueTarget) -> None:
         """Take a target, unless it is almost the current one: each new goal restarts navigation."""
         old, self._way_m = self._target, target.way_m
         is_same = old is not None and old.state is target.state is self.state
@@ -395,15 +400,15 @@ class Mission:
         if note not in self.notes:
             self.notes.append(note)
 
-    def _orders(self) -> Orders:
+    def _orders(self) -> RescueOrder:
         if self.state is MissionState.RETURN:
-            return Orders(self.home)
+            return RescueOrder(self.home)
         if self.state is MissionState.GIVE_WAY:
-            return Orders(self._right_of_way.aside)
+            return RescueOrder(self._right_of_way.aside)
         if self._target is None:
-            return Orders()
+            return RescueOrder()
         about = None if self.state is MissionState.EXPLORE else self._target.about_xy_m
-        return Orders(self._target.goal if self.state in TRAVELS else None, about)
+        return RescueOrder(self._target.goal if self.state in TRAVELS else None, about)
 
     # -- restarts --------------------------------------------------------------------------------------
 

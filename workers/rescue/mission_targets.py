@@ -13,7 +13,7 @@ from scipy import ndimage
 from robbie_robots.workers.exploration.drivable_ground import DrivableGround
 from robbie_robots.workers.exploration.frontiers import Frontier, find_frontiers
 from robbie_robots.workers.exploration.team_claims import SeenInVain, TeamClaims
-from robbie_robots.workers.exploration.team_share import Member, Work, own_work
+from robbie_robots.workers.exploration.team_share import Member, SharedTarget, own_work
 from robbie_robots.workers.maps.navigation_grid import Cell
 from robbie_robots.workers.planar_pose import rotate, wrap_angle
 from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
@@ -43,7 +43,7 @@ KNOWN_TO_ALL = (MissionState.EXPLORE, MissionState.SEARCH)
 
 
 @dataclass(frozen=True)
-class Target:
+class RescueTarget:
     """Something to do at a place.
 
     Attributes:
@@ -61,7 +61,7 @@ class Target:
     way_m: float
 
 
-class Surroundings(DrivableGround):
+class MissionMap(DrivableGround):
     """A map as the mission needs it: where the robot can drive, and which walls there are.
 
     Args:
@@ -104,7 +104,7 @@ class MissionTargets:
         """Return the targets that the robot gave up where it was there, for the other robots."""
         return tuple(SeenInVain(kind, (x, y)) for kind, x, y, was_there in self._given_up if was_there)
 
-    def give_up(self, target: Target, *, was_there: bool) -> None:
+    def give_up(self, target: RescueTarget, *, was_there: bool) -> None:
         """Exclude this target, and those of its kind at almost the same place.
 
         Args:
@@ -125,14 +125,14 @@ class MissionTargets:
 
     def best(
         self,
-        around: Surroundings,
+        around: MissionMap,
         pose: Points,
         searched: "SearchedGrid | None",
         suspected: Iterable[tuple[Points, float]],
-        current: Target | None,
+        current: RescueTarget | None,
         claims: TeamClaims,
         home: Points | None = None,
-    ) -> tuple[Target | None, bool]:
+    ) -> tuple[RescueTarget | None, bool]:
         """Choose what to do next.
 
         Args:
@@ -158,7 +158,7 @@ class MissionTargets:
         targets = [target for target in targets if not self._is_given_up(target, claims)]
         own = Member(ways.cost_m, home, None if current is None else current.about_xy_m)
         work = [
-            Work(target.goal, target.about_xy_m, WORK_M[target.state], target.state in KNOWN_TO_ALL)
+            SharedTarget(target.goal, target.about_xy_m, WORK_M[target.state], target.state in KNOWN_TO_ALL)
             for target in targets
         ]
         mine = own_work(around, own, work, claims.working)
@@ -170,7 +170,7 @@ class MissionTargets:
         self.are_left_to_others = bool(costs_m) and math.isinf(costs_m[best])
         return targets[best] if costs_m and not self.are_left_to_others else None, True
 
-    def _frontiers(self, around: Surroundings, ways_m: Costs, pose: Points) -> Iterator[Target]:
+    def _frontiers(self, around: MissionMap, ways_m: Costs, pose: Points) -> Iterator[RescueTarget]:
         grid = around.grid
         reached = np.isfinite(ways_m)
         self.frontiers = find_frontiers(grid, self._settings.min_frontier_m)
@@ -183,19 +183,19 @@ class MissionTargets:
             dx, dy = goal[:2] - pose[:2]
             turn_rad = abs(math.remainder(math.atan2(dy, dx) - pose[2], math.tau))
             cost_m = way_m + TURN_M_PER_RAD * turn_rad - GAIN * min(frontier.length_m, MAX_GAIN_M)
-            yield Target(MissionState.EXPLORE, goal, frontier.middle_xy_m, cost_m, way_m)
+            yield RescueTarget(MissionState.EXPLORE, goal, frontier.middle_xy_m, cost_m, way_m)
 
-    def _walls(self, around: Surroundings, ways_m: Costs, searched: "SearchedGrid") -> Iterator[Target]:
+    def _walls(self, around: MissionMap, ways_m: Costs, searched: "SearchedGrid") -> Iterator[RescueTarget]:
         todo = ~searched.holds(around.fronts.middles_m)
         views = search_views(around.grid, ways_m, around.fronts, todo, self._settings.min_wall_m)
         for view in views:
             goal = _facing(around.grid.middles_m(view.cell), view.look_at_xy_m)
             cost_m = view.cost_m + SEARCH_LATER_M - GAIN * min(view.length_m, MAX_GAIN_M)
-            yield Target(MissionState.SEARCH, goal, view.look_at_xy_m, cost_m, view.cost_m)
+            yield RescueTarget(MissionState.SEARCH, goal, view.look_at_xy_m, cost_m, view.cost_m)
 
     def _victims(
-        self, around: Surroundings, ways_m: Costs, suspected: Iterable[tuple[Points, float]]
-    ) -> Iterator[Target]:
+        self, around: MissionMap, ways_m: Costs, suspected: Iterable[tuple[Points, float]]
+    ) -> Iterator[RescueTarget]:
         reached = np.argwhere(np.isfinite(ways_m))
         places = around.grid.middles_m(reached)
         for victim, facing_rad in suspected:
@@ -209,16 +209,16 @@ class MissionTargets:
                 cell: Cell = tuple(cells[np.argmin(ways_m[tuple(cells.T)])].tolist())
                 goal = _facing(around.grid.middles_m(cell), victim)
                 way_m = float(ways_m[cell])
-                yield Target(MissionState.APPROACH, goal, victim, way_m - VICTIM_FIRST_M, way_m)
+                yield RescueTarget(MissionState.APPROACH, goal, victim, way_m - VICTIM_FIRST_M, way_m)
 
-    def _is_given_up(self, target: Target, claims: TeamClaims) -> bool:
+    def _is_given_up(self, target: RescueTarget, claims: TeamClaims) -> bool:
         own = [(kind, (x, y)) for kind, x, y, _ in self._given_up]
         return any(
             kind == target.state.name and math.dist(target.about_xy_m, xy_m) <= SAME_M
             for kind, xy_m in [*own, *claims.seen_in_vain]
         )
 
-    def _cost_m(self, target: Target, current: Target | None, claims: TeamClaims) -> float:
+    def _cost_m(self, target: RescueTarget, current: RescueTarget | None, claims: TeamClaims) -> float:
         """Return a target's cost, less if it is the current one, more if another robot drives near it."""
         is_current = current is not None and target.state is current.state
         if current is not None and math.dist(target.about_xy_m, current.about_xy_m) > SAME_M:

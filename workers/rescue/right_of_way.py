@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from robbie_robots.workers.exploration.drivable_ground import SNAP_M
 from robbie_robots.workers.exploration.team_claims import Claim
 from robbie_robots.workers.maps.navigation_grid import Cell
-from robbie_robots.workers.rescue.mission_targets import Surroundings
+from robbie_robots.workers.rescue.mission_targets import MissionMap
 
 Points = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class RightOfWay:
         """Return whether the robot must give way, by the last check."""
         return self._since_s is not None
 
-    def check(self, around: Surroundings, pose: Points, goal: Points | None, claims: Iterable[Claim]) -> bool:
+    def check(self, around: MissionMap, pose: Points, goal: Points | None, claims: Iterable[Claim]) -> bool:
         """Return whether the robot must give way now.
 
         Args:
@@ -82,7 +82,7 @@ class RightOfWay:
         return True
 
     def _ways_that_meet(
-        self, around: Surroundings, pose: Points, goal: Points | None, claims: Iterable[Claim]
+        self, around: MissionMap, pose: Points, goal: Points | None, claims: Iterable[Claim]
     ) -> list[Points]:
         near = [claim for claim in claims if _away_m(claim.pose[None], pose).min() < NEAR_M]
         if not near:
@@ -92,7 +92,7 @@ class RightOfWay:
         moving = [way for way in ways if _away_m(way, way[0]).max() >= STANDS_M]
         return [way for way in moving if min(_away_m(way, place).min() for place in own) < CLEAR_M]
 
-    def _stand_aside(self, around: Surroundings, pose: Points, way: Points) -> None:
+    def _stand_aside(self, around: MissionMap, pose: Points, way: Points) -> None:
         """Choose the nearest place beside the way, if the robot is in the way and going nowhere better."""
         if self.aside is not None and _away_m(way, self.aside).min() >= CLEAR_M:
             return
@@ -109,7 +109,7 @@ class RightOfWay:
             self.aside = np.array([*places[np.argmin(costs)], pose[2]])
 
 
-def way_ahead(around: Surroundings, pose: Points, goal: Points | None) -> Points:
+def way_ahead(around: MissionMap, pose: Points, goal: Points | None) -> Points:
     """Return the beginning of a robot's way: `(N, 2)`, m, map frame; first of all, where the robot is."""
     here = pose[None, :2]
     ways = None if goal is None else around.ways_from(pose)

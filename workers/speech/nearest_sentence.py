@@ -10,7 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.workers.speech.order_grammar import Choice, Optional, OrderGrammar, Part, Row, Slot, Word
+from robbie_robots.workers.speech.order_grammar import (
+    Optional,
+    OrderGrammar,
+    Part,
+    PhraseChoice,
+    PhraseRow,
+    Word,
+    WordSlot,
+)
 from robbie_robots.workers.speech.pronunciation import MAX_PHONEMES, phonemes, substitution_cost
 
 MAX_NODES = 50_000
@@ -65,16 +73,16 @@ class NearestSentence:
         match part:
             case Word(text):
                 return self._add_word(text, start)
-            case Row(parts):
+            case PhraseRow(parts):
                 for each in parts:
                     start = self._add(each, start)
                 return start
-            case Choice(parts):
+            case PhraseChoice(parts):
                 return self._node("", *(self._add(each, start) for each in parts))
             case Optional(inner):
                 return self._node("", start, self._add(inner, start))
-            case Slot(_, choices):
-                words = (Row(tuple(map(Word, choice.split()))) for choice in choices)
+            case WordSlot(_, choices):
+                words = (PhraseRow(tuple(map(Word, choice.split()))) for choice in choices)
                 return self._node("", *(self._add(each, start) for each in words))
 
     def _add_word(self, text: str, start: int) -> int:

@@ -46,14 +46,14 @@ class Word:
 
 
 @dataclass(frozen=True)
-class Row:
+class PhraseRow:
     """Parts that are said one after another."""
 
     parts: tuple["Part", ...]
 
 
 @dataclass(frozen=True)
-class Choice:
+class PhraseChoice:
     """Parts of which one is said."""
 
     parts: tuple["Part", ...]
@@ -67,14 +67,14 @@ class Optional:
 
 
 @dataclass(frozen=True)
-class Slot:
+class WordSlot:
     """A place for one of the words of a list."""
 
     name: str
     choices: tuple[str, ...]
 
 
-Part = Word | Row | Choice | Optional | Slot
+Part = Word | PhraseRow | PhraseChoice | Optional | WordSlot
 
 
 class OrderGrammar:
@@ -139,13 +139,13 @@ def _jsgf(part: Part) -> str:
     match part:
         case Word(text):
             return text
-        case Row(parts):
+        case PhraseRow(parts):
             return " ".join(map(_jsgf, parts))
-        case Choice(parts):
+        case PhraseChoice(parts):
             return f"({' | '.join(map(_jsgf, parts))})"
         case Optional(inner):
             return f"[{_jsgf(inner)}]"
-        case Slot(name):
+        case WordSlot(name):
             return f"<{name}>"
 
 
@@ -153,13 +153,13 @@ def _pattern(part: Part) -> str:
     match part:
         case Word(text):
             return re.escape(text) + " "
-        case Row(parts):
+        case PhraseRow(parts):
             return "".join(map(_pattern, parts))
-        case Choice(parts):
+        case PhraseChoice(parts):
             return f"(?:{'|'.join(map(_pattern, parts))})"
         case Optional(inner):
             return f"(?:{_pattern(inner)})?"
-        case Slot(name, choices):
+        case WordSlot(name, choices):
             return f"(?P<{name}>{'|'.join(re.escape(choice) + ' ' for choice in choices)})"
 
 
@@ -167,12 +167,12 @@ def _words(part: Part) -> Iterator[str]:
     match part:
         case Word(text):
             yield text
-        case Row(parts) | Choice(parts):
+        case PhraseRow(parts) | PhraseChoice(parts):
             for each in parts:
                 yield from _words(each)
         case Optional(inner):
             yield from _words(inner)
-        case Slot(_, choices):
+        case WordSlot(_, choices):
             for choice in choices:
                 yield from choice.split()
 
@@ -204,7 +204,7 @@ class _SentenceReader:
         while self._peek() == "|":
             self._next += 1
             rows.append(self._row())
-        return rows[0] if len(rows) == 1 else Choice(tuple(rows))
+        return rows[0] if len(rows) == 1 else PhraseChoice(tuple(rows))
 
     def _row(self) -> Part:
         parts = []
@@ -213,7 +213,7 @@ class _SentenceReader:
             parts.append(self._part(token))
         if not parts:
             raise WrongGrammar(f"{self._where}: a choice without words")
-        return parts[0] if len(parts) == 1 else Row(tuple(parts))
+        return parts[0] if len(parts) == 1 else PhraseRow(tuple(parts))
 
     def _part(self, token: str) -> Part:
         if token in "[(":
@@ -248,7 +248,7 @@ class _SentenceReader:
             raise WrongGrammar(f'{self._where} has "<{name}>" twice; give the second list another name')
         self._slots.add(name)
         # The longest first, so that "orange juice" is not read as "orange".
-        return Slot(name, tuple(sorted(self._words[name], key=len, reverse=True)))
+        return WordSlot(name, tuple(sorted(self._words[name], key=len, reverse=True)))
 
 
 def spoken(choice: str) -> str:

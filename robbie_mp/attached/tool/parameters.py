@@ -24,7 +24,7 @@ Entry = dict[str, Any]
 """A setting as in a SettingsFile: value, type, outline, description, changeable, changed."""
 
 
-class Answer(NamedTuple):
+class ChangeAnswer(NamedTuple):
     """What became of a change."""
 
     value: str
@@ -143,15 +143,15 @@ class Parameters(Mapping[str, Any]):
         """
         return self.set_text(path, inline(value), timeout_s).value
 
-    def set_text(self, path: str, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
+    def set_text(self, path: str, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> ChangeAnswer:
         """Do the same as `set`, with the value in YAML; the answer also says whether the change waits."""
         module, name, _ = self.find_changeable(path)
         file = SettingsFile(self._run.folder, module)
         if not self._is_running(module):
             file.wait_for_start(name, text)
             if not self._is_running(module) or not file.withdraw(name):
-                return Answer(text, self._state(module))
-        return Answer(self._ask(module, name, path, text, timeout_s))
+                return ChangeAnswer(text, self._state(module))
+        return ChangeAnswer(self._ask(module, name, path, text, timeout_s))
 
     def _ask(self, module: str, name: str, path: str, text: str, timeout_s: float) -> str:
         with closing(Tool(self._run, f"robbie param set {path}")) as tool:

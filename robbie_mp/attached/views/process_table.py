@@ -330,7 +330,7 @@ def totals_line(reading: RunReading, rates: RunRates | None) -> Text:
 
 
 @dataclass(frozen=True)
-class ChannelRow:
+class ChannelLine:
     """One channel with its publishers and subscribers."""
 
     talk: Talk
@@ -362,8 +362,8 @@ class ChannelColumn:
     """One column of the message view."""
 
     heading: str
-    cell: Callable[[ChannelRow], Text]
-    order: Callable[[ChannelRow], float | str]
+    cell: Callable[[ChannelLine], Text]
+    order: Callable[[ChannelLine], float | str]
     is_text: bool = False
     is_line: bool = False
     """Whether the text may be long."""
@@ -373,7 +373,7 @@ def _names(names: Sequence[str]) -> Text:
     return Text(one_line(", ".join(names)) or "-", "" if names else "dim")
 
 
-def _rate_of(row: ChannelRow, name: str) -> float:
+def _rate_of(row: ChannelLine, name: str) -> float:
     return float(getattr(row.rates, name) or 0.0) if row.rates else 0.0
 
 
@@ -415,10 +415,10 @@ CHANNEL_COLUMNS: tuple[ChannelColumn, ...] = (
 )
 
 
-def channel_rows(reading: RunReading, rates: RunRates | None) -> list[ChannelRow]:
+def channel_rows(reading: RunReading, rates: RunRates | None) -> list[ChannelLine]:
     """Return a row for each channel, by type and topic."""
     return [
-        ChannelRow(
+        ChannelLine(
             talk,
             rates.channels.get((talk.channel.type_name, talk.channel.version, talk.channel.topic))
             if rates

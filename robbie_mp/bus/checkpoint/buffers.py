@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 from robbie_mp.base.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge, CheckpointTooNew
-from robbie_mp.bus.checkpoint.image import Checkpoint, Layout, decode, read_header
+from robbie_mp.bus.checkpoint.image import Checkpoint, ImageLayout, decode, read_header
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.layout import CHECKPOINT_IMAGE, CHECKPOINT_SEQUENCE, SegmentKind
 from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing, unlink_segment
@@ -56,7 +56,7 @@ class CheckpointBuffers:
         """In a forked process: refuse to write, because that would overwrite the parent's checkpoint."""
         self._lock = REFUSED
 
-    def write(self, state: Layout, taken_ns: int) -> None:
+    def write(self, state: ImageLayout, taken_ns: int) -> None:
         """Store a state; the previous checkpoint stays valid until this one is complete.
 
         Args:

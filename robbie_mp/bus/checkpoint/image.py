@@ -46,7 +46,7 @@ DTYPE = re.compile(r"[<>|][biufcSUmM][1-9][0-9]{0,8}(\[[0-9]*[A-Za-z]{1,2}(/[0-9
 
 
 @dataclass(frozen=True)
-class Header:
+class ImageHeader:
     """The header of an image."""
 
     size: int
@@ -60,7 +60,7 @@ def aligned(size: int) -> int:
     return -(-size // ALIGNMENT) * ALIGNMENT
 
 
-def write_header(image: memoryview, header: Header) -> None:
+def write_header(image: memoryview, header: ImageHeader) -> None:
     """Write the header after all other bytes of an image; its CRC makes the image valid."""
     fields = (header.size, header.structure_size, header.sequence, header.taken_ns)
     HEADER.pack_into(image, 0, MAGIC, VERSION, 0, *fields)
@@ -68,7 +68,7 @@ def write_header(image: memoryview, header: Header) -> None:
     HEADER.pack_into(image, 0, MAGIC, VERSION, crc, *fields)
 
 
-def read_header(image: memoryview, available: int) -> Header:
+def read_header(image: memoryview, available: int) -> ImageHeader:
     """Read the header of an image and check it, but not the CRC.
 
     Args:
@@ -86,7 +86,7 @@ def read_header(image: memoryview, available: int) -> Header:
         raise CheckpointTooNew(
             f"the checkpoint has format {version}; this Robbie-MP reads formats up to {VERSION}"
         )
-    header = Header(*fields)
+    header = ImageHeader(*fields)
     if version < 1 or not HEADER.size <= header.size <= available:
         raise CheckpointDamaged(
             f"a checkpoint of {header.size} bytes, format {version}, in {available} bytes"
@@ -96,7 +96,7 @@ def read_header(image: memoryview, available: int) -> Header:
     return header
 
 
-def check_crc(image: memoryview, header: Header) -> None:
+def check_crc(image: memoryview, header: ImageHeader) -> None:
     """Check that an image holds what was written.
 
     Raises:
@@ -114,7 +114,7 @@ Piece = bytes | NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Layout:
+class ImageLayout:
     """The position of each part of a state in its image; the arrays are not copied yet."""
 
     structure: bytes
@@ -134,10 +134,10 @@ class Layout:
         _put(image, HEADER.size, self.structure)
         for offset, piece in self.pieces:
             _put(image, begin + offset, piece)
-        write_header(image, Header(self.size, len(self.structure), sequence, taken_ns))
+        write_header(image, ImageHeader(self.size, len(self.structure), sequence, taken_ns))
 
 
-def lay_out(state: object) -> Layout:
+def lay_out(state: object) -> ImageLayout:
     """Plan the image of a state.
 
     Args:
@@ -156,7 +156,7 @@ def lay_out(state: object) -> Layout:
             f"the state holds a string or a number that cannot be stored: {error}"
         ) from error
     size = aligned(HEADER.size + len(structure)) + collector.size
-    return Layout(structure, collector.pieces, size)
+    return ImageLayout(structure, collector.pieces, size)
 
 
 def encode(state: object, sequence: int = 1, taken_ns: int = 0) -> bytes:

@@ -11,7 +11,7 @@ from robbie_mp.bus.transport.tables import ChannelName, DeclarationRow
 
 
 @dataclass(frozen=True)
-class Declaration:
+class ObservedDeclaration:
     """A module's declaration that it publishes messages of a type on a topic, or subscribes to them."""
 
     module: str
@@ -32,7 +32,7 @@ class Declaration:
         return not self.is_publisher and self.version == ANY_VERSION
 
 
-def read_declarations(run_id: str) -> list[Declaration]:
+def read_declarations(run_id: str) -> list[ObservedDeclaration]:
     """Return the declarations of all live modules of a run so far, in start order.
 
     Raises:
@@ -53,13 +53,13 @@ def read_declarations(run_id: str) -> list[Declaration]:
     return found
 
 
-def _declarations_of(run_id: str, slot: int, incarnation: int, module: str) -> list[Declaration]:
+def _declarations_of(run_id: str, slot: int, incarnation: int, module: str) -> list[ObservedDeclaration]:
     try:
         segment = Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
     except (SegmentMissing, SegmentMismatch):  # it ended, or destroyed its segment itself
         return []
     found = [
-        Declaration(module, row.kind == Outbound.ADVERTISE, *row.name)
+        ObservedDeclaration(module, row.kind == Outbound.ADVERTISE, *row.name)
         for row in DeclarationRow.read_all(segment.words)
     ]
     segment.close()

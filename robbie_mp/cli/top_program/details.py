@@ -20,7 +20,7 @@ from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_n
 from robbie_mp.base.utc import time_of_day
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import TOTALS, ModuleFigures, Total
-from robbie_mp.cli.top_program.feed import History, Snapshot
+from robbie_mp.cli.top_program.feed import Snapshot, Sparklines
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.reader import crash_reports, last_entries
 
@@ -47,7 +47,7 @@ class Details(Screen[None]):
         Binding("q", "app.quit", "Quit"),
     ]
 
-    def __init__(self, module: str, history: History):
+    def __init__(self, module: str, history: Sparklines):
         super().__init__()
         self.module = module
         self._history = history

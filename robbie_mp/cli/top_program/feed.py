@@ -39,7 +39,7 @@ class Snapshot:
     rates: RunRates | None = None
 
 
-class History:
+class Sparklines:
     """The last values for each sparkline, by name."""
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ class RunFeed:
         self._run: KnownRun | None = None
         self._observer: RunObserver | None = None
         self._readings: deque[RunReading] = deque(maxlen=DESCRIBED_READINGS)
-        self.history = History()
+        self.history = Sparklines()
 
     def poll(self) -> Snapshot:
         """Take a reading now."""

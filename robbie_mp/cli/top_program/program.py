@@ -16,7 +16,7 @@ from textual.widgets import ContentSwitcher, DataTable, Footer, Input, Static
 from robbie_mp.attached.views.process_table import (
     CHANNEL_COLUMNS,
     MODULE_COLUMNS,
-    ChannelRow,
+    ChannelLine,
     ModuleRow,
     channel_rows,
     doing,
@@ -97,7 +97,7 @@ class TopProgram(App[None]):
                 lambda row: history.values("module", row.figures.name, "in"),
                 id=MODULES,
             )
-            yield FiguresTable[ChannelRow](
+            yield FiguresTable[ChannelLine](
                 CHANNEL_COLUMNS,
                 lambda row: row.name,
                 lambda row: history.values("channel", *row.key),
@@ -202,12 +202,12 @@ class TopProgram(App[None]):
         return table
 
     @property
-    def _channels(self) -> "FiguresTable[ChannelRow]":
-        table: FiguresTable[ChannelRow] = self._main.query_one(f"#{CHANNELS}", FiguresTable)
+    def _channels(self) -> "FiguresTable[ChannelLine]":
+        table: FiguresTable[ChannelLine] = self._main.query_one(f"#{CHANNELS}", FiguresTable)
         return table
 
     @property
-    def _table(self) -> "FiguresTable[ModuleRow] | FiguresTable[ChannelRow]":
+    def _table(self) -> "FiguresTable[ModuleRow] | FiguresTable[ChannelLine]":
         return self._channels if self._view == CHANNELS else self._modules
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.connect.bridge.mapping import Incoming
-from robbie_mp.connect.bridge.surroundings import Surroundings
+from robbie_mp.connect.bridge.surroundings import BridgeRun
 from robbie_mp.messages import UnknownType
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.run.learnt_types import learn_type
@@ -27,7 +27,7 @@ class RecordersDoNotLearn(RobbieError, OSError):
 
 
 def learn_foreign(
-    surroundings: Surroundings,
+    surroundings: BridgeRun,
     incoming: Incoming,
     described: TypeDescription,
     learnt: Iterable[TypeDescription],

@@ -30,7 +30,7 @@ from fnmatch import fnmatchcase
 from typing import Final, NamedTuple, Self
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.logs.capture.selection import WILDCARDS, Pair, type_pattern
+from robbie_mp.logs.capture.selection import WILDCARDS, TypeAndTopic, type_pattern
 from robbie_mp.messages import (
     DriveCommand,
     Message,
@@ -120,7 +120,7 @@ class Outgoing(NamedTuple):
         becomes: name of the type that they become; "": they stay what they are.
     """
 
-    pair: Pair
+    pair: TypeAndTopic
     name: str
     quality: Quality
     becomes: str = ""
@@ -282,7 +282,7 @@ class BridgeMap:
         except MappingError as error:
             problems.append(f"{key!r}: {error}")
             return None
-        pair = Pair(type_pattern(patterns[0]), patterns[1] if len(patterns) == 2 else "*")
+        pair = TypeAndTopic(type_pattern(patterns[0]), patterns[1] if len(patterns) == 2 else "*")
         return Outgoing(pair, self.absolute(name), quality, becomes)
 
     def _incoming(self, key: str, text: str, problems: list[str]) -> Incoming | None:

@@ -43,7 +43,7 @@ RELEASE_WITHIN_S = 0.5
 MAX_STOPS = 64
 
 
-class Order(NamedTuple):
+class OrderService(NamedTuple):
     """A service of the robot that the other side may call.
 
     Attributes:
@@ -70,7 +70,7 @@ def check_orders(services: Mapping[str, str]) -> None:
     _each(services, _parts)
 
 
-def orders_of(services: Mapping[str, str], types: KnownTypes) -> list[Order]:
+def orders_of(services: Mapping[str, str], types: KnownTypes) -> list[OrderService]:
     """Read the setting `services`; see above.
 
     Args:
@@ -109,17 +109,17 @@ def _parts(name: str, text: str) -> re.Match[str]:
     return parts
 
 
-def _order(name: str, parts: re.Match[str], types: KnownTypes) -> Order:
+def _order(name: str, parts: re.Match[str], types: KnownTypes) -> OrderService:
     full = types.find_request(parts["service"])
     if not full.endswith(REQUEST_SUFFIX):
         raise MappingError(f"{parts['service']} is an action; only services can be offered")
     asked = types.get(full)
     on = message_of_yaml(asked, parts["on"] or "{}")
     off = message_of_yaml(asked, parts["off"]) if parts["off"] else None
-    return Order(name, on, off, types.get(response_name(full)), parts["topic"] or "")
+    return OrderService(name, on, off, types.get(response_name(full)), parts["topic"] or "")
 
 
-def carry_out(module: Module, order: Order, is_on: bool, waited_s: float, done: Done) -> None:
+def carry_out(module: Module, order: OrderService, is_on: bool, waited_s: float, done: Done) -> None:
     """Call the robot's service in the name of a bridge.
 
     Args:

@@ -12,7 +12,7 @@ from robbie_mp.run.run_directory import list_runs
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class BridgeRun:
     """The run around a bridge.
 
     Attributes:

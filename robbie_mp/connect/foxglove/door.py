@@ -144,7 +144,7 @@ class Passage:
         self._frames.left -= size
 
 
-class Door:
+class ClientDoor:
     """Lets clients pass, in a thread.
 
     Args:

@@ -23,22 +23,22 @@ from robbie_mp.connect.bridge.foreign import (
 from robbie_mp.connect.bridge.frames import FrameMap, Rename, renamed
 from robbie_mp.connect.bridge.mapping import BridgeMap, Incoming, MappingError, other_name, snake_case
 from robbie_mp.connect.bridge.orders import RELEASE_WITHIN_S
-from robbie_mp.connect.bridge.surroundings import Surroundings
-from robbie_mp.connect.foxglove.door import Door
+from robbie_mp.connect.bridge.surroundings import BridgeRun
+from robbie_mp.connect.foxglove.door import ClientDoor
 from robbie_mp.connect.foxglove.server import (
     CDR,
     JSON,
     ROS2MSG,
-    Announced,
     Arrived,
+    ClientChannel,
+    ClientServer,
     FoxgloveMissing,
     FromClient,
     ParameterWish,
-    Server,
     ServerOptions,
     ServiceCall,
 )
-from robbie_mp.logs.capture.selection import Pair, type_pattern
+from robbie_mp.logs.capture.selection import TypeAndTopic, type_pattern
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
@@ -91,7 +91,7 @@ SERVICES = {STOP_OR_RELEASE: True, STOP: False}
 LARGE = ["Image", "CompressedImage", "PointCloud2", "OccupancyGrid"]
 
 
-class Shown:
+class ShownChannel:
     """A channel of the run that clients can read.
 
     Args:
@@ -111,7 +111,7 @@ class Shown:
         name: ChannelName,
         channel: Any,
         rename: Rename,
-        pass_on: "Callable[[Shown, EncodedMessage], None]",
+        pass_on: "Callable[[ShownChannel, EncodedMessage], None]",
     ):
         self.name = name
         self.rename = rename
@@ -189,19 +189,19 @@ class FoxgloveServer(Module):
 
     def setup(self) -> None:
         """Open the server and the door before it."""
-        around = Surroundings.of(self.run_id, self.name, CLASS_PATH)
+        around = BridgeRun.of(self.run_id, self.name, CLASS_PATH)
         try:
             self._map = BridgeMap(self.send, self.accept, types=around.types, takes_foreign=True)
         except MappingError as error:
             raise SettingError(str(error), "accept") from error
         self._surroundings = around
         self._types: KnownTypes = around.types
-        self._foreign: dict[Announced, type[Message] | str] = {}
+        self._foreign: dict[ClientChannel, type[Message] | str] = {}
         self._frames = FrameMap(self.frames)
         self._accepted = {one.name: one for one in self._map.incoming}
-        self._newest_only = [Pair(type_pattern(one), "*") for one in self.newest]
-        self._shown: dict[ChannelName, Shown] = {}
-        self._by_id: dict[int, Shown] = {}
+        self._newest_only = [TypeAndTopic(type_pattern(one), "*") for one in self.newest]
+        self._shown: dict[ChannelName, ShownChannel] = {}
+        self._by_id: dict[int, ShownChannel] = {}
         self._readers: dict[int, set[int]] = {}
         self._offered: Counter[int] = Counter()
         self._wishes: dict[int, None] = {}
@@ -249,7 +249,9 @@ class FoxgloveServer(Module):
         key = key or secrets.token_urlsafe(32)
         self._greeting_topic = f"/{secrets.token_urlsafe(24)}/"
         drives = any(one.drives for one in self._map.incoming)
-        self.door = Door(self.host, self.port, key, self._greeting_topic, self.max_clients, pings=drives)
+        self.door = ClientDoor(
+            self.host, self.port, key, self._greeting_topic, self.max_clients, pings=drives
+        )
         try:
             self.server = self._start_server()
         except BaseException:
@@ -264,7 +266,7 @@ class FoxgloveServer(Module):
             write_link(self._folder, self.link, FOXGLOVE_LINK_FILE)
         self.log.info("Foxglove: %s; `robbie foxglove` shows the link with the token", self.address)
 
-    def _start_server(self) -> Server:
+    def _start_server(self) -> ClientServer:
         services = SERVICES if self.emergency_stop else {}
         name = f"Robbie-MP {self.run_id}".strip()
         options = ServerOptions(
@@ -278,7 +280,7 @@ class FoxgloveServer(Module):
                 form for one in self._map.incoming if one.is_foreign for form in _forms(one.name)
             },
         )
-        return Server(options, self.tick_soon, self.clock.monotonic_ns, self._age_s)
+        return ClientServer(options, self.tick_soon, self.clock.monotonic_ns, self._age_s)
 
     def _age_s(self, client: int) -> float:
         """Return how old what comes now from a client can be at most; the SDK's threads call this."""
@@ -331,7 +333,7 @@ class FoxgloveServer(Module):
         self._count_dropped()
         self.status = self._summary()
 
-    def _show(self, name: ChannelName) -> Shown | None:
+    def _show(self, name: ChannelName) -> ShownChannel | None:
         """Return a channel as clients see it; None if they do not."""
         shown = self._shown.get(name)
         if shown is not None or name in self._unknown:
@@ -351,7 +353,7 @@ class FoxgloveServer(Module):
             self.log.warning("%s on '%s' is not shown in Foxglove: %s", name.type_name, name.topic, error)
             return None
         channel = self.server.open_channel(text, name.type_name, schema)
-        shown = Shown(name, channel, rename, self._on_message)
+        shown = ShownChannel(name, channel, rename, self._on_message)
         self._shown[name] = self._by_id[shown.channel.id()] = shown
         return shown
 
@@ -375,12 +377,12 @@ class FoxgloveServer(Module):
         try:
             return self._types.describe(type_name)
         except UnknownType:
-            self._types = Surroundings.of(
+            self._types = BridgeRun.of(
                 self.run_id, self.name, CLASS_PATH
             ).types  # a bridge may have learnt it
             return self._types.describe(type_name)
 
-    def _begin(self, shown: Shown) -> None:
+    def _begin(self, shown: ShownChannel) -> None:
         """Begin to receive a channel when its first reader comes; later ones get what is latched."""
         if shown.is_subscribed:
             if shown.newest is not None:
@@ -401,7 +403,7 @@ class FoxgloveServer(Module):
             self.log.warning("%s", error)
         shown.is_subscribed = True
 
-    def _on_message(self, shown: Shown, message: EncodedMessage) -> None:
+    def _on_message(self, shown: ShownChannel, message: EncodedMessage) -> None:
         if self.envelope.topic != shown.name.topic:
             return  # a subscription without a topic gets all topics
         if shown.channel.id() in self._readers or shown.is_latched:
@@ -422,7 +424,7 @@ class FoxgloveServer(Module):
             shown.is_subscribed = True
             self._on_message(shown, message)
 
-    def _log(self, shown: Shown, data: bytes, at_ns: int) -> None:
+    def _log(self, shown: ShownChannel, data: bytes, at_ns: int) -> None:
         readers = self._readers.get(shown.channel.id())
         if readers and not self.server.is_breached:
             self._offered.update(readers)
@@ -520,7 +522,7 @@ class FoxgloveServer(Module):
                 return from_dict(message_type, fields)
         raise ValueError(f"expected a message in {CDR} or {JSON}")
 
-    def _foreign_type(self, accepted: Incoming, channel: Announced) -> type[Message]:
+    def _foreign_type(self, accepted: Incoming, channel: ClientChannel) -> type[Message]:
         """Return a type that a client has described; its first message makes it known in the run.
 
         Raises:
@@ -538,7 +540,7 @@ class FoxgloveServer(Module):
             raise ForeignTypeRefused(made)
         return made
 
-    def _learn(self, accepted: Incoming, channel: Announced) -> type[Message]:
+    def _learn(self, accepted: Incoming, channel: ClientChannel) -> type[Message]:
         if channel.schema_encoding != ROS2MSG or not channel.schema:
             raise ForeignTypeRefused(
                 f"the robot does not know it, and learns types only from a schema in {ROS2MSG}; the client "

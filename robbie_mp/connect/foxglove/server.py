@@ -45,7 +45,7 @@ class FoxgloveMissing(RobbieError, ImportError):
     """The extra `foxglove` is not installed."""
 
 
-class Announced(NamedTuple):
+class ClientChannel(NamedTuple):
     """A channel of a client.
 
     Attributes:
@@ -66,7 +66,7 @@ class Announced(NamedTuple):
 class FromClient(NamedTuple):
     """A message that a client has published."""
 
-    channel: Announced
+    channel: ClientChannel
     data: bytes
     arrived_ns: int
     """Monotonic time of the module."""
@@ -139,7 +139,7 @@ class ServerOptions:
     foreign_topics: Collection[str] = ()
 
 
-class Server:
+class ClientServer:
     """Serves channels, parameters, services and assets to clients.
 
     Args:
@@ -174,7 +174,7 @@ class Server:
         self._waiting: deque[Arrived] = deque()
         self._waiting_bytes = 0
         self._clients: dict[int, int] = {}
-        self._announced: dict[tuple[int, int], Announced] = {}
+        self._announced: dict[tuple[int, int], ClientChannel] = {}
         self._readers: dict[int, set[int]] = {}
         self._new_readers: set[int] = set()
         self.parameters: Mapping[str, Any] = {}
@@ -293,7 +293,7 @@ class Server:
         """Take a message of a client."""
         if not self._is_guest(client):
             return
-        announced = self._announced.get((client.id, client_channel_id), Announced("", "", ""))
+        announced = self._announced.get((client.id, client_channel_id), ClientChannel("", "", ""))
         if len(data) > self._options.max_message_bytes:
             self.oversized += 1
         else:
@@ -364,9 +364,9 @@ class Server:
 
     # -- inside ------------------------------------------------------------------------------------------
 
-    def _noted(self, channel: Any) -> Announced:
+    def _noted(self, channel: Any) -> ClientChannel:
         """Return what is kept of a client's channel; its schema only where the robot may need it."""
-        announced = Announced(channel.topic, channel.schema_name, channel.encoding)
+        announced = ClientChannel(channel.topic, channel.schema_name, channel.encoding)
         schema = channel.schema or b""
         kept_bytes = sum(len(one.schema) for one in self._announced.values())
         if channel.topic not in self._options.foreign_topics:

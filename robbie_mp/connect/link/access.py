@@ -16,7 +16,7 @@ from fnmatch import fnmatchcase
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.logs.capture.selection import Pair, type_pattern
+from robbie_mp.logs.capture.selection import TypeAndTopic, type_pattern
 from robbie_mp.run.trace.log_limit import LogLimit
 
 MAX_RULES = 1000
@@ -31,7 +31,7 @@ class AccessError(RobbieError, ValueError):
     """A rule about who may send what cannot be understood; the text says which and how it should be."""
 
 
-class Access:
+class LinkAccess:
     """Decides whether a message from another robot may come in.
 
     Args:
@@ -105,14 +105,14 @@ class Access:
             self._log.handle(record)
 
 
-def read_rules(accept: Mapping[str, Sequence[str]]) -> list[tuple[str, list[Pair]]]:
+def read_rules(accept: Mapping[str, Sequence[str]]) -> list[tuple[str, list[TypeAndTopic]]]:
     """Return robots' names and the pairs of type and topic that they may send.
 
     Raises:
         AccessError: a rule is wrong; the text has a line for each.
     """
     problems: list[str] = []
-    rules: list[tuple[str, list[Pair]]] = []
+    rules: list[tuple[str, list[TypeAndTopic]]] = []
     for robot, patterns in accept.items():
         if not robot or any(character.isspace() for character in robot):
             problems.append(f"expected the name of a robot, or a pattern such as '*'; got {robot!r}")
@@ -120,7 +120,7 @@ def read_rules(accept: Mapping[str, Sequence[str]]) -> list[tuple[str, list[Pair
         for index, pattern in enumerate(patterns):
             words = pattern.split()
             if len(words) in (1, 2):
-                pairs.append(Pair(type_pattern(words[0]), words[1] if len(words) == 2 else "*"))
+                pairs.append(TypeAndTopic(type_pattern(words[0]), words[1] if len(words) == 2 else "*"))
             else:
                 problems.append(
                     f"key {robot!r}: element {index}: expected a type, or a type and a topic with a space "

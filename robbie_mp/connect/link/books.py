@@ -33,7 +33,7 @@ _FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
 OTHERS = "others"
 
 
-class Key(NamedTuple):
+class CountKey(NamedTuple):
     """The key of a row."""
 
     kind: str
@@ -55,7 +55,7 @@ class Key(NamedTuple):
         return ChannelId(self.type_name, self.version, self.topic)
 
 
-class Row:
+class CountRow:
     """The words of one key.
 
     Args:
@@ -105,7 +105,7 @@ class Account(NamedTuple):
         return self.sent - self.received - self.replaced - self.dropped - self.lost if self.is_sent else 0
 
 
-class Books:
+class LinkBooks:
     """The counts of one link in one run.
 
     Args:
@@ -124,10 +124,10 @@ class Books:
     def __init__(self, folder: Path | None, link: str, session: int):
         self.session = session
         self.unbooked = 0
-        self._rows: dict[Key, Row] = {}
+        self._rows: dict[CountKey, CountRow] = {}
         self._sessions: dict[tuple[str, bool], dict[int, None]] = {}
         """By other robot, and whether they send to it: the sessions that have rows, oldest first."""
-        self._received: dict[tuple[str, int, int], list[tuple[int, Row]]] = {}
+        self._received: dict[tuple[str, int, int], list[tuple[int, CountRow]]] = {}
         """Numbers and rows of the channels received, by robot, session and class."""
         self._keys: Path | None = None
         if folder is None:
@@ -143,16 +143,16 @@ class Books:
                 left.unlink(missing_ok=True)
         self._words = _map(self._counts)
         for key in keys:
-            self._place(Key(*key))
+            self._place(CountKey(*key))
 
-    def row(self, key: Key) -> Row:
+    def row(self, key: CountKey) -> CountRow:
         """Return the row of a key, a new one if there is none."""
         row = self._rows.get(key)
         if row is None:
             row = self._open(key)
         return row
 
-    def find(self, key: Key) -> Row | None:
+    def find(self, key: CountKey) -> CountRow | None:
         """Return the row of a key that has one."""
         return self._rows.get(key)
 
@@ -162,7 +162,7 @@ class Books:
             dict.fromkeys(key.session for key in self._rows if key.kind == "stream" and key.peer == peer)
         )
 
-    def streams_of(self, peer: str, session: int) -> dict[int, Row]:
+    def streams_of(self, peer: str, session: int) -> dict[int, CountRow]:
         """Return the streams received from a session, by class."""
         return {
             key.traffic: row
@@ -175,7 +175,7 @@ class Books:
         found = self._received.get((peer, session, traffic), ())
         return [(number, row[RECEIVED], row[REFUSED]) for number, row in found]
 
-    def has_room_for(self, key: Key) -> bool:
+    def has_room_for(self, key: CountKey) -> bool:
         """Whether a channel that is received has a row, or is one of those that a report can tell about."""
         return key in self._rows or len(self._received.get(key[1:4], ())) < MAX_COUNTS
 
@@ -220,25 +220,25 @@ class Books:
             for (is_sent, peer, traffic, channel), total in sums.items()
         ]
 
-    def __iter__(self) -> Iterator[tuple[Key, Row]]:
+    def __iter__(self) -> Iterator[tuple[CountKey, CountRow]]:
         return iter(self._rows.items())
 
     def close(self) -> None:
         """Unmap the counts; the files are removed with all other shared memory of the run."""
         self._words.release()
 
-    def _open(self, key: Key) -> Row:
+    def _open(self, key: CountKey) -> CountRow:
         if len(self._rows) >= MAX_ROWS:
             self._add_up()
         if len(self._rows) >= MAX_ROWS:
             self.unbooked += 1
-            return Row(memoryview(bytearray(WORDS * 8)).cast("Q"), 0)
+            return CountRow(memoryview(bytearray(WORDS * 8)).cast("Q"), 0)
         if self._keys is not None:
             with open(self._keys, "ab", buffering=0, opener=private_opener) as file:
                 file.write(json.dumps(key).encode() + b"\n")
         return self._place(key)
 
-    def _write_keys(self, counts: str, keys: Iterable[Key]) -> None:
+    def _write_keys(self, counts: str, keys: Iterable[CountKey]) -> None:
         """Write the file of the keys again. A process that is killed here leaves the old one or the new one.
 
         Args:
@@ -262,7 +262,9 @@ class Books:
             for key, row in self._rows.items()
             if (key.peer, key.kind == "out", key.session) not in ended
         }
-        sums: dict[Key, list[int]] = {key: [row[one] for one in range(WORDS)] for key, row in kept.items()}
+        sums: dict[CountKey, list[int]] = {
+            key: [row[one] for one in range(WORDS)] for key, row in kept.items()
+        }
         for key, row in self._rows.items():
             if key not in kept and key.kind != "stream":
                 total = sums.setdefault(key._replace(session=ADDED_UP, number=0), [0] * WORDS)
@@ -270,7 +272,7 @@ class Books:
                     total[column] += row[column]
         self._replace(sums, kept)
 
-    def _replace(self, counts: dict[Key, list[int]], kept: dict[Key, Row]) -> None:
+    def _replace(self, counts: dict[CountKey, list[int]], kept: dict[CountKey, CountRow]) -> None:
         """Go on with new files. A kept row moves to them, so everything that holds one can go on using it."""
         old = None
         if self._keys is None:
@@ -291,8 +293,8 @@ class Books:
             self._write_keys(self._counts.name, counts)
             old.unlink()
 
-    def _place(self, key: Key, known: Row | None = None) -> Row:
-        row = self._rows[key] = known or Row(self._words, 0)
+    def _place(self, key: CountKey, known: CountRow | None = None) -> CountRow:
+        row = self._rows[key] = known or CountRow(self._words, 0)
         row.move(self._words, WORDS * len(self._rows))
         self._sessions.setdefault((key.peer, key.kind == "out"), {})[key.session] = None
         if key.kind == "in":

@@ -32,7 +32,7 @@ class Exchange(NamedTuple):
         return (self.returned_ns - self.sent_ns) - (self.other_answered_ns - self.other_received_ns)
 
 
-class Verdict(Enum):
+class ExchangeVerdict(Enum):
     """The result of an exchange."""
 
     AGREES = "agrees"
@@ -81,7 +81,7 @@ class ClockOffset:
         self.impossible = 0
         self.round_trip_ns: int | None = None
 
-    def add(self, exchange: Exchange) -> Verdict:
+    def add(self, exchange: Exchange) -> ExchangeVerdict:
         """Use an exchange. Add exchanges in the order in which they returned.
 
         Args:
@@ -92,16 +92,16 @@ class ClockOffset:
         widening_ns = self._widening_ns(duration_ns)
         if duration_ns < 0 or there_ns < 0 or there_ns > duration_ns + widening_ns:
             self.impossible += 1
-            return Verdict.IMPOSSIBLE
+            return ExchangeVerdict.IMPOSSIBLE
         self.round_trip_ns = max(0, exchange.round_trip_ns)
         least = exchange.other_answered_ns - exchange.returned_ns - widening_ns
         greatest = exchange.other_received_ns - exchange.sent_ns + widening_ns
         before = self._limits_at(exchange.returned_ns)
-        verdict = Verdict.AGREES
+        verdict = ExchangeVerdict.AGREES
         if before is not None:
             if least > before[1] or greatest < before[0]:
                 self.jumps += 1
-                verdict = Verdict.JUMPED
+                verdict = ExchangeVerdict.JUMPED
             else:
                 least, greatest = max(least, before[0]), min(greatest, before[1])
         self._limits, self._at_ns = (least, greatest), max(exchange.returned_ns, self._at_ns)

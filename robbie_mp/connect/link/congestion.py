@@ -59,7 +59,7 @@ class Watched(Protocol):
         """When the oldest one under way was sent; 0: there is none."""
 
 
-class Window:
+class SendWindow:
     """Measures bandwidth and round trip of a link, and limits what is under way. All times in ns.
 
     Attributes:

@@ -54,7 +54,7 @@ class ChannelId(NamedTuple):
     topic: str
 
 
-class Data(NamedTuple):
+class DataHeader(NamedTuple):
     """Header of one part of a message, or of no message: a mark that only carries a sequence."""
 
     robot: str
@@ -97,7 +97,7 @@ class Data(NamedTuple):
         return self.name is None and not self.start
 
 
-class Report(NamedTuple):
+class ReceiverReport(NamedTuple):
     """A receiver's account of one class of a session."""
 
     robot: str
@@ -136,7 +136,7 @@ class Beat(NamedTuple):
     """Of the datagrams that the other link has sent lately, the part that has not arrived."""
 
 
-Packet = Data | Report | Beat
+Packet = DataHeader | ReceiverReport | Beat
 
 
 def pack(packet: Packet) -> bytes:
@@ -145,13 +145,13 @@ def pack(packet: Packet) -> bytes:
     Args:
         packet: the header; it keeps the limits of this module.
     """
-    if isinstance(packet, Data):
+    if isinstance(packet, DataHeader):
         name = packet.name
         about = (0, 0) if name is None else (name.version, packet.size)
         return _DATA_FIELDS.pack(_BEGIN, _DATA, *packet[1:13], *about) + _packed_names(
             packet.robot, name, packet.sources
         )
-    if isinstance(packet, Report):
+    if isinstance(packet, ReceiverReport):
         fixed = _REPORT_FIELDS.pack(
             _BEGIN, _REPORT, packet.traffic, packet.misses, packet.session, packet.about, packet.next,
             packet.handled, packet.newest, len(packet.counts),
@@ -186,7 +186,7 @@ class _Malformed(Exception):
     """The bytes are no header."""
 
 
-def _unpack_data(header: bytes) -> Data:
+def _unpack_data(header: bytes) -> DataHeader:
     (
         _, _, traffic, flags, channel, session, to, sequence, oldest, sending, start, whole, stamp_ns,
         type_hash, version, size,
@@ -200,13 +200,13 @@ def _unpack_data(header: bytes) -> Data:
     ):
         raise _Malformed
     robot, name, sources = _names(header[_DATA_FIELDS.size :], version)
-    return Data(
+    return DataHeader(
         robot, _traffic(traffic), flags, channel, session, to, sequence, oldest, sending, start, whole,
         stamp_ns, type_hash, name, size, sources,
     )  # fmt: skip
 
 
-def _unpack_report(header: bytes) -> Report:
+def _unpack_report(header: bytes) -> ReceiverReport:
     fields = _REPORT_FIELDS.unpack_from(header)
     _, _, traffic, misses, session, about, following, handled, newest, count = fields
     end = _REPORT_FIELDS.size + count * _COUNT.size
@@ -216,7 +216,7 @@ def _unpack_report(header: bytes) -> Report:
     counts = tuple(_COUNT.iter_unpack(header[_REPORT_FIELDS.size : end]))
     robot, _, _ = _names(header[end:], 0)
     known = _traffic(traffic)
-    return Report(robot, known, session, about, following, handled, newest, counts, bool(misses))
+    return ReceiverReport(robot, known, session, about, following, handled, newest, counts, bool(misses))
 
 
 def _unpack_beat(header: bytes) -> Beat:

@@ -19,8 +19,8 @@ from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
-from robbie_mp.connect.link.access import Access, AccessError, read_rules
-from robbie_mp.connect.link.books import Account, Books
+from robbie_mp.connect.link.access import AccessError, LinkAccess, read_rules
+from robbie_mp.connect.link.books import Account, LinkBooks
 from robbie_mp.connect.link.frames import has_frames, prefixed
 from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.connect.link.keys import Keys, KeysError
@@ -30,17 +30,17 @@ from robbie_mp.connect.link.operators import (
     ORDERS,
     REQUEST_TOPIC,
     STATE_TOPIC,
-    Operators,
+    LinkOperators,
     driver_text,
     read_commanding,
 )
 from robbie_mp.connect.link.peer import Peer
 from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.safety import Ages, expires, shortened
-from robbie_mp.connect.link.sending import Limits
+from robbie_mp.connect.link.sending import SendLimits
 from robbie_mp.connect.link.traffic import TrafficClass
-from robbie_mp.connect.link.wire import Endpoints, InboxLimits, Received, Wire, only_own_names
-from robbie_mp.logs.capture.selection import Pair
+from robbie_mp.connect.link.wire import Endpoints, InboxLimits, ReceivedPacket, Wire, only_own_names
+from robbie_mp.logs.capture.selection import TypeAndTopic
 from robbie_mp.messages import (
     CompressedImage,
     ControlState,
@@ -79,7 +79,7 @@ MAX_ORDERS = 8
 NS = 1e-9
 
 
-class Outgoing(NamedTuple):
+class LinkOutgoing(NamedTuple):
     """How the messages of one channel of this robot are sent."""
 
     name: ChannelId
@@ -89,7 +89,7 @@ class Outgoing(NamedTuple):
     may_be_jpeg: bool
 
 
-class Incoming(NamedTuple):
+class LinkIncoming(NamedTuple):
     """What becomes of the messages of one channel of another robot."""
 
     topic: str
@@ -208,13 +208,13 @@ class Link(Module):
         """Open the network and the books, and subscribe."""
         session = secrets.randbits(63) | 1
         keep_freed_memory(KEPT_BYTES)
-        self.access = Access(self.accept, self.log)
+        self.access = LinkAccess(self.accept, self.log)
         self.rules = [
             (pair, TrafficClass[name.upper()]) for name, pairs in _rules(self.send) for pair in pairs
         ]
         self._commanding = read_commanding(self.commanding)
         # An older state may name an operator from whom another one has taken over.
-        self.operators = Operators(self.robot, None if self.checkpoint_lost else self.restored)
+        self.operators = LinkOperators(self.robot, None if self.checkpoint_lost else self.restored)
         self._orders: deque[tuple[SetControl, int]] = deque(maxlen=MAX_ORDERS)
         """Orders of operators, and when each arrived."""
         self._drivers: dict[str, str] = {}
@@ -222,10 +222,10 @@ class Link(Module):
         self.late = 0
         self.mismatched = 0
         self.looped = 0
-        self._outgoing: dict[tuple[str, int, str], Outgoing] = {}
+        self._outgoing: dict[tuple[str, int, str], LinkOutgoing] = {}
         """How the messages of a type, version and topic are sent."""
         self._hashes: dict[tuple[str, int], int] = {}
-        self._incoming: dict[tuple[str, ChannelId, int], Incoming] = {}
+        self._incoming: dict[tuple[str, ChannelId, int], LinkIncoming] = {}
         """What becomes of the messages that may come in, by robot, channel and hash of the type."""
         self._latched: set[ChannelId] = set()
         self._state_at_ns = 0
@@ -241,13 +241,13 @@ class Link(Module):
             folder = SHARED_MEMORY / names.folder(self.run_id)
             self._observer = RunObserver(self.run_id)
         self._types = types
-        self.books = Books(folder, self.name, session)
+        self.books = LinkBooks(folder, self.name, session)
         endpoints = Endpoints(
             self.mode, self.listen, self.connect, self.multicast, self.datagrams, self._tls()
         )
         inbox = InboxLimits(self.inbox_packets, self.inbox_bytes)
         self.wire = Wire(self.robot, session, endpoints, inbox, self.tick_soon)
-        limits = Limits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
+        limits = SendLimits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
         settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes, self._may_exchange)
         self.node = LinkNode(self.robot, session, self.books, settings, self.wire, self.on_arrived)
         for robot in self.robots:
@@ -337,7 +337,7 @@ class Link(Module):
         picture = np.frombuffer(jpeg(image, self.jpeg_quality), np.uint8)
         return CompressedImage(header=image.header, format="jpeg", data=picture).encode()
 
-    def _classify(self, name: ChannelId) -> Outgoing:
+    def _classify(self, name: ChannelId) -> LinkOutgoing:
         """Find out how the messages of a channel are sent."""
         self._find_latched()
         traffic = next(one for pair, one in self.rules if pair.matches(name.type_name, name.topic))
@@ -350,7 +350,7 @@ class Link(Module):
         )
         if len(self._outgoing) >= MAX_REMEMBERED:
             self._outgoing.clear()
-        found = self._outgoing[name] = Outgoing(name, traffic, is_latched, type_hash, may_be_jpeg)
+        found = self._outgoing[name] = LinkOutgoing(name, traffic, is_latched, type_hash, may_be_jpeg)
         return found
 
     def _find_latched(self) -> None:
@@ -395,7 +395,7 @@ class Link(Module):
             self._find_latched()
             self._show(now_ns)
 
-    def _take_one(self, one: Received) -> None:
+    def _take_one(self, one: ReceivedPacket) -> None:
         """Take a packet in a thread of Zenoh, which has the turn."""
         if self.node.take_and_tell(
             one.robot, one.header, one.payload, one.at_ns, is_datagram=one.is_datagram
@@ -438,7 +438,7 @@ class Link(Module):
         origin = f"from {message.robot} on topic '{name.topic}'"
         return self.ill_formed.admits_encoded(class_with_rules(*name[:2]), message.data, origin)
 
-    def _may_come_in(self, message: Arrived) -> Incoming | None:
+    def _may_come_in(self, message: Arrived) -> LinkIncoming | None:
         """Find out what becomes of a message; None: it may not come in."""
         if self.robot in message.sources:
             self.looped += 1
@@ -446,7 +446,7 @@ class Link(Module):
         key = (message.robot, message.name, message.type_hash)
         return self._incoming.get(key) or self._admit(message)
 
-    def _admit(self, message: Arrived) -> Incoming | None:
+    def _admit(self, message: Arrived) -> LinkIncoming | None:
         """Find out what becomes of the messages of a channel; None: they may not come in.
 
         They are refused one by one, so that each is counted.
@@ -463,7 +463,7 @@ class Link(Module):
         topic = f"{robot}/{name.topic}".rstrip("/") if self.prefix_topics else name.topic
         if len(self._incoming) >= MAX_REMEMBERED:
             self._incoming.clear()
-        found = self._incoming[robot, name, message.type_hash] = Incoming(
+        found = self._incoming[robot, name, message.type_hash] = LinkIncoming(
             topic,
             is_request=name.type_name == OperatorRequest.type_name,
             tells_driver=name.type_name == OperatorState.type_name,
@@ -716,12 +716,12 @@ def _check_encryption(settings: Mapping[str, object]) -> None:
                 raise SettingError(problem, name)
 
 
-def _rules(value: object) -> list[tuple[str, list[Pair]]]:
+def _rules(value: object) -> list[tuple[str, list[TypeAndTopic]]]:
     assert isinstance(value, Mapping)
     return read_rules(value)
 
 
-def _channels(books: Books) -> Iterator[LinkChannel]:
+def _channels(books: LinkBooks) -> Iterator[LinkChannel]:
     for account in books.accounts():
         yield LinkChannel(
             robot=account.peer,

@@ -5,11 +5,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from robbie_mp.connect.link.books import Books
-from robbie_mp.connect.link.header import ROBOT_NAME, Beat, ChannelId, Data, Packet, Report, unpack
+from robbie_mp.connect.link.books import LinkBooks
+from robbie_mp.connect.link.header import (
+    ROBOT_NAME,
+    Beat,
+    ChannelId,
+    DataHeader,
+    Packet,
+    ReceiverReport,
+    unpack,
+)
 from robbie_mp.connect.link.peer import Network, Peer
 from robbie_mp.connect.link.receiving import Arrived, Fate
-from robbie_mp.connect.link.sending import Item, Limits
+from robbie_mp.connect.link.sending import Item, SendLimits
 from robbie_mp.connect.link.traffic import TrafficClass
 
 MAX_PEERS = 128
@@ -41,7 +49,7 @@ class NodeSettings:
         may_exchange: whether this link exchanges messages with a robot.
     """
 
-    limits: Limits
+    limits: SendLimits
     max_bytes: int
     latched_bytes: int
     may_exchange: Callable[[str], bool] = lambda _robot: True
@@ -68,7 +76,7 @@ class LinkNode:
         self,
         robot: str,
         session: int,
-        books: Books,
+        books: LinkBooks,
         settings: NodeSettings,
         network: Network,
         handle: Callable[[Arrived], Fate],
@@ -145,7 +153,7 @@ class LinkNode:
         if packet is None:
             return False
         peer = self.peers[robot]
-        if isinstance(packet, Data):
+        if isinstance(packet, DataHeader):
             peer.tell_soon(packet.traffic, now_ns)
             return False
         return peer.has_more
@@ -163,9 +171,9 @@ class LinkNode:
             return None
         if is_datagram:
             peer.took_datagram()
-        if isinstance(packet, Data):
+        if isinstance(packet, DataHeader):
             peer.take_data(packet, payload, now_ns)
-        elif isinstance(packet, Report):
+        elif isinstance(packet, ReceiverReport):
             peer.take_report(packet, now_ns)
         elif isinstance(packet, Beat) and peer.take_beat(packet, now_ns):
             for message in self._latched.values():

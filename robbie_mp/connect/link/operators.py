@@ -9,7 +9,7 @@ from typing import Any
 
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.connect.link.access import AccessError, read_rules
-from robbie_mp.logs.capture.selection import Pair
+from robbie_mp.logs.capture.selection import TypeAndTopic
 from robbie_mp.messages import ControlState, EmergencyStop, OperatorRequest, OperatorState, Time
 
 FREE_AFTER_NS = 10_000_000_000
@@ -27,7 +27,7 @@ ORDERS = {OperatorRequest.GO_ON: ControlState.AUTO, OperatorRequest.HOLD: Contro
 """Wishes about the robot and not the command: how it is to be controlled."""
 
 
-def read_commanding(patterns: list[str]) -> list[Pair]:
+def read_commanding(patterns: list[str]) -> list[TypeAndTopic]:
     """Return the pairs of type and topic for which an operator must have control.
 
     Args:
@@ -52,7 +52,7 @@ def driver_text(operator: str) -> str:
     return f"{one_line(operator)[:MAX_NAME]} drives" if operator else "nobody drives"
 
 
-class Operators:
+class LinkOperators:
     """Knows who has control of this robot.
 
     Args:

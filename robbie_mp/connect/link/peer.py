@@ -4,18 +4,18 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from robbie_mp.connect.link.books import DROPPED, RECEIVED, REFUSED, TAKEN, Books, Key, Row
+from robbie_mp.connect.link.books import DROPPED, RECEIVED, REFUSED, TAKEN, CountKey, CountRow, LinkBooks
 from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange
-from robbie_mp.connect.link.congestion import Window
-from robbie_mp.connect.link.header import MAX_COUNTS, Beat, ChannelId, Data, Report
+from robbie_mp.connect.link.congestion import SendWindow
+from robbie_mp.connect.link.header import MAX_COUNTS, Beat, ChannelId, DataHeader, ReceiverReport
 from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
 from robbie_mp.connect.link.sending import (
     HEADER_BYTES,
     MAX_REPEATED_BYTES,
     Address,
     Item,
-    Limits,
     SendChannel,
+    SendLimits,
     SendStream,
     start_counting,
 )
@@ -57,7 +57,7 @@ class Network(Protocol):
     def send(
         self,
         robot: str,
-        packet: Data | Report | Beat,
+        packet: DataHeader | ReceiverReport | Beat,
         payload: memoryview | bytes,
         *,
         as_datagram: bool = False,
@@ -98,8 +98,8 @@ class Peer:
         own: str,
         name: str,
         session: int,
-        books: Books,
-        limits: Limits,
+        books: LinkBooks,
+        limits: SendLimits,
         max_bytes: int,
         network: Network,
         handle: Callable[[Arrived], Fate],
@@ -111,7 +111,7 @@ class Peer:
         self.stale = 0
         self.strange = 0
         self.uncounted = 0
-        self.window = Window()
+        self.window = SendWindow()
         self.clock = ClockOffset()
         self.newest_state_ns = 0
         """When the newest state was published, by this robot's clock; 0: none has come."""
@@ -128,7 +128,7 @@ class Peer:
         self._in_turn = tuple(self.streams.values())
         self._channels: dict[int, SendChannel] = {}
         self._incoming: dict[int, ReceiveStream] = {}
-        self._rows: dict[tuple[int, int], tuple[ChannelId, Row]] = {}
+        self._rows: dict[tuple[int, int], tuple[ChannelId, CountRow]] = {}
         """Of channels that come from the present session, by class and number."""
         self._past: deque[int] = deque(maxlen=MAX_PAST_SESSIONS)
         """Sessions of the other link that are over."""
@@ -169,7 +169,7 @@ class Peer:
         """Return a channel as it is sent to this robot."""
         known = self._channels.get(number)
         if known is None:
-            key = Key("out", self.name, self._own_session, traffic, number, *name)
+            key = CountKey("out", self.name, self._own_session, traffic, number, *name)
             known = self._channels[number] = SendChannel(number, name, type_hash, self._books.row(key))
         return known
 
@@ -214,7 +214,7 @@ class Peer:
             return MIN_STATE_BYTES // 8
         return max(self.window.limit, MIN_STATE_BYTES)
 
-    def _transmit(self, packet: Data, payload: memoryview | bytes, now_ns: int) -> None:
+    def _transmit(self, packet: DataHeader, payload: memoryview | bytes, now_ns: int) -> None:
         header = packet
         if not MANNERS[header.traffic].goes_as_datagrams:
             # While others are under way, they go together: only few of Zenoh's batches may wait.
@@ -228,7 +228,9 @@ class Peer:
         if is_urgent:  # on every way there is
             self._network.send(self.name, packet, payload)
 
-    def _send_datagram(self, packet: Data | Report | Beat, payload: memoryview | bytes = b"") -> None:
+    def _send_datagram(
+        self, packet: DataHeader | ReceiverReport | Beat, payload: memoryview | bytes = b""
+    ) -> None:
         self._datagrams_sent += 1
         self._network.send(self.name, packet, payload, as_datagram=True)
 
@@ -347,7 +349,7 @@ class Peer:
 
     # -- receiving -------------------------------------------------------------------------------------
 
-    def take_data(self, header: Data, payload: bytes, now_ns: int) -> None:
+    def take_data(self, header: DataHeader, payload: bytes, now_ns: int) -> None:
         """Take a packet."""
         if not self._is_present(header.session, now_ns):
             return
@@ -359,7 +361,7 @@ class Peer:
             stream = self._incoming[header.traffic] = self._open(header.traffic)
         stream.take(header, payload)
 
-    def take_report(self, report: Report, now_ns: int) -> None:
+    def take_report(self, report: ReceiverReport, now_ns: int) -> None:
         """Take note of what the other link has received."""
         if report.about == self._own_session:
             if report.session == self.session and self._is_greeted:
@@ -413,7 +415,7 @@ class Peer:
     ) -> None:
         counts = tuple(self._books.received_from(self.name, about, traffic)[-MAX_COUNTS:])
         following, handled = max(1, following), max(1, handled)
-        report = Report(
+        report = ReceiverReport(
             self._own, traffic, self._own_session, about, following, handled, newest, counts, misses
         )
         if len(counts) <= MAX_REPORT_COUNTS:
@@ -422,7 +424,7 @@ class Peer:
             self._network.send(self.name, report, b"")
 
     def _open(self, traffic: TrafficClass) -> ReceiveStream:
-        row = self._books.row(Key("stream", self.name, self.session, traffic))
+        row = self._books.row(CountKey("stream", self.name, self.session, traffic))
         return ReceiveStream(traffic, row, self._handle, self._max_bytes)
 
     def _handle(self, message: Arrived) -> Fate:
@@ -439,12 +441,12 @@ class Peer:
             row.add(REFUSED)
         return fate
 
-    def _row(self, message: Arrived) -> Row | None:
+    def _row(self, message: Arrived) -> CountRow | None:
         """Return the row of a message's channel; None if its session has more than can be counted."""
         number = (message.traffic, message.number)
         name, row = self._rows.get(number, (None, None))
         if row is None or name != message.name:
-            key = Key("in", self.name, message.session, message.traffic, message.number, *message.name)
+            key = CountKey("in", self.name, message.session, message.traffic, message.number, *message.name)
             if not self._books.has_room_for(key):
                 return None
             row = self._books.row(key)

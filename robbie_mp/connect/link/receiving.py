@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import zstandard
 
-from robbie_mp.connect.link.books import HANDLING, NEXT, Row
-from robbie_mp.connect.link.header import COMPRESSED, LATCHED, MAX_COUNTS, MAX_PARTS, ChannelId, Data
+from robbie_mp.connect.link.books import HANDLING, NEXT, CountRow
+from robbie_mp.connect.link.header import COMPRESSED, LATCHED, MAX_COUNTS, MAX_PARTS, ChannelId, DataHeader
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 
 
@@ -43,7 +43,7 @@ class Arrived(NamedTuple):
 class _Parts:
     """The parts of a message that have arrived."""
 
-    first: Data
+    first: DataHeader
     payloads: list[bytes] = field(default_factory=list)
     size: int = 0
 
@@ -67,7 +67,7 @@ class ReceiveStream:
     """
 
     def __init__(
-        self, traffic: TrafficClass, row: Row, handle: Callable[[Arrived], Fate], max_bytes: int
+        self, traffic: TrafficClass, row: CountRow, handle: Callable[[Arrived], Fate], max_bytes: int
     ) -> None:
         self.traffic = traffic
         self._row = row
@@ -103,7 +103,7 @@ class ReceiveStream:
         """Sequence of the first packet whose message has not been handled."""
         return self._row[NEXT]
 
-    def take(self, header: Data, payload: bytes) -> None:
+    def take(self, header: DataHeader, payload: bytes) -> None:
         """Take a packet, if it is the next one.
 
         Where the newest counts, take it if it is newer than all of its channel. Other channels may have
@@ -137,7 +137,7 @@ class ReceiveStream:
             return
         self._finish(header.sequence)
 
-    def _is_overtaken(self, header: Data) -> bool:
+    def _is_overtaken(self, header: DataHeader) -> bool:
         """Whether it belongs to a message, newer than all of its channel, that others have overtaken."""
         if self._is_in_order or header.is_mark:
             return False
@@ -148,7 +148,7 @@ class ReceiveStream:
             first = self._again.first
         return first.sequence >= max(self._overtaken_from, self._newest_of.get(first.channel, 0) + 1)
 
-    def _take_overtaken(self, header: Data, payload: bytes) -> None:
+    def _take_overtaken(self, header: DataHeader, payload: bytes) -> None:
         begun, self._parts = self._parts, self._again
         self._again_next = header.sequence + 1
         if self._add(header, payload) and header.start + len(payload) == header.whole:
@@ -164,7 +164,7 @@ class ReceiveStream:
     def _skip_to(self, sequence: int) -> None:
         self._row[NEXT] = self.next = sequence
 
-    def _add(self, header: Data, payload: bytes) -> bool:
+    def _add(self, header: DataHeader, payload: bytes) -> bool:
         """Add a part to its message; False if it belongs to none, or the message is too large."""
         if header.start == 0:
             self._parts = _Parts(header)

@@ -16,9 +16,9 @@ from robbie_mp.connect.link.books import (
     REFUSED_BEFORE,
     REPLACED,
     TAKEN,
-    Row,
+    CountRow,
 )
-from robbie_mp.connect.link.congestion import MAX_WINDOW_BYTES, Window
+from robbie_mp.connect.link.congestion import MAX_WINDOW_BYTES, SendWindow
 from robbie_mp.connect.link.header import (
     COMPRESSED,
     DATAGRAM_BYTES,
@@ -26,8 +26,8 @@ from robbie_mp.connect.link.header import (
     MAX_COUNTS,
     MAX_PARTS,
     ChannelId,
-    Data,
-    Report,
+    DataHeader,
+    ReceiverReport,
 )
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 from robbie_mp.connect.link.under_way import UnderWay
@@ -71,7 +71,7 @@ class SendChannel:
     number: int
     name: ChannelId
     type_hash: int
-    row: Row
+    row: CountRow
     settled: int = 0
     """Messages of which the reports so far say what has become of them."""
     lost_before: int = 0
@@ -150,7 +150,7 @@ class Begun:
     """How much of it has been cut off."""
 
 
-class Limits(NamedTuple):
+class SendLimits(NamedTuple):
     """How much may wait to be sent."""
 
     messages: int
@@ -182,9 +182,9 @@ class SendStream:
     """
 
     traffic: TrafficClass
-    limits: Limits
-    window: Window
-    transmit: Callable[[Data, memoryview | bytes, int], None]
+    limits: SendLimits
+    window: SendWindow
+    transmit: Callable[[DataHeader, memoryview | bytes, int], None]
     address: Address
     waiting: OrderedDict[int, Item] = field(default_factory=OrderedDict)
     """By number of the channel if only the newest is kept, else by a running number."""
@@ -400,10 +400,10 @@ class SendStream:
                     sending = self.under_way.add(packet.sequence, packet.size, now_ns)
                     self.transmit(self._header(packet, packet.sequence, sending), payload, now_ns)
 
-    def _header(self, packet: Packet, oldest: int, number: int) -> Data:
+    def _header(self, packet: Packet, oldest: int, number: int) -> DataHeader:
         item, own = packet.item, self.address
         if item is None:
-            return Data(
+            return DataHeader(
                 own.robot,
                 self.traffic,
                 0,
@@ -420,14 +420,14 @@ class SendStream:
             )
         channel = item.channel
         about = () if packet.start else (channel.name, item.size, (own.robot,))
-        return Data(
+        return DataHeader(
             own.robot, self.traffic, packet.flags, channel.number, own.session, own.to, packet.sequence,
             oldest, number, packet.start, packet.whole, item.stamp_ns, channel.type_hash, *about,
         )  # fmt: skip
 
     # -- what has become of it -------------------------------------------------------------------------
 
-    def take_report(self, report: Report, channels: dict[int, SendChannel], now_ns: int) -> bool:
+    def take_report(self, report: ReceiverReport, channels: dict[int, SendChannel], now_ns: int) -> bool:
         """Take note of what the receiver has taken; False if the report tells of what was never sent."""
         told = (report.newest, report.next, report.handled)
         if told < self._told:
@@ -455,12 +455,12 @@ class SendStream:
         return True
 
     def _forget_arrived(self, following: int) -> None:
-        """Forget the states that have arrived; `following` is `Report.next`."""
+        """Forget the states that have arrived; `following` is `ReceiverReport.next`."""
         for number, newest in list(self._newest.items()):
             if newest.last.is_last and newest.last.sequence < following and not newest.is_lost:
                 del self._newest[number]
 
-    def _take_counts(self, report: Report, channels: dict[int, SendChannel]) -> None:
+    def _take_counts(self, report: ReceiverReport, channels: dict[int, SendChannel]) -> None:
         counts = {number: (received, refused) for number, received, refused in report.counts}
         if len(counts) < MAX_COUNTS:  # of the others, nothing has arrived
             counts = dict.fromkeys(self.numbers, (0, 0)) | counts

@@ -7,7 +7,7 @@ however often the same packet was sent.
 from collections import deque
 from typing import NamedTuple
 
-from robbie_mp.connect.link.congestion import Window
+from robbie_mp.connect.link.congestion import SendWindow
 
 MAX_SENDINGS = 1 << 16
 """Sendings that may be under way; older ones count as lost."""
@@ -39,7 +39,7 @@ class UnderWay:
         oldest_ns: when the oldest one under way was sent; 0: there is none.
     """
 
-    def __init__(self, window: Window, *, is_stream: bool):
+    def __init__(self, window: SendWindow, *, is_stream: bool):
         self._window = window
         self._is_stream = is_stream
         self._sendings: deque[Sending] = deque()

@@ -18,8 +18,8 @@ from robbie_mp.connect.link.header import (
     PART_BYTES,
     ROBOT_NAME,
     Beat,
-    Data,
-    Report,
+    DataHeader,
+    ReceiverReport,
     pack,
 )
 from robbie_mp.connect.link.traffic import TrafficClass
@@ -99,7 +99,7 @@ class InboxLimits(NamedTuple):
     bytes: int
 
 
-class Received(NamedTuple):
+class ReceivedPacket(NamedTuple):
     """A packet from the network; nothing in it has been checked, except for its size."""
 
     robot: str
@@ -248,10 +248,10 @@ class Wire:
         self._error = zenoh.ZError
         self._limits = limits
         self._wake = wake
-        self._take: Callable[[Received], None] | None = None
+        self._take: Callable[[ReceivedPacket], None] | None = None
         self._failure: Exception | None = None
         """What an exception in a thread of Zenoh was."""
-        self._inbox: deque[Received] = deque()
+        self._inbox: deque[ReceivedPacket] = deque()
         self._inbox_bytes = 0
         self._inbox_lock = threading.Lock()
         self._origins: dict[str, tuple[str, bool]] = {}
@@ -272,7 +272,7 @@ class Wire:
     def send(
         self,
         robot: str,
-        packet: Data | Report | Beat,
+        packet: DataHeader | ReceiverReport | Beat,
         payload: memoryview | bytes,
         *,
         as_datagram: bool = False,
@@ -283,7 +283,7 @@ class Wire:
         Returns:
             False if there was no room for it at once: it has waited, and may have been dropped.
         """
-        traffic = packet.traffic if isinstance(packet, Data) else -1
+        traffic = packet.traffic if isinstance(packet, DataHeader) else -1
         key = (robot, traffic, as_datagram, at_once or traffic <= TrafficClass.STATE)
         publisher = self._publishers.get(key)
         if publisher is None:
@@ -296,7 +296,7 @@ class Wire:
             self.unsent += 1
         return time.monotonic_ns() - began_ns < FULL_NS
 
-    def take_at_once(self, take: Callable[[Received], None] | None) -> None:
+    def take_at_once(self, take: Callable[[ReceivedPacket], None] | None) -> None:
         """From now on, call a function with packets, in threads of Zenoh; None: keep them for `received`.
 
         The function has the turn. What arrives while another thread has it, waits for `received`.
@@ -304,7 +304,7 @@ class Wire:
         with self.turns:
             self._take = take
 
-    def received(self) -> Iterator[Received]:
+    def received(self) -> Iterator[ReceivedPacket]:
         """Take what waits.
 
         Raises:
@@ -365,7 +365,9 @@ class Wire:
         if self._take is not None and not self._inbox and self.turns.begin_at_once():
             try:
                 if self._take is not None:  # nobody changes it during this turn
-                    self._take(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
+                    self._take(
+                        ReceivedPacket(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1])
+                    )
                     return
             except Exception as error:
                 self._failure, self._take = error, None
@@ -380,7 +382,9 @@ class Wire:
                 self.overflowed += 1
                 return
             self._inbox_bytes += size
-            self._inbox.append(Received(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1]))
+            self._inbox.append(
+                ReceivedPacket(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1])
+            )
         self._wake()
 
     def _origin(self, key: str) -> tuple[str, bool]:
@@ -400,7 +404,7 @@ class Wire:
             self._wake()
 
 
-def _size(packet: Received) -> int:
+def _size(packet: ReceivedPacket) -> int:
     return len(packet.header) + len(packet.payload)
 
 

@@ -115,7 +115,7 @@ def _kinds(message_type: type[Message]) -> dict[str, str]:
     return {name: kind.layout.type_name for name, kind in kinds.items() if isinstance(kind, Nested)}
 
 
-class Place(NamedTuple):
+class ShownPlace(NamedTuple):
     """A place that is shown.
 
     Attributes:
@@ -147,7 +147,7 @@ class MarkerBook:
 
     def __init__(self, message_type: type[Message]):
         self._type = message_type
-        self._places: dict[int, Place] = {}
+        self._places: dict[int, ShownPlace] = {}
         self.left_out = 0
 
     def state(self) -> list[list[Any]]:
@@ -156,7 +156,7 @@ class MarkerBook:
 
     def restore(self, state: list[list[Any]]) -> None:
         """Show the places of a checkpoint."""
-        self._places = {number: Place(*place) for number, *place in state}
+        self._places = {number: ShownPlace(*place) for number, *place in state}
 
     def add(self, data: bytes) -> None:
         """Add what a new message says.
@@ -190,7 +190,7 @@ class MarkerBook:
         ):
             self.left_out += 1
             return
-        self._places[number] = Place(header.frame_id, *at, text[:MAX_TEXT], colour)
+        self._places[number] = ShownPlace(header.frame_id, *at, text[:MAX_TEXT], colour)
 
     def _text(self, message: Any) -> str:
         name = str(getattr(message, "name", ""))
@@ -204,7 +204,7 @@ def _colour(message: Any) -> int:
     return state if isinstance(state, int) and 0 <= state < _OTHER_COLOUR else _OTHER_COLOUR
 
 
-def _markers(place: Place) -> list[dict[str, Any]]:
+def _markers(place: ShownPlace) -> list[dict[str, Any]]:
     """Return a ball where a place is, and its text above it."""
     at = place.x_m, place.y_m, place.z_m
     ball = _marker(place.frame, SPHERE, at, HEIGHT_M / 2, (HEIGHT_M,) * 3, _COLOURS[place.colour])

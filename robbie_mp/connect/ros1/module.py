@@ -16,12 +16,12 @@ from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLi
 from robbie_mp.connect.bridge.foreign import ForeignTypeRefused, RecordersDoNotLearn, learn_foreign
 from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap, Rename
 from robbie_mp.connect.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
-from robbie_mp.connect.bridge.surroundings import Surroundings
+from robbie_mp.connect.bridge.surroundings import BridgeRun
 from robbie_mp.connect.ros1.conversion import ConversionError, Ros1Type, ros1_type
 from robbie_mp.connect.ros1.foreign_types import DefinitionError, ForeignType, foreign_type
 from robbie_mp.connect.ros1.log_lines import LOG, ros1_log
 from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MARKERS, MarkerBook, can_be_markers
-from robbie_mp.connect.ros1.process import Announced, RosAddress, RosProcess, Wish
+from robbie_mp.connect.ros1.process import AnnouncedType, RosAddress, RosProcess, TopicWish
 from robbie_mp.connect.ros1.ros_node import ANY, MAX_ANNOUNCED
 from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, own_types
@@ -113,7 +113,7 @@ class Ros1Bridge(Module):
 
     def setup(self) -> None:
         """Start the ROS node, and subscribe."""
-        self.surroundings = Surroundings.of(self.run_id, self.name, CLASS_PATH)
+        self.surroundings = BridgeRun.of(self.run_id, self.name, CLASS_PATH)
         self.map = _mapping(self.send, self.accept, self.namespace, self.surroundings.types)
         self.warnings = WarnOnce(self.log)
         self._ages = AgeLog(self.log, FAR)
@@ -130,7 +130,7 @@ class Ros1Bridge(Module):
             kind = ANY_TYPE if one.is_foreign else ros1_type(self.surroundings.types.get(one.type_name))
             number = self._next_number()
             self._incoming[number] = one, kind
-            self.ros.subscribe_to(number, Wish(one.name, kind, not one.lets_move, one.quality.depth))
+            self.ros.subscribe_to(number, TopicWish(one.name, kind, not one.lets_move, one.quality.depth))
         for out in self.map.outgoing:
             self.subscribe_encoded(out.pair.type, self.on_message, topic=out.pair.topic)
         self._observe()
@@ -173,7 +173,7 @@ class Ros1Bridge(Module):
         rename = self._frames.outward(message_type)
         channel = _Channel(self._next_number(), ros1_type(message_type), Quality(depth=depth), rename)
         self._channels[message_type.type_name, 0, name] = channel
-        self.ros.publish_on(channel.number, Wish(name, channel.kind, False, depth))
+        self.ros.publish_on(channel.number, TopicWish(name, channel.kind, False, depth))
         return channel
 
     def teardown(self) -> None:
@@ -241,7 +241,7 @@ class Ros1Bridge(Module):
             channel.places = MarkerBook(message_type)
         else:
             channel = _Channel(self._next_number(), ros1_type(message_type), found.quality, rename)
-        wish = Wish(found.name, channel.kind, channel.quality.is_latched, channel.quality.depth)
+        wish = TopicWish(found.name, channel.kind, channel.quality.is_latched, channel.quality.depth)
         self.ros.publish_on(channel.number, wish)
         return channel
 
@@ -298,7 +298,7 @@ class Ros1Bridge(Module):
         found = self._foreign[number]
         return found is not None and self._take(incoming, found, data, waited_s)
 
-    def _learn(self, incoming: Incoming, announced: Announced) -> ForeignType | None:
+    def _learn(self, incoming: Incoming, announced: AnnouncedType) -> ForeignType | None:
         """Return a type that ROS has announced; None if the robot does not take its messages."""
         learnt = [one.description for one in self._foreign.values() if one is not None]
         try:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from robbie_mp.connect.ros1 import ros_node
 from robbie_mp.connect.ros1.conversion import Ros1Type
-from robbie_mp.connect.ros1.ros_node import Frame, frames, pack
+from robbie_mp.connect.ros1.ros_node import NodeFrame, frames, pack
 
 FIRST_PAUSE_S = 0.5
 LONGEST_PAUSE_S = 2.0
@@ -45,7 +45,7 @@ class RosAddress(NamedTuple):
     python: Path
 
 
-class Wish(NamedTuple):
+class TopicWish(NamedTuple):
     """A topic that the node is to open.
 
     Attributes:
@@ -74,7 +74,7 @@ class Wish(NamedTuple):
         return json.dumps(fields).encode()
 
 
-class Announced(NamedTuple):
+class AnnouncedType(NamedTuple):
     """What a ROS connection says about its messages, on a topic that takes messages of any type.
 
     Attributes:
@@ -90,7 +90,7 @@ class Announced(NamedTuple):
     definition: str
 
 
-class Outbox:
+class NodeOutbox:
     """Frames on their way to the node. When it is slow, the oldest messages of the same channel go.
 
     Args:
@@ -156,7 +156,7 @@ class Outbox:
             self._condition.notify_all()
 
 
-class Inbox:
+class NodeInbox:
     """Messages that have come from the node; when the bridge is slow, the oldest go.
 
     Attributes:
@@ -165,11 +165,11 @@ class Inbox:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._frames: deque[Frame] = deque()
+        self._frames: deque[NodeFrame] = deque()
         self._bytes = 0
         self.dropped = 0
 
-    def push(self, frame: Frame) -> None:
+    def push(self, frame: NodeFrame) -> None:
         """Append a message."""
         size = len(frame.payload)
         with self._lock:
@@ -179,7 +179,7 @@ class Inbox:
             self._frames.append(frame)
             self._bytes += size
 
-    def take(self) -> list[Frame]:
+    def take(self) -> list[NodeFrame]:
         """Return all messages that wait."""
         with self._lock:
             taken, self._bytes = list(self._frames), 0
@@ -190,8 +190,10 @@ class Inbox:
 class _Session:
     """One process of the node, and the two threads that speak with it."""
 
-    def __init__(self, address: RosAddress, max_bytes: int, on_frame: Callable[["_Session", Frame], None]):
-        self.outbox = Outbox(max_bytes)
+    def __init__(
+        self, address: RosAddress, max_bytes: int, on_frame: Callable[["_Session", NodeFrame], None]
+    ):
+        self.outbox = NodeOutbox(max_bytes)
         self.started_at = self.heard_at = time.monotonic()
         self.is_ready = False
         self.state: dict[str, Any] = {}
@@ -274,7 +276,7 @@ class RosProcess:
         self._wishes: dict[int, bytes] = {}
         self._depths: dict[int, int] = {}
         self._kept: dict[int, bytes] = {}
-        self._inbox = Inbox()
+        self._inbox = NodeInbox()
         self._session: _Session | None = None
         self._pause_s = FIRST_PAUSE_S
         self._next_start = 0.0
@@ -283,15 +285,15 @@ class RosProcess:
         self._last_reason = ""
         self.listeners: dict[int, int] = {}
         self.starts = 0
-        self.announced: dict[int, Announced] = {}
+        self.announced: dict[int, AnnouncedType] = {}
 
     # -- what is wanted
 
-    def publish_on(self, channel: int, wish: Wish) -> None:
+    def publish_on(self, channel: int, wish: TopicWish) -> None:
         """Have the node publish on a topic."""
         self._order(channel, pack(ros_node.PUBLISH, channel, wish.packed()), wish.depth)
 
-    def subscribe_to(self, channel: int, wish: Wish) -> None:
+    def subscribe_to(self, channel: int, wish: TopicWish) -> None:
         """Have the node subscribe to a topic."""
         self._order(channel, pack(ros_node.SUBSCRIBE, channel, wish.packed()), wish.depth)
 
@@ -404,13 +406,13 @@ class RosProcess:
             self._last_reason = reason
             self._log.warning("%s", reason)
 
-    def _on_frame(self, session: _Session, frame: Frame) -> None:
+    def _on_frame(self, session: _Session, frame: NodeFrame) -> None:
         if frame.kind == ros_node.MESSAGE:
             channel = session.channels.get(frame.channel, frame.channel)
             self._inbox.push(frame._replace(channel=channel))
             self._wake()
         elif frame.kind == ros_node.ANNOUNCE:
-            session.channels[frame.channel] = self._number(Announced(**json.loads(frame.payload)))
+            session.channels[frame.channel] = self._number(AnnouncedType(**json.loads(frame.payload)))
         elif frame.kind == ros_node.STATE:
             session.state = json.loads(frame.payload)
             listeners = session.state.get("listeners", {})
@@ -423,7 +425,7 @@ class RosProcess:
                     session.outbox.push(channel, kept, self._depths[channel])
                 session.is_ready = True
 
-    def _number(self, announced: Announced) -> int:
+    def _number(self, announced: AnnouncedType) -> int:
         """Return the number for messages of a type, which it keeps when the node is started again."""
         for number, known in self.announced.items():
             if known == announced:

@@ -80,7 +80,7 @@ MAX_WAITING = 1000
 MAX_WAITING_BYTES = 64 << 20
 
 
-class Frame(NamedTuple):
+class NodeFrame(NamedTuple):
     """The messages between the bridge and the node.
 
     Attributes:
@@ -103,7 +103,7 @@ def pack(kind: int, channel: int, payload: bytes, sent_ns: int | None = None) ->
     return FRAME.pack(len(payload), kind, channel, sent_ns) + payload
 
 
-def frames(link: socket.socket) -> Iterator[Frame]:
+def frames(link: socket.socket) -> Iterator[NodeFrame]:
     """Yield the frames that arrive, until the other side goes."""
     with link.makefile("rb", buffering=1 << 16) as stream:
         while True:
@@ -119,7 +119,7 @@ def frames(link: socket.socket) -> Iterator[Frame]:
                 return
             if len(payload) < size:
                 return
-            yield Frame(kind, channel, sent_ns, payload)
+            yield NodeFrame(kind, channel, sent_ns, payload)
 
 
 class _Outbox:
@@ -316,7 +316,7 @@ class _Node:
                 self._parameters.update(json.loads(frame.payload))
                 self._are_parameters_due = True
 
-    def _publish(self, frame: Frame) -> None:
+    def _publish(self, frame: NodeFrame) -> None:
         publisher = self._publishers[frame.channel]
         message = publisher.data_class()
         message._buff = frame.payload

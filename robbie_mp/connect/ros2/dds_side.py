@@ -13,7 +13,7 @@ import numpy as np
 
 from robbie_mp.connect.bridge.mapping import DEFAULT_DEPTH
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of
-from robbie_mp.connect.ros2.side import Channel, Inbox, NodeName, Ros2Unavailable
+from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, Ros2Unavailable, RosChannel
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import Message, from_dict
 from robbie_mp.messages.schema_parser import message_type_from_schema
@@ -101,19 +101,19 @@ class DdsSide:
     """
 
     node: NodeName
-    inbox: Inbox
+    inbox: MiddlewareInbox
     types: "Callable[[str], type[Message]]"
     interface: str = LOOPBACK
     unsent: int = 0
     incompatible: int = 0
     """Endpoints of others that do not fit because of their quality of service."""
-    _writers: dict[Channel, Any] = field(default_factory=dict)
+    _writers: dict[RosChannel, Any] = field(default_factory=dict)
     _readers: list[Any] = field(default_factory=list)
     _responders: list[Any] = field(default_factory=list)
     _responses: deque[_Response] = field(default_factory=deque)
-    _asked: dict[str, Channel] = field(default_factory=dict)
+    _asked: dict[str, RosChannel] = field(default_factory=dict)
     """Channels by their topic in DDS: those that this node reads; `_offered` has those that it writes."""
-    _offered: dict[str, Channel] = field(default_factory=dict)
+    _offered: dict[str, RosChannel] = field(default_factory=dict)
     _named: set[bytes] = field(default_factory=set)
     """Endpoints of other types that have been counted."""
     _looked_ns: int = 0
@@ -150,7 +150,7 @@ class DdsSide:
         self._nodes = self._writer(Topic(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
         self._tell()
 
-    def send(self, channel: Channel, data: memoryview | bytes) -> None:
+    def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher."""
         if channel not in self._writers:
             topic, message_type = self._topic(channel)
@@ -162,7 +162,7 @@ class DdsSide:
             self._tell()
         self._write(self._writers[channel], data)
 
-    def listen(self, channel: Channel) -> None:
+    def listen(self, channel: RosChannel) -> None:
         """Ask for the messages of a channel."""
         from cyclonedds.core import Listener  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
@@ -223,7 +223,7 @@ class DdsSide:
             one.get_offered_incompatible_qos_status().total_count for one in writers
         )
 
-    def _compare(self, endpoint: Any, channels: dict[str, Channel]) -> None:
+    def _compare(self, endpoint: Any, channels: dict[str, RosChannel]) -> None:
         """Count an endpoint of others whose topic has another type here; DDS keeps those apart."""
         from cyclonedds.core import Policy  # noqa: PLC0415
 
@@ -246,7 +246,7 @@ class DdsSide:
         self._participant._delete(self._participant._ref)
         self._domain._delete(self._domain._ref)
 
-    def _topic(self, channel: Channel) -> tuple[Any, type[Message]]:
+    def _topic(self, channel: RosChannel) -> tuple[Any, type[Message]]:
         from cyclonedds.topic import Topic  # noqa: PLC0415
 
         message_type = self.types(channel.type_name)

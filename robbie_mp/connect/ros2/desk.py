@@ -8,12 +8,12 @@ from typing import Any
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.connect.ros2.padding import unpadded
 from robbie_mp.connect.ros2.service_types import ServiceType
-from robbie_mp.connect.ros2.side import Call, Inbox, Side
+from robbie_mp.connect.ros2.side import Call, MiddlewareInbox, Side
 from robbie_mp.messages import Message, MessageError, from_dict
 
 
 @dataclass
-class Asked:
+class RosRequest:
     """A request of a ROS node, to be answered once.
 
     Attributes:
@@ -31,7 +31,7 @@ class Asked:
         self._send(from_dict(self._service.response, fields).encode())
 
 
-Handler = Callable[[Asked], None]
+Handler = Callable[[RosRequest], None]
 
 
 class Desk:
@@ -48,7 +48,7 @@ class Desk:
         malformed: requests that are not what their type declares; their clients get no response, as from ROS.
     """
 
-    def __init__(self, side: Side, inbox: Inbox, log: logging.Logger):
+    def __init__(self, side: Side, inbox: MiddlewareInbox, log: logging.Logger):
         self._side, self._inbox, self._log = side, inbox, log
         self.offered: dict[str, tuple[ServiceType, Handler]] = {}
         self.handled = self.malformed = 0
@@ -71,7 +71,7 @@ class Desk:
             request = self._decoded(service, call)
             if request is not None:
                 self.handled += 1
-                handler(Asked(request, call.at_ns, service, call.answer))
+                handler(RosRequest(request, call.at_ns, service, call.answer))
 
     def _decoded(self, service: ServiceType, call: Call) -> Message | None:
         try:

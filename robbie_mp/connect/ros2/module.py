@@ -16,14 +16,21 @@ from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLi
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap, Rename
 from robbie_mp.connect.bridge.mapping import NAME, BridgeMap, Incoming, MappingError, Quality
-from robbie_mp.connect.bridge.orders import STOP_TOPIC, Order, StopSwitch, carry_out, check_orders, orders_of
-from robbie_mp.connect.bridge.surroundings import Surroundings
+from robbie_mp.connect.bridge.orders import (
+    STOP_TOPIC,
+    OrderService,
+    StopSwitch,
+    carry_out,
+    check_orders,
+    orders_of,
+)
+from robbie_mp.connect.bridge.surroundings import BridgeRun
 from robbie_mp.connect.ros2.dds_side import LOOPBACK, DdsSide
-from robbie_mp.connect.ros2.desk import Asked, Desk
+from robbie_mp.connect.ros2.desk import Desk, RosRequest
 from robbie_mp.connect.ros2.padding import unpadded
 from robbie_mp.connect.ros2.parameters import NodeParameters
 from robbie_mp.connect.ros2.service_types import SET_BOOL, TRIGGER
-from robbie_mp.connect.ros2.side import MAX_DOMAIN, Arrived, Channel, Inbox, NodeName, Side
+from robbie_mp.connect.ros2.side import MAX_DOMAIN, MiddlewareInbox, NodeName, RosArrival, RosChannel, Side
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.connect.ros2.zenoh_side import ROUTER, ZenohSide
 from robbie_mp.messages import (
@@ -152,13 +159,13 @@ class Ros2Bridge(Module):
 
     def setup(self) -> None:
         """Join ROS 2, and subscribe."""
-        around = Surroundings.of(self.run_id, self.name, CLASS_PATH)
+        around = BridgeRun.of(self.run_id, self.name, CLASS_PATH)
         self._types = around.types if self.run_id else KnownTypes(own_types())
         self._bridges = around.bridges
         self._observer = RunObserver(self.run_id) if self.run_id else None
         self.sent = self.received = self.withheld = self.unknown = 0
         self.malformed = self.late = self.refused = 0
-        self._channels: dict[tuple[str, int, str], tuple[Channel, Rename] | None] = {}
+        self._channels: dict[tuple[str, int, str], tuple[RosChannel, Rename] | None] = {}
         self._ages = AgeLog(self.log, FAR)
         self._frames = FrameMap(self.frames)
         self._named: set[str] = set()
@@ -171,12 +178,12 @@ class Ros2Bridge(Module):
             self._orders = orders_of(self.services, self._types)
         except MappingError as error:
             raise SettingError(str(error), "services") from error
-        self.inbox = Inbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
+        self.inbox = MiddlewareInbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
         self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
-        self._incoming: dict[Channel, tuple[Incoming, type[Message], Rename]] = {}
+        self._incoming: dict[RosChannel, tuple[Incoming, type[Message], Rename]] = {}
         for one in self.map.incoming:
             message_type = self._types.get(one.type_name)
-            channel = Channel(one.name, one.type_name, type_hash(message_type), one.quality)
+            channel = RosChannel(one.name, one.type_name, type_hash(message_type), one.quality)
             self._incoming[channel] = one, message_type, self._frames.inward(message_type)
             self.side.listen(channel)
         self.desk = Desk(self.side, self.inbox, self.log)
@@ -206,7 +213,7 @@ class Ros2Bridge(Module):
             if self.emergency_stop == "release":
                 self.desk.offer(name, SET_BOOL, partial(self._stop_or_release, self._stop))
 
-    def _observe(self, around: Surroundings) -> None:
+    def _observe(self, around: BridgeRun) -> None:
         """Begin to watch the run, for /rosout and /diagnostics."""
         self._trace: TraceLines | None = None
         self._diagnosis: Diagnosis | None = None
@@ -233,9 +240,9 @@ class Ros2Bridge(Module):
         own = {one.type_name: one for one in (CLOCK, DIAGNOSTICS)}
         return own.get(type_name) or self._types.get(type_name)
 
-    def _own(self, message_type: type[Message], name: str, quality: Quality) -> Channel:
+    def _own(self, message_type: type[Message], name: str, quality: Quality) -> RosChannel:
         """Return a channel of the bridge's own messages."""
-        return Channel(name, message_type.type_name, type_hash(message_type), quality)
+        return RosChannel(name, message_type.type_name, type_hash(message_type), quality)
 
     def teardown(self) -> None:
         """Leave ROS 2."""
@@ -273,7 +280,7 @@ class Ros2Bridge(Module):
         self.side.send(channel, data)
         self.sent += 1
 
-    def _channel(self, type_name: str, version: int, topic: str) -> tuple[Channel, Rename] | None:
+    def _channel(self, type_name: str, version: int, topic: str) -> tuple[RosChannel, Rename] | None:
         """Return how messages are sent, and what renames their frames; None if they cannot be sent."""
         sent_as = self.map.sent_as(type_name, topic)
         if sent_as is None:
@@ -291,7 +298,7 @@ class Ros2Bridge(Module):
         if self._observer is not None and not quality.is_latched:
             latched = {(one.type_name, one.version, one.topic) for one in self._observer.latched()}
             quality = replace(quality, is_latched=(type_name, version, topic) in latched)
-        channel = Channel(sent_as.name, type_name, type_hash(message_type), quality)
+        channel = RosChannel(sent_as.name, type_name, type_hash(message_type), quality)
         return channel, self._frames.outward(message_type)
 
     # -- from ROS 2 to this robot ------------------------------------------------------------------------
@@ -318,7 +325,7 @@ class Ros2Bridge(Module):
             self.status = self._figures()
             self._send_diagnostics()
 
-    def _take(self, arrived: Arrived) -> None:
+    def _take(self, arrived: RosArrival) -> None:
         incoming, message_type, rename = self._incoming[arrived.channel]
         try:
             message = message_type.decode(arrived.data)
@@ -355,7 +362,7 @@ class Ros2Bridge(Module):
 
     # -- services for ROS 2 ------------------------------------------------------------------------------
 
-    def _order(self, order: Order, asked: Asked) -> None:
+    def _order(self, order: OrderService, asked: RosRequest) -> None:
         """Call a service of this robot; the response to ROS says what came of it."""
         is_on = order.off is None or asked.request.data
         waited_s = (time.monotonic_ns() - asked.at_ns) * 1e-9
@@ -365,7 +372,7 @@ class Ros2Bridge(Module):
 
         carry_out(self, order, is_on, waited_s, done)
 
-    def _stop_or_release(self, stop: StopSwitch, asked: Asked) -> None:
+    def _stop_or_release(self, stop: StopSwitch, asked: RosRequest) -> None:
         def done(success: bool, message: str) -> None:
             asked.answer(success=success, message=message)
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from robbie_mp.connect.ros2.desk import Asked, Desk
+from robbie_mp.connect.ros2.desk import Desk, RosRequest
 from robbie_mp.connect.ros2.service_types import service_type
 from robbie_mp.messages import FieldError, SettingChange, SettingChanged, as_dict, from_dict
 from robbie_mp.messages.schema_parser import message_type_from_schema
@@ -87,7 +87,7 @@ Entry = dict[str, Any]
 class _Change:
     """The changes that a node has requested, until all modules have answered."""
 
-    asked: Asked
+    asked: RosRequest
     results: list[tuple[bool, str] | None]
     is_atomic: bool
 
@@ -149,22 +149,22 @@ class NodeParameters:
             for name, entry in file.read().items()
         }
 
-    def _list(self, asked: Asked) -> None:
+    def _list(self, asked: RosRequest) -> None:
         prefixes, depth = list(asked.request.prefixes), asked.request.depth
         names = [one for one in self._all() if _is_listed(one, prefixes, depth)]
         above = {one.rpartition(".")[0]: None for one in names}
         asked.answer(result={"names": names, "prefixes": list(above)})
 
-    def _get(self, asked: Asked) -> None:
+    def _get(self, asked: RosRequest) -> None:
         known = self._all()
         asked.answer(values=[_value(known[one]) if one in known else {} for one in asked.request.names])
 
-    def _types(self, asked: Asked) -> None:
+    def _types(self, asked: RosRequest) -> None:
         known = self._all()
         types = [_type(known[one]) if one in known else NOT_SET for one in asked.request.names]
         asked.answer(types=types)
 
-    def _describe(self, asked: Asked) -> None:
+    def _describe(self, asked: RosRequest) -> None:
         known = self._all()
         asked.answer(
             descriptors=[
@@ -175,7 +175,7 @@ class NodeParameters:
 
     # -- changing ----------------------------------------------------------------------------------------
 
-    def _set(self, asked: Asked, is_atomic: bool = False) -> None:
+    def _set(self, asked: RosRequest, is_atomic: bool = False) -> None:
         change = _Change(asked, [None] * len(asked.request.parameters), is_atomic)
         if not change.results:
             asked.answer(results=[])
@@ -184,7 +184,7 @@ class NodeParameters:
             if problem:
                 self._end(change, place, problem)
 
-    def _set_atomically(self, asked: Asked) -> None:
+    def _set_atomically(self, asked: RosRequest) -> None:
         if len(asked.request.parameters) == 1:
             self._set(asked, is_atomic=True)
             return

@@ -43,7 +43,7 @@ class NodeName(NamedTuple):
     name: str
 
 
-class Channel(NamedTuple):
+class RosChannel(NamedTuple):
     """A topic of ROS 2 with its type.
 
     Attributes:
@@ -65,7 +65,7 @@ class Channel(NamedTuple):
         return f"{package}::{kind}::dds_::{name}_"
 
 
-class Arrived(NamedTuple):
+class RosArrival(NamedTuple):
     """A message from ROS 2; nothing in it has been checked, except for its size.
 
     Attributes:
@@ -75,7 +75,7 @@ class Arrived(NamedTuple):
         at_ns: when it arrived, by the machine's monotonic clock.
     """
 
-    channel: Channel
+    channel: RosChannel
     data: bytes
     age_s: float
     at_ns: int
@@ -102,7 +102,7 @@ class Call(NamedTuple):
     answer: Callable[[bytes], None]
 
 
-class Inbox:
+class MiddlewareInbox:
     """Messages and requests that threads of a middleware have received, until the module takes them.
 
     Args:
@@ -118,7 +118,7 @@ class Inbox:
 
     def __init__(self, max_messages: int, max_bytes: int, wake: Callable[[], None]):
         self._max_messages, self._max_bytes, self._wake = max_messages, max_bytes, wake
-        self._waiting: deque[Arrived] = deque()
+        self._waiting: deque[RosArrival] = deque()
         self._calls: deque[Call] = deque()
         self.overflowed = 0
         self.oversized = 0
@@ -126,14 +126,14 @@ class Inbox:
         self.unnamed: deque[str] = deque(maxlen=32)
         """Descriptions of strangers, for the module to name in its log; the oldest go first."""
 
-    def put(self, channel: Channel, data: bytes, sent_ns: int) -> None:
+    def put(self, channel: RosChannel, data: bytes, sent_ns: int) -> None:
         """Keep a message for the module, and when its sender says that it has sent it; in any thread."""
         if len(data) > self._max_bytes:
             self.oversized += 1
         elif len(self._waiting) >= self._max_messages:
             self.overflowed += 1
         else:
-            self._waiting.append(Arrived(channel, data, _age_s(sent_ns), time.monotonic_ns()))
+            self._waiting.append(RosArrival(channel, data, _age_s(sent_ns), time.monotonic_ns()))
             self._wake()
 
     def put_call(self, service: str, data: bytes, answer: Callable[[bytes], None]) -> None:
@@ -151,7 +151,7 @@ class Inbox:
         self.strangers += 1
         self.unnamed.append(what)
 
-    def take(self) -> Iterator[Arrived]:
+    def take(self) -> Iterator[RosArrival]:
         """Take what waits now."""
         for _ in range(len(self._waiting)):
             yield self._waiting.popleft()
@@ -194,10 +194,10 @@ class Side(Protocol):
     incompatible: int
     """Endpoints of others that do not fit because of their quality of service."""
 
-    def send(self, channel: Channel, data: memoryview | bytes) -> None:
+    def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher. It does not wait for anybody."""
 
-    def listen(self, channel: Channel) -> None:
+    def listen(self, channel: RosChannel) -> None:
         """Ask for the messages of a channel; they come into the inbox."""
 
     def serve(self, name: str, service: "ServiceType") -> None:

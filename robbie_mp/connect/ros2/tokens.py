@@ -7,7 +7,7 @@ import struct
 from typing import Final, NamedTuple, Self
 
 from robbie_mp.connect.bridge.mapping import Quality
-from robbie_mp.connect.ros2.side import Channel, NodeName
+from robbie_mp.connect.ros2.side import NodeName, RosChannel
 
 PUBLISHER: Final = "MP"
 SUBSCRIPTION: Final = "MS"
@@ -19,12 +19,12 @@ _BEST_EFFORT, _TRANSIENT_LOCAL = "2", "1"
 _ATTACHMENT = struct.Struct("<qqB16s")
 
 
-def data_key(domain: int, channel: Channel) -> str:
+def data_key(domain: int, channel: RosChannel) -> str:
     """Return the key expression of a topic's messages."""
     return f"{domain}/{channel.name.strip('/')}/{channel.dds_type}/{channel.type_hash}"
 
 
-def any_type_key(domain: int, channel: Channel) -> str:
+def any_type_key(domain: int, channel: RosChannel) -> str:
     """Return the key expression that messages of any type on a topic have."""
     return f"{domain}/{channel.name.strip('/')}/*/*"
 
@@ -34,7 +34,7 @@ def node_token(zenoh_id: str, node: NodeName) -> str:
     return f"@ros2_lv/{node.domain}/{zenoh_id}/0/0/NN/{_place(node)}"
 
 
-def endpoint_token(zenoh_id: str, node: NodeName, entity: int, kind: str, channel: Channel) -> str:
+def endpoint_token(zenoh_id: str, node: NodeName, entity: int, kind: str, channel: RosChannel) -> str:
     """Return the liveliness token of a publisher, subscription or service.
 
     Args:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from robbie_mp.connect.bridge.mapping import Quality
 from robbie_mp.connect.link.wire import Endpoints, LinkUnavailable, open_session
-from robbie_mp.connect.ros2.side import Channel, Inbox, NodeName, ReusedMemory, Ros2Unavailable
+from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, ReusedMemory, Ros2Unavailable, RosChannel
 from robbie_mp.connect.ros2.tokens import (
     PUBLISHER,
     SERVICE,
@@ -64,7 +64,7 @@ class ZenohSide:
     """
 
     node: NodeName
-    inbox: Inbox
+    inbox: MiddlewareInbox
     listen_on: Sequence[str] = ("tcp/127.0.0.1:0",)
     connect: Sequence[str] = (ROUTER,)
     max_bytes: int = 64 << 20
@@ -73,7 +73,7 @@ class ZenohSide:
     """None is: in Zenoh, every quality of service fits every other one."""
     withheld: int = 0
     """Messages of this node that came back."""
-    _publishers: dict[Channel, _Publisher] = field(default_factory=dict)
+    _publishers: dict[RosChannel, _Publisher] = field(default_factory=dict)
     _declared: list[Any] = field(default_factory=list)
     _gids: set[bytes] = field(default_factory=set)
     _memory: ReusedMemory = field(default_factory=ReusedMemory)
@@ -107,7 +107,7 @@ class ZenohSide:
         """The session's number, as it stands in tokens."""
         return self._id
 
-    def send(self, channel: Channel, data: memoryview | bytes) -> None:
+    def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher."""
         import zenoh  # noqa: PLC0415
 
@@ -122,7 +122,7 @@ class ZenohSide:
         except zenoh.ZError:
             self.unsent += 1
 
-    def listen(self, channel: Channel) -> None:
+    def listen(self, channel: RosChannel) -> None:
         """Ask for the messages of a channel, whichever type they have: those of others are counted."""
         import zenoh.ext  # noqa: PLC0415
 
@@ -145,7 +145,7 @@ class ZenohSide:
     def serve(self, name: str, service: "ServiceType") -> None:
         """Offer a service. Its queryable is complete, because nodes ask no other ones."""
         # A service of rmw_zenoh has a key and a token as a topic has.
-        channel = Channel(name, service.name, service.type_hash, Quality())
+        channel = RosChannel(name, service.name, service.type_hash, Quality())
         key = data_key(self.node.domain, channel)
 
         def on_query(query: "zenoh.Query") -> None:
@@ -161,12 +161,12 @@ class ZenohSide:
         """End the session."""
         self._zenoh.close()
 
-    def _token(self, kind: str, channel: Channel) -> tuple[str, "zenoh.LivelinessToken"]:
+    def _token(self, kind: str, channel: RosChannel) -> tuple[str, "zenoh.LivelinessToken"]:
         self._entities += 1
         token = endpoint_token(self._id, self.node, self._entities, kind, channel)
         return token, self._zenoh.liveliness().declare_token(token)
 
-    def _declare(self, channel: Channel) -> _Publisher:
+    def _declare(self, channel: RosChannel) -> _Publisher:
         import zenoh.ext  # noqa: PLC0415
 
         key = data_key(self.node.domain, channel)
@@ -188,7 +188,7 @@ class ZenohSide:
 
     # -- in threads of Zenoh ---------------------------------------------------------------------------
 
-    def _on_sample(self, channel: Channel, key: str, sample: "zenoh.Sample") -> None:
+    def _on_sample(self, channel: RosChannel, key: str, sample: "zenoh.Sample") -> None:
         arrived = str(sample.key_expr)
         if arrived != key:
             self.inbox.put_stranger(arrived)

@@ -12,7 +12,7 @@ from robbie_mp.logs.capture.recorded_run import RecordedRun
 from robbie_mp.logs.capture.selection import Selection
 from robbie_mp.logs.capture.tally import Tally
 from robbie_mp.logs.recording.chunk_queue import BufferLimits
-from robbie_mp.logs.recording.format import ChannelCount, ChannelKey
+from robbie_mp.logs.recording.format import ChannelKey, RecordedCount
 from robbie_mp.logs.recording.log_writer import LogWriter
 from robbie_mp.logs.recording.recorder import Recorder
 
@@ -136,7 +136,7 @@ class RecordingSession:
                 if self._tally is not None:
                     self._tally.miss(key, missing)
 
-    def count_lost(self, unended: Mapping[ChannelKey, ChannelCount], first_part: int) -> None:
+    def count_lost(self, unended: Mapping[ChannelKey, RecordedCount], first_part: int) -> None:
         """Count in the log what earlier processes of this recorder had in memory when they died.
 
         Args:

@@ -16,7 +16,7 @@ def type_pattern(text: str) -> str:
     return full_name(text)
 
 
-class Pair(NamedTuple):
+class TypeAndTopic(NamedTuple):
     """Shell patterns for the full name of a type and for a topic; both must match."""
 
     type: str
@@ -35,7 +35,7 @@ class Selection:
         exclude: patterns for types or topics.
     """
 
-    def __init__(self, wanted: dict[str, list[Pair]], exclude: Sequence[str]):
+    def __init__(self, wanted: dict[str, list[TypeAndTopic]], exclude: Sequence[str]):
         self._wanted = wanted
         self._excluded = _either(exclude)
         self.unmatched = dict.fromkeys(wanted)
@@ -45,7 +45,9 @@ class Selection:
     def by_types_and_topics(cls, types: Sequence[str], topics: Sequence[str], exclude: Sequence[str]) -> Self:
         """Select messages that match one of the types and one of the topics."""
         pairs = [(one, topic) for one in types for topic in topics]
-        wanted = {f"type {one!r}, topic {topic!r}": [Pair(type_pattern(one), topic)] for one, topic in pairs}
+        wanted = {
+            f"type {one!r}, topic {topic!r}": [TypeAndTopic(type_pattern(one), topic)] for one, topic in pairs
+        }
         return cls(wanted, exclude)
 
     @classmethod
@@ -54,7 +56,7 @@ class Selection:
         return cls({repr(pattern): _either([pattern]) for pattern in patterns}, exclude)
 
     @property
-    def pairs(self) -> list[Pair]:
+    def pairs(self) -> list[TypeAndTopic]:
         """The pairs to subscribe to."""
         return list(dict.fromkeys(pair for pairs in self._wanted.values() for pair in pairs))
 
@@ -74,6 +76,8 @@ class Selection:
         return bool(matching) and not any(pair.matches(type_name, topic) for pair in self._excluded)
 
 
-def _either(patterns: Sequence[str]) -> list[Pair]:
+def _either(patterns: Sequence[str]) -> list[TypeAndTopic]:
     """Return pairs of which at least one matches if a pattern matches the type or the topic."""
-    return [pair for one in patterns for pair in (Pair(type_pattern(one), "*"), Pair("*", one))]
+    return [
+        pair for one in patterns for pair in (TypeAndTopic(type_pattern(one), "*"), TypeAndTopic("*", one))
+    ]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from robbie_mp.base.linux.private_files import private_opener
 from robbie_mp.logs.recording.errors import LogError
-from robbie_mp.logs.recording.format import PART_NAME, ChannelCount, ChannelKey
+from robbie_mp.logs.recording.format import PART_NAME, ChannelKey, RecordedCount
 from robbie_mp.logs.recording.info import last_counts
 from robbie_mp.logs.recording.reader import open_log
 
@@ -62,7 +62,7 @@ class Tally:
         for line in self._keys.read_bytes().splitlines():
             self._place(ChannelKey(*json.loads(line)))
         self._lock = threading.Lock()
-        self._ended: list[tuple[int, Mapping[ChannelKey, ChannelCount]]] = []
+        self._ended: list[tuple[int, Mapping[ChannelKey, RecordedCount]]] = []
         """Parts of this process that ended before `lost_before` was called."""
         self._knows_past = False
         self.next_part = self._words[0]
@@ -76,7 +76,7 @@ class Tally:
         """Count messages that never reached the recorder."""
         self._words[(self._places.get(key) or self._open(key)) + MISSED] += messages
 
-    def end_part(self, number: int, counts: Mapping[ChannelKey, ChannelCount]) -> None:
+    def end_part(self, number: int, counts: Mapping[ChannelKey, RecordedCount]) -> None:
         """Add the counts of a part of the log that has ended."""
         with self._lock:
             if self._knows_past:
@@ -86,7 +86,7 @@ class Tally:
                 self._ended.append((number, counts))
 
     def lost_before(
-        self, unended: Mapping[ChannelKey, ChannelCount], first_part: int
+        self, unended: Mapping[ChannelKey, RecordedCount], first_part: int
     ) -> dict[ChannelKey, int]:
         """Return the messages that were lost with earlier processes of the recorder; call this once.
 
@@ -116,7 +116,7 @@ class Tally:
         """Unmap the counts; the files are removed with all other shared memory of the run."""
         self._words.release()
 
-    def _add(self, counts: Mapping[ChannelKey, ChannelCount]) -> None:
+    def _add(self, counts: Mapping[ChannelKey, RecordedCount]) -> None:
         for key, count in counts.items():
             place = self._places.get(key, WORDS)
             self._words[place + RECORDED] += count.recorded
@@ -148,12 +148,12 @@ def parts_from(recording: Path, number: int) -> dict[int, Path]:
     return found
 
 
-def counts_of(parts: Iterable[Path]) -> dict[ChannelKey, ChannelCount]:
+def counts_of(parts: Iterable[Path]) -> dict[ChannelKey, RecordedCount]:
     """Return how many messages are in parts of a recording, and how many missing ones they count.
 
     A part that cannot be read counts as empty.
     """
-    counts: dict[ChannelKey, ChannelCount] = {}
+    counts: dict[ChannelKey, RecordedCount] = {}
     for path in parts:
         try:
             with open_log(path) as log:
@@ -164,7 +164,7 @@ def counts_of(parts: Iterable[Path]) -> dict[ChannelKey, ChannelCount]:
         except (LogError, OSError):
             continue
         for key in {*recorded, *dropped}:
-            count = counts.setdefault(key, ChannelCount())
+            count = counts.setdefault(key, RecordedCount())
             count.recorded += recorded.get(key, 0)
             count.dropped += dropped.get(key, 0)
     return counts
@@ -184,7 +184,7 @@ class UnendedParts:
     """
 
     def __init__(self, recording: Path, first: int):
-        self._counts: dict[ChannelKey, ChannelCount] = {}
+        self._counts: dict[ChannelKey, RecordedCount] = {}
         parts = parts_from(recording, first)  # now, before this process begins a part
         self.after = max(parts, default=first - 1) + 1
         self._thread = threading.Thread(
@@ -192,7 +192,7 @@ class UnendedParts:
         )
         self._thread.start()
 
-    def counts(self, wait_s: float) -> dict[ChannelKey, ChannelCount] | None:
+    def counts(self, wait_s: float) -> dict[ChannelKey, RecordedCount] | None:
         """Return what is in these parts; None if they have not been read after `wait_s`."""
         self._thread.join(wait_s)
         return None if self._thread.is_alive() else self._counts

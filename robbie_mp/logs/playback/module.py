@@ -9,7 +9,7 @@ from robbie_mp.bus.observe.unhandled import UnhandledMessages
 from robbie_mp.logs.playback import selection
 from robbie_mp.logs.playback.log_time import LogTime
 from robbie_mp.logs.playback.outlet import LockstepOutlet, PacedOutlet
-from robbie_mp.logs.playback.player import ControlRefused, Outlet, Player
+from robbie_mp.logs.playback.player import Outlet, PlaybackRefused, Player
 from robbie_mp.logs.playback.tape import Tape
 from robbie_mp.logs.playback.translation import RunTypes, Translation, translation_of
 from robbie_mp.logs.recording.errors import LogError
@@ -187,7 +187,7 @@ class Playback(ClockSource):
         self.request, self.error, self.has_news = control.request, "", True
         try:
             self.player.control(control.command, control.value)
-        except ControlRefused as refusal:
+        except PlaybackRefused as refusal:
             self.error = str(refusal)
             self.log.error("refused %s from %s: %s", control.command, self.envelope.sender, refusal)
         self._remember()

@@ -14,7 +14,7 @@ LONGEST_TURN_NS = 20_000_000
 """Longest time that it publishes without looking for control requests."""
 
 
-class ControlRefused(RobbieError, ValueError):
+class PlaybackRefused(RobbieError, ValueError):
     """A playback cannot carry out a control request.
 
     Example scenarios:
@@ -125,24 +125,26 @@ class Player:
             case "rate":
                 self._set_rate(value)
             case _:
-                raise ControlRefused(f"expected pause, resume, step, seek or rate; got {command!r}")
+                raise PlaybackRefused(f"expected pause, resume, step, seek or rate; got {command!r}")
 
     def _step(self) -> None:
         if self.ended:
-            raise ControlRefused("there is no message left to step to; seek back first")
+            raise PlaybackRefused("there is no message left to step to; seek back first")
         self.time.paused = True
         self._steps += 1
 
     def _seek(self, to_s: float) -> None:
         first_s, last_s = ((at - self._origin_ns) / 1e9 for at in (self.tape.begin_ns, self.tape.end_ns))
         if not first_s <= to_s <= last_s:
-            raise ControlRefused(f"cannot seek to {to_s:g} s: what is played are {first_s:g} to {last_s:g} s")
+            raise PlaybackRefused(
+                f"cannot seek to {to_s:g} s: what is played are {first_s:g} to {last_s:g} s"
+            )
         self._jump = self._origin_ns + round(to_s * 1e9), "seek"
         self._steps = 0
 
     def _set_rate(self, rate: float) -> None:
         if not rate > 0:
-            raise ControlRefused(f"a rate must be greater than 0, or infinity; got {rate:g}")
+            raise PlaybackRefused(f"a rate must be greater than 0, or infinity; got {rate:g}")
         self.time.rate = None if math.isinf(rate) else rate
 
     # -- playback ----------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from robbie_mp.logs.recording.limits import ReadLimits
 from robbie_mp.logs.recording.mcap_records import Frame, chunk_data, content, parse
 
 
-class Block(NamedTuple):
+class MessageBlock(NamedTuple):
     """Messages that lie together: those of a chunk, or of consecutive records outside of any chunk."""
 
     frame: Frame
@@ -54,7 +54,7 @@ class Contents:
     header: Header = field(default_factory=lambda: Header(profile="", library=""))
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    blocks: list[Block] = field(default_factory=list)
+    blocks: list[MessageBlock] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Frame] = field(default_factory=list)

@@ -22,8 +22,8 @@ from robbie_mp.logs.recording.format import (
     COUNTS_METADATA,
     LATCHED_KEY,
     RUN_METADATA,
-    ChannelCount,
     ChannelKey,
+    RecordedCount,
     RunMetadata,
     counts_metadata,
 )
@@ -148,7 +148,7 @@ class _Editor:
         self._channels: dict[tuple[object, ...], int] = {}
         self._types_of: dict[str, set[tuple[str, bytes]]] = {}
         """For each topic as written, the types and definitions on it."""
-        self._counts: dict[ChannelKey, ChannelCount] = {}
+        self._counts: dict[ChannelKey, RecordedCount] = {}
         self._first_of: list[_Entry | None] = []
         """Of each log, the first message that is copied."""
 
@@ -171,7 +171,7 @@ class _Editor:
             if first.is_carried:
                 self.carried += 1
             else:
-                self._counts.setdefault(first.channel.key, ChannelCount()).recorded += 1
+                self._counts.setdefault(first.channel.key, RecordedCount()).recorded += 1
                 self.messages += 1
                 self._progress(self.messages, total)
             first = next(merged, None)
@@ -267,7 +267,7 @@ class _Editor:
                 counted = counted or bool(counts)
                 for key, count in counts.items() if self._is_used(source) else ():
                     if self._cut.wants(LogChannel(-1, *key, schema="")) and count.dropped:
-                        self._counts.setdefault(key, ChannelCount()).dropped += count.dropped
+                        self._counts.setdefault(key, RecordedCount()).dropped += count.dropped
         if counted:
             self._writer.add_metadata(COUNTS_METADATA, counts_metadata(self._counts.items()))
 

@@ -102,7 +102,7 @@ class RunMetadata:
 
 
 @dataclass
-class ChannelCount:
+class RecordedCount:
     """How many messages of a channel were written and how many are missing, in one part of a recording."""
 
     recorded: int = 0
@@ -111,7 +111,7 @@ class ChannelCount:
     """Messages missing from it: from the end of the previous part to the end of this one."""
 
 
-def counts_metadata(counts: Iterable[tuple[ChannelKey, ChannelCount]]) -> dict[str, str]:
+def counts_metadata(counts: Iterable[tuple[ChannelKey, RecordedCount]]) -> dict[str, str]:
     """Return the content of a record `robbie_counts`; the last one in a part covers the whole part."""
     rows = [
         {
@@ -127,7 +127,7 @@ def counts_metadata(counts: Iterable[tuple[ChannelKey, ChannelCount]]) -> dict[s
     return {CHANNELS_KEY: json.dumps(rows, separators=(",", ":"))}
 
 
-def counts_from_metadata(metadata: dict[str, str]) -> dict[ChannelKey, ChannelCount]:
+def counts_from_metadata(metadata: dict[str, str]) -> dict[ChannelKey, RecordedCount]:
     """Read a record `robbie_counts`.
 
     Raises:
@@ -139,6 +139,6 @@ def counts_from_metadata(metadata: dict[str, str]) -> dict[ChannelKey, ChannelCo
         raise ValueError(f"this is no record {COUNTS_METADATA}: {error}") from error
 
 
-def _count(row: dict[str, Any]) -> tuple[ChannelKey, ChannelCount]:
+def _count(row: dict[str, Any]) -> tuple[ChannelKey, RecordedCount]:
     key = ChannelKey(str(row["type"]), int(row["version"]), str(row["topic"]), str(row["sender"]))
-    return key, ChannelCount(int(row["recorded"]), int(row["dropped"]))
+    return key, RecordedCount(int(row["recorded"]), int(row["dropped"]))

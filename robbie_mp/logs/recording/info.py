@@ -10,8 +10,8 @@ from robbie_mp.logs.recording.format import (
     CARRIED_KEY,
     COUNTS_METADATA,
     RUN_METADATA,
-    ChannelCount,
     ChannelKey,
+    RecordedCount,
     RunMetadata,
     counts_from_metadata,
 )
@@ -184,7 +184,7 @@ def _dropped(parts: list[LogPart]) -> dict[ChannelKey, int]:
     return dropped
 
 
-def last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
+def last_counts(part: LogPart) -> dict[ChannelKey, RecordedCount]:
     """Return the content of the last record `robbie_counts` of a file; {} if it has none."""
     for record in reversed(part.contents.metadata):
         if record.name == COUNTS_METADATA:

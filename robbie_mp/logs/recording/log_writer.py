@@ -14,8 +14,8 @@ from robbie_mp.logs.recording.format import (
     COUNTS_METADATA,
     PART_NAME,
     RUN_METADATA,
-    ChannelCount,
     ChannelKey,
+    RecordedCount,
     RunMetadata,
     counts_metadata,
     part_path,
@@ -65,7 +65,7 @@ class LogWriter:
         split: Split,
         budget: DiskBudget,
         dropped: Callable[[], Mapping[ChannelKey, int]],
-        on_end: Callable[[int, Mapping[ChannelKey, ChannelCount]], None] = lambda _number, _counts: None,
+        on_end: Callable[[int, Mapping[ChannelKey, RecordedCount]], None] = lambda _number, _counts: None,
         keep: KeepLimits = KeepLimits(),  # noqa: B008 - it is frozen
     ):
         self.folder = folder
@@ -203,16 +203,16 @@ class LogWriter:
         part.add_metadata(COUNTS_METADATA, counts_metadata(self._counts(part, dropped).items()))
         self._dropped_told = dropped
 
-    def _counts(self, part: PartWriter, dropped: Mapping[ChannelKey, int]) -> dict[ChannelKey, ChannelCount]:
+    def _counts(self, part: PartWriter, dropped: Mapping[ChannelKey, int]) -> dict[ChannelKey, RecordedCount]:
         """Return the counts of a part, given all messages that were missing at its end."""
-        counts: dict[ChannelKey, ChannelCount] = {}
+        counts: dict[ChannelKey, RecordedCount] = {}
         for id_, count in part.counts.items():
             if not self._channels[id_].is_carried:
-                counts.setdefault(self._channels[id_].key, ChannelCount()).recorded += count
+                counts.setdefault(self._channels[id_].key, RecordedCount()).recorded += count
         for key, total in dropped.items():
             new = total - self._dropped_before.get(key, 0)
             if new > 0 or key in counts:
-                counts.setdefault(key, ChannelCount()).dropped = max(0, new)
+                counts.setdefault(key, RecordedCount()).dropped = max(0, new)
         return counts
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from typing import BinaryIO, NamedTuple, Self
 from mcap.opcode import Opcode
 from mcap.records import Attachment
 
-from robbie_mp.logs.recording.contents import Block, Contents
+from robbie_mp.logs.recording.contents import Contents, MessageBlock
 from robbie_mp.logs.recording.errors import LogDamaged, LogLimitExceeded, LogUnreadable, NotALog
 from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.mcap_records import MAGIC, MESSAGE_HEAD, RECORD_HEAD, content, read_attachment
@@ -118,7 +118,7 @@ class LogPart:
             if wanted and _may_have(block, None, end_ns, wanted):
                 yield [one for one in self._messages_of(block) if one.channel_id in wanted]
 
-    def _messages_of(self, block: Block) -> Iterator[PartMessage]:
+    def _messages_of(self, block: MessageBlock) -> Iterator[PartMessage]:
         try:
             yield from _messages_in(block.read(self._file, self._limits))
         except LogLimitExceeded as error:
@@ -176,7 +176,7 @@ def _check_magic(path: Path, file: BinaryIO) -> None:
 
 
 def _may_have(
-    block: Block, start_ns: int | None, end_ns: int | None, channel_ids: frozenset[int] | None
+    block: MessageBlock, start_ns: int | None, end_ns: int | None, channel_ids: frozenset[int] | None
 ) -> bool:
     if channel_ids is not None and channel_ids.isdisjoint(block.channel_ids or channel_ids):
         return False

@@ -17,7 +17,7 @@ MAX_PIXELS = 1 << 26
 MILLIMETRES = 1000
 
 
-class NoPicture(LogError, ValueError):
+class NotPng(LogError, ValueError):
     """A message cannot be written as a PNG file; the text says why.
 
     Example scenarios:
@@ -81,7 +81,7 @@ class PngMaker:
         try:
             import cv2  # noqa: PLC0415 - an extra
         except ImportError as error:
-            raise NoPicture("PNG files need OpenCV: pip install 'robbie-mp[vision]'") from error
+            raise NotPng("PNG files need OpenCV: pip install 'robbie-mp[vision]'") from error
         self._cv2: Any = cv2
 
     def make(self, message: Message) -> bytes:
@@ -103,21 +103,19 @@ class PngMaker:
         except self._cv2.error:  # also beyond MAX_PIXELS
             found = None
         if found is None:
-            raise NoPicture(
-                f"its {len(image.data)} bytes are no image ({image.format or 'without a format'})"
-            )
+            raise NotPng(f"its {len(image.data)} bytes are no image ({image.format or 'without a format'})")
         return cast("NDArray[Any]", found)
 
     def _pixels(self, image: Image) -> "NDArray[Any]":
         encoding = ENCODINGS.get(image.encoding)
         if encoding is None:
-            raise NoPicture(f"encoding {image.encoding!r} is not known")
+            raise NotPng(f"encoding {image.encoding!r} is not known")
         kind = np.dtype(encoding.kind).newbyteorder(">" if image.is_bigendian else "<")
         row_bytes = image.width * encoding.values * kind.itemsize
         step = image.step or row_bytes
         data = np.asarray(image.data)
         if not row_bytes or not image.height or step < row_bytes or len(data) < image.height * step:
-            raise NoPicture(
+            raise NotPng(
                 f"{len(data)} bytes in rows of {step} are no image of {image.width} x {image.height} pixels "
                 f"of {image.encoding}"
             )
@@ -130,13 +128,13 @@ class PngMaker:
             try:
                 pixels = self._cv2.cvtColor(pixels, getattr(self._cv2, encoding.conversion))
             except self._cv2.error as error:  # such as a Bayer image of one row
-                raise NoPicture(f"{image.encoding}, {image.width} x {image.height}: {error.err}") from error
+                raise NotPng(f"{image.encoding}, {image.width} x {image.height}: {error.err}") from error
         return pixels
 
     def _png(self, pixels: "NDArray[Any]") -> bytes:
         is_made, data = self._cv2.imencode(".png", pixels)
         if not is_made:
-            raise NoPicture(f"an array of shape {pixels.shape} cannot be a PNG file")
+            raise NotPng(f"an array of shape {pixels.shape} cannot be a PNG file")
         return bytes(data)
 
 

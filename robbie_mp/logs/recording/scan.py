@@ -7,7 +7,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Metadata, Schema
 
-from robbie_mp.logs.recording.contents import Block, Contents
+from robbie_mp.logs.recording.contents import Contents, MessageBlock
 from robbie_mp.logs.recording.errors import LogDamaged, LogLimitExceeded
 from robbie_mp.logs.recording.limits import ReadLimits
 from robbie_mp.logs.recording.mcap_records import (
@@ -184,7 +184,7 @@ class _Scan:
         )
         found.start_ns = min(found.start_ns, start_ns) if found.blocks else start_ns
         found.end_ns = max(found.end_ns, end_ns)
-        found.blocks.append(Block(frame, start_ns, end_ns, frozenset(known)))
+        found.blocks.append(MessageBlock(frame, start_ns, end_ns, frozenset(known)))
         for id_, (count, _, _) in known.items():
             found.counts[id_] = found.counts.get(id_, 0) + count
 

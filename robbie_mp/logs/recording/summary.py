@@ -7,7 +7,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, Footer, Header, Metadata, MetadataIndex, Schema, Statistics
 
-from robbie_mp.logs.recording.contents import Block, Contents
+from robbie_mp.logs.recording.contents import Contents, MessageBlock
 from robbie_mp.logs.recording.errors import LogDamaged
 from robbie_mp.logs.recording.limits import ReadLimits
 from robbie_mp.logs.recording.mcap_records import (
@@ -96,7 +96,7 @@ def _says_all(found: Contents, statistics: Statistics, metadata_count: int) -> b
     )
 
 
-def _block(record: bytes, compressions: dict[str, int], limit: int) -> Block:
+def _block(record: bytes, compressions: dict[str, int], limit: int) -> MessageBlock:
     """Read a ChunkIndex; the library takes 50 µs for one, and an hour's log has thousands."""
     try:
         start_ns, end_ns, offset, length, map_bytes = CHUNK_INDEX_HEAD.unpack_from(record)
@@ -110,4 +110,4 @@ def _block(record: bytes, compressions: dict[str, int], limit: int) -> Block:
         raise LogDamaged(f"the index puts a chunk at byte {offset}, which is not in the file")
     compressions[text] = compressions.get(text, 0) + 1
     frame = Frame(Opcode.CHUNK, offset + RECORD_HEAD.size, length - RECORD_HEAD.size)
-    return Block(frame, start_ns, end_ns, ids or None)
+    return MessageBlock(frame, start_ns, end_ns, ids or None)

@@ -39,7 +39,7 @@ def codec_for(kind: Text | Nested | Numbers | Items) -> Codec:
             return ItemsCodec(kind, codec_for(kind.element))
 
 
-class Step(NamedTuple):
+class FieldStep(NamedTuple):
     """A codec of a message, with what gets its value from the message, and the path of its field."""
 
     values: Callable[[Any], Any]
@@ -96,16 +96,16 @@ def _leaves(layout: MessageLayout, name: str = "", path: str = "") -> Iterator[L
             yield Leaf(its_name, its_path, field.type)
 
 
-def _steps(leaves: Iterable[Leaf]) -> Iterator[Step]:
+def _steps(leaves: Iterable[Leaf]) -> Iterator[FieldStep]:
     for is_scalar, group in groupby(leaves, lambda leaf: isinstance(leaf.type, Primitive)):
         if is_scalar:
             run = list(group)
             names = [leaf.name for leaf in run if leaf.type is not FILLER]
-            yield Step(_tuple_getter(names), ScalarsCodec(run), "")
+            yield FieldStep(_tuple_getter(names), ScalarsCodec(run), "")
         else:
             for leaf in group:
                 if not isinstance(leaf.type, Primitive):
-                    yield Step(attrgetter(leaf.name), codec_for(leaf.type), leaf.path)
+                    yield FieldStep(attrgetter(leaf.name), codec_for(leaf.type), leaf.path)
 
 
 def _builder(layout: MessageLayout) -> Callable[[Iterator[Any]], Any]:

@@ -24,7 +24,7 @@ KINDS: tuple[type[FieldType], ...] = (Primitive, Text, Nested, Numbers, Items)
 """The number of a kind of field is its place here."""
 
 
-class Row(NamedTuple):
+class FieldRow(NamedTuple):
     """A field, in the order and types that the C code reads.
 
     Attributes:
@@ -56,14 +56,14 @@ class Row(NamedTuple):
     message: type[Any] | None = None
 
 
-def tabulate(layout: MessageLayout) -> tuple[Row, ...]:
+def tabulate(layout: MessageLayout) -> tuple[FieldRow, ...]:
     """Return the table of a message type's fields."""
     return tuple(map(_row, layout.fields))
 
 
-def _row(field: Field) -> Row:
+def _row(field: Field) -> FieldRow:
     kind = field.type
-    row = Row(field.name, field.default, KINDS.index(type(kind)))
+    row = FieldRow(field.name, field.default, KINDS.index(type(kind)))
     if isinstance(kind, Several):
         row = row._replace(length=_limit(kind.length), max_length=_limit(kind.max_length))
     match kind:

@@ -6,9 +6,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from robbie_mp.base.problem import Place, Problem, ProfileError
+from robbie_mp.base.problem import Problem, ProfileError, SourcePlace
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.base.yaml_reader import Node
+from robbie_mp.base.yaml_reader import YamlNode
 from robbie_mp.bus.transport.layout import NAME_BYTES
 from robbie_mp.module.value_check import NO_LIMITS, ValueMismatch, check_value
 from robbie_mp.run.profile.dependencies import read_dependencies
@@ -46,7 +46,7 @@ NAMESPACE = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
 CLASS_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
-def build_profile(name: str, tree: Node, *, workspace: Path, current_folder: Path) -> Profile:
+def build_profile(name: str, tree: YamlNode, *, workspace: Path, current_folder: Path) -> Profile:
     """Return the profile that a merged tree describes.
 
     Args:
@@ -74,7 +74,7 @@ class _Builder:
         self.depends_on: dict[str, tuple[str, ...]] = {}
         self.default_namespace = ""
 
-    def profile(self, name: str, tree: Node, workspace: Path) -> Profile:
+    def profile(self, name: str, tree: YamlNode, workspace: Path) -> Profile:
         content = self.map_of(tree, "profile")
         self.refuse_unknown(content, PROFILE_KEYS, "")
         modules = self.map_of(content.get("modules"), "modules")
@@ -97,12 +97,12 @@ class _Builder:
             origins=self.inherited_origins(content, modules) | _origins(tree),
         )
 
-    def core(self, content: dict[str, Node]) -> CoreLimits:
+    def core(self, content: dict[str, YamlNode]) -> CoreLimits:
         restart = self.nested(RestartPolicy, content, "core", "restart", CoreLimits().restart)
         scheduling = self.nested(Scheduling, content, "core", "scheduling")
         return self.section(CoreLimits, content, "core", restart=restart, scheduling=scheduling)
 
-    def clock(self, content: dict[str, Node], modules: list[str]) -> ClockSettings:
+    def clock(self, content: dict[str, YamlNode], modules: list[str]) -> ClockSettings:
         clock = self.section(ClockSettings, content, "clock")
         if clock.source is not None and clock.source not in modules:
             near = f"there is no module {clock.source!r}{did_you_mean(clock.source, modules)}"
@@ -115,7 +115,7 @@ class _Builder:
             self.report(content["charge"].place, text)
         return clock
 
-    def module(self, name: str, node: Node, siblings: dict[str, Node]) -> ModuleSpec:
+    def module(self, name: str, node: YamlNode, siblings: dict[str, YamlNode]) -> ModuleSpec:
         where = f"modules.{name}"
         if not MODULE_NAME.fullmatch(name):
             self.report(node.place, f"{where}: expected a name of at most 48 letters, digits, _ and -")
@@ -143,15 +143,15 @@ class _Builder:
         )
 
     def inherited_origins(
-        self, content: dict[str, Node], modules: dict[str, Node]
-    ) -> dict[tuple[str, ...], Place]:
+        self, content: dict[str, YamlNode], modules: dict[str, YamlNode]
+    ) -> dict[tuple[str, ...], SourcePlace]:
         """The places of values that the modules have from the profile as a whole."""
         node = content.get("namespace")
         if node is None:
             return {}
         return {("modules", name, "namespace"): node.place for name in modules}
 
-    def topics(self, module: dict[str, Node], where: str) -> dict[str, str]:
+    def topics(self, module: dict[str, YamlNode], where: str) -> dict[str, str]:
         found: dict[str, str] = {}
         for own, node in self.map_of(module.get("topics"), f"{where}.topics").items():
             name = node.value
@@ -169,7 +169,7 @@ class _Builder:
                 found[own] = name
         return found
 
-    def namespace(self, content: dict[str, Node], where: str = "") -> str:
+    def namespace(self, content: dict[str, YamlNode], where: str = "") -> str:
         node = content.get("namespace")
         if node is None or node.value == "":
             return ""
@@ -180,7 +180,9 @@ class _Builder:
             return ""
         return node.value
 
-    def class_path(self, module: Node, content: dict[str, Node], where: str, siblings: list[str]) -> str:
+    def class_path(
+        self, module: YamlNode, content: dict[str, YamlNode], where: str, siblings: list[str]
+    ) -> str:
         node = content.get("class")
         if not isinstance(module.value, dict):
             return ""  # which has already been reported
@@ -192,7 +194,7 @@ class _Builder:
             self.report(node.place, f"{where}.class: expected package.module:Class; got {node.plain()!r:.60}")
         return str(node.value)
 
-    def memory(self, module: dict[str, Node], where: str) -> MemoryLimits:
+    def memory(self, module: dict[str, YamlNode], where: str) -> MemoryLimits:
         memory = self.nested(MemoryLimits, module, where, "memory")
         if memory.limit_bytes < memory.segment_bytes:
             self.report(
@@ -203,13 +205,18 @@ class _Builder:
         return memory
 
     def nested(
-        self, cls: type[T], content: dict[str, Node], where: str, key: str, default: T | None = None
+        self, cls: type[T], content: dict[str, YamlNode], where: str, key: str, default: T | None = None
     ) -> T:
         where = f"{where}.{key}"
         return self.section(cls, self.map_of(content.get(key), where), where, default)
 
     def section(
-        self, cls: type[T], content: dict[str, Node], where: str, default: T | None = None, **built: object
+        self,
+        cls: type[T],
+        content: dict[str, YamlNode],
+        where: str,
+        default: T | None = None,
+        **built: object,
     ) -> T:
         """Build a dataclass from the map of its fields.
 
@@ -229,7 +236,7 @@ class _Builder:
         return cls(**values)
 
     def value(
-        self, declared: Any, node: Node | None, where: str, default: Any, limits: Any = NO_LIMITS
+        self, declared: Any, node: YamlNode | None, where: str, default: Any, limits: Any = NO_LIMITS
     ) -> Any:
         if node is None:
             return default
@@ -239,7 +246,7 @@ class _Builder:
             self.report(node.place, f"{where}: {mismatch}")
             return default
 
-    def map_of(self, node: Node | None, where: str) -> dict[str, Node]:
+    def map_of(self, node: YamlNode | None, where: str) -> dict[str, YamlNode]:
         if node is None:
             return {}
         if isinstance(node.value, dict):
@@ -247,17 +254,17 @@ class _Builder:
         self.report(node.place, f"{where}: expected a map; got {node.plain()!r:.60}")
         return {}
 
-    def refuse_unknown(self, content: dict[str, Node], known: Sequence[str], prefix: str) -> None:
+    def refuse_unknown(self, content: dict[str, YamlNode], known: Sequence[str], prefix: str) -> None:
         for key, node in content.items():
             if key not in known:
                 near = did_you_mean(key, known) or f"; expected one of {', '.join(known)}"
                 self.report(node.place, f"{prefix}{key}: unknown key{near}")
 
-    def report(self, place: Place, text: str) -> None:
+    def report(self, place: SourcePlace, text: str) -> None:
         self.problems.append(Problem(text, place))
 
 
-def _origins(tree: Node, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Place]:
+def _origins(tree: YamlNode, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], SourcePlace]:
     origins = {path: tree.place} if path else {}
     if isinstance(tree.value, dict):
         for key, child in tree.value.items():

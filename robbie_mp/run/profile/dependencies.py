@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping
 
 from robbie_mp.base.problem import Problem
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.base.yaml_reader import Node
+from robbie_mp.base.yaml_reader import YamlNode
 
 KEY = "depends_on"
 
 
-def read_dependencies(modules: Mapping[str, Node]) -> tuple[dict[str, tuple[str, ...]], list[Problem]]:
+def read_dependencies(modules: Mapping[str, YamlNode]) -> tuple[dict[str, tuple[str, ...]], list[Problem]]:
     """Return the names of the modules that each module depends on, and all problems.
 
     Args:
@@ -32,7 +32,7 @@ def read_dependencies(modules: Mapping[str, Node]) -> tuple[dict[str, tuple[str,
     return names, problems
 
 
-def _entries(name: str, module: Node, problems: list[Problem]) -> Iterator[Node]:
+def _entries(name: str, module: YamlNode, problems: list[Problem]) -> Iterator[YamlNode]:
     """Yield the names in a module's list of dependencies; report entries that are not names."""
     node = module.value.get(KEY) if isinstance(module.value, dict) else None
     if node is None:
@@ -50,7 +50,7 @@ def _entries(name: str, module: Node, problems: list[Problem]) -> Iterator[Node]
             problems.append(Problem(text, entry.place))
 
 
-def _what_is_wrong(entry: str, name: str, modules: Mapping[str, Node]) -> str:
+def _what_is_wrong(entry: str, name: str, modules: Mapping[str, YamlNode]) -> str:
     if entry == name:
         return "a module cannot depend on itself"
     others = [other for other in modules if other != name]

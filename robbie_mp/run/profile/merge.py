@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from functools import reduce
 
-from robbie_mp.base.problem import Place, Problem, ProfileError, refuse
+from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.base.yaml_reader import Node, read_text
+from robbie_mp.base.yaml_reader import YamlNode, read_text
 from robbie_mp.run.profile.workspace import Workspace
 
 
-def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> Node:
+def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> YamlNode:
     """Return the merged content of a profile as a map.
 
     Parents come first, in their order, each before its children and each only once. If two parents share a
@@ -18,13 +18,13 @@ def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()
     Raises:
         ProfileError: a file is missing or is not YAML, or a profile is its own ancestor.
     """
-    lineage: dict[str, Node] = {}
+    lineage: dict[str, YamlNode] = {}
     _collect(workspace, name, (), None, lineage)
-    empty = Node({}, lineage[name].place)
+    empty = YamlNode({}, lineage[name].place)
     return override(reduce(merge, lineage.values(), empty), overrides)
 
 
-def merge(base: Node | None, over: Node) -> Node:
+def merge(base: YamlNode | None, over: YamlNode) -> YamlNode:
     """Return `base` overridden by `over`; new keys come last."""
     if not isinstance(over.value, dict):
         return over
@@ -34,11 +34,15 @@ def merge(base: Node | None, over: Node) -> Node:
             merged.pop(key, None)
         else:
             merged[key] = merge(merged.get(key), child)
-    return Node(merged, over.place)
+    return YamlNode(merged, over.place)
 
 
 def _collect(
-    workspace: Workspace, name: str, children: tuple[str, ...], place: Place | None, lineage: dict[str, Node]
+    workspace: Workspace,
+    name: str,
+    children: tuple[str, ...],
+    place: SourcePlace | None,
+    lineage: dict[str, YamlNode],
 ) -> None:
     """Add a profile to the lineage after its parents; `place` is where its child names it."""
     if name in children:
@@ -52,7 +56,7 @@ def _collect(
     lineage[name] = content
 
 
-def _names(parents: Node | None) -> list[Node]:
+def _names(parents: YamlNode | None) -> list[YamlNode]:
     if parents is None or parents.value is None:
         return []
     if not isinstance(parents.value, list):
@@ -67,7 +71,7 @@ def _names(parents: Node | None) -> list[Node]:
     return parents.value
 
 
-def override(profile: Node, overrides: Sequence[str]) -> Node:
+def override(profile: YamlNode, overrides: Sequence[str]) -> YamlNode:
     """Return the profile overridden by each `MODULE.SETTING=value`.
 
     Raises:
@@ -76,10 +80,10 @@ def override(profile: Node, overrides: Sequence[str]) -> Node:
     return reduce(merge, [_read_override(text, profile) for text in overrides], profile)
 
 
-def _read_override(text: str, profile: Node) -> Node:
+def _read_override(text: str, profile: YamlNode) -> YamlNode:
     key, equals, value_text = text.partition("=")
     option = f"--set {key}"  # without the value, which may be a secret
-    place = Place(option)
+    place = SourcePlace(option)
     name, _, setting = key.partition(".")
     if not (equals and name and setting):
         raise refuse("expected MODULE.SETTING=VALUE", place)
@@ -87,11 +91,11 @@ def _read_override(text: str, profile: Node) -> Node:
     if name not in modules:
         near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
         raise refuse(f"there is no module {name!r}{near}", place)
-    value = Node(read_text(value_text, option).value, place)
+    value = YamlNode(read_text(value_text, option).value, place)
     path = ("modules", name, "settings", setting)
-    return reduce(lambda inner, step: Node({step: inner}, place), reversed(path), value)
+    return reduce(lambda inner, step: YamlNode({step: inner}, place), reversed(path), value)
 
 
-def _modules(profile: Node) -> list[str]:
+def _modules(profile: YamlNode) -> list[str]:
     node = profile.value.get("modules") if isinstance(profile.value, dict) else None
     return list(node.value) if node and isinstance(node.value, dict) else []

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.base.linux.priority import MAX_SLICE_MS, MIN_SLICE_MS
-from robbie_mp.base.problem import Place
-from robbie_mp.module.value_check import Limits
+from robbie_mp.base.problem import SourcePlace
+from robbie_mp.module.value_check import ValueLimits
 from robbie_mp.run.trace.kinds import Kind
 
 AGES_S = 1e9
@@ -21,7 +21,7 @@ MAX_BYTES = 1 << 48
 
 def bounded(default: Any, minimum: float, maximum: float, choices: tuple[object, ...] = ()) -> Any:
     """Declare a field with its default and the limits for profiles."""
-    return field(default=default, metadata={"limits": Limits(minimum, maximum, choices)})
+    return field(default=default, metadata={"limits": ValueLimits(minimum, maximum, choices)})
 
 
 class RestartWhen(StrEnum):
@@ -250,10 +250,10 @@ class Profile:
     """Why modules are left out, by name: their condition, or `--without`."""
     workspace: Path = Path()
     """The folder that contains profiles/; imports and relative paths start from it."""
-    origins: Mapping[tuple[str, ...], Place] = field(default_factory=dict)
+    origins: Mapping[tuple[str, ...], SourcePlace] = field(default_factory=dict)
     """Place of each written key, such as ("modules", "mapping", "settings", "rate_hz"); none for defaults."""
 
-    def place_of(self, *path: str) -> Place | None:
+    def place_of(self, *path: str) -> SourcePlace | None:
         """Return where a key was written, or else where the nearest enclosing key was."""
         while path and path not in self.origins:
             path = path[:-1]

@@ -18,7 +18,7 @@ KeyPath = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Line:
+class YamlLine:
     """A line of YAML and the comment that follows it."""
 
     text: str
@@ -84,16 +84,18 @@ def _leaves(tree: Mapping[str, Any], path: KeyPath) -> Iterator[KeyPath]:
             yield (*path, key)
 
 
-def to_lines(tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyPath = ()) -> Iterator[Line]:
+def to_lines(
+    tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyPath = ()
+) -> Iterator[YamlLine]:
     """Yield the tree as YAML, each value on one line with its origin as a comment."""
     indent = "  " * len(path)
     for key, value in tree.items():
         here = (*path, key)
         if isinstance(value, dict) and value:
-            yield Line(f"{indent}{inline(key)}:")
+            yield YamlLine(f"{indent}{inline(key)}:")
             yield from to_lines(value, origins, here)
         else:
-            yield Line(f"{indent}{inline(key)}: {inline(value)}", origins[here])
+            yield YamlLine(f"{indent}{inline(key)}: {inline(value)}", origins[here])
 
 
 def as_profile(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> str:

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from robbie_mp.base.problem import Place, Problem, ProfileError
+from robbie_mp.base.problem import Problem, ProfileError, SourcePlace
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.base.yaml_reader import Node, read_text
+from robbie_mp.base.yaml_reader import YamlNode, read_text
 from robbie_mp.run.profile.dependencies import KEY as DEPENDS_ON
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -22,18 +22,18 @@ REFERENCE = re.compile(r"\$?\$\{([^}]*)\}")
 """A variable in a text; with two dollar signs it is not one, and one of them is removed."""
 WORD = re.compile(r"\s*(\$\{[^}]*\}|[()]|[^\s()]+)")
 SCALARS = (bool, int, float, str)
-Trees = dict[str, Node]
+Trees = dict[str, YamlNode]
 
 
 class Resolved(NamedTuple):
     """A profile without variables and conditions."""
 
-    tree: Node
+    tree: YamlNode
     left_out: dict[str, str]
     """Why each module is not in the tree, by its name."""
 
 
-def resolve(tree: Node, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Resolved:
+def resolve(tree: YamlNode, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Resolved:
     """Replace the variables of a merged profile, and leave out the modules that shall not run.
 
     Args:
@@ -54,7 +54,7 @@ def resolve(tree: Node, settings: Sequence[str] = (), without: Sequence[str] = (
 class _Resolver:
     """Collects problems while it resolves."""
 
-    def __init__(self, tree: Node) -> None:
+    def __init__(self, tree: YamlNode) -> None:
         self.tree = tree
         self.problems: list[Problem] = []
         self.variables: Trees = {}
@@ -84,7 +84,7 @@ class _Resolver:
 
     # -- variables ---------------------------------------------------------------------------------------
 
-    def _declared(self, section: Node | None) -> Iterator[tuple[str, Node]]:
+    def _declared(self, section: YamlNode | None) -> Iterator[tuple[str, YamlNode]]:
         if section is None:
             return
         declared = _map_of(section)
@@ -106,7 +106,7 @@ class _Resolver:
     def _set(self, text: str) -> None:
         """Give a variable the value of one `--var`."""
         name, equals, value_text = text.partition("=")
-        place = Place(f"--var {name}")
+        place = SourcePlace(f"--var {name}")
         if not (equals and name):
             self._report(place, "expected NAME=VALUE")
             return
@@ -123,14 +123,14 @@ class _Resolver:
             expected = f"expected {type(default.value).__name__}, as its default at {default.place}"
             self._report(place, f"{expected}; got {value_text!r:.60}")
             return
-        self.variables[name] = Node(value, place)
+        self.variables[name] = YamlNode(value, place)
 
     def _unknown(self, name: str) -> str:
         near = did_you_mean(name, self.variables)
         known = f"; variables: {', '.join(self.variables) or 'none, declare it under `variables:`'}"
         return f"there is no variable {name!r}{near or known}"
 
-    def _replaced(self, node: Node) -> Node:
+    def _replaced(self, node: YamlNode) -> YamlNode:
         """Return a value with the variables in it replaced."""
         if isinstance(node.value, dict):
             return replace(node, value={key: self._replaced(child) for key, child in node.value.items()})
@@ -141,10 +141,14 @@ class _Resolver:
         whole = REFERENCE.fullmatch(node.value)
         if whole and not node.value.startswith("$$"):
             variable = self._named(whole[1], node.place)
-            return node if variable is None else Node(variable.value, replace(node.place, via=variable.place))
+            return (
+                node
+                if variable is None
+                else YamlNode(variable.value, replace(node.place, via=variable.place))
+            )
         return replace(node, value=REFERENCE.sub(lambda found: self._inserted(found, node.place), node.value))
 
-    def _inserted(self, found: re.Match[str], place: Place) -> str:
+    def _inserted(self, found: re.Match[str], place: SourcePlace) -> str:
         if found[0].startswith("$$"):
             return found[0][1:]
         variable = self._named(found[1], place)
@@ -153,7 +157,7 @@ class _Resolver:
         value = variable.value
         return str(value).lower() if isinstance(value, bool) else str(value)
 
-    def _named(self, name: str, place: Place) -> Node | None:
+    def _named(self, name: str, place: SourcePlace) -> YamlNode | None:
         variable = self.variables.get(name)
         if variable is None:
             self._report(place, f"${{{name}}}: {self._unknown(name)}")
@@ -170,17 +174,17 @@ class _Resolver:
         for name in without:
             if name not in modules:
                 near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
-                self._report(Place(f"--without {name}"), f"there is no module {name!r}{near}")
+                self._report(SourcePlace(f"--without {name}"), f"there is no module {name!r}{near}")
             left_out.setdefault(name, f"--without {name}")
         return left_out
 
-    def _check_clock(self, clock: Node | None, left_out: Mapping[str, str]) -> None:
+    def _check_clock(self, clock: YamlNode | None, left_out: Mapping[str, str]) -> None:
         source = (_map_of(clock) or {}).get("source")
         if source is not None and isinstance(source.value, str) and source.value in left_out:
             text = f"{source.value} is left out ({left_out[source.value]}), but it turns the clock"
             self._report(source.place, f"clock.source: {text}")
 
-    def _holds(self, where: str, condition: Node) -> bool:
+    def _holds(self, where: str, condition: YamlNode) -> bool:
         """Return whether a condition holds; True if it is wrong, which is reported."""
         if isinstance(condition.value, bool):
             return condition.value
@@ -202,7 +206,7 @@ class _Resolver:
             raise _WrongCondition(f"{name} is {variable.value!r} ({kind}, {variable.place}), not a bool")
         return variable.value
 
-    def _report(self, place: Place, text: str) -> None:
+    def _report(self, place: SourcePlace, text: str) -> None:
         self.problems.append(Problem(text, place))
 
 
@@ -260,18 +264,18 @@ class _Condition:
         return False
 
 
-def _map_of(node: Node | None) -> Trees | None:
+def _map_of(node: YamlNode | None) -> Trees | None:
     return node.value if node is not None and isinstance(node.value, dict) else None
 
 
-def _without_condition(module: Node) -> Node:
+def _without_condition(module: YamlNode) -> YamlNode:
     content = _map_of(module)
     if content is None or "if" not in content:
         return module
     return replace(module, value={key: node for key, node in content.items() if key != "if"})
 
 
-def _without_names(module: Node, left_out: Mapping[str, str]) -> Node:
+def _without_names(module: YamlNode, left_out: Mapping[str, str]) -> YamlNode:
     """Return a module that does not depend on modules that are left out."""
     content = _map_of(module)
     needed = content.get(DEPENDS_ON) if content else None

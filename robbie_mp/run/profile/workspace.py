@@ -5,10 +5,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from robbie_mp.base.problem import Place, refuse
+from robbie_mp.base.problem import SourcePlace, refuse
 from robbie_mp.base.stock_robots import ROBOTS, STOCK
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.base.yaml_reader import Node, read_file
+from robbie_mp.base.yaml_reader import YamlNode, read_file
 
 FOLDER = "profiles"
 SUFFIX = ".yaml"
@@ -39,7 +39,7 @@ class Workspace:
         files = [folder / (name.removeprefix(STOCK) + SUFFIX) for folder in STOCK_FOLDERS]
         return next((file for file in files if file.is_file()), files[0])
 
-    def read(self, name: str, place: Place | None = None) -> Node:
+    def read(self, name: str, place: SourcePlace | None = None) -> YamlNode:
         """Read a profile; an empty file is an empty map.
 
         Args:
@@ -58,7 +58,7 @@ class Workspace:
             raise refuse(f"there is no profile {name!r}{near}{known}", place)
         content = read_file(file)
         if content.value is None:
-            return Node({}, content.place)
+            return YamlNode({}, content.place)
         if not isinstance(content.value, dict):
             raise refuse("expected a map with the keys of a profile (modules, variables, …)", content.place)
         return content

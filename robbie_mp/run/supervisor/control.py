@@ -25,7 +25,7 @@ from robbie_mp.run.supervisor.tree import Tree
 from robbie_mp.run.trace.kinds import RECORDED_FILE, Kind, recorded_as_json, write_recorded
 
 
-class Recording:
+class TraceRecording:
     """Sets which kinds of trace entries are recorded of each child, and informs the children."""
 
     def __init__(self, run_folder: Path, tree: Tree):
@@ -106,7 +106,7 @@ class ControlServer:
         """
         self._tree = tree
         self._tools = tools
-        self._recording = Recording(folder, tree)
+        self._recording = TraceRecording(folder, tree)
         self._clock = clock
         self._clients: list[_Client] = []
         self._accept_again_s: float | None = None

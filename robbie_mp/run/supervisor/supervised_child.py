@@ -39,7 +39,7 @@ class Then(Enum):
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class ChildServices:
     """Objects that all children of a run share."""
 
     incarnations: Incarnations
@@ -70,7 +70,7 @@ class SupervisedChild:
     """
 
     def __init__(
-        self, spec: ChildSpec, output: ChildOutput, budget: RestartBudget, surroundings: Surroundings
+        self, spec: ChildSpec, output: ChildOutput, budget: RestartBudget, surroundings: ChildServices
     ):
         self.spec = spec
         self.state: ChildState | None = None

@@ -17,7 +17,7 @@ from robbie_mp.run.supervisor.output import OutputStore
 from robbie_mp.run.supervisor.restart import RestartBudget
 from robbie_mp.run.supervisor.spares import SpareCommand, SparePool
 from robbie_mp.run.supervisor.states import ChildState, StateChange
-from robbie_mp.run.supervisor.supervised_child import POLL_S, SupervisedChild, Surroundings, Then
+from robbie_mp.run.supervisor.supervised_child import POLL_S, ChildServices, SupervisedChild, Then
 from robbie_mp.run.trace.kinds import Kind
 
 
@@ -328,7 +328,7 @@ class Tree:
         self.say(Kind.SYSTEM, text)
 
     def _child(self, spec: ChildSpec, output: OutputStore) -> SupervisedChild:
-        surroundings = Surroundings(
+        surroundings = ChildServices(
             self._incarnations,
             self._loop,
             self._clock,

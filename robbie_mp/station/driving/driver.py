@@ -31,7 +31,7 @@ class DriverKeys(Element, component="driver.js"):
     """Listens to keys, the gamepad and the pads of the page, and answers pings."""
 
 
-class Wish(NamedTuple):
+class DriverInput(NamedTuple):
     """What the page of a driver has sent."""
 
     held: bool
@@ -164,7 +164,7 @@ class Driver:
             self._motion.command(stop)
 
 
-def checked(sent: Any) -> Wish | None:
+def checked(sent: Any) -> DriverInput | None:
     """Return what the page sent, with speeds from -1 to 1; None if it is malformed."""
     try:
         linear, angular, sent_s = (float(sent[name]) for name in ("linear", "angular", "sent_s"))
@@ -174,4 +174,4 @@ def checked(sent: Any) -> Wish | None:
         return None
     held = bool(sent.get("held"))
     linear, angular = (max(-1.0, min(1.0, speed)) if held else 0.0 for speed in (linear, angular))
-    return Wish(held, bool(sent.get("begins")), linear, angular, sent_s, bool(sent.get("unguarded")))
+    return DriverInput(held, bool(sent.get("begins")), linear, angular, sent_s, bool(sent.get("unguarded")))

@@ -63,7 +63,7 @@ class Movement:
     """Why the robot does not move although it is commanded, or that it drives without guard; '' otherwise."""
 
 
-class Motion:
+class RobotMotion:
     """Watches the robot's movement for all pages. Used in the station's thread, but for `command`.
 
     Args:

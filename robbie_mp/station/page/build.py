@@ -15,7 +15,7 @@ from robbie_mp.station.page.grid import STYLES
 from robbie_mp.station.page.keyboard import Keyboard, keys_button
 from robbie_mp.station.page.layouts import LayoutCollection
 from robbie_mp.station.page.look import COOKIE, LookSwitch
-from robbie_mp.station.page.page import Drives, Link, Page
+from robbie_mp.station.page.page import Drives, Page, PageLink
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.web.access import Role
 
@@ -41,7 +41,7 @@ ENDS_PERIOD_S = 0.2
 """Time between two looks whether what the operator asked for has ended."""
 
 
-class BrowserLink(Link):
+class BrowserLink(PageLink):
     """Counts the packets that wait for one browser.
 
     Socket.IO queues packets for a browser without a limit. So updates of a page check this first. A skipped

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from nicegui.events import GenericEventArguments
 
-    from robbie_mp.station.page.page import Key
+    from robbie_mp.station.page.page import KeyAction
 
 OPEN = "() => window.dispatchEvent(new CustomEvent('robbie-keys'))"
 
@@ -24,7 +24,7 @@ class Keyboard(Element, component="keyboard.js"):
         keys: the keys by name.
     """
 
-    def __init__(self, keys: Mapping[str, Key]):
+    def __init__(self, keys: Mapping[str, KeyAction]):
         super().__init__()
         self._keys = keys
         self._props["keys"] = [[name, key.text, key.action is not None] for name, key in keys.items()]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from robbie_mp.station.web.access import Access
 
 
-class Link(Protocol):
+class PageLink(Protocol):
     """The connection to a browser."""
 
     @property
@@ -28,7 +28,7 @@ class Link(Protocol):
         """Whether the browser has received almost everything that was sent."""
 
 
-class Key(NamedTuple):
+class KeyAction(NamedTuple):
     """An action that a key starts."""
 
     text: str
@@ -85,7 +85,7 @@ class Page:
         link: the connection to the browser.
     """
 
-    def __init__(self, key: str, session: str, access: Access, station: StationModule, link: Link):
+    def __init__(self, key: str, session: str, access: Access, station: StationModule, link: PageLink):
         self.key = key
         self.session = session
         self.link = link
@@ -100,7 +100,7 @@ class Page:
         self.dead_man = DeadManSwitch()
         self.driver: Drives | None = None
         """Drives for an operator; None on an observer's page."""
-        self.keys: dict[str, Key] = {}
+        self.keys: dict[str, KeyAction] = {}
         """Actions by the keys that start them."""
 
     @property
@@ -198,7 +198,7 @@ class Page:
             text: what it does.
             action: called in the page server's thread; None: a script of the page listens itself.
         """
-        self.keys.setdefault(key, Key(text, action))
+        self.keys.setdefault(key, KeyAction(text, action))
 
     def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
         """Call an update periodically while the page shows a panel.

@@ -13,7 +13,7 @@ from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.cameras import REFRESH_S, SILENT_AFTER_S, DetectionBoxes, NewestImage
 from robbie_mp.station.panels.light_controls import LightSwitch
 from robbie_mp.station.panels.teaching import Teaching
-from robbie_mp.station.watch.cameras import ADDRESS, Camera
+from robbie_mp.station.watch.cameras import ADDRESS, CameraTopic
 from robbie_mp.station.watch.latest import silence
 from robbie_mp.station.web.access import Role
 
@@ -115,7 +115,7 @@ class Stage:
         self._show_small([name for name in names if name != self._chosen][:MAX_SMALL])
         self._display.show(display_of(movement, self._chosen, age, self._scale_m_per_s))
 
-    def _show_large(self, name: str, camera: Camera) -> str:
+    def _show_large(self, name: str, camera: CameraTopic) -> str:
         if self._large is None or self._large[0] != name:
             self._none.set_visibility(False)
             self._picture.clear()

@@ -9,7 +9,7 @@ from nicegui.element import Element
 
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.watch.cameras import ADDRESS, Box, Camera
+from robbie_mp.station.watch.cameras import ADDRESS, CameraTopic, ImageBox
 from robbie_mp.station.watch.latest import silence
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class DetectionBoxes(Element, component="detection_boxes.js"):
         super().__init__()
         self._props["boxes"] = []
 
-    def show(self, boxes: list[Box]) -> None:
+    def show(self, boxes: list[ImageBox]) -> None:
         """Draw these boxes, if they have changed."""
         plain = [[*box] for box in boxes]  # named tuples do not become JSON
         if self._props["boxes"] != plain:
@@ -101,7 +101,7 @@ class CameraCard:
         self._text = ui.label("").classes("text-sm")
         self._silent = ui.label("").classes("text-orange font-bold camera-silent")
 
-    def show(self, camera: Camera, boxes: list[Box]) -> None:
+    def show(self, camera: CameraTopic, boxes: list[ImageBox]) -> None:
         """Show the newest image and the detections in it."""
         self._image.show(camera.latest.count)
         self._boxes.show(boxes)

@@ -11,7 +11,7 @@ INK = "#ccc"
 BARS = "▁▂▃▄▅▆▇█"
 
 
-class History:
+class ChartHistory:
     """The last values of a quantity.
 
     Args:
@@ -65,7 +65,7 @@ def chart_options(names: Iterable[str], unit: str = "", largest: float | None = 
     }
 
 
-def fill(options: dict[str, Any], histories: Mapping[str, History]) -> None:
+def fill(options: dict[str, Any], histories: Mapping[str, ChartHistory]) -> None:
     """Put values into a chart's options."""
     for series in options["series"]:
         series["data"] = histories[series["name"]].drawn()

@@ -14,7 +14,7 @@ from nicegui import ui
 from robbie_mp.run.profile.show import inline
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.panels.setting_change import Change
+from robbie_mp.station.panels.setting_change import SettingRequest
 from robbie_mp.station.watch.settings import Entry
 from robbie_mp.station.web.access import Role
 
@@ -95,7 +95,9 @@ class Device:
             ui.label(module).classes("font-bold")
             self._status = ui.label("").classes("text-sm").props(f"id=device-{module}")
             self.controls = {
-                name: Control(Change(panel.settings, page, module, name), page, f"{module}-{name}", entry)
+                name: Control(
+                    SettingRequest(panel.settings, page, module, name), page, f"{module}-{name}", entry
+                )
                 for name, entry in entries.items()
             }
 
@@ -109,7 +111,7 @@ class Device:
 class Control:
     """The element for one setting: a slider, a switch, or a choice, according to its type."""
 
-    def __init__(self, change: Change, page: Page, key: str, entry: Entry):
+    def __init__(self, change: SettingRequest, page: Page, key: str, entry: Entry):
         self._change = change
         self._shown: Any = None
         ui.label(entry["description"]).classes("text-sm text-grey")

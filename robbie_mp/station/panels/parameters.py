@@ -10,7 +10,7 @@ from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.show import inline
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.panels.setting_change import Change
+from robbie_mp.station.panels.setting_change import SettingRequest
 from robbie_mp.station.watch.settings import Entry
 from robbie_mp.station.web.access import Role
 
@@ -41,7 +41,7 @@ class ParametersPanel(Panel):
 
     def build(self, page: Page) -> None:
         """Build a list of the modules, as soon as their settings are known."""
-        fields: dict[tuple[str, str], Field] = {}
+        fields: dict[tuple[str, str], SettingField] = {}
         made: dict[str, list[str]] = {}
         area = ui.column().classes("w-full")
 
@@ -62,12 +62,16 @@ class ParametersPanel(Panel):
         page.every(0.2, self.name, update)
 
     def _build_module(
-        self, module: str, changeable: dict[str, Entry], page: Page, fields: dict[tuple[str, str], Field]
+        self,
+        module: str,
+        changeable: dict[str, Entry],
+        page: Page,
+        fields: dict[tuple[str, str], SettingField],
     ) -> None:
         with ui.expansion(module, value=bool(changeable)).classes("w-full").props("dense"):
             for name, entry in changeable.items():
-                change = Change(self._settings, page, module, name)
-                fields[module, name] = Field(change, page, module, name, entry)
+                change = SettingRequest(self._settings, page, module, name)
+                fields[module, name] = SettingField(change, page, module, name, entry)
             fixed = {name: value for name, value in self.given[module].items() if name not in changeable}
             for name, value in fixed.items():
                 ui.label(f"{name}: {value}").classes("text-grey")
@@ -75,7 +79,7 @@ class ParametersPanel(Panel):
                 ui.label("all settings have their default values").classes("text-grey")
 
 
-class Field:
+class SettingField:
     """One changeable setting on one page.
 
     Args:
@@ -85,7 +89,7 @@ class Field:
         entry: type, value and description of the setting.
     """
 
-    def __init__(self, change: Change, page: Page, module: str, name: str, entry: Entry):
+    def __init__(self, change: SettingRequest, page: Page, module: str, name: str, entry: Entry):
         self._change = change
         self._name = name
         key = f"{module}-{name}"

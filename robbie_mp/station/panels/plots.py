@@ -15,7 +15,7 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.panels.charts import History, chart_options, fill
+from robbie_mp.station.panels.charts import ChartHistory, chart_options, fill
 from robbie_mp.station.panels.numeric_fields import number_reader, numeric_paths
 from robbie_mp.station.watch.latest import Latest, MessageSource
 from robbie_mp.station.web.access import Role
@@ -54,8 +54,8 @@ class PlotsPanel(Panel):
         super().__init__(station)
         self._messages, self._figures = station.messages, station.run.figures
         self._known = types_of_run(station.run.known)
-        self._wishes: SimpleQueue[Line] = SimpleQueue()
-        self._lines: dict[Key, Line] = {}
+        self._wishes: SimpleQueue[PlotLine] = SimpleQueue()
+        self._lines: dict[Key, PlotLine] = {}
         self.chosen: tuple[Key, ...] = FIRST
         """What an operator has chosen last."""
 
@@ -91,7 +91,7 @@ class PlotsPanel(Panel):
         """
         return self._known.get(name)
 
-    def take(self, key: Key) -> Line:
+    def take(self, key: Key) -> PlotLine:
         """Return a line for a page to show; other pages may show it, too.
 
         Raises:
@@ -100,13 +100,13 @@ class PlotsPanel(Panel):
         line = self._lines.pop(key, None)
         if line is None:
             type_name, topic = self.channels()[key[0]]
-            line = Line(self._messages, self.type_of(type_name), topic, key[1])
+            line = PlotLine(self._messages, self.type_of(type_name), topic, key[1])
             self._wishes.put(line)
         self._lines[key] = line
         line.pages += 1
         return line
 
-    def give_back(self, line: Line) -> None:
+    def give_back(self, line: PlotLine) -> None:
         """Note that a page shows a line no more. Close the lines that no page has shown for longest."""
         line.pages -= 1
         unused = [key for key, one in self._lines.items() if not one.pages]
@@ -120,7 +120,7 @@ class PlotsPanel(Panel):
         ui.context.client.on_delete(chart.close)
 
 
-class Line:
+class PlotLine:
     """One number over time.
 
     Args:
@@ -137,7 +137,7 @@ class Line:
         self.name = f"{topic or message_type.__name__}.{path}"
         self.pages = 0
         """Number of pages that show it."""
-        self.history = History(HISTORY)
+        self.history = ChartHistory(HISTORY)
         self.newest: float | None = None
         self.error = ""
         self._messages = messages
@@ -176,7 +176,7 @@ class Line:
         )
 
 
-class Choice:
+class SuggestedField:
     """A text field with suggestions that the browser shows.
 
     Args:
@@ -214,13 +214,13 @@ class PageChart:
     def __init__(self, panel: PlotsPanel, *, chooses: bool):
         self._panel = panel
         self._chooses = chooses
-        self._lines: dict[Key, tuple[Line, ui.label]] = {}
+        self._lines: dict[Key, tuple[PlotLine, ui.label]] = {}
         self._waiting = [*panel.chosen]
         """What is shown as soon as it is published."""
         self._offered: list[str] = []
         with ui.row().classes("items-start w-full"):
-            self._channel = Choice("messages", "plot-channel", self._offer_fields)
-            self._path = Choice("field, such as ranges[90]", "plot-field")
+            self._channel = SuggestedField("messages", "plot-channel", self._offer_fields)
+            self._path = SuggestedField("field, such as ranges[90]", "plot-field")
             ui.button("Plot", on_click=self._add).props("id=plot-add").classes("q-mt-sm")
         self._list = ui.column().classes("gap-0").props("id=plot-lines")
         self._chart = ui.echart(chart_options([]), renderer="svg").classes("w-full fills")

@@ -16,7 +16,7 @@ ANSWER_LIMIT_S = 5.0
 MAX_VALUE_CHARACTERS = 4096
 
 
-class Change:
+class SettingRequest:
     """One setting on one page: requests changes, and holds the module's answer.
 
     Args:

@@ -8,7 +8,7 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.run.control import control
 
 
-class Order:
+class ModuleOrder:
     """Stops, starts or restarts a module, or sets what the trace records of it.
 
     Args:

@@ -13,8 +13,8 @@ from nicegui import ui
 from robbie_mp.attached.views.process_table import MODULE_COLUMNS, ModuleRow, module_rows, totals_line
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.panels.charts import History, chart_options, fill, sparkline
-from robbie_mp.station.panels.supervisor_orders import Order
+from robbie_mp.station.panels.charts import ChartHistory, chart_options, fill, sparkline
+from robbie_mp.station.panels.supervisor_orders import ModuleOrder
 from robbie_mp.station.watch.run import REFRESH_S
 from robbie_mp.station.web.access import Role
 
@@ -45,8 +45,8 @@ class SystemPanel(Panel):
         self._figures, self.run_folder = station.run.figures, station.run.known.folder
         self.rows: list[Row] = []
         self.totals = ""
-        self.processors: dict[str, History] = {}
-        self.memory = {name: History(HISTORY) for name in ("memory", "shared memory")}
+        self.processors: dict[str, ChartHistory] = {}
+        self.memory = {name: ChartHistory(HISTORY) for name in ("memory", "shared memory")}
         self.count = 0
         self._trends: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=SPARKS))
 
@@ -58,7 +58,7 @@ class SystemPanel(Panel):
             return
         now_s, machine = time.time(), reading.machine
         for core, percent in enumerate(rates.cpu_percent if rates else ()):
-            self.processors.setdefault(f"cpu {core}", History(HISTORY)).add(now_s, percent)
+            self.processors.setdefault(f"cpu {core}", ChartHistory(HISTORY)).add(now_s, percent)
         used_bytes = machine.memory_total_bytes - machine.memory_available_bytes
         self.memory["memory"].add(now_s, used_bytes / GIGABYTE)
         self.memory["shared memory"].add(now_s, machine.shared_memory_used_bytes / GIGABYTE)
@@ -78,7 +78,7 @@ class SystemPanel(Panel):
     def build(self, page: Page) -> None:
         """Build buttons, table and charts."""
         totals = ui.label().classes("font-mono").props("id=totals")
-        orders = Orders(self, page) if page.role is Role.OPERATOR else None
+        orders = ModuleButtons(self, page) if page.role is Role.OPERATOR else None
         headings = [column.heading for column in MODULE_COLUMNS]
         headings.insert(headings.index("cpu%") + 1, TREND)
         texts = {column.heading for column in MODULE_COLUMNS if column.is_text}
@@ -89,7 +89,7 @@ class SystemPanel(Panel):
             table.on_select(lambda event: orders.choose(event.selection))
             table.add_slot("body-selection", CHOICE)
         area = ui.row().classes("w-full no-wrap")
-        charts: list[tuple[ui.echart, dict[str, History]]] = []
+        charts: list[tuple[ui.echart, dict[str, ChartHistory]]] = []
         shown = 0
 
         def update() -> None:
@@ -111,7 +111,7 @@ class SystemPanel(Panel):
         page.every(REFRESH_S / 2, self.name, update)
 
 
-class Orders:
+class ModuleButtons:
     """The buttons with which one page stops and starts modules. Each asks for confirmation.
 
     Args:
@@ -124,7 +124,7 @@ class Orders:
         self._page = page
         self._module = ""
         self._action = ""
-        self._given: list[Order] = []
+        self._given: list[ModuleOrder] = []
         with ui.row().classes("items-center"):
             self._chosen = ui.label()
             self._buttons = [
@@ -155,7 +155,7 @@ class Orders:
     def _give(self) -> None:
         self._dialog.close()
         if self._page.may("the order"):
-            self._given.append(Order(self._panel.run_folder, self._action, self._module))
+            self._given.append(ModuleOrder(self._panel.run_folder, self._action, self._module))
 
     def update(self) -> None:
         """Show the results of the commands."""
@@ -178,6 +178,6 @@ def _column(heading: str, *, is_text: bool) -> dict[str, Any]:
     }
 
 
-def _chart(histories: dict[str, History], unit: str, largest: float | None) -> ui.echart:
+def _chart(histories: dict[str, ChartHistory], unit: str, largest: float | None) -> ui.echart:
     chart = ui.echart(chart_options(histories, unit, largest), renderer="svg")
     return chart.classes("h-64 w-1/2")

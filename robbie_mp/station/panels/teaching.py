@@ -21,7 +21,7 @@ from robbie_mp.messages import (
     TeachRecognition,
     replace,
 )
-from robbie_mp.station.watch.cameras import Box
+from robbie_mp.station.watch.cameras import ImageBox
 from robbie_mp.station.watch.pictures import answer_with, encode_image, no_picture, serve_pictures
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ class TeachingTools:
         self._moving = stage
         self._camera = camera
         self._shown: Mapping[str, Mapping[str, int]] = {}
-        self._box: Box | None = None
+        self._box: ImageBox | None = None
         self._pictures = 0
         self._still = TeachingStage()
         self._still.on("boxed", self._on_boxed)
@@ -233,7 +233,7 @@ class TeachingTools:
         self._page.ask(ForgetRecognition(name=name), "the request", f"{name} is forgotten", topic=kind)
 
 
-def pixels_of_box(box: Box, image: Image) -> BoundingBox2D:
+def pixels_of_box(box: ImageBox, image: Image) -> BoundingBox2D:
     """Return a box in pixels of its image."""
     middle = Point2D(x=(box.left + box.width / 2) * image.width, y=(box.top + box.height / 2) * image.height)
     return BoundingBox2D(
@@ -241,7 +241,7 @@ def pixels_of_box(box: Box, image: Image) -> BoundingBox2D:
     )
 
 
-def checked_box(sent: Any) -> Box | None:
+def checked_box(sent: Any) -> ImageBox | None:
     """Return the box that a page's script has sent, as shares of the picture, or None if it is malformed."""
     try:
         left, top, width, height = (float(sent[name]) for name in ("left", "top", "width", "height"))
@@ -250,4 +250,4 @@ def checked_box(sent: Any) -> Box | None:
     numbers = (left, top, width, height)
     if not all(math.isfinite(one) and 0.0 <= one <= 1.0 for one in numbers) or min(width, height) < MIN_SHARE:
         return None
-    return Box(left, top, width, height, "")
+    return ImageBox(left, top, width, height, "")

@@ -18,7 +18,7 @@ from robbie_mp.run.trace.kinds import Kind, read_recorded
 from robbie_mp.run.trace.reader import TraceFollower, crash_reports, module_names, trace_folder
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.panels.supervisor_orders import Order
+from robbie_mp.station.panels.supervisor_orders import ModuleOrder
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class TracePanel(Panel):
             recorded = RecordedKinds(self._run_folder, page)
         log = ui.log(max_lines=SHOWN).classes("w-full fills").props("id=trace-log tabindex=0")
         reports = ui.column().classes("w-full").props("id=trace-crashes")
-        shown = Shown()
+        shown = ShownEntries()
 
         def update() -> None:
             if module.options != ["", *self.modules]:
@@ -118,7 +118,7 @@ class RecordedKinds:
         self._run_folder = run_folder
         self._page = page
         self._module = ""
-        self._order: Order | None = None
+        self._order: ModuleOrder | None = None
         self._shown: list[str] = []
         self._kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="recorded of all")
         self._kinds.classes("w-40").props("id=trace-recorded dense")
@@ -128,7 +128,7 @@ class RecordedKinds:
     def _record(self, kinds: list[str]) -> None:
         if kinds != self._shown and self._page.may("a choice of what is recorded"):  # by hand
             self._shown = kinds
-            self._order = Order(self._run_folder, "record", self._module or None, kinds=kinds)
+            self._order = ModuleOrder(self._run_folder, "record", self._module or None, kinds=kinds)
 
     def update(self, module: str) -> None:
         """Show the kinds recorded of a module ('': of all), unless they are just being changed."""
@@ -174,7 +174,7 @@ class Filter:
         )
 
 
-class Shown:
+class ShownEntries:
     """The entries that a page shows already."""
 
     def __init__(self) -> None:

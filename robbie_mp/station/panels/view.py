@@ -13,8 +13,8 @@ from robbie_mp.station.map.goals import GOAL, checked, place
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.scene_view.drawing import Drawing, Moving
-from robbie_mp.station.scene_view.surroundings import Surroundings, Surveyor
+from robbie_mp.station.scene_view.drawing import Moving, SceneDrawing
+from robbie_mp.station.scene_view.surroundings import SceneContents, Surveyor
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class ViewPanel(Panel):
         self._live, self._clock = station.live, station.clock
         self._size_m, model = station.settings.robot_size_m, station.settings.robot_model
         self._pose = station.messages.newest(PoseStamped, "map_pose")
-        self.surroundings: Surroundings | None = None
+        self.surroundings: SceneContents | None = None
         self._model_url = ""
         if model is not None:
             url = f"/robot-model{model.suffix.lower()}"
@@ -87,7 +87,7 @@ class ViewPanel(Panel):
         colours.on_value_change(lambda event: moving.set(colours=str(event.value)))
         for name, button in presets.items():
             button.on_click(lambda name=name: moving.run_method("preset", name))
-        drawing = Drawing(scene, self._size_m, self._model_url)
+        drawing = SceneDrawing(scene, self._size_m, self._model_url)
 
         def placed(event: GenericEventArguments) -> None:
             placement = checked(event.args)
@@ -107,7 +107,7 @@ class ViewPanel(Panel):
         page.every(PERIOD_S, self.name, update)
 
 
-def in_words(now: Surroundings) -> str:
+def in_words(now: SceneContents) -> str:
     """Return a line with the robot's position and the number of other objects."""
     if now.robot is None:
         where = "nobody has said where the robot is"

@@ -12,7 +12,7 @@ from nicegui.elements.scene.scene_object3d import Object3D
 
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map.marks import MapMark, MarkPicture
-from robbie_mp.station.scene_view.surroundings import BASE, SeenPlace, Surroundings
+from robbie_mp.station.scene_view.surroundings import BASE, SceneContents, SeenPlace
 
 POLE_M = 0.6
 PICTURE_M = 0.4
@@ -44,7 +44,7 @@ class Moving(Element, component="moving.js", esm=SCRIPTS):
         self.update()
 
 
-class Drawing:
+class SceneDrawing:
     """Draws surroundings in a scene, and updates only changed objects.
 
     Args:
@@ -64,7 +64,7 @@ class Drawing:
         self._marks: dict[MapMark, Object3D] = {}
         self._places: dict[SeenPlace, Object3D] = {}
 
-    def show(self, now: Surroundings, *, names: bool) -> None:
+    def show(self, now: SceneContents, *, names: bool) -> None:
         """Draw the surroundings, with names and axes of the frames if they are wanted."""
         is_other_tree = any(now.nodes.get(name, ("",))[0] != was for name, was in self._parents.items())
         if is_other_tree or now.world != self._world:

@@ -22,7 +22,7 @@ PoseAt = Callable[[str, int], RigidTransform | None]
 """Return the pose of a frame at a time (ns), or None if it is unknown."""
 
 
-class Source:
+class PointSource:
     """The points of the newest message on one topic.
 
     Args:
@@ -67,7 +67,7 @@ class PointSources:
         self._messages = messages
         self._figures = figures
         self._kinds = kinds
-        self._sources: dict[tuple[str, str], Source] = {}
+        self._sources: dict[tuple[str, str], PointSource] = {}
 
     def look(self, pose_at: PoseAt, world: str) -> dict[str, bytes]:
         """Return the packed points of each source, in the frame of the world, and their shades."""
@@ -92,4 +92,4 @@ class PointSources:
                 key = (channel.type_name, channel.topic)
                 of_kind = [one for one in self._sources if one[0] == channel.type_name]
                 if is_of_kind and key not in self._sources and len(of_kind) < MAX_SOURCES:
-                    self._sources[key] = Source(self._messages.newest(kind, channel.topic))
+                    self._sources[key] = PointSource(self._messages.newest(kind, channel.topic))

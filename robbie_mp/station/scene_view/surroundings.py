@@ -68,7 +68,7 @@ class SeenPlace(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class SceneContents:
     """Everything that is drawn."""
 
     world: str
@@ -131,7 +131,7 @@ class Surveyor:
         self._packed_trail: tuple[int, bytes] = (0, b"")
         self._sources = PointSources(messages, station.run.figures)
 
-    def look(self) -> Surroundings:
+    def look(self) -> SceneContents:
         """Return the present surroundings."""
         graph = self._scene.graph
         world = MAP
@@ -140,7 +140,7 @@ class Surveyor:
             while (parent := graph.node(world).parent) is not None:
                 world = parent
         points = self._sources.look(lambda frame, time_ns: self._pose(world, frame, time_ns), world)
-        return Surroundings(
+        return SceneContents(
             world=world,
             nodes=self._nodes(world),
             robot=self._pose(world, BASE),

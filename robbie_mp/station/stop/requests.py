@@ -19,7 +19,7 @@ MAX_PRESSES = 256
 MAX_NAME_LENGTH = 64
 
 
-class Fate(StrEnum):
+class PressState(StrEnum):
     """The state of a press."""
 
     PENDING = "pending"
@@ -47,7 +47,7 @@ class StopRequests:
         self._lock = threading.Lock()
         self._pending: OrderedDict[str, float | None] = OrderedDict()
         """When each press was first sent to the base; None: not yet."""
-        self._settled: OrderedDict[str, Fate] = OrderedDict()
+        self._settled: OrderedDict[str, PressState] = OrderedDict()
         self._last_sent_s = self._released_s = -float("inf")
         self._waits_since_s = 0.0
         self._listeners: tuple[Callable[[], None], ...] = ()
@@ -58,10 +58,10 @@ class StopRequests:
         with self._lock:
             return self._now_s() - self._waits_since_s if self._pending else None
 
-    def fate(self, name: str) -> Fate | None:
+    def fate(self, name: str) -> PressState | None:
         """Return the state of a press; None if it is unknown."""
         with self._lock:
-            return Fate.PENDING if name in self._pending else self._settled.get(name)
+            return PressState.PENDING if name in self._pending else self._settled.get(name)
 
     def press(self, name: str) -> None:
         """Stop the robot. Nothing happens if this press is known already."""
@@ -81,7 +81,7 @@ class StopRequests:
             is_sent = self._send(False)
             if is_sent:
                 self._released_s = self._now_s()
-                self._settle(list(self._pending), Fate.WITHDRAWN)
+                self._settle(list(self._pending), PressState.WITHDRAWN)
         self.tell()
         return is_sent
 
@@ -93,7 +93,7 @@ class StopRequests:
             heard = [
                 name for name, sent_s in self._pending.items() if sent_s is not None and sent_s < published_s
             ]
-            self._settle(heard, Fate.CONFIRMED)
+            self._settle(heard, PressState.CONFIRMED)
         if heard:
             self.tell()
 
@@ -126,7 +126,7 @@ class StopRequests:
             if sent_s is None:
                 self._pending[name] = now_s
 
-    def _settle(self, names: list[str], fate: Fate) -> None:
+    def _settle(self, names: list[str], fate: PressState) -> None:
         for name in names:
             del self._pending[name]
             self._settled[name] = fate
@@ -138,7 +138,7 @@ class StopRequests:
             listener()
 
 
-def _shorten(presses: OrderedDict[str, float | None] | OrderedDict[str, Fate]) -> None:
+def _shorten(presses: OrderedDict[str, float | None] | OrderedDict[str, PressState]) -> None:
     """Forget the oldest presses. A page that still waits for such a press repeats it."""
     while len(presses) > MAX_PRESSES:
         presses.popitem(last=False)

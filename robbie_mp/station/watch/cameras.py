@@ -19,7 +19,7 @@ MAX_SENDERS = 16
 """Maximum number of modules that send detections in the images of one topic."""
 
 
-class Box(NamedTuple):
+class ImageBox(NamedTuple):
     """A rectangle, as shares of the image's width and height, and a label."""
 
     left: float
@@ -29,16 +29,16 @@ class Box(NamedTuple):
     text: str
 
 
-def boxes_of(found: Detection2DArray, width: int, height: int) -> list[Box]:
+def boxes_of(found: Detection2DArray, width: int, height: int) -> list[ImageBox]:
     """Return the boxes of detections in an image of `width` x `height` pixels; none if it is empty."""
-    boxes: list[Box] = []
+    boxes: list[ImageBox] = []
     if not width or not height:
         return boxes
     for one in found.detections[:MAX_BOXES]:
         box, middle = one.bbox, one.bbox.center.position
         likely = max((result.hypothesis for result in one.results), key=lambda h: h.score, default=None)
         boxes.append(
-            Box(
+            ImageBox(
                 (middle.x - box.size_x / 2) / width,
                 (middle.y - box.size_y / 2) / height,
                 box.size_x / width,
@@ -49,14 +49,14 @@ def boxes_of(found: Detection2DArray, width: int, height: int) -> list[Box]:
     return boxes
 
 
-class Camera:
+class CameraTopic:
     """The images of one topic."""
 
     def __init__(self) -> None:
         self.latest: Latest[Image | CompressedImage] = Latest()
         self.picture = NewestPicture(self.latest, encode_image)
 
-    def boxes(self, found: Iterable[Detection2DArray]) -> list[Box]:
+    def boxes(self, found: Iterable[Detection2DArray]) -> list[ImageBox]:
         """Return the boxes found in the newest image or shortly before it; older ones are left out."""
         image = self.latest.message
         if not isinstance(image, Image):
@@ -85,7 +85,7 @@ class Cameras:
 
     def __init__(self, station: MessageSource):
         self._station = station
-        self.found: dict[str, Camera] = {}
+        self.found: dict[str, CameraTopic] = {}
         self.detections: dict[str, dict[str, Detection2DArray]] = {}
         newest = MessageHandling.KEEP_ONLY_NEWEST
         station.subscribe(Image, self._on_image, newest)
@@ -100,7 +100,7 @@ class Cameras:
         if camera is None:
             if len(self.found) >= MAX_CAMERAS:
                 return
-            camera = Camera()
+            camera = CameraTopic()
             # A new dict, because pages read the old one.
             self.found = {**self.found, name: camera}
         camera.latest.put(image)
@@ -114,7 +114,7 @@ class Cameras:
             # New dicts, because pages read the old ones.
             self.detections = {**self.detections, topic: {**of_topic, sender: found}}
 
-    def boxes(self, name: str) -> list[Box]:
+    def boxes(self, name: str) -> list[ImageBox]:
         """Return what all modules together have found in the newest image of a camera."""
         return self.found[name].boxes(self.detections.get(name, {}).values())
 

@@ -19,7 +19,7 @@ from robbie_mp.bus.observe.figures import MachineReading
 from robbie_mp.bus.transport.histogram import Histogram
 from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.cli.top_program.feed import History, Snapshot, Watching
+from robbie_mp.cli.top_program.feed import Snapshot, Sparklines, Watching
 from robbie_mp.run.run_directory import KnownRun, RunRecord
 
 SECOND_NS = 10**9
@@ -107,7 +107,7 @@ class PlayedFeed:
     """
 
     def __init__(self, output: Path = Path("/nowhere")) -> None:
-        self.history = History()
+        self.history = Sparklines()
         self.watching = Watching.RUN
         self.runs: tuple[KnownRun, ...] = (run(output=output),)
         self.modules: Callable[[float], tuple[ModuleFigures, ...]] = both

@@ -18,7 +18,7 @@ from tests.core._support.simulated_run import SimulatedRun
 from tests.hot._support.build import fused_module
 from tests.hot._support.histories import crowd, history
 from tests.hot._support.memory import FusedMemory
-from tools.fuzz.core.attack import Attack, Finding
+from tools.fuzz.core.attack import CoreFinding, SimulatedAttack
 from tools.fuzz.core.plain import inputs
 
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-fno-omit-frame-pointer")
@@ -49,8 +49,8 @@ def main() -> None:
         crowd(number)
     attacks = 0
     for data in islice(inputs(seed=first), 5 * count):
-        with contextlib.suppress(Finding):  # others judge what the core says of it
-            Attack(data).run()
+        with contextlib.suppress(CoreFinding):  # others judge what the core says of it
+            SimulatedAttack(data).run()
         attacks += 1
     print(f"{count} histories, {count} robots, {attacks} hostile modules, nothing to report")
 

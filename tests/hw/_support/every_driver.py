@@ -25,7 +25,7 @@ from robbie_robots.hw.emulation.lcus import EmulatedRelays
 from robbie_robots.hw.emulation.line import EmulatedLine
 from robbie_robots.hw.emulation.lms2xx import EmulatedLms2xx
 from robbie_robots.hw.emulation.mip import EmulatedMip
-from robbie_robots.hw.emulation.p2os import Base, EmulatedPioneer
+from robbie_robots.hw.emulation.p2os import EmulatedPioneer, PioneerState
 from robbie_robots.hw.emulation.ptu import EmulatedPtu
 from robbie_robots.hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
 from robbie_robots.hw.emulation.scip import UTM_30LX, EmulatedHokuyo
@@ -74,7 +74,7 @@ def _rplidar(model: RpLidarModel, mode: str) -> DriverTrial:
 TRIALS = {
     "create": DriverTrial(EmulatedCreate, CreateBase, lambda base: base.command(0.2, 0.0, 5.0)),
     "pioneer": DriverTrial(
-        lambda: EmulatedPioneer(base=Base(watchdog_s=0.2)),
+        lambda: EmulatedPioneer(base=PioneerState(watchdog_s=0.2)),
         PioneerBase,
         lambda base: base.command(0.2, 0.0, 5.0),
         lambda device: device.velocity == (0.0, 0.0),

@@ -22,13 +22,13 @@ from robbie_robots.hw.emulation.create import EmulatedCreate
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 from robbie_robots.hw.emulation.faults import Faults
 from robbie_robots.hw.emulation.lms2xx import EmulatedLms2xx
-from robbie_robots.hw.emulation.p2os import Base, EmulatedPioneer
+from robbie_robots.hw.emulation.p2os import EmulatedPioneer, PioneerState
 from robbie_robots.hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
 from robbie_robots.hw.emulation.scip import URG_04LX, UTM_30LX, EmulatedHokuyo, LaserModel
-from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.emulation.stepped_line import SteppedLine, SteppedTime
 from robbie_robots.hw.hokuyo.laser import HokuyoLaser
 from robbie_robots.hw.irobot.create import CreateBase
-from robbie_robots.hw.laser import LaserSweep
+from robbie_robots.hw.laser import DeviceSweep
 from robbie_robots.hw.pioneer.base import PioneerBase
 from robbie_robots.hw.rplidar.laser import RpLidar
 from robbie_robots.hw.sick.cola import Dialect
@@ -53,7 +53,7 @@ class Measured:
     Of a base: the numbers of its reports, and when each was made.
     """
 
-    def __init__(self, clock: SimulatedTime) -> None:
+    def __init__(self, clock: SteppedTime) -> None:
         self.began_s: dict[int, float] = {}
         self._clock = clock
 
@@ -74,7 +74,7 @@ class Measured:
         return self._numbered % DIFFERENT
 
 
-def _sweep(sweep: LaserSweep) -> tuple[float, int]:
+def _sweep(sweep: DeviceSweep) -> tuple[float, int]:
     seen_m = float(np.median(sweep.ranges_m[np.isfinite(sweep.ranges_m)]))
     return sweep.stamp_s, round((seen_m - FIRST_M) / STEP_M)
 
@@ -89,7 +89,7 @@ class Driver(NamedTuple):
     """
 
     emulated: Callable[[Measured, EmulatedClock], EmulatedDevice]
-    driver: Callable[[SimulatedTime], PluggableDevice[Any]]
+    driver: Callable[[SteppedTime], PluggableDevice[Any]]
     seen: Callable[[Any], tuple[float, int]] = _sweep
 
 
@@ -183,7 +183,7 @@ def _pioneer(bit_rate: int) -> Driver:
         def number() -> None:
             device.base.sonars_mm[0] = measured.next_number()
 
-        device = EmulatedPioneer(clock, Base(bit_rate=bit_rate), NumberingBody(number))
+        device = EmulatedPioneer(clock, PioneerState(bit_rate=bit_rate), NumberingBody(number))
         return device
 
     return Driver(
@@ -219,7 +219,7 @@ SUBJECTS = {
 
 def stamp_errors(subject: Driver, seconds: float, seed: int = 0, faults: Faults = LATE) -> Array:
     """Return how late the stamps of a driver are, s, without those of the first seconds: (N,)."""
-    clock = SimulatedTime()
+    clock = SteppedTime()
     measured = Measured(clock)
     device = subject.emulated(measured, EmulatedClock(start_s=7.0, drift=DRIFT, monotonic=clock))
     line = SteppedLine(device, clock, faults, seed)

@@ -14,8 +14,8 @@ from robbie_robots.hw.emulation.create import EmulatedCreate
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 from robbie_robots.hw.emulation.faults import Faults
 from robbie_robots.hw.emulation.line import EmulatedLine
-from robbie_robots.hw.emulation.p2os import Base, EmulatedPioneer
-from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.emulation.p2os import EmulatedPioneer, PioneerState
+from robbie_robots.hw.emulation.stepped_line import SteppedLine, SteppedTime
 from robbie_robots.hw.irobot.create import CreateBase
 from robbie_robots.hw.pioneer.base import PioneerBase
 
@@ -99,8 +99,8 @@ def test_base_on_a_line_with_faults_still_tells_where_it_is(
 
 @pytest.mark.parametrize("wanted", [(1.2, 0.0), (0.0, 3.0), (-0.8, 1.0)])
 def test_pioneer_stands_within_0_4_s_after_its_line_broke(wanted: tuple[float, float]) -> None:
-    clock = SimulatedTime()
-    device = EmulatedPioneer(EmulatedClock(monotonic=clock), Base(bit_rate=57_600, watchdog_s=0.15))
+    clock = SteppedTime()
+    device = EmulatedPioneer(EmulatedClock(monotonic=clock), PioneerState(bit_rate=57_600, watchdog_s=0.15))
     line = SteppedLine(device, clock)
     with closing(PioneerBase("simulated", 57_600, clock=clock, monotonic=clock)) as base:
         base._open_port = line.opened
@@ -120,8 +120,8 @@ def test_pioneer_stands_within_0_4_s_after_its_line_broke(wanted: tuple[float, f
 
 @pytest.mark.parametrize("wanted", [(0.4, 0.0), (0.0, 1.0), (-0.3, 0.5)])
 def test_odometry_has_what_a_pioneer_drove_while_its_line_was_broken(wanted: tuple[float, float]) -> None:
-    clock = SimulatedTime()
-    device = EmulatedPioneer(EmulatedClock(monotonic=clock), Base(bit_rate=57_600, watchdog_s=0.15))
+    clock = SteppedTime()
+    device = EmulatedPioneer(EmulatedClock(monotonic=clock), PioneerState(bit_rate=57_600, watchdog_s=0.15))
     line = SteppedLine(device, clock)
     with closing(PioneerBase("simulated", 57_600, clock=clock, monotonic=clock)) as base:
         base._open_port = line.opened

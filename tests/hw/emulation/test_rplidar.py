@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robbie_robots.hw.emulation.device import EmulatedClock
 from robbie_robots.hw.emulation.faults import Faults
 from robbie_robots.hw.emulation.rplidar import A1, A3, S2, EmulatedRpLidar, RpLidarModel
-from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.emulation.stepped_line import SteppedLine, SteppedTime
 from robbie_robots.hw.rplidar.laser import RpLidar
 from robbie_robots.hw.rplidar.streams import CapsuleReader, DenseReader, Samples, StreamReader, UltraReader
 
@@ -47,7 +47,7 @@ def inside(is_so: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def connected(model: RpLidarModel, mode: str) -> tuple[EmulatedRpLidar, SteppedLine, RpLidar]:
-    clock = SimulatedTime()
+    clock = SteppedTime()
     device = EmulatedRpLidar(room, model, EmulatedClock(monotonic=clock))
     line = SteppedLine(device, clock)
     laser = RpLidar("simulated", clock=clock, bit_rate=model.bit_rate, mode=mode, beams=360, monotonic=clock)
@@ -127,7 +127,7 @@ def test_laser_on_a_line_with_faults_still_measures_the_room(model: RpLidarModel
 
 def frames(model: RpLidarModel, number: int, count: int) -> list[bytes]:
     """Return frames of a laser's stream."""
-    clock = SimulatedTime()
+    clock = SteppedTime()
     laser = EmulatedRpLidar(room, model, EmulatedClock(monotonic=clock))
     start = b"\xa5\x82\x05" + struct.pack("<BI", number, 0)
     check = 0

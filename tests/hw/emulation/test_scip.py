@@ -12,8 +12,8 @@ from robbie_robots.hw.emulation.device import EmulatedClock
 from robbie_robots.hw.emulation.faults import Faults
 from robbie_robots.hw.emulation.line import EmulatedLine
 from robbie_robots.hw.emulation.scip import UTM_30LX, EmulatedHokuyo, checksum, coded
-from robbie_robots.hw.emulation.stepped_line import SimulatedTime
-from robbie_robots.hw.hokuyo.laser import Data, HokuyoLaser
+from robbie_robots.hw.emulation.stepped_line import SteppedTime
+from robbie_robots.hw.hokuyo.laser import HokuyoLaser, SentMeasurements
 
 WALL_M = np.linspace(0.5, 5.5, len(UTM_30LX.angles_rad()))
 WALL_M[100], WALL_M[200], WALL_M[300] = math.inf, 0.001, 70.0
@@ -55,7 +55,7 @@ def test_asked_number_of_sweeps_counts_down_and_ends() -> None:
 
 
 def test_sweep_whose_ranges_are_known_late_keeps_its_stamp() -> None:
-    clock, known = SimulatedTime(), []
+    clock, known = SteppedTime(), []
     laser = EmulatedHokuyo(
         UTM_30LX, lambda _: WALL_M, EmulatedClock(monotonic=clock), lambda at_s: at_s in known
     )
@@ -70,20 +70,20 @@ def test_sweep_whose_ranges_are_known_late_keeps_its_stamp() -> None:
     assert frame.data.decode().split("\n")[2][:4] == coded(0, 4)
 
 
-@pytest.mark.parametrize("data", Data)
-def test_driver_reads_what_the_laser_measures(data: Data, tmp_path: Path) -> None:
+@pytest.mark.parametrize("data", SentMeasurements)
+def test_driver_reads_what_the_laser_measures(data: SentMeasurements, tmp_path: Path) -> None:
     device = EmulatedHokuyo(UTM_30LX, lambda _: WALL_M)
     with (
         EmulatedLine(device, PseudoTerminal(tmp_path / "laser")) as line,
         closing(HokuyoLaser(line.url, silence_s=10.0, data=data)) as laser,
     ):
         sweep = laser.scan()
-        most_m = 4.095 if data is Data.SHORT_RANGES else 60.0
+        most_m = 4.095 if data is SentMeasurements.SHORT_RANGES else 60.0
         seen = np.isfinite(sweep.ranges_m)
         expected = (WALL_M >= 0.023) & (most_m >= WALL_M)
         assert np.abs(sweep.ranges_m[expected] - WALL_M[expected]).max() <= 0.0006
         assert not seen[~expected & ~((most_m < WALL_M) & (WALL_M < 10.0))].any()
-        assert (sweep.intensities is not None) == (data is Data.INTENSITIES)
+        assert (sweep.intensities is not None) == (data is SentMeasurements.INTENSITIES)
         assert laser.geometry.angle_min_rad == pytest.approx(-0.75 * math.pi)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from robbie_robots.hw.emulation.cola import LMS_111, EmulatedSickScanner
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 from robbie_robots.hw.emulation.lms2xx import EmulatedLms2xx, checksum
-from robbie_robots.hw.emulation.stepped_line import SimulatedTime, SteppedLine
+from robbie_robots.hw.emulation.stepped_line import SteppedLine, SteppedTime
 from robbie_robots.hw.pluggable_laser import PluggableLaser
 from robbie_robots.hw.sick.cola import Dialect
 from robbie_robots.hw.sick.cola_laser import SickColaLaser
@@ -62,7 +62,7 @@ def test_scanner_answers_as_in_the_manual_and_refuses_the_rest() -> None:
 
 
 def test_scanner_takes_a_new_rate_after_its_answer() -> None:
-    clock = SimulatedTime()
+    clock = SteppedTime()
     scanner = EmulatedLms2xx(wall, EmulatedClock(monotonic=clock))
     heard(scanner, bytes.fromhex("02 00 02 00 20 48 58 08"))
     scanner.step()
@@ -73,7 +73,7 @@ def test_scanner_takes_a_new_rate_after_its_answer() -> None:
 
 
 def connected(
-    device: EmulatedDevice, laser: PluggableLaser, clock: SimulatedTime
+    device: EmulatedDevice, laser: PluggableLaser, clock: SteppedTime
 ) -> tuple[SteppedLine, PluggableLaser]:
     line = SteppedLine(device, clock)
     laser._open_port = line.opened
@@ -83,7 +83,7 @@ def connected(
 @pytest.mark.parametrize(("field_deg", "resolution_deg"), [(180, 0.5), (180, 1.0), (100, 0.25), (100, 1.0)])
 @pytest.mark.parametrize("bit_rate", [38_400, 500_000])
 def test_driver_reads_what_an_lms2xx_measures(field_deg: int, resolution_deg: float, bit_rate: int) -> None:
-    clock = SimulatedTime()
+    clock = SteppedTime()
     laser: PluggableLaser = SickLms2xx(
         "simulated",
         clock=clock,
@@ -103,7 +103,7 @@ def test_driver_reads_what_an_lms2xx_measures(field_deg: int, resolution_deg: fl
 @pytest.mark.parametrize("dialect", Dialect)
 @pytest.mark.parametrize("intensities", [True, False])
 def test_driver_reads_what_an_lms1xx_measures(dialect: Dialect, intensities: bool) -> None:
-    clock, angles = SimulatedTime(), LMS_111.angles_rad()
+    clock, angles = SteppedTime(), LMS_111.angles_rad()
     device = EmulatedSickScanner(
         lambda _: wall(0, angles), LMS_111, dialect is Dialect.A, EmulatedClock(monotonic=clock)
     )

@@ -3,11 +3,11 @@
 import pytest
 
 from robbie_robots.hw.flir import ptu_protocol as ptu
-from robbie_robots.hw.flir.ptu_protocol import Answer, Axis, PtuFraming
+from robbie_robots.hw.flir.ptu_protocol import Axis, PtuAnswer, PtuFraming
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
 
 
-def answers(data: bytes) -> list[Answer]:
+def answers(data: bytes) -> list[PtuAnswer]:
     return FrameDecoder(PtuFraming()).feed(data)
 
 
@@ -28,7 +28,7 @@ def test_answers_of_the_manual_yield_their_number(line: bytes, expected: float) 
 
 def test_refusal_tells_its_reason() -> None:
     (answer,) = answers(b"PP3200 ! Maximum allowable Pan position is 3090\r\n")
-    assert answer == Answer(False, "Maximum allowable Pan position is 3090")
+    assert answer == PtuAnswer(False, "Maximum allowable Pan position is 3090")
     with pytest.raises(DamagedFrame, match="no number"):
         ptu.number(answer)
 
@@ -47,7 +47,7 @@ def test_texts_of_the_manual_are_read() -> None:
 def test_limits_hit_during_a_reset_are_told_apart_from_its_answer() -> None:
     found = answers(b"!T!T!P!P*\r\n")
     assert [answer.limit_hit for answer in found] == [Axis.TILT, Axis.TILT, Axis.PAN, Axis.PAN, None]
-    assert found[-1] == Answer(True, "")
+    assert found[-1] == PtuAnswer(True, "")
 
 
 def test_commands_end_with_a_delimiter() -> None:

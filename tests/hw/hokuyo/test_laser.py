@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
-from robbie_robots.hw.hokuyo.laser import Data, HokuyoLaser
+from robbie_robots.hw.hokuyo.laser import HokuyoLaser, SentMeasurements
 from robbie_robots.hw.hokuyo.scip import (
     DamagedLine,
     ReplyReader,
@@ -37,7 +37,9 @@ def device() -> Iterator[FakeHokuyo]:
     fake.close()
 
 
-def opened(device: FakeHokuyo, data: Data = Data.RANGES, merge: int = 1) -> HokuyoLaser:
+def opened(
+    device: FakeHokuyo, data: SentMeasurements = SentMeasurements.RANGES, merge: int = 1
+) -> HokuyoLaser:
     """With a time-out that no test waits for, however busy the machine."""
     return HokuyoLaser(device.port, clock=lambda: 12.5, silence_s=60.0, data=data, merge=merge)
 
@@ -98,7 +100,7 @@ def test_sweep_has_the_measured_ranges_and_errors_count_as_no_return(device: Fak
 def test_intensities_arrive_with_their_ranges(device: FakeHokuyo) -> None:
     pairs = [value for beam in range(BEAMS) for value in (RAMP[beam], 9 * beam)]
     device.to_send = [sweep(REQUEST.replace("MD", "ME"), pairs)]
-    with closing(opened(device, Data.INTENSITIES)) as laser:
+    with closing(opened(device, SentMeasurements.INTENSITIES)) as laser:
         measured = laser.scan()
     np.testing.assert_allclose(measured.ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
     assert measured.intensities is not None
@@ -107,7 +109,7 @@ def test_intensities_arrive_with_their_ranges(device: FakeHokuyo) -> None:
 
 def test_short_ranges_end_at_four_metres(device: FakeHokuyo) -> None:
     device.to_send = [sweep(REQUEST.replace("MD", "MS"), RAMP)]
-    with closing(opened(device, Data.SHORT_RANGES)) as laser:
+    with closing(opened(device, SentMeasurements.SHORT_RANGES)) as laser:
         np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
         assert laser.geometry.range_max_m == 4.095
 

@@ -18,7 +18,7 @@ HALF_TURN_COUNTS = 254.4
 
 def frame(**values: int) -> bytes:
     """Return a frame of the stream; what is not told is 0, in safe mode."""
-    values = {"mode": oi.Mode.SAFE, **values}
+    values = {"mode": oi.CreateMode.SAFE, **values}
     data = b""
     for number in STREAM:
         (packet,) = oi.packets_of(number)
@@ -120,7 +120,7 @@ def test_fast_command_keeps_its_curve(robot: Robot) -> None:
 
 
 def test_passive_robot_is_made_safe_again_by_the_next_command(robot: Robot) -> None:
-    robot.device.send(frame(mode=oi.Mode.PASSIVE, cliff_left=1))
+    robot.device.send(frame(mode=oi.CreateMode.PASSIVE, cliff_left=1))
     (reading,) = robot.base.poll()
     assert reading.problems == ("cliff on the left", "passive mode")
     robot.base.command(-0.1, 0.0, 0.3)

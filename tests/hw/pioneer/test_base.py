@@ -8,7 +8,7 @@ import pytest
 from robbie_robots.hw.connection.device import ConnectionState
 from robbie_robots.hw.pioneer import p2os
 from robbie_robots.hw.pioneer.base import PioneerBase
-from robbie_robots.hw.pioneer.p2os import Command, command
+from robbie_robots.hw.pioneer.p2os import PioneerCommand, command
 from tests.hw._support.line import Clock, ScriptedDevice
 
 
@@ -21,10 +21,10 @@ def parameters(watchdog_ms: int = 150, report_ms: int = 100, brakes: tuple[int, 
 
 
 HANDSHAKE = {
-    command(Command.PULSE): command(0),
-    command(Command.OPEN): command(1),
-    command(Command.CLOSE): p2os.packet(b"\x02Robbie\0Pioneer\0p3at-sh\0"),
-    command(Command.CONFIG): parameters(),
+    command(PioneerCommand.PULSE): command(0),
+    command(PioneerCommand.OPEN): command(1),
+    command(PioneerCommand.CLOSE): p2os.packet(b"\x02Robbie\0Pioneer\0p3at-sh\0"),
+    command(PioneerCommand.CONFIG): parameters(),
 }
 
 
@@ -62,13 +62,13 @@ def robot() -> Robot:
 def test_handshake_opens_the_robot_with_motors_and_sonars(robot: Robot) -> None:
     assert robot.base.state is ConnectionState.CONNECTED
     assert robot.base.name == ("Robbie", "Pioneer", "p3at-sh")
-    assert robot.started.endswith(command(Command.STOP))
-    assert command(Command.ENABLE, 1) in robot.started
-    assert command(Command.SONAR, 1) in robot.started
+    assert robot.started.endswith(command(PioneerCommand.STOP))
+    assert command(PioneerCommand.ENABLE, 1) in robot.started
+    assert command(PioneerCommand.SONAR, 1) in robot.started
 
 
 def test_robot_that_answers_wrongly_is_tried_again() -> None:
-    answers = {**HANDSHAKE, command(Command.CLOSE): p2os.packet(b"\x02")}
+    answers = {**HANDSHAKE, command(PioneerCommand.CLOSE): p2os.packet(b"\x02")}
     robot = Robot(answers)
     assert robot.base.state is ConnectionState.DISCONNECTED
     assert "does not tell its name" in robot.base.reason
@@ -149,10 +149,10 @@ def test_wheel_speeds_yield_the_robots_speeds(robot: Robot) -> None:
 
 def test_command_is_sent_as_speed_and_turn_and_expires(robot: Robot) -> None:
     robot.base.command(-0.2, math.radians(30), 0.25)
-    assert robot.device.taken() == command(Command.SPEED, -200) + command(Command.TURN_RATE, 30)
+    assert robot.device.taken() == command(PioneerCommand.SPEED, -200) + command(PioneerCommand.TURN_RATE, 30)
     robot.clock.now_s += 0.26
     robot.base.poll()
-    assert robot.device.taken().endswith(command(Command.STOP))
+    assert robot.device.taken().endswith(command(PioneerCommand.STOP))
     assert robot.base.expired_commands == 1
 
 
@@ -164,29 +164,29 @@ def test_watchdog_is_kept_content(robot: Robot) -> None:
         robot.clock.now_s += 0.01
         robot.device.send(sip())
         robot.base.poll()
-        pulses += robot.device.taken().count(command(Command.PULSE))
+        pulses += robot.device.taken().count(command(PioneerCommand.PULSE))
     # Every 50 ms, or one poll later: three of four may be lost before a watchdog of 0.2 s bites.
     assert 16 <= pulses <= 21
 
 
 def test_emergency_stop_is_the_robots_own(robot: Robot) -> None:
     robot.base.stop_for_emergency()
-    assert robot.device.taken() == command(Command.EMERGENCY_STOP) + command(Command.STOP)
+    assert robot.device.taken() == command(PioneerCommand.EMERGENCY_STOP) + command(PioneerCommand.STOP)
 
 
 def test_closing_disables_the_motors(robot: Robot) -> None:
     robot.base.close()
-    assert robot.device.taken().endswith(command(Command.ENABLE, 0) + command(Command.CLOSE))
+    assert robot.device.taken().endswith(command(PioneerCommand.ENABLE, 0) + command(PioneerCommand.CLOSE))
 
 
 def test_robot_brakes_as_hard_as_it_can_and_drives_no_faster_than_it_can_brake_from(robot: Robot) -> None:
-    assert command(Command.ACCELERATION, -2000) in robot.started
-    assert command(Command.TURN_ACCELERATION, -300) in robot.started
+    assert command(PioneerCommand.ACCELERATION, -2000) in robot.started
+    assert command(PioneerCommand.TURN_ACCELERATION, -300) in robot.started
     # 0.15 s for the watchdog, 0.05 s for what is late, 0.2 s to brake.
     assert robot.base.limits.linear_m_per_s == pytest.approx(0.4)
     assert robot.base.limits.angular_rad_per_s == pytest.approx(math.radians(60))
     robot.base.command(0.8, 0.5, 0.3)
-    assert robot.device.taken() == command(Command.SPEED, 400) + command(Command.TURN_RATE, 14)
+    assert robot.device.taken() == command(PioneerCommand.SPEED, 400) + command(PioneerCommand.TURN_RATE, 14)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_robot_brakes_as_hard_as_it_can_and_drives_no_faster_than_it_can_brake_f
     ],
 )
 def test_robot_that_cannot_stand_in_time_says_so_and_drives_freely(answer: bytes, problem: str) -> None:
-    robot = Robot({**HANDSHAKE, command(Command.CONFIG): answer})
+    robot = Robot({**HANDSHAKE, command(PioneerCommand.CONFIG): answer})
     assert robot.base.is_connected
     assert robot.base.limits.linear_m_per_s == 1.2
     robot.device.send(sip())
@@ -210,11 +210,11 @@ def test_robot_that_cannot_stand_in_time_says_so_and_drives_freely(answer: bytes
     assert reading.problems == (problem,)
     robot.device.taken()
     robot.base.command(0.8, 0.5, 0.3)
-    assert robot.device.taken() == command(Command.SPEED, 800) + command(Command.TURN_RATE, 29)
+    assert robot.device.taken() == command(PioneerCommand.SPEED, 800) + command(PioneerCommand.TURN_RATE, 29)
 
 
 def test_robot_whose_watchdog_leaves_it_hardly_any_speed_says_so() -> None:
-    robot = Robot({**HANDSHAKE, command(Command.CONFIG): parameters(watchdog_ms=345)})
+    robot = Robot({**HANDSHAKE, command(PioneerCommand.CONFIG): parameters(watchdog_ms=345)})
     assert robot.base.limits.linear_m_per_s == pytest.approx(0.01)
     robot.device.send(sip())
     (reading,) = robot.base.poll()
@@ -227,7 +227,7 @@ def test_speed_is_not_limited_if_nobody_asks_for_it() -> None:
 
 
 def test_reports_that_jitter_are_stamped_at_their_period() -> None:
-    robot = Robot({**HANDSHAKE, command(Command.CONFIG): parameters(report_ms=50)})
+    robot = Robot({**HANDSHAKE, command(PioneerCommand.CONFIG): parameters(report_ms=50)})
     began_s, errors = robot.clock.now_s, []
     sent_s = len(sip()) * 10 / 9_600
     for number in range(200):

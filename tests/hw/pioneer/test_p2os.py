@@ -6,20 +6,20 @@ import pytest
 
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
 from robbie_robots.hw.pioneer import p2os
-from robbie_robots.hw.pioneer.p2os import Command
+from robbie_robots.hw.pioneer.p2os import PioneerCommand
 
 VECTORS = [
-    (Command.PULSE, None, "FA FB 03 00 00 00"),
-    (Command.OPEN, None, "FA FB 03 01 00 01"),
-    (Command.CLOSE, None, "FA FB 03 02 00 02"),
-    (Command.ENABLE, 1, "FA FB 06 04 3B 01 00 05 3B"),
-    (Command.SPEED, 200, "FA FB 06 0B 3B C8 00 D3 3B"),
-    (Command.SPEED, -200, "FA FB 06 0B 1B C8 00 D3 1B"),
-    (Command.TURN_RATE, 30, "FA FB 06 15 3B 1E 00 33 3B"),
-    (Command.SONAR, 0, "FA FB 06 1C 3B 00 00 1C 3B"),
-    (Command.STOP, None, "FA FB 03 1D 00 1D"),
-    (Command.EMERGENCY_STOP, None, "FA FB 03 37 00 37"),
-    (Command.CONFIG, 1, "FA FB 06 12 3B 01 00 13 3B"),
+    (PioneerCommand.PULSE, None, "FA FB 03 00 00 00"),
+    (PioneerCommand.OPEN, None, "FA FB 03 01 00 01"),
+    (PioneerCommand.CLOSE, None, "FA FB 03 02 00 02"),
+    (PioneerCommand.ENABLE, 1, "FA FB 06 04 3B 01 00 05 3B"),
+    (PioneerCommand.SPEED, 200, "FA FB 06 0B 3B C8 00 D3 3B"),
+    (PioneerCommand.SPEED, -200, "FA FB 06 0B 1B C8 00 D3 1B"),
+    (PioneerCommand.TURN_RATE, 30, "FA FB 06 15 3B 1E 00 33 3B"),
+    (PioneerCommand.SONAR, 0, "FA FB 06 1C 3B 00 00 1C 3B"),
+    (PioneerCommand.STOP, None, "FA FB 03 1D 00 1D"),
+    (PioneerCommand.EMERGENCY_STOP, None, "FA FB 03 37 00 37"),
+    (PioneerCommand.CONFIG, 1, "FA FB 06 12 3B 01 00 13 3B"),
 ]
 
 
@@ -64,7 +64,7 @@ def test_longer_standard_packet_yields_the_finer_voltage_and_the_charger() -> No
 
 def test_sonars_that_do_not_fit_the_packet_are_damage() -> None:
     with pytest.raises(DamagedFrame, match="255 sonars do not fit"):
-        p2os.server_information(p2os.Packet(0x32, bytes(18) + b"\xff"))
+        p2os.server_information(p2os.PioneerPacket(0x32, bytes(18) + b"\xff"))
 
 
 def test_names_come_with_the_answer_to_the_handshake() -> None:
@@ -72,7 +72,7 @@ def test_names_come_with_the_answer_to_the_handshake() -> None:
     (packet,) = FrameDecoder(p2os.P2osFraming()).feed(answer)
     assert p2os.robot_name(packet) == ("Robbie", "Pioneer", "p3at")
     with pytest.raises(DamagedFrame, match="instead of the robot's name"):
-        p2os.robot_name(p2os.Packet(0x32, b"a\0b\0c"))
+        p2os.robot_name(p2os.PioneerPacket(0x32, b"a\0b\0c"))
 
 
 def test_last_odd_byte_of_a_checksum_is_combined_by_exclusive_or() -> None:
@@ -81,6 +81,6 @@ def test_last_odd_byte_of_a_checksum_is_combined_by_exclusive_or() -> None:
 
 def test_arguments_that_do_not_fit_are_refused() -> None:
     with pytest.raises(p2os.P2osError, match="65535"):
-        p2os.command(Command.SPEED, 70_000)
+        p2os.command(PioneerCommand.SPEED, 70_000)
     with pytest.raises(p2os.P2osError, match="at most 190 bytes"):
-        p2os.command(Command.DIGITAL_OUT, "x" * 191)
+        p2os.command(PioneerCommand.DIGITAL_OUT, "x" * 191)

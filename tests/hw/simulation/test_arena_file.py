@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
-from robbie_robots.hw.simulation.arena_contents import HazardSign, SignKind, Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.arena_contents import ArenaVictim, HazardSign, SignKind, VictimKind, WallSpot
 from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
 from tests._support.places import ARENAS
 
@@ -107,8 +107,8 @@ appearing:
     )
     assert room.wall_height_m == 0.8
     assert room.victims == (
-        Victim(7, VictimKind.MOVING, WallSpot(0.5, 0.75, 0.35, 0.0)),
-        Victim(8, VictimKind.STILL, WallSpot(2.0, 0.5, 0.4, 1.5708)),
+        ArenaVictim(7, VictimKind.MOVING, WallSpot(0.5, 0.75, 0.35, 0.0)),
+        ArenaVictim(8, VictimKind.STILL, WallSpot(2.0, 0.5, 0.4, 1.5708)),
     )
     assert room.signs == (HazardSign(SignKind.TOXIC, WallSpot(2.5, 1.0, 0.5, 3.1416)),)
     assert [obstacle.until_s for obstacle in room.appearing] == [math.inf, 9.0]

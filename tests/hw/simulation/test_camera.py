@@ -13,9 +13,9 @@ from robbie_robots.hw.pose import ORIGIN, Pose
 from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_contents import (
     AppearingObstacle,
+    ArenaVictim,
     HazardSign,
     SignKind,
-    Victim,
     VictimKind,
     WallSpot,
 )
@@ -26,7 +26,7 @@ from robbie_robots.hw.simulation.panel_textures import SIGN_COLOURS, SKIN
 
 ROOM = Arena(box_segments(np.array([[0.0, 0.0, 6.0, 4.0]])), np.empty((0, 3)), ORIGIN, 6.0, 4.0)
 EAST = WallSpot(6.0, 2.0, 0.35, math.pi)
-VICTIM = Victim(17, VictimKind.STILL, EAST)
+VICTIM = ArenaVictim(17, VictimKind.STILL, EAST)
 GEOMETRY = CameraGeometry()
 EYE_Z = GEOMETRY.mount_m[2]
 PAPER = np.array([245, 245, 245])
@@ -131,7 +131,7 @@ def test_pillar_hides_objects_behind_it() -> None:
 def test_victim_is_not_seen_from_behind() -> None:
     wall = np.array([[4.0, 0.5, 4.0, 3.5]])
     arena = replace(ROOM, segments=np.concatenate([ROOM.segments, wall]))
-    there = replace(arena, victims=(Victim(3, VictimKind.STILL, WallSpot(4.0, 2.0, 0.35, 0.0)),))
+    there = replace(arena, victims=(ArenaVictim(3, VictimKind.STILL, WallSpot(4.0, 2.0, 0.35, 0.0)),))
     robot = Pose(2.0, 2.0, 0.0)
     np.testing.assert_array_equal(image(there, robot), image(arena, robot))
 

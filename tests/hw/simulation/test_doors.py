@@ -10,7 +10,7 @@ import pytest
 from robbie_robots.hw.laser import LaserGeometry
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
-from robbie_robots.hw.simulation.arena_contents import Person
+from robbie_robots.hw.simulation.arena_contents import ArenaPerson
 from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
 from robbie_robots.hw.simulation.box_segments import box_segments
 from robbie_robots.hw.simulation.changing_arena import ChangingArena
@@ -26,7 +26,7 @@ WALLS = np.concatenate(
     [box_segments(np.array([[0.0, 0.0, 10.0, 10.0]])), [[5.0, 0.0, 5.0, 4.5], [5.0, 5.5, 5.0, 10.0]]]
 )
 HOUSE = Arena(WALLS, np.empty((0, 3)), Pose(1.0, 5.0, 0.0), 10.0, 10.0, 2.4, doors=(DOOR,))
-ANNA = Person("Anna", ((2.0, 5.2, 0.0), (8.0, 5.2, 0.0)), speed_m_per_s=0.6)
+ANNA = ArenaPerson("Anna", ((2.0, 5.2, 0.0), (8.0, 5.2, 0.0)), speed_m_per_s=0.6)
 
 
 def turned(doors: Doors, for_s: float, robot: Pose = FAR_AWAY) -> float:

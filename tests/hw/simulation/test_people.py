@@ -12,7 +12,7 @@ from robbie_robots.hw.camera import CameraGeometry
 from robbie_robots.hw.laser import LaserGeometry
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
-from robbie_robots.hw.simulation.arena_contents import Person
+from robbie_robots.hw.simulation.arena_contents import ArenaPerson
 from robbie_robots.hw.simulation.arena_file import ArenaError, read_arena
 from robbie_robots.hw.simulation.box_segments import box_segments
 from robbie_robots.hw.simulation.camera import SimulatedCamera
@@ -23,7 +23,7 @@ from robbie_robots.hw.simulation.people import (
     PICTURE_S,
     ROBOT_APART_M,
     FacesError,
-    People,
+    WalkingPeople,
     leg_circles,
     read_heads,
 )
@@ -31,18 +31,18 @@ from tests._support.places import ARENAS
 
 FAR_AWAY = Pose(0.5, 9.5, 0.0)
 WALLS = box_segments(np.array([[0.0, 0.0, 10.0, 10.0]]))
-ANNA = Person("Anna", ((2.0, 5.0, 0.0), (8.0, 5.0, 1.0)), speed_m_per_s=0.6)
+ANNA = ArenaPerson("Anna", ((2.0, 5.0, 0.0), (8.0, 5.0, 1.0)), speed_m_per_s=0.6)
 ROOM = Arena(WALLS, np.empty((0, 3)), Pose(1.0, 5.0, 0.0), 10.0, 10.0, 2.4, people=(ANNA,))
 
 
-def walked(people: People, until_s: float, robot: Pose = FAR_AWAY) -> People:
+def walked(people: WalkingPeople, until_s: float, robot: Pose = FAR_AWAY) -> WalkingPeople:
     people.walk_until(0.0, robot)
     people.walk_until(until_s, robot)
     return people
 
 
 def test_person_walks_at_its_speed_to_the_end_waits_there_and_comes_back() -> None:
-    people = walked(People([ANNA]), 5.0)
+    people = walked(WalkingPeople([ANNA]), 5.0)
     assert people.states[0].x_m == pytest.approx(5.0)
     people.walk_until(10.5, FAR_AWAY)
     assert people.states[0][:2] == (8.0, 5.0)
@@ -52,14 +52,14 @@ def test_person_walks_at_its_speed_to_the_end_waits_there_and_comes_back() -> No
 
 
 def test_motion_does_not_depend_on_how_often_it_is_asked_for() -> None:
-    often, rarely = People([ANNA]), walked(People([ANNA]), 17.0)
+    often, rarely = WalkingPeople([ANNA]), walked(WalkingPeople([ANNA]), 17.0)
     for tenth in range(171):
         often.walk_until(tenth / 10, FAR_AWAY)
     assert often.states == rarely.states
 
 
 def test_standing_foot_stays_on_the_ground_while_the_other_one_swings() -> None:
-    people = People([ANNA])
+    people = WalkingPeople([ANNA])
     people.walk_until(0.0, FAR_AWAY)
     legs = []
     for tick in range(60, 140):
@@ -76,7 +76,7 @@ def test_standing_foot_stays_on_the_ground_while_the_other_one_swings() -> None:
 
 def test_person_stops_before_the_robot_and_goes_on_when_it_has_left() -> None:
     in_the_way = Pose(4.0, 5.0, 0.0)
-    people = walked(People([ANNA]), 4.0, in_the_way)
+    people = walked(WalkingPeople([ANNA]), 4.0, in_the_way)
     assert 4.0 - people.states[0].x_m == pytest.approx(ROBOT_APART_M, abs=0.04)
     assert people.states[0].stride == 0.0
     people.walk_until(7.0, FAR_AWAY)
@@ -84,13 +84,13 @@ def test_person_stops_before_the_robot_and_goes_on_when_it_has_left() -> None:
 
 
 def test_person_whose_way_stays_blocked_walks_back() -> None:
-    people = walked(People([ANNA]), 7.0, Pose(4.0, 5.0, 0.0))
+    people = walked(WalkingPeople([ANNA]), 7.0, Pose(4.0, 5.0, 0.0))
     assert people.states[0].x_m < 3.0
 
 
 def test_person_who_crosses_passes_between_the_first_one_and_the_robot_behind() -> None:
-    crosser = Person("Ben", ((5.0, 3.5, 0.0), (5.0, 6.5, 0.0)), speed_m_per_s=0.7, crosses=True)
-    people = People([ANNA, crosser])
+    crosser = ArenaPerson("Ben", ((5.0, 3.5, 0.0), (5.0, 6.5, 0.0)), speed_m_per_s=0.7, crosses=True)
+    people = WalkingPeople([ANNA, crosser])
     people.walk_until(0.0, FAR_AWAY)
     for tick in range(220):
         people.walk_until(tick / 20, FAR_AWAY)
@@ -101,8 +101,8 @@ def test_person_who_crosses_passes_between_the_first_one_and_the_robot_behind() 
 
 
 def test_restored_people_go_on_from_where_they_were() -> None:
-    people = walked(People([ANNA]), 6.0)
-    again = People([ANNA], [tuple(state) for state in people.states])
+    people = walked(WalkingPeople([ANNA]), 6.0)
+    again = WalkingPeople([ANNA], [tuple(state) for state in people.states])
     assert again.states == people.states
     for one in (people, again):
         one.walk_until(6.0, FAR_AWAY)
@@ -112,7 +112,7 @@ def test_restored_people_go_on_from_where_they_were() -> None:
 
 def test_laser_sees_two_legs() -> None:
     geometry = LaserGeometry(angle_increment_rad=math.tau / 1024, beams=1024)
-    laser = SimulatedLaser(ROOM.with_circles(leg_circles(People([ANNA]).shown)), geometry, 0.0, 0.0)
+    laser = SimulatedLaser(ROOM.with_circles(leg_circles(WalkingPeople([ANNA]).shown)), geometry, 0.0, 0.0)
     laser.place(Pose(1.0, 5.0, 0.0), 0.0)
     ranges, angles = laser.scan().ranges_m, geometry.angles_rad()
     near = (ranges < 1.1) & (np.cos(angles) > 0.0)
@@ -129,7 +129,7 @@ def test_camera_sees_a_figure_in_its_own_clothes_and_a_wall_hides_it() -> None:
     for wall, is_seen in (([], True), ([[1.5, 0.0, 1.5, 10.0]], False)):
         segments = np.concatenate([WALLS, np.array(wall).reshape(-1, 4)])
         camera = SimulatedCamera(replace(ROOM, segments=segments, people=(red,)), geometry, noise=0.0)
-        camera.people = People([red]).shown
+        camera.people = WalkingPeople([red]).shown
         camera.place(Pose(1.0, 5.0, 0.0), 0.0)
         pixels = camera.capture().pixels.astype(int)
         shirt = (pixels[..., 0] > 150) & (pixels[..., 1] < 50)
@@ -193,7 +193,7 @@ def test_wrong_people_in_an_arena_file_are_errors_with_a_line(
 
 def test_people_of_the_apartment_walk_and_cross_the_first_one_twice_a_minute() -> None:
     arena = read_arena(ARENAS / "apartment.yaml")
-    people = walked(People(arena.people), 12.0)
+    people = walked(WalkingPeople(arena.people), 12.0)
     assert [person.name for person in arena.people] == ["Anna", "Ben", "Clara", "David"]
     starts = {"Ben": 0, "Clara": 0}
     for tick in range(240, 20 * 132):

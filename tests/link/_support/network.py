@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
-from robbie_mp.connect.link.books import Account, Books
-from robbie_mp.connect.link.header import Beat, ChannelId, Data, Report, pack
+from robbie_mp.connect.link.books import Account, LinkBooks
+from robbie_mp.connect.link.header import Beat, ChannelId, DataHeader, ReceiverReport, pack
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate
-from robbie_mp.connect.link.sending import Limits
+from robbie_mp.connect.link.sending import SendLimits
 from robbie_mp.connect.link.traffic import TrafficClass
 
 MS = 1_000_000
 TICK_NS = 5 * MS
-LIMITS = Limits(messages=10_000, bytes=1 << 26, state_period_ns=0)
+LIMITS = SendLimits(messages=10_000, bytes=1 << 26, state_period_ns=0)
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Network:
         self.conditions = conditions or Conditions()
         self.now_ns = 1000 * MS
         self.robots: dict[str, Robot] = {}
-        self.carried: list[tuple[int, str, Data | Report | Beat, int]] = []
+        self.carried: list[tuple[int, str, DataHeader | ReceiverReport | Beat, int]] = []
         """Time of arrival, receiver, header and size of every packet that has arrived."""
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._numbers = count()
@@ -63,7 +63,7 @@ class Network:
         self,
         sender: str,
         receiver: str,
-        packet: Data | Report | Beat,
+        packet: DataHeader | ReceiverReport | Beat,
         payload: bytes,
         is_datagram: bool = False,
     ) -> None:
@@ -96,7 +96,7 @@ class Robot:
     network: Network
     name: str
     folder: Path | None = None
-    limits: Limits = LIMITS
+    limits: SendLimits = LIMITS
     journal: list[tuple[int, Arrived]] = field(default_factory=list)
     """Time, and what was published."""
     fate: Callable[[Arrived], Fate] = lambda _message: Fate.PUBLISHED
@@ -116,7 +116,7 @@ class Robot:
         """Start a process of the link."""
         self.sessions += 1
         session = self.network.random.getrandbits(63)
-        self.books = Books(self.folder, "link", session)
+        self.books = LinkBooks(self.folder, "link", session)
         settings = NodeSettings(self.limits, max_bytes=1 << 26, latched_bytes=1 << 24)
         self.node = LinkNode(self.name, session, self.books, settings, self, self._handle)
         for other in self.others:
@@ -154,7 +154,7 @@ class Robot:
     def send(
         self,
         robot: str,
-        packet: Data | Report | Beat,
+        packet: DataHeader | ReceiverReport | Beat,
         payload: memoryview | bytes,
         *,
         as_datagram: bool = False,
@@ -200,7 +200,7 @@ class Robot:
 
 
 def two_robots(
-    seed: int, conditions: Conditions | None = None, folder: Path | None = None, limits: Limits = LIMITS
+    seed: int, conditions: Conditions | None = None, folder: Path | None = None, limits: SendLimits = LIMITS
 ) -> tuple[Network, Robot, Robot]:
     """Two robots that have found each other."""
     network = Network(seed, conditions)

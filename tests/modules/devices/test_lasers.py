@@ -7,7 +7,7 @@ import pytest
 
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import DeviceState, LaserScan
-from robbie_robots.hw.laser import LaserSweep
+from robbie_robots.hw.laser import DeviceSweep
 from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
 from robbie_robots.modules.devices.rplidar import RpLidarRangeFinder
 from robbie_robots.modules.devices.sick_cola import SickColaRangeFinder
@@ -31,7 +31,7 @@ def test_missing_laser_is_told_each_second_and_nothing_is_published(
 
 def test_sweep_is_published_with_its_stamp_and_intensities() -> None:
     with ModuleHarness(SickLms2xxRangeFinder, {"port": "/no/such/port", "frame_id": "rear"}) as harness:
-        sweep = LaserSweep(12.25, np.ones(361, np.float32), np.full(361, 7, np.float32))
+        sweep = DeviceSweep(12.25, np.ones(361, np.float32), np.full(361, 7, np.float32))
         harness.module.on_value(sweep)
         (scan,) = harness.take(LaserScan)
     assert scan.header.stamp.nanoseconds == 12_250_000_000

@@ -20,7 +20,7 @@ from robbie_mp.messages import (
 from robbie_robots.hw.pose import Pose as Pose2D
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.follow_referee import FollowReferee
-from robbie_robots.hw.simulation.people import People as WalkingPeople
+from robbie_robots.hw.simulation.people import WalkingPeople
 from robbie_robots.modules.devices.base import SimulatedBase
 from robbie_robots.modules.devices.laser import SimulatedLaserRangeFinder
 from robbie_robots.modules.devices.simulated_world import SimulatedPeople

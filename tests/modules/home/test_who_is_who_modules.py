@@ -41,7 +41,7 @@ from robbie_mp.messages import (
     Vector3,
 )
 from robbie_robots.hw.simulation.arena_file import read_arena
-from robbie_robots.hw.simulation.people import People as WalkingPeople
+from robbie_robots.hw.simulation.people import WalkingPeople
 from robbie_robots.modules.devices.simulated_world import SimulatedPeople
 from robbie_robots.modules.home.guests import SimulatedGuests
 from robbie_robots.modules.home.messages import (

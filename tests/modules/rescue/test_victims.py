@@ -25,7 +25,7 @@ from robbie_mp.messages import (
 from robbie_robots.hw.camera import CameraGeometry
 from robbie_robots.hw.pose import Pose as Pose2D
 from robbie_robots.hw.simulation.arena import Arena
-from robbie_robots.hw.simulation.arena_contents import Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.arena_contents import ArenaVictim, VictimKind, WallSpot
 from robbie_robots.hw.simulation.box_segments import box_segments
 from robbie_robots.hw.simulation.camera import SimulatedCamera
 from robbie_robots.modules.devices.camera import intrinsic_matrix
@@ -42,7 +42,7 @@ ARENA = Arena(
     start=Pose2D(1.0, 1.0, 0.0),
     width_m=ROOM_M,
     height_m=ROOM_M,
-    victims=(Victim(TAG, VictimKind.STILL, WallSpot(ROOM_M, 2.0, 0.35, math.pi)),),
+    victims=(ArenaVictim(TAG, VictimKind.STILL, WallSpot(ROOM_M, 2.0, 0.35, math.pi)),),
 )
 OPTICAL = Quaternion(x=-0.5, y=0.5, z=-0.5, w=0.5)
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from robbie_robots.workers.rescue.mission import Mission, Orders
+from robbie_robots.workers.rescue.mission import Mission, RescueOrder
 from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
 from robbie_robots.workers.rescue.mission_targets import SearchedGrid
 from robbie_robots.workers.rescue.mission_victims import VictimReport
@@ -40,7 +40,7 @@ class Rescue:
     def state(self) -> MissionState:
         return self.mission.state
 
-    def step(self, seconds: float = 1.0) -> Orders:
+    def step(self, seconds: float = 1.0) -> RescueOrder:
         """Let time pass, with all that the robot hears in it."""
         self.now_s += seconds
         self.mission.see_pose(self.pose)
@@ -51,7 +51,7 @@ class Rescue:
         self.mission.see_searched(SearchedGrid(grid, RESOLUTION_M, (0.0, 0.0)))
         return self.mission.step()
 
-    def begin(self) -> Orders:
+    def begin(self) -> RescueOrder:
         self.mission.see_stopped(None)
         return self.step()
 

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from robbie_robots.workers.exploration.drivable_ground import DrivableGround
 from robbie_robots.workers.exploration.team_claims import Claim
-from robbie_robots.workers.exploration.team_share import MOST_ON_TOURS, Member, Work, own_work
+from robbie_robots.workers.exploration.team_share import MOST_ON_TOURS, Member, SharedTarget, own_work
 from robbie_robots.workers.rescue.mission_states import MissionSettings
 from tests._support.present import present
 
@@ -25,8 +25,8 @@ def corridor() -> DrivableGround:
 AROUND = corridor()
 
 
-def work_at(x_m: float, *, is_known: bool = True) -> Work:
-    return Work(np.array([x_m, 1.0, 0.0]), np.array([x_m, 1.8]), 1.0, is_known)
+def work_at(x_m: float, *, is_known: bool = True) -> SharedTarget:
+    return SharedTarget(np.array([x_m, 1.0, 0.0]), np.array([x_m, 1.8]), 1.0, is_known)
 
 
 def member(x_m: float, target_x_m: float | None = None) -> Member:
@@ -39,7 +39,9 @@ def claim(x_m: float, target_x_m: float | None = None) -> Claim:
     return Claim(np.array([x_m, 1.0, 0.0]), None, target, 1.0, is_working=True, home_xy_m=HOME)
 
 
-def own(x_m: float, blue: Claim | None, works: list[Work], target_x_m: float | None = None) -> list[int]:
+def own(
+    x_m: float, blue: Claim | None, works: list[SharedTarget], target_x_m: float | None = None
+) -> list[int]:
     return own_work(AROUND, member(x_m, target_x_m), works, [] if blue is None else [blue])
 
 

@@ -13,7 +13,7 @@ from robbie_robots.workers.localization.likelihood_field import LikelihoodField,
 from robbie_robots.workers.localization.localizer import Localizer
 from tests._support.present import present
 from tools.trials.driving import localization
-from tools.trials.driving.localization import Conditions, Drive, run_trial
+from tools.trials.driving.localization import Conditions, DrivenRobot, run_trial
 
 SMALL = Conditions(width_m=8.0, height_m=6.0)
 
@@ -38,7 +38,7 @@ def test_pose_is_never_certain_in_a_room_with_fourfold_symmetry(
     walls = np.array([(0, 0, 6, 0), (6, 0, 6, 6), (0, 0, 0, 6), (0, 6, 6, 6)], float)
     square = Arena(walls, np.empty((0, 3)), Pose(2.0, 2.5, 0.3), 6.0, 6.0)
     monkeypatch.setattr(localization, "random_rooms", lambda *_: square)
-    drive = Drive(0, Conditions(6.0, 6.0))
+    drive = DrivenRobot(0, Conditions(6.0, 6.0))
     for _ in drive.steps(4.0):
         assert not present(drive.localizer.newest).converged
     assert present(drive.localizer.newest).spread_rad > 0.5
@@ -47,13 +47,13 @@ def test_pose_is_never_certain_in_a_room_with_fourfold_symmetry(
 def test_same_inputs_and_seed_give_the_same_poses() -> None:
     poses = []
     for _ in range(2):
-        drive = Drive(1, SMALL)
+        drive = DrivenRobot(1, SMALL)
         poses.append(np.array([drive.localizer.pose for _ in drive.steps(0.3)]))
     assert np.array_equal(poses[0], poses[1])
 
 
 def test_particles_are_bounded_and_fewer_once_the_robot_is_found() -> None:
-    drive = Drive(1, SMALL)
+    drive = DrivenRobot(1, SMALL)
     counts = []
     for _ in drive.steps(2.0):
         assert len(present(drive.localizer._cloud)) <= drive.localizer.settings.max_particles
@@ -63,7 +63,7 @@ def test_particles_are_bounded_and_fewer_once_the_robot_is_found() -> None:
 
 
 def test_given_pose_is_used_and_rejected_if_the_laser_contradicts_it() -> None:
-    drive = Drive(2, SMALL)
+    drive = DrivenRobot(2, SMALL)
     truth = drive.arena.start
     drive.localizer.start_at(truth)
     for pose in drive.steps(0.2):
@@ -73,7 +73,7 @@ def test_given_pose_is_used_and_rejected_if_the_laser_contradicts_it() -> None:
 
 
 def test_restarted_localizer_continues_while_the_robot_stands() -> None:
-    drive = Drive(1, SMALL)
+    drive = DrivenRobot(1, SMALL)
     for _ in drive.steps(2.0):
         pass
     old = drive.localizer
@@ -86,7 +86,7 @@ def test_restarted_localizer_continues_while_the_robot_stands() -> None:
 
 
 def test_sweeps_without_returns_are_ignored() -> None:
-    drive = Drive(1, SMALL)
+    drive = DrivenRobot(1, SMALL)
     drive.localizer.add_odometry(0.0, (0, 0, 0))
     drive.localizer.add_scan(0.0, LaserSweep.from_ranges(np.full(360, np.inf), 0.0, 0.01, 0.05, 10.0))
     assert drive.localizer.pose is None
@@ -114,7 +114,7 @@ def test_map_without_free_or_occupied_cells_is_refused(percent: int) -> None:
 def test_certain_pose_keeps_its_weight_where_things_hide_a_part_of_the_map(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    drive = Drive(2, SMALL)
+    drive = DrivenRobot(2, SMALL)
     assert drive.way_until_sure(20.0) is not None
     add_scan, recoveries = drive.localizer.add_scan, drive.localizer.recoveries
 

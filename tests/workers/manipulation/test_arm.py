@@ -8,7 +8,7 @@ import pytest
 
 from robbie_mp.scene import SceneGraph, read_scene
 from robbie_robots.workers.manipulation.arm_model import ArmModel, Floats
-from robbie_robots.workers.manipulation.collisions import Shape, Surroundings
+from robbie_robots.workers.manipulation.collisions import CollisionWorld, Shape
 from robbie_robots.workers.manipulation.errors import Unreachable, WrongArm
 from robbie_robots.workers.manipulation.planning import plan, reach, straight_line
 from robbie_robots.workers.manipulation.trajectory import Trajectory
@@ -36,7 +36,7 @@ def arm() -> ArmModel:
     return ArmModel(ROBOT, JOINTS, ["gripper", "right_finger"])
 
 
-def free_positions(surroundings: Surroundings, count: int, seed: int) -> list[Floats]:
+def free_positions(surroundings: CollisionWorld, count: int, seed: int) -> list[Floats]:
     chance = np.random.default_rng(seed)
     found: list[Floats] = []
     while len(found) < count:
@@ -68,7 +68,7 @@ def test_forward_kinematics_are_those_of_the_scene_graph(arm: ArmModel) -> None:
 
 
 def test_all_of_200_random_reachable_poses_are_solved_without_a_collision(arm: ArmModel) -> None:
-    surroundings = Surroundings(arm, [TABLE])
+    surroundings = CollisionWorld(arm, [TABLE])
     chance = np.random.default_rng(0)
     for positions in free_positions(surroundings, 200, seed=1):
         goal = arm.pose(positions)
@@ -80,7 +80,7 @@ def test_all_of_200_random_reachable_poses_are_solved_without_a_collision(arm: A
 
 def test_planned_ways_touch_nothing_however_densely_one_looks(arm: ArmModel) -> None:
     around = [TABLE, POST]
-    surroundings, exact = Surroundings(arm, around), Surroundings(arm, around, margin_m=0.0)
+    surroundings, exact = CollisionWorld(arm, around), CollisionWorld(arm, around, margin_m=0.0)
     chance = np.random.default_rng(0)
     ends = free_positions(surroundings, 11, seed=2)
     detours = 0
@@ -97,14 +97,14 @@ def test_what_is_held_keeps_away_from_obstacles_too(arm: ArmModel) -> None:
     low = np.array([0.0, 0.45, 0.45, 0.0, -0.9, 0.0])
     # The hand is ahead, 7 cm above the table; the stick is upright in it.
     assert arm.pose(low)[2, 3] == pytest.approx(0.47, abs=0.03)
-    assert not Surroundings(arm, [TABLE]).collides(low)
-    held = Surroundings(arm, [TABLE], held=stick)
+    assert not CollisionWorld(arm, [TABLE]).collides(low)
+    held = CollisionWorld(arm, [TABLE], held=stick)
     assert held.collides(low)
     assert held.touching(low) == [("stick", "table")]
 
 
 def test_hand_moves_straight_and_says_where_it_cannot_go_on(arm: ArmModel) -> None:
-    surroundings = Surroundings(arm, [TABLE])
+    surroundings = CollisionWorld(arm, [TABLE])
     goal = arm.pose(DRIVES)
     goal[:3, 3] = (0.45, 0.0, 0.6)
     begin = reach(arm, surroundings, goal, DRIVES, np.random.default_rng(0))
@@ -119,7 +119,7 @@ def test_hand_moves_straight_and_says_where_it_cannot_go_on(arm: ArmModel) -> No
 
 
 def test_unreachable_poses_get_an_error_that_says_why(arm: ArmModel) -> None:
-    chance, surroundings = np.random.default_rng(0), Surroundings(arm, [TABLE])
+    chance, surroundings = np.random.default_rng(0), CollisionWorld(arm, [TABLE])
     goal = np.eye(4)
     goal[:3, 3] = (1.5, 0.0, 0.5)
     with pytest.raises(Unreachable, match=r"cannot bring its hand to \(1\.500, 0\.000, 0\.500\)"):
@@ -127,7 +127,7 @@ def test_unreachable_poses_get_an_error_that_says_why(arm: ArmModel) -> None:
     goal[:3, 3] = (0.5, 0.0, 0.39)
     with pytest.raises(Unreachable, match=r"would touch something: \w+ and table"):
         reach(arm, surroundings, goal, DRIVES, chance, restarts=30)
-    inside = reach(arm, Surroundings(arm), goal, DRIVES, chance)
+    inside = reach(arm, CollisionWorld(arm), goal, DRIVES, chance)
     with pytest.raises(Unreachable, match="touches something where it should be"):
         plan(surroundings, DRIVES, inside, chance)
 

@@ -20,7 +20,7 @@ from robbie_robots.hw.simulation.taking_person import TakingPerson
 from robbie_robots.modules.manipulation.robot_shapes import RobotShapes, table_solids
 from robbie_robots.workers.manipulation.arm_model import ArmModel
 from robbie_robots.workers.manipulation.collisions import Shape
-from robbie_robots.workers.manipulation.hand_work import HandWork, Outcome
+from robbie_robots.workers.manipulation.hand_work import HandOutcome, HandWork
 from robbie_robots.workers.manipulation.hand_work_states import (
     TIME_OUTS,
     TRANSITIONS,
@@ -88,7 +88,7 @@ class World:
             shape.pose[:2, 3] += 0.003
         return TableView(self.now_s, Shape("table", table.solid.size_m, X_BA @ table.pose), tuple(objects))
 
-    def run(self, limit_s: float = 60.0, until: HandState | None = None) -> Outcome | None:
+    def run(self, limit_s: float = 60.0, until: HandState | None = None) -> HandOutcome | None:
         end_s = self.now_s + limit_s
         for turn in itertools.count():
             if self.now_s > end_s or self.work.outcome is not None or self.work.machine.state is until:
@@ -140,13 +140,13 @@ class World:
 def test_arm_picks_up_carries_and_puts_down_without_touching_anything_else() -> None:
     world = World()
     world.work.pick_up("tea")
-    assert world.run() == Outcome(True, "holds tea")
+    assert world.run() == HandOutcome(True, "holds tea")
     assert (world.objects.held, world.work.tries) == ("tea", 0)
     hand = world.arm.pose(np.array([world.at()[name] for name in JOINTS]))
     assert np.hypot(*hand[:2, 3]) < 0.25  # above the robot
     before = world.objects.pose("tea").copy()
     world.work.put_down()
-    assert world.run() == Outcome(True, "has put down tea")
+    assert world.run() == HandOutcome(True, "has put down tea")
     assert world.objects.held is None
     assert world.stands("tea") and not np.allclose(before, world.objects.pose("tea"))
     assert world.is_unharmed
@@ -161,7 +161,7 @@ def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None
     world = World()
     world.work.pick_up("soup")
     world.restart(state)
-    assert world.run() == Outcome(True, "holds soup")
+    assert world.run() == HandOutcome(True, "holds soup")
     assert world.objects.held == "soup"
     assert world.is_unharmed
 
@@ -173,7 +173,7 @@ def test_next_process_puts_down_what_the_last_one_held_or_knows_that_it_has(stat
     world.run()
     world.work.put_down()
     world.restart(state)
-    assert world.run() == Outcome(True, "has put down soup")
+    assert world.run() == HandOutcome(True, "has put down soup")
     assert world.objects.held is None and world.stands("soup")
     assert world.is_unharmed
 
@@ -190,7 +190,7 @@ def test_gripper_that_closes_on_nothing_tries_again() -> None:
             world.objects.pose("cola")[2, 3] += 0.2
 
     world.before = take_away
-    assert world.run(120.0) == Outcome(True, "holds cola")
+    assert world.run(120.0) == HandOutcome(True, "holds cola")
     assert world.work.tries == 1
 
 
@@ -198,10 +198,10 @@ def test_orders_that_cannot_be_done_end_with_the_reason() -> None:
     world = World()
     world.work.pick_up("mustard")
     outcome = world.run(120.0)
-    assert outcome == Outcome(False, "sees no mustard on a table")
+    assert outcome == HandOutcome(False, "sees no mustard on a table")
     world.is_blind = True
     world.work.pick_up("soup")
-    assert world.run(120.0) == Outcome(False, "sees no table")
+    assert world.run(120.0) == HandOutcome(False, "sees no table")
     world.work.put_down()
     outcome = world.run(120.0)
     assert outcome is not None and not outcome.is_done
@@ -212,7 +212,7 @@ def test_arm_is_stowed_before_a_failed_order_ends_because_the_robot_then_drives(
     world = World()
     world.work.pick_up("mustard")
     world.restart(HandState.STOW)
-    assert world.run() == Outcome(False, "sees no mustard on a table")
+    assert world.run() == HandOutcome(False, "sees no mustard on a table")
     at = np.array([world.at()[name] for name in JOINTS])
     np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
 
@@ -224,7 +224,7 @@ def test_arm_that_was_stopped_stands_out_until_it_is_stowed() -> None:
     world.work.stop("enough")
     assert world.work.stands_out
     world.work.stow()
-    assert world.run() == Outcome(True, "is stowed")
+    assert world.run() == HandOutcome(True, "is stowed")
     at = np.array([world.at()[name] for name in JOINTS])
     np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
     assert world.is_unharmed
@@ -236,7 +236,7 @@ def test_arm_stows_what_it_holds_if_there_is_no_table_to_put_it_on() -> None:
     world.run()
     world.is_blind = True
     world.work.put_down()
-    assert world.run(120.0) == Outcome(False, "sees no table")
+    assert world.run(120.0) == HandOutcome(False, "sees no table")
     at = np.array([world.at()[name] for name in JOINTS])
     np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
     assert (world.objects.held, world.is_unharmed) == ("soup", True)
@@ -252,7 +252,7 @@ def test_arm_stands_still_while_its_joints_are_silent_and_then_goes_on() -> None
     world.run(1.0)
     assert world.at() == there
     world.is_silent = False
-    assert world.run() == Outcome(True, "holds soup")
+    assert world.run() == HandOutcome(True, "holds soup")
     assert world.is_unharmed
 
 
@@ -277,7 +277,7 @@ def test_object_is_held_out_upright_and_let_go_when_a_person_pulls(restarts: boo
     assert world.objects.held == "cola"
     assert held[2, 2] > 0.95
     assert held[2, 3] > 0.55
-    assert world.run() == Outcome(True, "has handed over cola")
+    assert world.run() == HandOutcome(True, "has handed over cola")
     assert world.objects.is_taken("cola")
 
 
@@ -287,7 +287,7 @@ def test_arm_keeps_what_nobody_takes() -> None:
     world.run()
     world.work.outcome = None
     world.work.hand_over()
-    assert world.run() == Outcome(False, "nobody has taken cola")
+    assert world.run() == HandOutcome(False, "nobody has taken cola")
     at = np.array([world.at()[name] for name in JOINTS])
     np.testing.assert_allclose(at, HandSettings().stow, atol=0.03)
     assert (world.objects.held, world.is_unharmed) == ("cola", True)
@@ -296,4 +296,4 @@ def test_arm_keeps_what_nobody_takes() -> None:
 def test_empty_hand_hands_nothing_over() -> None:
     world = World()
     world.work.hand_over()
-    assert world.run() == Outcome(False, "there is nothing in the hand")
+    assert world.run() == HandOutcome(False, "there is nothing in the hand")

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.mapping.grid_mapper import GridMapper, Limits
+from robbie_robots.workers.mapping.grid_mapper import GridMapper, MapperLimits
 from robbie_robots.workers.planar_pose import compose, relative
 from tests.workers._support.synthetic_room import (
     ANGLE_MIN_RAD,
@@ -149,7 +149,7 @@ def test_standing_robot_adds_no_key_sweeps(drive: Drive) -> None:
 
 
 def test_key_sweeps_beyond_the_limit_are_refused_and_counted(drive: Drive) -> None:
-    mapper = run(GridMapper(limits=Limits(key_sweeps=5)), drive, end=600)
+    mapper = run(GridMapper(limits=MapperLimits(key_sweeps=5)), drive, end=600)
     assert len(mapper.state()["keys"]["beams"]) == 5
     assert mapper.refused["sweeps beyond the limit of key sweeps"] > 5
     assert np.isfinite(mapper.trajectory()).all()
@@ -158,7 +158,7 @@ def test_key_sweeps_beyond_the_limit_are_refused_and_counted(drive: Drive) -> No
 @pytest.mark.slow
 def test_endless_drive_in_a_room_has_bounded_memory_and_stays_accurate() -> None:
     drive = Drive.around_the_pillar(3.4 * LAP_S)
-    mapper = GridMapper(limits=Limits(key_sweeps=90))
+    mapper = GridMapper(limits=MapperLimits(key_sweeps=90))
     sizes = []
     for begin in range(0, len(drive.odometry), 100):
         run(mapper, drive, begin=begin, end=min(begin + 100, len(drive.odometry)))
@@ -179,7 +179,7 @@ def test_endless_drive_in_a_room_has_bounded_memory_and_stays_accurate() -> None
 
 
 def test_sweeps_beyond_the_memory_of_the_grid_are_skipped_and_counted(drive: Drive) -> None:
-    mapper = run(GridMapper(limits=Limits(cells=11_000)), drive, end=300)
+    mapper = run(GridMapper(limits=MapperLimits(cells=11_000)), drive, end=300)
     mapper.grid()
     assert mapper.drawn().bytes < 3_000_000
     assert mapper.refused["sweeps beyond the grid's memory"] > 0

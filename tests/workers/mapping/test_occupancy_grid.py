@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_robots.workers.mapping.occupancy_grid import GridFull, OccupancyGrid, Window
+from robbie_robots.workers.mapping.occupancy_grid import CellWindow, GridFull, GrowingGrid
 
 WALL = np.column_stack([np.full(41, 2.03), np.linspace(-1, 1, 41)])
 
 
-def at(grid: OccupancyGrid, x: float, y: float) -> int:
+def at(grid: GrowingGrid, x: float, y: float) -> int:
     cells, corner = grid.cells()
     column, row = np.floor((np.array([x, y]) - corner) / grid.resolution_m).astype(int)
     return int(cells[row, column])
 
 
 def test_beams_free_the_cells_they_pass_and_occupy_the_cell_they_end_in() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     for _ in range(3):
         grid.add((0.01, 0.01), WALL)
     assert at(grid, 1.0, 0.0) < 30
@@ -27,7 +27,7 @@ def test_beams_free_the_cells_they_pass_and_occupy_the_cell_they_end_in() -> Non
 
 
 def test_removed_sweep_leaves_no_trace() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     grid.add((0, 0), WALL)
     before, corner = grid.cells()
     grid.add((0.3, 0.1), WALL - 0.5)
@@ -40,7 +40,7 @@ def test_removed_sweep_leaves_no_trace() -> None:
 
 
 def test_growing_keeps_all_cells_in_place() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     grid.add((0, 0), WALL)
     seen = at(grid, 2.03, 0.5)
     grid.add((-8, -9), WALL - 10)
@@ -49,7 +49,7 @@ def test_growing_keeps_all_cells_in_place() -> None:
 
 
 def test_grid_at_its_limit_refuses_and_does_not_change() -> None:
-    grid = OccupancyGrid(0.05, max_cells=10_000)
+    grid = GrowingGrid(0.05, max_cells=10_000)
     grid.add((0, 0), WALL)
     before = grid.cells()[0].copy()
     with pytest.raises(GridFull, match="more than 10000 cells; choose a coarser resolution"):
@@ -59,7 +59,7 @@ def test_grid_at_its_limit_refuses_and_does_not_change() -> None:
 
 
 def test_tiles_that_every_sweep_has_left_are_free_for_others() -> None:
-    grid = OccupancyGrid(0.05, max_cells=10_000)
+    grid = GrowingGrid(0.05, max_cells=10_000)
     for number in range(5):
         grid.add((100.0 * number, 0), WALL + np.array([100.0 * number, 0]))
         grid.remove((100.0 * number, 0), WALL + np.array([100.0 * number, 0]))
@@ -68,7 +68,7 @@ def test_tiles_that_every_sweep_has_left_are_free_for_others() -> None:
 
 
 def test_places_far_apart_take_memory_for_themselves_only() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     grid.add((0, 0), WALL)
     little = grid.bytes
     grid.add((-90_000, 70_000), WALL + np.array([-90_000, 70_000]))
@@ -79,7 +79,7 @@ def test_places_far_apart_take_memory_for_themselves_only() -> None:
 
 @pytest.mark.slow
 def test_square_kilometre_of_corridors_fits_into_300_megabytes() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     ahead = np.linspace(-14.9, 14.9, 50)
     wall = np.concatenate([np.column_stack([ahead, np.full(50, side)]) for side in (-1.5, 1.5)])
     for corridor_m in range(0, 1001, 100):
@@ -92,7 +92,7 @@ def test_square_kilometre_of_corridors_fits_into_300_megabytes() -> None:
 
 
 def test_more_beams_in_a_cell_than_16_bits_count_are_kept_exactly() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     same = np.tile([[1.01, 0.01]], (40_000, 1))
     grid.add((0.01, 0.01), same)
     grid.add((0.01, 0.01), same)
@@ -103,7 +103,7 @@ def test_more_beams_in_a_cell_than_16_bits_count_are_kept_exactly() -> None:
 
 
 def test_window_shows_its_part_of_the_map() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     grid.add((0, 0), WALL)
     grid.add((-8, -9), WALL - 10)
     whole, corner_m = grid.cells()
@@ -119,13 +119,13 @@ def test_window_shows_its_part_of_the_map() -> None:
 
 
 def test_window_of_a_long_corridor_is_long() -> None:
-    corridor = Window(np.array([0, 0]), np.array([10_000, 20]))
+    corridor = CellWindow(np.array([0, 0]), np.array([10_000, 20]))
     assert corridor.around((5000, 10), 40_000).shape == (20, 2000)
     assert corridor.around((5000, 10), 200_000) is corridor
 
 
 def test_overview_shows_every_wall_on_coarser_cells() -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     grid.add((0, 0), WALL)
     assert grid.overview(10**6)[2] == 0.05
     cells, corner_m, edge_m = grid.overview(500)
@@ -144,7 +144,7 @@ COORDINATES = st.integers(-300, 300).map(lambda hundredth: hundredth / 100 + 0.0
 def test_every_point_hit_is_occupied_and_nothing_else(
     points: list[tuple[float, float]], x: float, y: float
 ) -> None:
-    grid = OccupancyGrid(0.1)
+    grid = GrowingGrid(0.1)
     grid.add((x, y), np.array(points).reshape(-1, 2))
     assert all(at(grid, *point) > 50 for point in points)
     assert (grid.cells()[0] > 50).sum() == len({tuple(np.floor(np.array(point) / 0.1)) for point in points})

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.laser.surface_points import SurfacePoints
-from robbie_robots.workers.mapping.correlative_search import ScoreField, Window, search
+from robbie_robots.workers.mapping.correlative_search import ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.scan_matcher import ScanMatcher
 from robbie_robots.workers.planar_pose import compose, relative
 from tests._support.present import present
@@ -33,7 +33,7 @@ def test_search_finds_the_pose_within_a_cell(
 ) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.5)
-    found = present(search(field, sweep_at(true, 7).hits.points, true + offset, Window(0.5, 0.5)))
+    found = present(search(field, sweep_at(true, 7).hits.points, true + offset, SearchWindow(0.5, 0.5)))
     assert np.abs(relative(true, found.pose)[:2]).max() < 0.1
     assert abs(relative(true, found.pose)[2]) < 0.05
     assert found.score > 0.7
@@ -46,7 +46,7 @@ def test_search_and_refinement_find_the_pose_within_a_centimetre(
     true = compose(HERE, [0.2, 0.1, 0.1])
     hits = sweep_at(true, 7).hits
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.5)
-    start = present(search(field, hits.points, true + offset, Window(0.5, 0.5)))
+    start = present(search(field, hits.points, true + offset, SearchWindow(0.5, 0.5)))
     match = ScanMatcher(reference).refine(hits, start.pose)
     error = relative(true, match.pose)
     assert np.hypot(error[0], error[1]) < 0.01
@@ -57,7 +57,7 @@ def test_search_and_refinement_find_the_pose_within_a_centimetre(
 def test_search_agrees_with_exhaustive_search(reference: SurfacePoints) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
     points, guess = sweep_at(true, 3).hits.points[::6], true + np.array([0.2, -0.3, 0.1])
-    window = Window(0.4, 0.2, doubt_per_m2=0.5, doubt_per_rad2=1.0)
+    window = SearchWindow(0.4, 0.2, doubt_per_m2=0.5, doubt_per_rad2=1.0)
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.4)
     found = present(search(field, points, guess, window))
     farthest = np.percentile(np.hypot(*points.T), 90)
@@ -76,7 +76,7 @@ def test_search_agrees_with_exhaustive_search(reference: SurfacePoints) -> None:
 def test_search_finds_nothing_where_nothing_fits(reference: SurfacePoints) -> None:
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.3)
     away = np.column_stack([np.linspace(30, 40, 50), np.zeros(50)])
-    assert search(field, away, HERE, Window(0.3, 0.2), least_score=0.1) is None
+    assert search(field, away, HERE, SearchWindow(0.3, 0.2), least_score=0.1) is None
 
 
 def test_corridor_leaves_the_position_along_it_open() -> None:

@@ -14,7 +14,7 @@ from robbie_robots.hw.simulation.box_segments import box_segments
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard
-from robbie_robots.workers.navigation.costmap import Costmap
+from robbie_robots.workers.navigation.costmap import LiveCostmap
 from robbie_robots.workers.navigation.live_obstacles import LiveObstacles
 from robbie_robots.workers.navigation.navigator import Navigator
 from robbie_robots.workers.navigation.navigator_states import TRANSITIONS, NavigatorSettings, NavigatorState
@@ -288,7 +288,7 @@ def test_live_obstacles_are_bounded() -> None:
 
 
 def test_costmap_adds_seen_obstacles_and_keeps_the_walls() -> None:
-    costmap = Costmap(drawn_cells(ROOM), 0.05, (0.0, 0.0), 0.1)
+    costmap = LiveCostmap(drawn_cells(ROOM), 0.05, (0.0, 0.0), 0.1)
     obstacles = LiveObstacles()
     obstacles.see((1.0, 0.6, 0.0), seen(np.full(360, 0.28)), 0.0)  # most of it is within the walls' vicinity
     grid = costmap.grid(obstacles, 0.0)
@@ -329,7 +329,7 @@ def test_cells_under_the_robot_are_free_even_if_occupied_on_the_map() -> None:
 
 
 def test_only_what_stands_on_free_ground_of_the_map_may_move() -> None:
-    costmap = Costmap(drawn_cells(ROOM), 0.05, (0.0, 0.0), 0.27)
+    costmap = LiveCostmap(drawn_cells(ROOM), 0.05, (0.0, 0.0), 0.27)
     height, width = (size * 0.05 for size in drawn_cells(ROOM).shape)
     middle, at_wall, outside = (width / 2, height / 2), (0.25, height / 2), (width + 1.0, height / 2)
     assert costmap.shows_free(np.array([middle, at_wall, outside])).tolist() == [True, False, False]

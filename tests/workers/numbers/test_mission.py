@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robbie_robots.workers.numbers.mission import NumbersMission, Orders
+from robbie_robots.workers.numbers.mission import NumbersMission, NumbersOrder
 from robbie_robots.workers.numbers.mission_states import NumbersSettings, NumbersState
 from robbie_robots.workers.numbers.mission_targets import SignReport
 from robbie_robots.workers.numbers.sign_map import ALL_SECTORS
@@ -36,7 +36,7 @@ class World:
         mission.see_stopped(None)
         return mission
 
-    def step(self) -> Orders:
+    def step(self) -> NumbersOrder:
         self.now_s += 0.5
         self.images += 1
         cells = np.zeros((SIZE, SIZE), np.int8)

@@ -15,7 +15,7 @@ from robbie_robots.workers.numbers.mission import NumbersMission
 from robbie_robots.workers.numbers.mission_states import NumbersSettings, NumbersState
 from robbie_robots.workers.numbers.mission_targets import SignReport
 from robbie_robots.workers.numbers.sign_map import SignMap
-from robbie_robots.workers.numbers.sign_placing import View
+from robbie_robots.workers.numbers.sign_placing import SignView
 
 RESOLUTION_M, WIDTH, HEIGHT = 0.1, 130, 100
 READ_M, READ_RAD = (1.6, 3.2), math.radians(50)
@@ -57,7 +57,7 @@ class Ground:
 
     def look(self, at_xy_m: tuple[float, float]) -> None:
         eye = (*self.pose[:2].tolist(), math.atan2(at_xy_m[1] - self.pose[1], at_xy_m[0] - self.pose[0]))
-        view = View(eye, HALF_WIDTH_RAD, self.solid)
+        view = SignView(eye, HALF_WIDTH_RAD, self.solid)
         for sign in self.signs.signs:
             if view.shows(sign.xy_m, *READ_M):
                 self.signs.look(sign, eye)

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from robbie_robots.workers.numbers.sign_placing import View, distances_m, posts_on
+from robbie_robots.workers.numbers.sign_placing import SignView, distances_m, posts_on
 
 RESOLUTION_M = 0.05
 POST = [(3.0, 0.02), (2.97, -0.03), (2.97, 0.04)]
 WALL = [(5.0, y / 10) for y in range(-20, 20)]
 
 
-def view(points: list[tuple[float, float]]) -> View:
-    return View((0.1, 0.0, 0.0), 0.5, np.array(points, float))
+def view(points: list[tuple[float, float]]) -> SignView:
+    return SignView((0.1, 0.0, 0.0), 0.5, np.array(points, float))
 
 
 def test_post_before_a_wall_is_found_along_the_ray() -> None:

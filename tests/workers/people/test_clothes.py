@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from robbie_robots.hw.camera import CameraGeometry
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
-from robbie_robots.hw.simulation.arena_contents import Colour, Person
+from robbie_robots.hw.simulation.arena_contents import ArenaPerson, Colour
 from robbie_robots.hw.simulation.camera import SimulatedCamera
-from robbie_robots.hw.simulation.people import People
-from robbie_robots.workers.people.clothes import View, blended, clothes_in, similarity
+from robbie_robots.hw.simulation.people import WalkingPeople
+from robbie_robots.workers.people.clothes import ClothesView, blended, clothes_in, similarity
 
 GEOMETRY = CameraGeometry(400, 320, 1.2, (0.0, 0.0, 1.1))
 # The optical frame of a camera that looks along x: z ahead, x to the right, y down.
@@ -21,15 +21,15 @@ RED, BLUE, GREEN = (190, 40, 40), (50, 60, 110), (40, 120, 60)
 def seen(*persons: tuple[float, float, Colour, Colour], seed: int = 0) -> list[NDArray[np.float64] | None]:
     """Return the clothes of persons (x, y, shirt, trousers) who stand in front of a camera at the origin."""
     people = [
-        Person(f"{x} {y}", ((x, y, 0.0), (x + 1, y, 0.0)), shirt=a, trousers=b) for x, y, a, b in persons
+        ArenaPerson(f"{x} {y}", ((x, y, 0.0), (x + 1, y, 0.0)), shirt=a, trousers=b) for x, y, a, b in persons
     ]
     wall = np.array([[8.0, -9.0, 8.0, 9.0]])
     arena = Arena(wall, np.empty((0, 3)), Pose(0, 0, 0), 9.0, 9.0, 2.4, people=tuple(people))
     camera = SimulatedCamera(arena, GEOMETRY, seed=seed)
-    camera.people = People(people).shown
+    camera.people = WalkingPeople(people).shown
     camera.place(Pose(0.0, 0.0, 0.0), 0.0)
     pixels = camera.capture().pixels.astype(np.uint8)
-    view = View(pixels, GEOMETRY.focal_length_px, GEOMETRY.centre_px, AHEAD, np.array([0.0, 0.0, 1.1]))
+    view = ClothesView(pixels, GEOMETRY.focal_length_px, GEOMETRY.centre_px, AHEAD, np.array([0.0, 0.0, 1.1]))
     return clothes_in(view, np.array([person[:2] for person in persons]))
 
 

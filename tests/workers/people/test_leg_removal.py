@@ -14,7 +14,7 @@ from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.laser import SimulatedLaser
 from robbie_robots.hw.simulation.people import leg_circles
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
+from robbie_robots.workers.mapping.occupancy_grid import GrowingGrid
 from robbie_robots.workers.people.leg_classifier import LegClassifier
 from robbie_robots.workers.people.leg_removal import without_legs
 from robbie_robots.workers.people.map_things import MapThings
@@ -49,7 +49,7 @@ def drive(*points: tuple[float, float]) -> Iterator[tuple[Pose, NDArray[np.float
 
 
 def test_person_who_stands_is_not_on_the_map_and_walls_are(classifier: LegClassifier) -> None:
-    grid = OccupancyGrid(0.05)
+    grid = GrowingGrid(0.05)
     angles = LASER.angles_rad()
     for pose, ranges in drive(
         (2.0, 2.0), (5.5, 1.8), (6.2, 1.9), (6.9, 3.0), (8.0, 3.6), (8.8, 2.6), (8.8, 1.6)

@@ -12,7 +12,7 @@ from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from robbie_robots.workers.navigation.navigator_states import NavigatorSettings
 from robbie_robots.workers.navigation.way_planner import Obstruction, plan_way
 from robbie_robots.workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
-from robbie_robots.workers.rescue.mission_targets import Surroundings
+from robbie_robots.workers.rescue.mission_targets import MissionMap
 from robbie_robots.workers.rescue.searched_walls import UNSEARCHED, WallFronts, WallMemory
 from robbie_robots.workers.rescue.victim_map import VictimState
 from tests._support.places import DOCS
@@ -67,7 +67,7 @@ def test_mission_continues_from_a_passage_that_is_too_narrow_for_paths() -> None
     cells = np.full((80, 80), -1, dtype=np.int8)
     cells[10:70, 10:70] = 0
     cells[20:60, 28:36] = cells[20:60, 45:53] = 100  # 0.45 m between the walls
-    around = Surroundings(cells, RESOLUTION_M, (0.0, 0.0), MissionSettings())
+    around = MissionMap(cells, RESOLUTION_M, (0.0, 0.0), MissionSettings())
     ways = around.ways_from((40.5 * RESOLUTION_M, 40.5 * RESOLUTION_M, 0.0))
     assert ways is not None
     assert np.isfinite(ways.cost_m[around.grid.cell((0.8, 0.8))])

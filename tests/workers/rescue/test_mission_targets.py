@@ -5,19 +5,19 @@ import pytest
 
 from robbie_robots.workers.exploration.team_claims import Claim, SeenInVain, TeamClaims
 from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
-from robbie_robots.workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings
+from robbie_robots.workers.rescue.mission_targets import MissionMap, MissionTargets, SearchedGrid
 from robbie_robots.workers.rescue.searched_walls import NOTHING, SEARCHED, UNSEARCHED
 
 RESOLUTION_M = 0.05
 MIDDLE = np.array([4.0, 1.0, np.pi / 2])
 
 
-def corridor() -> Surroundings:
+def corridor() -> MissionMap:
     """A corridor of 8 m x 2 m whose walls are known, and whose ends nobody has seen."""
     cells = np.full((40, 200), -1, np.int8)
     cells[:, 20:180] = 0
     cells[[0, -1], 20:180] = 100
-    return Surroundings(cells, RESOLUTION_M, (-1.0, 0.0), MissionSettings())
+    return MissionMap(cells, RESOLUTION_M, (-1.0, 0.0), MissionSettings())
 
 
 def chosen_x_m(robot_x_m: float, blue_x_m: float | None, *, is_working: bool = True) -> float:

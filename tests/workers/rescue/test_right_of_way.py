@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from robbie_robots.workers.exploration.team_claims import Claim
 from robbie_robots.workers.rescue.mission_states import MissionSettings
-from robbie_robots.workers.rescue.mission_targets import Surroundings
+from robbie_robots.workers.rescue.mission_targets import MissionMap
 from robbie_robots.workers.rescue.right_of_way import CHECK_S, CLEAR_M, LONGEST_S, RightOfWay, way_ahead
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
 from tests.workers._support.mission_world import HALL
 
-AROUND = Surroundings(drawn_cells(HALL), RESOLUTION_M, (0.0, 0.0), MissionSettings())
+AROUND = MissionMap(drawn_cells(HALL), RESOLUTION_M, (0.0, 0.0), MissionSettings())
 Pose = NDArray[np.float64]
 HERE = np.array([1.6, 0.9, 0.0])
 EAST = np.array([3.2, 0.9, 0.0])

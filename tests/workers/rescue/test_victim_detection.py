@@ -8,7 +8,7 @@ import pytest
 from robbie_robots.hw.camera import CameraGeometry
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
-from robbie_robots.hw.simulation.arena_contents import Victim, VictimKind, WallSpot
+from robbie_robots.hw.simulation.arena_contents import ArenaVictim, VictimKind, WallSpot
 from robbie_robots.hw.simulation.box_segments import box_segments
 from robbie_robots.hw.simulation.camera import SimulatedCamera
 from robbie_robots.workers.rescue import victim_detection
@@ -21,7 +21,7 @@ WALL_X_M, TAG = 8.0, 7
 
 def seen_from(distance_m: float, aside_rad: float) -> list[victim_detection.TagSighting]:
     """What the detector sees when the camera looks at the victim's tag from a place."""
-    victim = Victim(TAG, VictimKind.STILL, WallSpot(WALL_X_M, 3.0, 0.35, math.pi))
+    victim = ArenaVictim(TAG, VictimKind.STILL, WallSpot(WALL_X_M, 3.0, 0.35, math.pi))
     arena = Arena(
         segments=box_segments(np.array([[0.0, 0.0, WALL_X_M, 6.0]])),
         circles=np.zeros((0, 3)),

@@ -20,11 +20,11 @@ RECORD_COLUMNS = 7
 UNUSED = 255
 
 
-class Finding(AssertionError):
+class CoreFinding(AssertionError):
     """The core did something that it must not do."""
 
 
-class Attack:
+class SimulatedAttack:
     """One input, played against a new simulated run."""
 
     def __init__(self, data: bytes):
@@ -144,7 +144,7 @@ class Attack:
         self._compare(words, verdict)
         routed = self._last_sequence() - before
         if routed not in ((0, 1) if verdict is Verdict.RIGHT and words[0] == Outbound.PUBLISH else (0,)):
-            raise Finding(f"record {words}: {routed} messages were routed")
+            raise CoreFinding(f"record {words}: {routed} messages were routed")
         if verdict is not Verdict.WRONG and not self._is_faulted:
             standing.take(words)
             if words[0] == Outbound.RELEASE:
@@ -153,7 +153,7 @@ class Attack:
     def _compare(self, words: list[int], verdict: Verdict) -> None:
         if verdict is not Verdict.OPEN and self._is_faulted is not (verdict is Verdict.WRONG):
             did = "was" if self._is_faulted else "was not"
-            raise Finding(f"record {words} is {verdict.name}, but its module {did} faulted")
+            raise CoreFinding(f"record {words} is {verdict.name}, but its module {did} faulted")
 
     def _may_be_said_again(self) -> bool:
         link = self.siege.run.router._slots[HOSTILE_SLOT].link
@@ -165,11 +165,11 @@ class Attack:
         """Check which modules the core faulted, and which messages the innocent subscriber received."""
         for kind, slot, incarnation in self.siege.run.supervisor_notices():
             if slot != HOSTILE_SLOT:
-                raise Finding(f"the core reports {kind.name} for slot {slot}, which is innocent")
+                raise CoreFinding(f"the core reports {kind.name} for slot {slot}, which is innocent")
             if kind is Inbound.FAULTED and incarnation == self.siege.hostile.incarnation:
                 self._is_faulted = True
         if self.siege.seen != self.siege.published[: len(self.siege.seen)]:
-            raise Finding(f"the subscriber received {self.siege.seen} of {self.siege.published}")
+            raise CoreFinding(f"the subscriber received {self.siege.seen} of {self.siege.published}")
 
     def _value(self, number: int) -> int:
         values = dictionary(self.siege)
@@ -204,7 +204,7 @@ def check_books(siege: Siege) -> None:
     for number in range(run.tables.sizes.subscriptions):
         counts = run.counts(number)
         if counts["routed"] != sum(counts.values()) - counts["routed"]:
-            raise Finding(f"subscription {number}: {counts}")
+            raise CoreFinding(f"subscription {number}: {counts}")
     for slot in range(run.tables.sizes.slots):
         if run.waiting(slot):
-            raise Finding(f"{run.waiting(slot)} messages of slot {slot} still wait at the end")
+            raise CoreFinding(f"{run.waiting(slot)} messages of slot {slot} still wait at the end")

@@ -7,7 +7,7 @@ import atheris
 
 # atheris counts only branches of modules that are imported here.
 with atheris.instrument_imports(include=["robbie_mp.bus.core", "robbie_mp.bus.transport"]):
-    from tools.fuzz.core.attack import Attack
+    from tools.fuzz.core.attack import SimulatedAttack
     from tools.fuzz.core.corpus import mutate, seeds
 
 
@@ -22,7 +22,7 @@ def main() -> None:
             return changed
         return mutate(data, Random(seed), known)[:most_bytes]
 
-    atheris.Setup(sys.argv, lambda data: Attack(data).run(), custom_mutator=change)
+    atheris.Setup(sys.argv, lambda data: SimulatedAttack(data).run(), custom_mutator=change)
     atheris.Fuzz()
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from random import Random
 from types import FrameType
 
-from tools.fuzz.core.attack import Attack
+from tools.fuzz.core.attack import SimulatedAttack
 from tools.fuzz.core.corpus import mutate, seeds, single_mistakes
 
 HANG_S = 20.0
@@ -47,7 +47,7 @@ def finding(data: bytes, limit_s: float = HANG_S) -> Exception | None:
     """Play an input; return the finding, or None."""
     try:
         with limited(limit_s):
-            Attack(data).run()
+            SimulatedAttack(data).run()
     except Exception as error:
         return error
     return None

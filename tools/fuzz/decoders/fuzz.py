@@ -9,14 +9,14 @@ CLEAN_FRAMES = 5
 MAX_FAILURES = 10
 
 
-class Decoder(Protocol):
+class FuzzedDecoder(Protocol):
     """Anything that takes bytes and returns what they mean."""
 
     def feed(self, data: bytes, /) -> Sequence[Any]:
         """Add bytes; return the frames that are now complete."""
 
 
-class Subject(NamedTuple):
+class DecoderUnderTest(NamedTuple):
     """A decoder under test.
 
     Attributes:
@@ -24,11 +24,11 @@ class Subject(NamedTuple):
         frame: returns the bytes of an intact frame.
     """
 
-    decoder: Callable[[], Decoder]
+    decoder: Callable[[], FuzzedDecoder]
     frame: Callable[[Random], bytes]
 
 
-class Outcome(NamedTuple):
+class DecoderResult(NamedTuple):
     """The result for one decoder.
 
     Attributes:
@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
     failures: list[str]
 
 
-def fuzz(subject: Subject, damaged_bytes: int, seed: int = 0) -> Outcome:
+def fuzz(subject: DecoderUnderTest, damaged_bytes: int, seed: int = 0) -> DecoderResult:
     """Feed one decoder with damaged frames, and each time with intact ones behind.
 
     Every intact frame behind the first `MAX_LOST_FRAMES` must come out as soon as its last byte goes in.
@@ -70,7 +70,7 @@ def fuzz(subject: Subject, damaged_bytes: int, seed: int = 0) -> Outcome:
         most_lost = max(most_lost, lost)
         if lost > MAX_LOST_FRAMES:
             failures.append(f"round {rounds}: {lost} intact frames lost after {damaged.hex(' ')}")
-    return Outcome(fed, rounds, most_lost, failures)
+    return DecoderResult(fed, rounds, most_lost, failures)
 
 
 def damage(data: bytes, random: Random) -> bytes:

@@ -25,7 +25,7 @@ from robbie_robots.hw.sick.cola_laser import SickColaLaser
 from robbie_robots.hw.sick.lms2xx import SickLms2xx
 from robbie_robots.hw.video.huffman import with_huffman_tables
 from robbie_robots.hw.xsens import xbus
-from tools.fuzz.decoders.fuzz import Decoder, Subject
+from tools.fuzz.decoders.fuzz import DecoderUnderTest, FuzzedDecoder
 
 # What the driver of the Create 2 asks for.
 STREAM = (7, 34, 19, 43)
@@ -74,7 +74,7 @@ def _p2os_packet(random: Random) -> bytes:
     return _sip(random) if random.getrandbits(2) else _parameters(random)
 
 
-def _p2os_contents(packet: p2os.Packet) -> object:
+def _p2os_contents(packet: p2os.PioneerPacket) -> object:
     is_parameters = packet.number == p2os.PacketId.CONFIG
     return p2os.configuration(packet) if is_parameters else p2os.server_information(packet)
 
@@ -120,7 +120,7 @@ def _relay_answer(random: Random) -> bytes:
 
 def _framed(
     framing: Callable[[], Framing[Any]], read: Callable[[Any], object] = bool
-) -> Callable[[], Decoder]:
+) -> Callable[[], FuzzedDecoder]:
     return lambda: Reading(framing(), read)
 
 
@@ -257,28 +257,32 @@ def _jpeg_image(random: Random) -> bytes:
 
 
 SUBJECTS = {
-    "jpeg": Subject(JpegImages, _jpeg_image),
-    "rplidar": Subject(lambda: RpLidarTurns(streams.NodeReader), _nodes),
-    "rplidar-express": Subject(
+    "jpeg": DecoderUnderTest(JpegImages, _jpeg_image),
+    "rplidar": DecoderUnderTest(lambda: RpLidarTurns(streams.NodeReader), _nodes),
+    "rplidar-express": DecoderUnderTest(
         lambda: RpLidarTurns(streams.CapsuleReader), lambda random: _capsule(random, 80)
     ),
-    "rplidar-dense": Subject(lambda: RpLidarTurns(streams.DenseReader), lambda random: _capsule(random, 80)),
-    "rplidar-ultra": Subject(lambda: RpLidarTurns(streams.UltraReader), lambda random: _capsule(random, 128)),
-    "rplidar-hq": Subject(lambda: RpLidarTurns(streams.HqReader), _hq_capsule),
-    "hokuyo": Subject(_hokuyo, _scip_sweep),
-    "lms2xx": Subject(lambda: LaserSweeps(SickLms2xx("nowhere", clock=lambda: 0.0)), _lms2xx_scan),
-    "cola-a": Subject(
+    "rplidar-dense": DecoderUnderTest(
+        lambda: RpLidarTurns(streams.DenseReader), lambda random: _capsule(random, 80)
+    ),
+    "rplidar-ultra": DecoderUnderTest(
+        lambda: RpLidarTurns(streams.UltraReader), lambda random: _capsule(random, 128)
+    ),
+    "rplidar-hq": DecoderUnderTest(lambda: RpLidarTurns(streams.HqReader), _hq_capsule),
+    "hokuyo": DecoderUnderTest(_hokuyo, _scip_sweep),
+    "lms2xx": DecoderUnderTest(lambda: LaserSweeps(SickLms2xx("nowhere", clock=lambda: 0.0)), _lms2xx_scan),
+    "cola-a": DecoderUnderTest(
         lambda: LaserSweeps(SickColaLaser("nowhere", clock=lambda: 0.0, dialect=Dialect.A)), _cola_text
     ),
-    "cola-b": Subject(lambda: LaserSweeps(SickColaLaser("nowhere", clock=lambda: 0.0)), _cola_scan),
-    "irobot": Subject(_framed(lambda: open_interface.StreamFraming(STREAM)), _create_frame),
-    "p2os": Subject(_framed(p2os.P2osFraming, _p2os_contents), _p2os_packet),
-    "xsens": Subject(_framed(xbus.XbusFraming, xbus.data2), _mtdata2),
-    "mip": Subject(_framed(mip.MipFraming, mip.sensor_values), _mip_packet),
-    "nmea": Subject(_framed(nmea.NmeaFraming, nmea.position_fix), _gga),
-    "ubx": Subject(_framed(ubx.UbxFraming, ubx.navigation_solution), _pvt),
-    "dynamixel1": Subject(_framed(protocol1.Protocol1Framing), _status1),
-    "dynamixel2": Subject(_framed(protocol2.Protocol2Framing, protocol2.status), _status2),
-    "ptu": Subject(_framed(PtuFraming), _ptu_answer),
-    "lcus": Subject(_framed(RelayFraming), _relay_answer),
+    "cola-b": DecoderUnderTest(lambda: LaserSweeps(SickColaLaser("nowhere", clock=lambda: 0.0)), _cola_scan),
+    "irobot": DecoderUnderTest(_framed(lambda: open_interface.StreamFraming(STREAM)), _create_frame),
+    "p2os": DecoderUnderTest(_framed(p2os.P2osFraming, _p2os_contents), _p2os_packet),
+    "xsens": DecoderUnderTest(_framed(xbus.XbusFraming, xbus.data2), _mtdata2),
+    "mip": DecoderUnderTest(_framed(mip.MipFraming, mip.sensor_values), _mip_packet),
+    "nmea": DecoderUnderTest(_framed(nmea.NmeaFraming, nmea.position_fix), _gga),
+    "ubx": DecoderUnderTest(_framed(ubx.UbxFraming, ubx.navigation_solution), _pvt),
+    "dynamixel1": DecoderUnderTest(_framed(protocol1.Protocol1Framing), _status1),
+    "dynamixel2": DecoderUnderTest(_framed(protocol2.Protocol2Framing, protocol2.status), _status2),
+    "ptu": DecoderUnderTest(_framed(PtuFraming), _ptu_answer),
+    "lcus": DecoderUnderTest(_framed(RelayFraming), _relay_answer),
 }

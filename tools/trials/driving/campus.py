@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.mapping.grid_mapper import GridMapper, Limits
+from robbie_robots.workers.mapping.grid_mapper import GridMapper, MapperLimits
 from robbie_robots.workers.planar_pose import compose, relative
 from tools.trials.harness import Case, TrialSubject
 
@@ -36,7 +36,7 @@ LEAST_SPEED_UP = 15.0
 
 
 @dataclass(frozen=True)
-class Result:
+class CampusResult:
     """The result of one drive through a campus."""
 
     driven_m: float
@@ -169,13 +169,13 @@ def trial(
     seed: int,
     course: NDArray[np.float64] | None = None,
     key_sweeps: int = KEY_SWEEPS,
-) -> Result:
+) -> CampusResult:
     """Drive through a campus and map it."""
     campus = Campus(width_m, height_m, loops, seed)
     course = campus.course() if course is None else course
     rng = np.random.default_rng(seed + 1)
     period_s = SWEEP_PERIOD_S / ODOMETRY_PER_SWEEP
-    mapper, busy_s, sweeps = GridMapper(limits=Limits(key_sweeps=key_sweeps)), 0.0, 0
+    mapper, busy_s, sweeps = GridMapper(limits=MapperLimits(key_sweeps=key_sweeps)), 0.0, 0
     scale = rng.normal(1.0, SCALE_ERROR)
     true: list[NDArray[np.float64]] = []
     odometry = np.zeros(3)
@@ -201,7 +201,7 @@ def trial(
     off = np.hypot(*(compose(true[0], path[:, 1:]) - np.array(true))[:, :2].T)
     by_odometry = compose(true[0], odometry) - true[-1]
     rows, columns = grid.known().shape
-    return Result(
+    return CampusResult(
         driven_m=round(float(np.hypot(*np.diff(np.array(true)[:, :2], axis=0).T).sum()), 1),
         sweeps=sweeps,
         key_sweeps=mapper.key_sweeps,
@@ -218,13 +218,13 @@ def trial(
     )
 
 
-def play(case: Case) -> Result:
+def play(case: Case) -> CampusResult:
     """Map the campus of a seed."""
     chosen = case.options
     return trial(chosen.width, chosen.height, chosen.loops, case.seed, key_sweeps=chosen.key_sweeps)
 
 
-def summary(results: list[Result]) -> dict[str, object]:
+def summary(results: list[CampusResult]) -> dict[str, object]:
     """Return what is not as it must be, and how often the machine was too slow to tell."""
     return {
         "violations": [text for one in results for text in one.violations()],

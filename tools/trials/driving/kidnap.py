@@ -26,7 +26,7 @@ from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.localization.likelihood_field import LikelihoodField
 from robbie_robots.workers.localization.localizer import Localizer
 from robbie_robots.workers.mapping.grid_mapper import GridMapper
-from robbie_robots.workers.mapping.occupancy_grid import OccupancyGrid
+from robbie_robots.workers.mapping.occupancy_grid import GrowingGrid
 from robbie_robots.workers.planar_pose import compose, relative, transform_points, wrap_angle
 from tools.trials.harness import CannotTry, Case, TrialSubject
 
@@ -54,7 +54,7 @@ def _sweep(record: LaserRecord) -> LaserSweep:
 
 
 @dataclass(frozen=True)
-class Step:
+class DriveStep:
     """Odometry's pose (x m, y m, heading rad), the right one, and a scan if one was taken there."""
 
     stamp_s: float
@@ -65,7 +65,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Trial:
+class LiftResult:
     """The result of one lift.
 
     Attributes:
@@ -95,7 +95,7 @@ class Trial:
         return self.found_m is not None and self.found_m <= MOST_M
 
 
-class Building:
+class KidnapBuilding:
     """The drive of a log, with the trajectory that the mapper makes of it."""
 
     def __init__(self, log: Path) -> None:
@@ -112,7 +112,7 @@ class Building:
 
     def map_without(self, stretch: range) -> LikelihoodField:
         """Return the map of all scans but those of a stretch."""
-        grid = OccupancyGrid(self.resolution_m)
+        grid = GrowingGrid(self.resolution_m)
         for number, step in enumerate(self.steps):
             if step.scan is not None and number not in stretch:
                 grid.add(step.true[:2], transform_points(step.true, _sweep(step.scan).hits.points))
@@ -125,7 +125,7 @@ class Building:
         return range(begin, int(np.searchsorted(ways, ways[begin] + length_m)))
 
 
-def _steps(records: list[OdometryRecord | LaserRecord], track: NDArray[np.float64]) -> Iterator[Step]:
+def _steps(records: list[OdometryRecord | LaserRecord], track: NDArray[np.float64]) -> Iterator[DriveStep]:
     """Join each scan to the odometry record that follows it."""
     odometry = [record for record in records if isinstance(record, OdometryRecord)]
     ways = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(track[:, 1:3], axis=0).T))])
@@ -139,10 +139,10 @@ def _steps(records: list[OdometryRecord | LaserRecord], track: NDArray[np.float6
             # The scan was taken a little before or after.
             true = compose(true, relative(pose, np.array(scan.robot_pose)))
             pose = np.array(scan.robot_pose)
-        yield Step(record.logger_time_s, pose, true, float(ways[number]), scan)
+        yield DriveStep(record.logger_time_s, pose, true, float(ways[number]), scan)
 
 
-def run_trial(building: Building, seed: int, *, whole_map: bool = False) -> Trial:
+def run_trial(building: KidnapBuilding, seed: int, *, whole_map: bool = False) -> LiftResult:
     """Drive two stretches, and lift the robot between them."""
     random = np.random.default_rng((seed, 17))
     end_m = building.steps[-1].way_m
@@ -183,7 +183,7 @@ def run_trial(building: Building, seed: int, *, whole_map: bool = False) -> Tria
             uncertain_m += other.way_m - one.way_m
     found_m = None if found_m is None else round(found_m, 2)
     speed = round(drive.log_s / drive.busy_s, 1)
-    return Trial(
+    return LiftResult(
         seed,
         round(moved_m, 1),
         noticed_m,
@@ -202,14 +202,14 @@ class _Drive:
         self.localizer = localizer
         self.busy_s = self.log_s = 0.0
         self._odometry: NDArray[np.float64] = np.zeros(3)
-        self._last: Step | None = None
+        self._last: DriveStep | None = None
         self._now_s = 0.0
 
     def lift(self) -> None:
         """Begin elsewhere with the next step; odometry stays where it was."""
         self._last = None
 
-    def take(self, step: Step) -> None:
+    def take(self, step: DriveStep) -> None:
         """Pass a step to localization."""
         if self._last is not None:
             self._odometry = compose(self._odometry, relative(self._last.odometry, step.odometry))
@@ -222,7 +222,7 @@ class _Drive:
         self.busy_s += time.process_time() - began_s
         self._last = step
 
-    def state(self, step: Step) -> tuple[float, float, bool]:
+    def state(self, step: DriveStep) -> tuple[float, float, bool]:
         """Return the error of the pose (m, rad), and whether it is certain."""
         pose, newest = self.localizer.pose, self.localizer.newest
         if pose is None or newest is None:
@@ -231,7 +231,7 @@ class _Drive:
         return float(np.hypot(*(pose - step.true)[:2])), turned, newest.converged
 
 
-def building_of(chosen: argparse.Namespace) -> Building:
+def building_of(chosen: argparse.Namespace) -> KidnapBuilding:
     """Return the building of the command line's log.
 
     Raises:
@@ -239,10 +239,10 @@ def building_of(chosen: argparse.Namespace) -> Building:
     """
     if not chosen.log.exists():
         raise CannotTry(f"there is no log {chosen.log}; name one with --log")
-    return Building(chosen.log)
+    return KidnapBuilding(chosen.log)
 
 
-def play(case: Case) -> Trial:
+def play(case: Case) -> LiftResult:
     """Lift the robot once."""
     return run_trial(case.prepared, case.seed, whole_map=case.options.whole_map)
 

@@ -64,7 +64,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Trial:
+class LocalizationResult:
     """The result for one robot.
 
     Attributes:
@@ -120,7 +120,7 @@ class Operator:
         return self._grid.middles_m(ways.path((int(goal[0]), int(goal[1]))))
 
 
-class Drive:
+class DrivenRobot:
     """A simulated robot with its operator and its localizer, in simulated time."""
 
     def __init__(self, seed: int, conditions: Conditions) -> None:
@@ -182,16 +182,16 @@ class Drive:
         return self.off_m(truth) < RIGHT_M and turned < RIGHT_RAD
 
 
-def run_trial(seed: int, conditions: Conditions, limit_m: float, kidnap: bool) -> Trial:
+def run_trial(seed: int, conditions: Conditions, limit_m: float, kidnap: bool) -> LocalizationResult:
     """Run one trial."""
-    drive = Drive(seed, conditions)
+    drive = DrivenRobot(seed, conditions)
     way_m = drive.way_until_sure(limit_m)
     off = [drive.off_m(truth) for truth in drive.steps(ON_AFTER_M)] if way_m is not None else []
     recovery_m = None
     if kidnap and off:
         drive.lift()
         recovery_m = drive.way_until_sure(2 * limit_m)
-    return Trial(
+    return LocalizationResult(
         seed,
         way_m,
         max(off, default=None),
@@ -202,13 +202,13 @@ def run_trial(seed: int, conditions: Conditions, limit_m: float, kidnap: bool) -
     )
 
 
-def play(case: Case) -> Trial:
+def play(case: Case) -> LocalizationResult:
     """Localize a robot in the building of a seed."""
     conditions = Conditions(*(getattr(case.options, name) for name in Conditions.__dataclass_fields__))
     return run_trial(case.seed, conditions, case.options.limit, case.options.kidnap)
 
 
-def found(trials: list[Trial]) -> int:
+def found(trials: list[LocalizationResult]) -> int:
     """Return how many robots were found, and stayed right."""
     return sum(trial.worst_m is not None and trial.worst_m < RIGHT_M for trial in trials)
 

@@ -60,7 +60,7 @@ class Slip:
         return self.noticed_m is not None and self.undone_m is not None
 
 
-class Drive:
+class SlippingDrive:
     """A robot in a random building, whose odometry slips on demand, and its mapper; in simulated time."""
 
     def __init__(self, seed: int) -> None:
@@ -114,7 +114,7 @@ def off(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, fl
     return float(np.hypot(*(one - other)[:2])), abs(float(wrap_angle(one[2] - other[2])))
 
 
-def one_slip(drive: Drive, seed: int, number: int, after_m: float) -> Slip:
+def one_slip(drive: SlippingDrive, seed: int, number: int, after_m: float) -> Slip:
     """Have odometry slip, drive on, and watch the mapper."""
     random = np.random.default_rng((seed, number, 11))
     bearing, turn = random.uniform(-np.pi, np.pi), random.choice([-SLIP_RAD, SLIP_RAD])
@@ -142,7 +142,7 @@ def _within(way_m: float | None) -> float | None:
 
 
 @dataclass(frozen=True)
-class Building:
+class SlipsBuilding:
     """The result in one building: its slips, and the error of the whole trajectory in the end."""
 
     slips: list[Slip]
@@ -153,16 +153,16 @@ class Building:
     times_real_time: float
 
 
-def trial(seed: int, slips: int, before_m: float = BEFORE_M, after_m: float = AFTER_M) -> Building:
+def trial(seed: int, slips: int, before_m: float = BEFORE_M, after_m: float = AFTER_M) -> SlipsBuilding:
     """Drive through one building with a number of slips."""
-    drive = Drive(seed)
+    drive = SlippingDrive(seed)
     for _ in drive.steps(before_m):
         pass
     false_alarms = drive.mapper.slips_noticed
     found = [one_slip(drive, seed, number, after_m) for number in range(slips)]
     path = compose(np.array(drive.true[0], float), drive.mapper.trajectory()[:, 1:])
     error = np.hypot(*(path - np.array(drive.true, float))[:, :2].T)
-    return Building(
+    return SlipsBuilding(
         found,
         drive.mapper.slips_noticed,
         false_alarms,
@@ -172,7 +172,7 @@ def trial(seed: int, slips: int, before_m: float = BEFORE_M, after_m: float = AF
     )
 
 
-def summary(buildings: list[Building]) -> dict[str, int]:
+def summary(buildings: list[SlipsBuilding]) -> dict[str, int]:
     """Return how many slips were noticed and undone in time."""
     every = [slip for building in buildings for slip in building.slips]
     return {"slips": len(every), "good": sum(slip.is_good for slip in every)}

@@ -22,7 +22,7 @@ from typing import Any
 
 from tools.robot import REPOSITORY
 from tools.trials.harness import Case
-from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
+from tools.trials.missions.mission import MissionTrial, SeededMission, Setup, mean, totals
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "rear_laser", "camera")
@@ -46,7 +46,7 @@ LOWER_ROOM, UPPER_ROOM = (
 
 
 @dataclass
-class Outcome(Trial):
+class FollowResult(MissionTrial):
     """The result of one run, by the ground truth.
 
     Attributes:
@@ -105,7 +105,7 @@ def apartment(seed: int, hurries: bool = False) -> str:
     return rooms + "people:\n" + "\n".join(people) + "\n"
 
 
-def set_up(outcome: Outcome, case: Case) -> Setup:
+def set_up(outcome: FollowResult, case: Case) -> Setup:
     """Write the apartment of a seed."""
     file, duration_s = case.folder / "apartment.yaml", 60 * case.options.minutes
     file.write_text(apartment(case.seed, case.options.hurries))
@@ -113,7 +113,7 @@ def set_up(outcome: Outcome, case: Case) -> Setup:
     return Setup(file, partial(judge, outcome), settings, KILL_SHARE * duration_s)
 
 
-def judge(outcome: Outcome, output: Path) -> None:
+def judge(outcome: FollowResult, output: Path) -> None:
     """Take the referee's judgement, the base's contacts, and what the task has counted."""
     referee, base, task = (
         json.loads((output / f"{name}.json").read_text()) for name in ("referee", "base", "follow")
@@ -127,7 +127,7 @@ def judge(outcome: Outcome, output: Path) -> None:
     outcome.is_right = follows and not outcome.wrong_times and not outcome.touches
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+def summary(outcomes: list[FollowResult]) -> dict[str, Any]:
     """Return the figures of all runs together."""
     minutes = sum(one.task_s for one in outcomes) / 60
     sums = totals(
@@ -158,8 +158,8 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hurries", action="store_true", help="the person is faster than the robot")
 
 
-SUBJECT = Mission(
-    outcome=Outcome,
+SUBJECT = SeededMission(
+    outcome=FollowResult,
     set_up=set_up,
     profile="home-fast",
     noisy=NOISY,

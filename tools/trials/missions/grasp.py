@@ -17,13 +17,13 @@ from typing import Any
 
 from robbie_robots.hw.simulation.table_room import generate_room
 from tools.trials.harness import Case
-from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
+from tools.trials.missions.mission import MissionTrial, SeededMission, Setup, mean, totals
 
 NOISY = ("base", "laser", "depth_camera", "manipulation")
 
 
 @dataclass
-class Outcome(Trial):
+class GraspResult(MissionTrial):
     """The result of one room, by the ground truth.
 
     Attributes:
@@ -48,14 +48,14 @@ class Outcome(Trial):
     simulated_s: float = 0.0
 
 
-def set_up(outcome: Outcome, case: Case) -> Setup:
+def set_up(outcome: GraspResult, case: Case) -> Setup:
     """Make the room of a seed."""
     file = case.folder / "room.yaml"
     file.write_text(generate_room(case.seed))
     return Setup(file, partial(judge, outcome))
 
 
-def judge(outcome: Outcome, output: Path) -> None:
+def judge(outcome: GraspResult, output: Path) -> None:
     """Take the truth about the objects, and the base's collisions."""
     arm = json.loads((output / "arm.json").read_text())
     ends = json.loads((output / "household.json").read_text())
@@ -73,7 +73,7 @@ def judge(outcome: Outcome, output: Path) -> None:
     outcome.is_right = bool(ends) and outcome.right == outcome.orders and not touched
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+def summary(outcomes: list[GraspResult]) -> dict[str, Any]:
     """Return the figures of all rooms together."""
     return {
         "rooms": len(outcomes),
@@ -82,8 +82,8 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
     }
 
 
-SUBJECT = Mission(
-    outcome=Outcome,
+SUBJECT = SeededMission(
+    outcome=GraspResult,
     set_up=set_up,
     profile="arm-fast",
     noisy=NOISY,

@@ -34,7 +34,7 @@ import numpy as np
 from robbie_robots.workers.maps.map_annotations import read_annotations
 from tools.robot import REPOSITORY
 from tools.trials.harness import Case, names_of
-from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
+from tools.trials.missions.mission import MissionTrial, SeededMission, Setup, mean, totals
 
 APARTMENT = REPOSITORY / "hw" / "simulation" / "arenas" / "apartment.yaml"
 NOISY = ("base", "laser", "rear_laser", "depth_camera", "manipulation")
@@ -61,7 +61,7 @@ CROSSES, STAYS = re.compile(r"\[\[2\.5, 5\.4, 4\].*\]\]"), "[[6.0, 6.2, 4], [7.0
 
 
 @dataclass
-class Outcome(Trial):
+class OrderResult(MissionTrial):
     """The result of one order, by the ground truth.
 
     Attributes:
@@ -90,7 +90,7 @@ class Outcome(Trial):
 
 
 @dataclass(frozen=True)
-class Plan:
+class OrderPlan:
     """One order, and what must be true in the end: for objects where they are, by name."""
 
     order: str
@@ -123,26 +123,26 @@ def apartment(seed: int) -> tuple[str, dict[str, str]]:
     return rooms + "objects:\n" + "\n".join(lines) + "\n" + people, on
 
 
-def plan_of(task: str, seed: int, on: dict[str, str]) -> Plan:
+def plan_of(task: str, seed: int, on: dict[str, str]) -> OrderPlan:
     """Return the order of a task in a seed's apartment."""
     chance = random.Random(f"{task} {seed}")
     first, second = chance.sample(list(KINDS), 2)
     target = chance.choice([table for table in TABLES if table != on[second]])
     match task:
         case "bring":
-            return Plan(f"bring me the {first}", {first: "person"})
+            return OrderPlan(f"bring me the {first}", {first: "person"})
         case "put":
-            return Plan(f"put the {second} on the {target}", {second: target})
+            return OrderPlan(f"put the {second} on the {target}", {second: target})
         case "several":
             order = f"go to the kitchen and bring me the {first} and put the {second} on the {target}"
-            return Plan(order, {first: "person", second: target})
+            return OrderPlan(order, {first: "person", second: target})
         case "door":
-            return Plan("go to the bedroom", {}, closes_doors=True)
+            return OrderPlan("go to the bedroom", {}, closes_doors=True)
     order = f"go to the kitchen and this is the {LEARNT} and go to the study and go to the {LEARNT}"
-    return Plan(order, {}, learns=True)
+    return OrderPlan(order, {}, learns=True)
 
 
-def set_up(outcome: Outcome, case: Case) -> Setup:
+def set_up(outcome: OrderResult, case: Case) -> Setup:
     """Write the apartment of a seed, and give the order of the case's task."""
     text, on = apartment(case.seed)
     file, plan = case.folder / "apartment.yaml", plan_of(case.kind, case.seed, on)
@@ -154,7 +154,7 @@ def set_up(outcome: Outcome, case: Case) -> Setup:
     return Setup(file, partial(judge, outcome, plan), settings)
 
 
-def judge(outcome: Outcome, plan: Plan, output: Path) -> None:
+def judge(outcome: OrderResult, plan: OrderPlan, output: Path) -> None:
     """Take the truth about objects and robot, and what the robot says."""
     arm, base, ends = (
         json.loads((output / f"{name}.json").read_text()) for name in ("arm", "base", "household")
@@ -190,7 +190,7 @@ def stands_at(output: Path, place: str) -> bool:
     return place in places and math.dist(places[place][:2], last) <= PLACE_M
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+def summary(outcomes: list[OrderResult]) -> dict[str, Any]:
     """Return the figures of all orders together, and of each task."""
     return {
         "orders": len(outcomes),
@@ -214,8 +214,8 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tasks", default=",".join(TASKS), help="the tasks, joined by commas")
 
 
-SUBJECT = Mission(
-    outcome=Outcome,
+SUBJECT = SeededMission(
+    outcome=OrderResult,
     set_up=set_up,
     profile="household-fast",
     noisy=NOISY,

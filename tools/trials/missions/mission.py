@@ -21,7 +21,7 @@ START_LIMIT_S = 300.0
 
 
 @dataclass
-class Trial:
+class MissionTrial:
     """The result of one mission.
 
     Attributes:
@@ -37,7 +37,7 @@ class Trial:
     trouble: str = ""
 
 
-AnyTrial = TypeVar("AnyTrial", bound=Trial)
+AnyTrial = TypeVar("AnyTrial", bound=MissionTrial)
 
 
 def all_in_order(outcomes: Sequence[Any]) -> bool:
@@ -68,7 +68,7 @@ class Setup:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mission(Generic[AnyTrial]):
+class SeededMission(Generic[AnyTrial]):
     """A mission of a stock robot, which each seed varies.
 
     Attributes:
@@ -174,7 +174,7 @@ def settings_for(profile: str, arena: Path, seed: int, noisy: Sequence[str]) -> 
 
 
 def run_once(
-    trial: Trial,
+    trial: MissionTrial,
     folder: Path,
     words: list[str],
     judge: Callable[[Path], None],

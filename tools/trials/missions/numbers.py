@@ -22,14 +22,14 @@ from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.number_ground import generate_ground
 from tools.trials.harness import Case
-from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
+from tools.trials.missions.mission import MissionTrial, SeededMission, Setup, mean, totals
 
 NOISY = ("base", "laser", "camera")
 SAME_M = 0.6
 
 
 @dataclass
-class Outcome(Trial):
+class GroundResult(MissionTrial):
     """The result of one ground, by the ground truth.
 
     Attributes:
@@ -60,7 +60,7 @@ class Outcome(Trial):
     simulated_s: float = 0.0
 
 
-def set_up(outcome: Outcome, case: Case) -> Setup:
+def set_up(outcome: GroundResult, case: Case) -> Setup:
     """Make the ground of a seed, unless the command line names one."""
     file = case.options.ground or case.folder / "ground.yaml"
     if case.options.ground is None:
@@ -69,14 +69,14 @@ def set_up(outcome: Outcome, case: Case) -> Setup:
     return Setup(file, partial(judge_with_signs, outcome, file))
 
 
-def judge_with_signs(outcome: Outcome, file: Path, output: Path) -> None:
+def judge_with_signs(outcome: GroundResult, file: Path, output: Path) -> None:
     """Judge visits, touches, and what the robot believes of the signs of a ground."""
     judge(outcome, output)
     believed = json.loads((output / "numbers.json").read_text())["signs"]
     outcome.signs, outcome.false_signs = len(believed), false_signs(believed, read_arena(file))
 
 
-def judge(outcome: Outcome, output: Path) -> None:
+def judge(outcome: GroundResult, output: Path) -> None:
     """Take the referee's judgement and the base's collisions."""
     referee = json.loads((output / "referee.json").read_text())
     task = json.loads((output / "numbers.json").read_text())
@@ -117,7 +117,7 @@ def false_signs(believed: list[dict[str, Any]], arena: Arena) -> list[str]:
     return found
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+def summary(outcomes: list[GroundResult]) -> dict[str, Any]:
     """Return the figures of all grounds together."""
     return {
         "grounds": len(outcomes),
@@ -134,8 +134,8 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sheet", action="store_true", help="a sheet at the start shows the order")
 
 
-SUBJECT = Mission(
-    outcome=Outcome,
+SUBJECT = SeededMission(
+    outcome=GroundResult,
     set_up=set_up,
     profile="numbers-fast",
     noisy=NOISY,

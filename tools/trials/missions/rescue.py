@@ -27,7 +27,7 @@ from robbie_robots.hw.simulation.reachable_area import reachable_area
 from robbie_robots.workers.maps.map_file import read_map
 from robbie_robots.workers.planar_pose import relative, transform_points
 from tools.trials.harness import Case
-from tools.trials.missions.mission import Mission, Setup, Trial, all_in_order, mean, totals
+from tools.trials.missions.mission import MissionTrial, SeededMission, Setup, all_in_order, mean, totals
 
 NOISY = ("base", "laser", "camera", "base_emulator", "laser_emulator")
 PLACED_M, HOME_M = 0.2, 0.5
@@ -38,7 +38,7 @@ BEGIN_S, KILL_END_S = 5.0, 120.0
 
 
 @dataclass
-class Outcome(Trial):
+class RescueResult(MissionTrial):
     """The result of one mission, by the ground truth.
 
     Attributes:
@@ -65,7 +65,7 @@ class Outcome(Trial):
     simulated_s: float = 0.0
 
 
-def set_up(outcome: Outcome, case: Case) -> Setup:
+def set_up(outcome: RescueResult, case: Case) -> Setup:
     """Make the arena of a seed."""
     file = case.folder / "arena.yaml"
     file.write_text(generate_arena(case.seed, replace(WISHES, appearing=case.options.appearing)))
@@ -74,7 +74,7 @@ def set_up(outcome: Outcome, case: Case) -> Setup:
     return Setup(file, partial(judge, outcome, arena))
 
 
-def judge(outcome: Outcome, arena: Arena, output: Path) -> None:
+def judge(outcome: RescueResult, arena: Arena, output: Path) -> None:
     """Compare the results of a mission with the ground truth."""
     mission = json.loads((output / "mission.json").read_text())
     base = json.loads((output / "base.json").read_text())
@@ -119,7 +119,7 @@ def mapped_share(arena: Arena, map_file: Path) -> float:
     return float((inside & known).mean())
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+def summary(outcomes: list[RescueResult]) -> dict[str, Any]:
     """Return the figures of all missions together."""
     placed = [away_m for outcome in outcomes for away_m in outcome.placed_m.values()]
     sums = totals(outcomes, "victims", "found", "invented", "collisions", "is_home")
@@ -141,8 +141,8 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--appearing", type=int, default=0, help=text)
 
 
-SUBJECT = Mission(
-    outcome=Outcome,
+SUBJECT = SeededMission(
+    outcome=RescueResult,
     set_up=set_up,
     profile="rescue-fast",
     noisy=NOISY,

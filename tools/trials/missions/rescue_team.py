@@ -32,7 +32,7 @@ from robbie_robots.workers.planar_pose import relative
 from tools.robot import REPOSITORY, Robot, RobotTrouble, free_port
 from tools.trials.harness import Case, TrialSubject
 from tools.trials.missions.mission import Kills, all_in_order, mean, restarts_in, totals, watch
-from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, Outcome, judge
+from tools.trials.missions.rescue import BEGIN_S, NOISY, PLACED_M, RUN_LIMIT_S, WISHES, RescueResult, judge
 
 PROFILE, SIMULATED = "rescue-team", "rescue-team-fast"
 KILL_END_S = 60.0
@@ -61,8 +61,8 @@ class TeamOutcome:
     found: int = 0
     collisions: int = 0
     simulated_s: float = 0.0
-    robots: dict[str, Outcome] = field(default_factory=dict)
-    alone: Outcome | None = None
+    robots: dict[str, RescueResult] = field(default_factory=dict)
+    alone: RescueResult | None = None
     ratio: float | None = None
     trouble: str = ""
 
@@ -137,7 +137,7 @@ def run_team(
             robot.close()
     if not outcome.trouble:
         for name, robot in robots.items():
-            one = Outcome(seed, victims=len(arena.victims))
+            one = RescueResult(seed, victims=len(arena.victims))
             one.restarts = restarts[name]
             judge(one, replace(arena, start=starts[name]), robot.output)
             outcome.robots[name] = one

@@ -29,7 +29,7 @@ from robbie_robots.workers.faces.face_recognition import FaceRecognizer
 from robbie_robots.workers.taught import Pixels
 from tools.trials.harness import CannotTry, Case
 from tools.trials.missions.follow import APARTMENT, SHIRTS, TROUSERS
-from tools.trials.missions.mission import Mission, Setup, Trial, mean, totals
+from tools.trials.missions.mission import MissionTrial, SeededMission, Setup, mean, totals
 
 NOISY = ("base", "laser", "rear_laser", "camera")
 NEAR_M = 1.0
@@ -51,7 +51,7 @@ SIDES = (0.3, 0.55, 0.3, 0.2)
 
 
 @dataclass
-class Outcome(Trial):
+class TourResult(MissionTrial):
     """The result of one run, by the ground truth.
 
     Attributes:
@@ -168,7 +168,7 @@ def party(seed: int, heads: dict[str, list[Pixels]], folder: Path) -> tuple[str,
     return rooms + "people:\n" + "\n".join(people) + "\n", guests[:2]
 
 
-def set_up(outcome: Outcome, case: Case) -> Setup:
+def set_up(outcome: TourResult, case: Case) -> Setup:
     """Write the guests of a seed."""
     arena, introduced = party(case.seed, case.prepared, case.folder / "faces")
     file = case.folder / "apartment.yaml"
@@ -177,7 +177,7 @@ def set_up(outcome: Outcome, case: Case) -> Setup:
     return Setup(file, partial(judge, outcome, introduced), [*settings, "guests.asks_s=46"])
 
 
-def judge(outcome: Outcome, introduced: list[str], output: Path) -> None:
+def judge(outcome: TourResult, introduced: list[str], output: Path) -> None:
     """Compare the robot's answer with the truth."""
     told, base = (json.loads((output / f"{name}.json").read_text()) for name in ("guests", "base"))
     found = list(told["found"])
@@ -206,7 +206,7 @@ def _apart_m(one: dict[str, Any], other: dict[str, Any]) -> float:
     return math.dist((one["x_m"], one["y_m"]), (other["x_m"], other["y_m"]))
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+def summary(outcomes: list[TourResult]) -> dict[str, Any]:
     """Return the figures of all runs together."""
     sums = totals(
         outcomes,
@@ -236,8 +236,8 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--faces", type=Path, required=True, help="with pictures PERSON_NUMBER.jpg")
 
 
-SUBJECT = Mission(
-    outcome=Outcome,
+SUBJECT = SeededMission(
+    outcome=TourResult,
     set_up=set_up,
     profile="home-faces",
     noisy=NOISY,

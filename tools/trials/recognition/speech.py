@@ -111,7 +111,7 @@ CAFE = OrderGrammar(
 
 
 @dataclass(frozen=True)
-class Trial:
+class SpokenTrial:
     """An utterance.
 
     Attributes:
@@ -159,33 +159,35 @@ def with_noise(samples: NDArray[np.int16], noise_db: float | None, seed: int) ->
     return np.clip(np.round(speech + noise), -32_768, 32_767).astype(np.int16)
 
 
-def synthetic(voices: int) -> Iterator[Trial]:
+def synthetic(voices: int) -> Iterator[SpokenTrial]:
     """Yield spoken sentences, in the grammar and outside it."""
     for number, (text, voice) in enumerate((text, voice) for text in SPOKEN for voice in VOICES[:voices]):
         spoken = speak(text, RATE_HZ, voice)
         for noise_db in NOISES_DB:
             kind = "espeak-ng, " + ("clean" if noise_db is None else f"noise at {noise_db:g} dB")
-            yield Trial(kind, with_noise(spoken, noise_db, number), text=text)
+            yield SpokenTrial(kind, with_noise(spoken, noise_db, number), text=text)
     for number, (text, voice) in enumerate((text, voice) for text in OTHER for voice in VOICES[:voices]):
-        yield Trial("other speech: espeak-ng", with_noise(speak(text, RATE_HZ, voice), None, number))
+        yield SpokenTrial("other speech: espeak-ng", with_noise(speak(text, RATE_HZ, voice), None, number))
 
 
-def real(folder: Path) -> Iterator[Trial]:
+def real(folder: Path) -> Iterator[SpokenTrial]:
     """Yield recordings of people."""
     labels = json.loads((folder / "coffee" / "label.json").read_text())
     for number, (name, label) in enumerate(labels.items()):
         samples = read_sound(folder / "coffee" / name)
         slots = tuple(value.strip() for value in label["slots"].values())
-        yield Trial("real orders", samples, "cafe", slots=slots)
-        yield Trial("real orders, noise at 20 dB", with_noise(samples, 20.0, number), "cafe", slots=slots)
-        yield Trial("other speech: café orders", samples)
+        yield SpokenTrial("real orders", samples, "cafe", slots=slots)
+        yield SpokenTrial(
+            "real orders, noise at 20 dB", with_noise(samples, 20.0, number), "cafe", slots=slots
+        )
+        yield SpokenTrial("other speech: café orders", samples)
     for name in ("digits", "cards", "pocketsphinx"):
         for file in sorted((folder / name).glob("*.wav")):
-            yield Trial(f"other speech: {name}", with_noise(read_sound(file), None, 0))
+            yield SpokenTrial(f"other speech: {name}", with_noise(read_sound(file), None, 0))
     for file in sorted((folder / "librivox").glob("*.wav")):
         book, length = read_sound(file), 3 * RATE_HZ
         for start in range(0, max(1, len(book) - length // 2), length // 2):
-            yield Trial("other speech: a book", book[start : start + length])
+            yield SpokenTrial("other speech: a book", book[start : start + length])
 
 
 def read_sound(file: Path) -> NDArray[np.int16]:
@@ -206,7 +208,7 @@ def play(case: Case) -> dict[str, Any]:
     return heard([*synthetic(chosen.voices), *recordings], details=chosen.details)
 
 
-def heard(trials: list[Trial], *, details: bool = False) -> dict[str, Any]:
+def heard(trials: list[SpokenTrial], *, details: bool = False) -> dict[str, Any]:
     """Recognize utterances; return what was right for each kind, and the processor time for one, s."""
     recognizer = OrderRecognizer({"home": HOME, "cafe": CAFE})
     counts: dict[str, Counter[str]] = {}
