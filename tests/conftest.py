@@ -10,10 +10,11 @@ from hypothesis import settings
 from tests._support.session_memory import SESSION_MEMORY  # isort: skip (robbie_mp looks at what it sets)
 from robbie_mp.run import run_directory
 from tests._support import own_memory
+from tests._support.disks import freezable_disk
 from tests._support.left_behind import leaving_nothing_behind
 from tests._support.own_runs import own_base_folders
 from tests._support.robot import Robot, robot_in
-from tools.loop_disk import LoopDisk, NoLoopDisk
+from tools.loop_disk import LoopDisk
 from tools.test_network.network import Network, NoTestNetwork
 
 settings.register_profile("robbie", deadline=None)  # a busy machine may stop any test for a second
@@ -76,14 +77,8 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 @pytest.fixture
 def disk() -> Iterator[LoopDisk]:
     """A disk that can be frozen. A process that writes to a frozen disk cannot even be killed."""
-    try:
-        made = LoopDisk().__enter__()
-    except NoLoopDisk as error:
-        pytest.skip(f"NOT TESTED, no disk can be frozen here: {error}")
-    try:
+    with freezable_disk() as made:
         yield made
-    finally:
-        made.__exit__(None, None, None)
 
 
 @pytest.fixture

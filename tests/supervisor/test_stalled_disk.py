@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -17,6 +18,7 @@ from robbie_mp.run.trace import disk_writer
 from robbie_mp.run.trace.disk_writer import DiskWriter
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.reader import entries, last_entries
+from tests._support.disks import freezable_disk
 from tests._support.robot import Ended, Robot, wait_until
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, wait_for
@@ -63,17 +65,17 @@ class StoppedWriter:
 
 
 @pytest.fixture(params=["frozen disk", "stopped writer"])
-def stall(request: pytest.FixtureRequest, tmp_path: Path) -> Stall:
+def stall(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Stall]:
+    logs = tmp_path / "logs"
+    logs.mkdir()
     if request.param == "frozen disk":
-        found: LoopDisk = request.getfixturevalue("disk")
-        return found
-    (tmp_path / "logs").mkdir()
-    return StoppedWriter(tmp_path / "logs")
+        with freezable_disk(logs) as disk:
+            yield disk
+    else:
+        yield StoppedWriter(logs)
 
 
 def started(folder: Path, stall: Stall, *behaviours: object, limits: TraceSettings | None = None) -> Run:
-    if isinstance(stall, LoopDisk):
-        (folder / "logs").symlink_to(stall.folder)
     run = Run(folder, *(animal(behaviour) for behaviour in behaviours), limits=limits)  # type: ignore[arg-type]
     if isinstance(stall, StoppedWriter):
         stall.run = run
