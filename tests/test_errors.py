@@ -13,6 +13,7 @@ from robbie_mp import RobbieError, SettingError
 from robbie_mp.base.linux.forks import ForkedProcess
 from robbie_mp.base.problem import Problem, ProfileError
 from robbie_mp.messages import IllFormed
+from robbie_mp.messages.codec.fields import DamageError
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 from robbie_mp.module.wiring import TopicsMeet
 from robbie_mp.scene.errors import SceneFileError, TooNew, TooOld, UnknownNode
@@ -22,6 +23,7 @@ PROBLEMS = [Problem("one"), Problem("two")]
 WITH_CONSTRUCTORS = [
     SubscribedTwice("std_msgs/msg/String", "talk"),
     EmptyPattern(),
+    DamageError("3 bytes are missing", 12, "data"),
     IllFormed("the position is NaN", "geometry_msgs/msg/Point", "x"),
     TopicsMeet("std_msgs/msg/String", "left", "right", "camera"),
     ForkedProcess(),

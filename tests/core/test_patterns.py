@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp import MessageHandling
-from robbie_mp.bus.core.directory import Directory, RoutedSubscription
+from robbie_mp.bus.core.directory import Directory, Subscription
 from robbie_mp.bus.core.router import SlotLimits
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.endpoint import TooManyDeclarations
@@ -193,9 +193,7 @@ def test_message_comes_once_though_another_pattern_is_first_after_a_crash() -> N
 def test_message_would_come_twice_if_the_new_core_asked_one_pattern_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def the_first(
-        _directory: Directory, entry: RoutedSubscription, _channel: object
-    ) -> list[RoutedSubscription]:
+    def the_first(_directory: Directory, entry: Subscription, _channel: object) -> list[Subscription]:
         return [entry]
 
     stores = reuse_of_rows(()).fuse.stores

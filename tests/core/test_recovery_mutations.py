@@ -6,9 +6,9 @@ from itertools import product
 import pytest
 
 from robbie_mp.bus.core.declarations import Declarations
-from robbie_mp.bus.core.directory import Channel, RoutedSubscription
+from robbie_mp.bus.core.directory import Channel, Subscription
 from robbie_mp.bus.core.ledger import Ledger
-from robbie_mp.bus.core.members import ModuleLink, Slot
+from robbie_mp.bus.core.members import Link, Slot
 from robbie_mp.bus.core.queues import LockstepQueues, Queues
 from robbie_mp.bus.core.router import Router
 from robbie_mp.bus.core.takeover import Takeover
@@ -29,9 +29,7 @@ def nothing(*_arguments: object, **_named: object) -> None:
     """Do not do this step."""
 
 
-def forget_what_was_claimed(
-    _takeover: Takeover, _handle: int, channel: Channel
-) -> tuple[RoutedSubscription, ...]:
+def forget_what_was_claimed(_takeover: Takeover, _handle: int, channel: Channel) -> tuple[Subscription, ...]:
     return channel.subscriptions
 
 
@@ -59,7 +57,7 @@ MUTATIONS: dict[str, tuple[object, str, Callable[..., object]]] = {
     "a message cut short in routing is sent to everybody again": (
         Takeover, "_unclaimed", forget_what_was_claimed,
     ),
-    "a repeated record is taken for a violation": (ModuleLink, "is_repeated", lambda _link: False),
+    "a repeated record is taken for a violation": (Link, "is_repeated", lambda _link: False),
     "pushing is not noted": (Ledger, "mark_pushed", nothing),
     "declarations are not read again": (Takeover, "_restore_declarations", nothing),
     "references are not read again": (Takeover, "_restore_references", nothing),
@@ -74,7 +72,7 @@ MUTATIONS_OF_LOCKSTEP: dict[str, tuple[object, str, Callable[..., object]]] = {
 
 
 def give_what_it_may_have(
-    declarations: Declarations, slot: Slot, _link: ModuleLink, entry: RoutedSubscription
+    declarations: Declarations, slot: Slot, _link: Link, entry: Subscription
 ) -> list[int]:
     ledger, given = declarations._ledger, []
     for latch in declarations._directory.latches(entry):
@@ -99,7 +97,7 @@ def forget_latched(takeover: Takeover, index: int) -> None:
         takeover._ledger.finish(index, Outcome.DROPPED)
 
 
-def keep_the_older(queues: Queues, slot: Slot, entry: RoutedSubscription, reference: int, size: int) -> None:
+def keep_the_older(queues: Queues, slot: Slot, entry: Subscription, reference: int, size: int) -> None:
     if entry.is_latch and entry.queued is not None:
         queues._ledger.finish(reference, Outcome.REPLACED)
     else:

@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 from robbie_mp.bus.core.flow import MessageFlow
-from robbie_mp.bus.core.members import ModuleLink
+from robbie_mp.bus.core.members import Link
 from robbie_mp.bus.core.router import Router
 from tools.fuzz.core.__main__ import main
 from tools.fuzz.core.corpus import mutate, seeds
@@ -45,7 +45,7 @@ PLANTED: dict[str, tuple[type, str, str, str]] = {
         Router, "_receive", 'raise ProtocolViolation(f"record of unknown kind {kind}")', "pass",
     ),
     "a declaration beyond the table": (
-        ModuleLink, "declaration", "number >= layout.DECLARATION_COUNT", "False",
+        Link, "declaration", "number >= layout.DECLARATION_COUNT", "False",
     ),
     "a held message that its holder's death does not free": (
         Router, "_reclaim", "for reference in link.pinned:", "for reference in ():",

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
-from robbie_mp.bus.core.directory import Directory, RoutedSubscription
+from robbie_mp.bus.core.directory import Directory, Subscription
 from robbie_mp.bus.core.ledger import Ledger
-from robbie_mp.bus.core.members import ModuleLink, Slot, name_of
+from robbie_mp.bus.core.members import Link, Slot, name_of
 from robbie_mp.bus.core.queues import Queues
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import MessageHandling
@@ -41,7 +41,7 @@ class Declarations:
         self._queues = queues
         self._report = report
 
-    def on_advertise(self, _slot: Slot, link: ModuleLink, record: Record) -> None:
+    def on_advertise(self, _slot: Slot, link: Link, record: Record) -> None:
         """Open a channel."""
         row = link.declaration(record[1])
         channel = self._directory.channel(row.name, link.slot)
@@ -50,7 +50,7 @@ class Declarations:
             self._directory.latch(channel, link.slot)
         link.channels = {**link.channels, record[1]: channel}
 
-    def on_subscribe(self, slot: Slot, link: ModuleLink, record: Record) -> None:
+    def on_subscribe(self, slot: Slot, link: Link, record: Record) -> None:
         """Open a subscription, or continue the one of an earlier incarnation.
 
         If its module has finished its setup before, it gets what is kept of latched channels now. Nothing is
@@ -63,7 +63,7 @@ class Declarations:
         if link.ready:
             self._queues.trim(slot, self._give(slot, link, entry))
 
-    def on_ready(self, slot: Slot, link: ModuleLink, _record: Record) -> None:
+    def on_ready(self, slot: Slot, link: Link, _record: Record) -> None:
         """Start sending messages to a module; close earlier subscriptions that it has not declared again.
 
         First it gets what is kept of latched channels. Nothing is pushed before the word that says that it is
@@ -84,7 +84,7 @@ class Declarations:
         self._queues.pump(slot, link)
         self._queues.trim(slot, frozenset(given))
 
-    def _give(self, slot: Slot, link: ModuleLink, entry: RoutedSubscription) -> list[int]:
+    def _give(self, slot: Slot, link: Link, entry: Subscription) -> list[int]:
         """Let a subscription wait for the newest message of each latched channel that it does not have.
 
         Returns:
@@ -115,7 +115,7 @@ class Declarations:
             given.append(reference)
         return given
 
-    def _is_withheld(self, link: ModuleLink, entry: RoutedSubscription, sequence: int) -> bool:
+    def _is_withheld(self, link: Link, entry: Subscription, sequence: int) -> bool:
         """Whether a module no longer gets a latched message, over which two of its incarnations died."""
         withheld = self._directory.is_withheld(entry, sequence)
         if withheld:
@@ -137,7 +137,7 @@ class Declarations:
             if entry.slot == slot:
                 self._directory.forget_deaths(entry)
 
-    def _close(self, entry: RoutedSubscription, outcome: Outcome) -> None:
+    def _close(self, entry: Subscription, outcome: Outcome) -> None:
         slot = self._slots[entry.slot]
         if outcome is Outcome.DROPPED:
             self._directory.note_end(entry)

@@ -45,7 +45,7 @@ class Pattern:
         return bool(self._type.match(channel.type_name) and self._topic.match(channel.topic))
 
 
-class RoutedSubscription:
+class Subscription:
     """One module's subscription to a message type, on one topic or on all; it outlives the module's restarts.
 
     It is closed when the module stops or no longer asks for it, and opened again when the module asks again.
@@ -103,7 +103,7 @@ class Channel:
         self.type_name, self.version, self.topic = name
         self.figures_at = (at + layout.CHANNEL_MESSAGES) * WORD_BYTES
         """Where four words of its row begin: messages, bytes, last stamp, squares of the intervals."""
-        self.subscriptions: tuple[RoutedSubscription, ...] = ()
+        self.subscriptions: tuple[Subscription, ...] = ()
         """Those that get its messages, in this order; always set as a whole."""
 
     def count(self, write: Callable[..., None], before: tuple[int, ...], size: int, stamp_ns: int) -> None:
@@ -140,10 +140,10 @@ class Directory:
         self._core_slot = tables.sizes.slots - 1
         self._tables = tables
         self._books = books
-        self._new_channel, self._new_subscription = books.of(Channel), books.of(RoutedSubscription)
+        self._new_channel, self._new_subscription = books.of(Channel), books.of(Subscription)
         self._tools = tools
         self._channels: dict[ChannelName, Channel] = {}
-        self.subscriptions: list[RoutedSubscription] = []
+        self.subscriptions: list[Subscription] = []
         self._read_subscriptions()
         self._read_channels()
 
@@ -195,7 +195,7 @@ class Directory:
             _connect(channel, entry)
         return channel
 
-    def subscribe(self, slot: int, name: ChannelName, handling: MessageHandling) -> RoutedSubscription:
+    def subscribe(self, slot: int, name: ChannelName, handling: MessageHandling) -> Subscription:
         """Open a subscription for the module in a slot, or continue the one that the module had before.
 
         Raises:
@@ -227,7 +227,7 @@ class Directory:
         name = ChannelName(channel.type_name, channel.version, channel.topic)
         self.subscribe(self._core_slot, name, MessageHandling.KEEP_ONLY_NEWEST)
 
-    def latches(self, entry: RoutedSubscription) -> list[RoutedSubscription]:
+    def latches(self, entry: Subscription) -> list[Subscription]:
         """Return the core's own subscriptions that keep a message which a subscription gets."""
         return [
             latch
@@ -237,7 +237,7 @@ class Directory:
             if latch.is_latch and latch.queued is not None
         ]
 
-    def find(self, slot: int, name: ChannelName, handling: MessageHandling) -> RoutedSubscription | None:
+    def find(self, slot: int, name: ChannelName, handling: MessageHandling) -> Subscription | None:
         """Return the subscription of a module, open or closed, or the open subscription of a tool."""
         wanted = (*name, handling is MessageHandling.KEEP_ONLY_NEWEST)
         for entry in self.subscriptions:
@@ -249,7 +249,7 @@ class Directory:
                 return entry
         return None
 
-    def _open_row(self, slot: int, name: ChannelName, handling: MessageHandling) -> RoutedSubscription:
+    def _open_row(self, slot: int, name: ChannelName, handling: MessageHandling) -> Subscription:
         index = self._free_row(name)
         is_reused = index < len(self.subscriptions)
         self._tables.subscription_row(index).write(slot, name, handling, is_reused=is_reused)
@@ -259,20 +259,20 @@ class Directory:
 
     def _make(
         self, index: int, at: int, slot: int, name: ChannelName, handling: MessageHandling
-    ) -> RoutedSubscription:
+    ) -> Subscription:
         return self._new_subscription(index, at, slot, name, handling, is_latch=slot == self._core_slot)
 
-    def _enter(self, entry: RoutedSubscription) -> None:
+    def _enter(self, entry: Subscription) -> None:
         self.subscriptions[entry.index : entry.index + 1] = [entry]
         self._books.enter(entry)
 
-    def _patterns(self, slot: int) -> list[RoutedSubscription]:
+    def _patterns(self, slot: int) -> list[Subscription]:
         """Return the open subscriptions of a module that are by patterns."""
         return [
             entry for entry in self.subscriptions if entry.slot == slot and entry.pattern and entry.is_open
         ]
 
-    def alternatives(self, entry: RoutedSubscription, channel: Channel) -> list[RoutedSubscription]:
+    def alternatives(self, entry: Subscription, channel: Channel) -> list[Subscription]:
         """Return the subscriptions that compete with `entry` for the messages of a channel, and `entry`.
 
         These are the matching patterns of one module. Another one of them may be the first after a takeover,
@@ -282,19 +282,19 @@ class Directory:
             return [entry]
         return [one for one in self._patterns(entry.slot) if one.matches(channel)]
 
-    def _reopen(self, entry: RoutedSubscription) -> RoutedSubscription:
+    def _reopen(self, entry: Subscription) -> Subscription:
         """Continue a closed subscription and its counters."""
         self._forget_end(entry)
         self._row(entry).reopen()
         entry.is_open = True
         return entry
 
-    def _forget_end(self, entry: RoutedSubscription) -> None:
+    def _forget_end(self, entry: Subscription) -> None:
         """Note that a module is back; also if a core died while it closed the subscription."""
         row = self._row(entry)
         row.forget_end(row.counts.dropped)
 
-    def _row(self, entry: RoutedSubscription) -> SubscriptionRow:
+    def _row(self, entry: Subscription) -> SubscriptionRow:
         return self._tables.subscription_row(entry.index)
 
     def _free_row(self, name: ChannelName) -> int:
@@ -307,24 +307,24 @@ class Directory:
             raise TableFull(f"no room for a subscription to {name.type_name}: {index} are in use")
         return index
 
-    def note_death(self, entry: RoutedSubscription, sequence: int, incarnation: int) -> None:
+    def note_death(self, entry: Subscription, sequence: int, incarnation: int) -> None:
         """Note that an incarnation died in the handler of a latched message; may be repeated."""
         self._row(entry).note_death(sequence, incarnation)
 
-    def forget_deaths(self, entry: RoutedSubscription) -> None:
+    def forget_deaths(self, entry: Subscription) -> None:
         """Forget over which latched messages a module died; may be repeated."""
         self._row(entry).forget_deaths()
 
-    def is_withheld(self, entry: RoutedSubscription, sequence: int) -> bool:
+    def is_withheld(self, entry: Subscription, sequence: int) -> bool:
         """Whether a subscription no longer gets a latched message, because its module died twice over it."""
         return deadly_key(sequence) in self._row(entry).withheld
 
-    def note_end(self, entry: RoutedSubscription) -> None:
+    def note_end(self, entry: Subscription) -> None:
         """Note that messages dropped from now on waited for a module that has ended; may be repeated."""
         row = self._row(entry)
         row.note_end(row.counts.dropped)
 
-    def close(self, entry: RoutedSubscription) -> None:
+    def close(self, entry: Subscription) -> None:
         """Route no more messages to a subscription; its counters are kept."""
         self._row(entry).close()
         entry.is_open = False
@@ -335,7 +335,7 @@ class Directory:
                     _connect(channel, other)
 
 
-def _connect(channel: Channel, entry: RoutedSubscription) -> None:
+def _connect(channel: Channel, entry: Subscription) -> None:
     """Connect a channel to a subscription that matches it, unless an earlier pattern of the module does.
 
     Patterns come last: modules that subscribe by type use the messages, those that subscribe by patterns

@@ -7,9 +7,9 @@ crash of the core; `ledger` says why.
 
 from collections.abc import Container, Iterable, Sequence
 
-from robbie_mp.bus.core.directory import Channel, RoutedSubscription
+from robbie_mp.bus.core.directory import Channel, Subscription
 from robbie_mp.bus.core.ledger import Handle, Ledger
-from robbie_mp.bus.core.members import Members, ModuleLink, ProtocolViolation, Slot
+from robbie_mp.bus.core.members import Link, Members, ProtocolViolation, Slot
 from robbie_mp.bus.core.queues import Queues
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import block_bytes
@@ -51,7 +51,7 @@ class MessageFlow:
         self._queues = queues
         self._blocks = blocks
 
-    def on_publish(self, slot: Slot, link: ModuleLink, record: Record) -> None:
+    def on_publish(self, slot: Slot, link: Link, record: Record) -> None:
         """Enter a message in the ledger and route it.
 
         Raises:
@@ -83,7 +83,7 @@ class MessageFlow:
         figures: tuple[int, ...],
         index: int,
         handle: Handle,
-        subscriptions: Sequence[RoutedSubscription],
+        subscriptions: Sequence[Subscription],
     ) -> None:
         """Send an entered message to its subscribers, or queue it for them, and count it.
 
@@ -106,7 +106,7 @@ class MessageFlow:
         if not claims and not ledger.holders(index):
             self._blocks.give_back(index)
 
-    def _refuse(self, slot: Slot, link: ModuleLink, block: int) -> None:
+    def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message that does not fit into the tables, and give its block back."""
         words, at = self._words, slot.at
         nth = words[at + layout.PUBLISHER_REFUSED] + 1
@@ -116,7 +116,7 @@ class MessageFlow:
         words[at + layout.PUBLISHER_REFUSED] = nth  # commits
         self._blocks.free(link, block)
 
-    def on_done(self, slot: Slot, link: ModuleLink, record: Record) -> None:
+    def on_done(self, slot: Slot, link: Link, record: Record) -> None:
         """Count a message as delivered, which frees its credit; the module still uses its block."""
         reference = record[1]
         if reference not in link.pushed or self._ledger.reference(reference)[0] != record[2]:
@@ -131,7 +131,7 @@ class MessageFlow:
         self._queues.pump(slot, link)
         self._queues.outdate(slot)
 
-    def on_release(self, slot: Slot, link: ModuleLink, record: Record) -> None:
+    def on_release(self, slot: Slot, link: Link, record: Record) -> None:
         """Close a module's reference to a message; count it as delivered unless `on_done` has done so."""
         reference = record[1]
         ledger = self._ledger
@@ -166,7 +166,7 @@ class FreedBlocks:
         self._slots = slots
         self._members = members
         self.dead_sources: dict[int, int] = {}
-        """Live messages of each dead publisher that still has any, by its `ModuleLink.source`."""
+        """Live messages of each dead publisher that still has any, by its `Link.source`."""
 
     @property
     def are_awaited(self) -> bool:
@@ -188,17 +188,17 @@ class FreedBlocks:
                 slot, _, incarnation = layout.unpack_source(source)
                 self._members.announce_gone((slot, incarnation))
 
-    def free(self, link: ModuleLink, block: int) -> None:
+    def free(self, link: Link, block: int) -> None:
         """Give one block back."""
         link.freed.push(block)
         if 0 < link.awaited_freed <= link.freed.head:
             self.await_total(link, 0)
 
-    def on_wait_freed(self, _slot: Slot, link: ModuleLink, record: Record) -> None:
+    def on_wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
         """Note that a module waits until a total number of its blocks has been freed."""
         self.await_total(link, record[1])
 
-    def await_total(self, link: ModuleLink, total: int) -> None:
+    def await_total(self, link: Link, total: int) -> None:
         """Wake a module when `total` of its blocks have ever been freed: now, or later."""
         waits = total > link.freed.head
         link.awaited_freed = total if waits else 0
@@ -234,7 +234,7 @@ class RoomMaker:
         self._slots = slots
         self._latches = slots[-1]
 
-    def on_make_room(self, _slot: Slot, link: ModuleLink, record: Record) -> None:
+    def on_make_room(self, _slot: Slot, link: Link, record: Record) -> None:
         """Drop a module's oldest waiting messages until few enough, with few enough bytes, are left.
 
         The record limits what is left, not what is dropped. So if a core dies over it and its successor

@@ -11,7 +11,7 @@ from collections.abc import Callable, Container, Iterable, Mapping, MutableSeque
 from itertools import compress
 from typing import NamedTuple
 
-from robbie_mp.bus.core.directory import RoutedSubscription
+from robbie_mp.bus.core.directory import Subscription
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.tables import CoreTables, Outcome
 from robbie_mp.bus.transport.words import WORD_BYTES, WORD_MAX, row_writer
@@ -87,7 +87,7 @@ class Ledger:
         self._handles: MutableSequence[Handle] = [Handle(0, 0, 0, 0, 0, 0, 0)] * tables.sizes.handles
         self.handle: Callable[[int], Handle] = self._handles.__getitem__
         self._holders: MutableSequence[int] = [0] * tables.sizes.handles
-        self._references: MutableSequence[tuple[int, int, RoutedSubscription] | None]
+        self._references: MutableSequence[tuple[int, int, Subscription] | None]
         self._references = [None] * tables.sizes.references
 
     def has_room(self, references: int) -> bool:
@@ -152,8 +152,8 @@ class Ledger:
         return self._holders[handle]
 
     def open_references(
-        self, subscriptions: Sequence[RoutedSubscription], handle: int
-    ) -> list[tuple[RoutedSubscription, int]]:
+        self, subscriptions: Sequence[Subscription], handle: int
+    ) -> list[tuple[Subscription, int]]:
         """Enter the claims of subscriptions to a message; return each with the index of its row."""
         opened = []
         sequence = self._handles[handle][0]
@@ -166,7 +166,7 @@ class Ledger:
         """Whether there is a row for one more reference."""
         return bool(self._free_references)
 
-    def open_late_reference(self, subscription: RoutedSubscription, handle: int) -> int:
+    def open_late_reference(self, subscription: Subscription, handle: int) -> int:
         """Enter the claim of a subscription to a message that has been routed before; return its row.
 
         The subscription's last sequence stays: the subscription may have had later messages.
@@ -182,7 +182,7 @@ class Ledger:
         self._holders[handle] += 1
         return index
 
-    def reference(self, index: int) -> tuple[int, int, RoutedSubscription]:
+    def reference(self, index: int) -> tuple[int, int, Subscription]:
         """Sequence, handle and subscription of a live reference.
 
         Raises:
@@ -223,7 +223,7 @@ class Ledger:
         self.count(index, outcome)
         self.close_reference(index)
 
-    def deliver(self, index: int, handle: int, subscription: RoutedSubscription) -> None:
+    def deliver(self, index: int, handle: int, subscription: Subscription) -> None:
         """Do the same as `finish` with DELIVERED, but faster: almost every reference ends here."""
         words, at = self._words, self._references_at + index * _REFERENCE_WORDS
         count_at = subscription.at + _ROUTED + 1
@@ -288,7 +288,7 @@ class Ledger:
             self._handles[index] = handle
         _take_out(self._free_handles, found)
 
-    def adopt_references(self, found: Mapping[int, tuple[int, int, RoutedSubscription]]) -> None:
+    def adopt_references(self, found: Mapping[int, tuple[int, int, Subscription]]) -> None:
         """Take over a dead core's references (sequence, handle, subscription), by the index of their rows."""
         for index, reference in found.items():
             self._references[index] = reference
@@ -303,7 +303,7 @@ class Ledger:
         """Indices of the subscriptions that have a reference to a message."""
         return {entry[2].index for entry in self._references if entry is not None and entry[1] == handle}
 
-    def was_claimed(self, subscription: RoutedSubscription, sequence: int) -> bool:
+    def was_claimed(self, subscription: Subscription, sequence: int) -> bool:
         """Whether a subscription has had its reference to the message of this sequence."""
         return self._words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] >= sequence
 

@@ -63,7 +63,7 @@ class LinkMemory:
     close: Callable[[], None]
 
 
-class ModuleLink:
+class Link:
     """One incarnation of a module, as the core sees it."""
 
     def __init__(
@@ -178,7 +178,7 @@ class Slot:
         self.waiting_bytes = 0
         self.windows: MutableSequence[int] = []
         """Most bytes of each publisher that the module may have and not have handled yet; see `Router`."""
-        self.link: ModuleLink | None = None
+        self.link: Link | None = None
 
 
 @dataclass(frozen=True)
@@ -215,10 +215,10 @@ class Members:
         self._slots = slots
         self._limits = limits
         self._books = books
-        self._new_link = books.of(ModuleLink)
+        self._new_link = books.of(Link)
         self._open_memory = open_memory
         self._report = report
-        self.links: tuple[ModuleLink, ...] = ()
+        self.links: tuple[Link, ...] = ()
         self.have_notices = False
         """Some link may have notices for which there was no room yet."""
         self.have_changed = False
@@ -247,7 +247,7 @@ class Members:
         # In this order: an incarnation that a new core knows, but does not find linked, is dead to it.
         self._words[known_slot.at + layout.PUBLISHER_LAST_INCARNATION] = incarnation
 
-    def disconnect(self, link: ModuleLink) -> None:
+    def disconnect(self, link: Link) -> None:
         """Forget a dead incarnation. The tables show it as linked until it has been reclaimed."""
         self._slots[link.slot].link = None
         link.has_ended = True
@@ -255,13 +255,13 @@ class Members:
         # adds to them and never takes one, because its length is not known at first.
         self._set_links(tuple([other for other in self.links if other is not link]))
 
-    def _set_links(self, links: tuple[ModuleLink, ...]) -> None:
+    def _set_links(self, links: tuple[Link, ...]) -> None:
         self.links = links
         self.have_changed = True
         self._ring_words = [link.out_words for link in links]
         self._heads = [link.outbound.tail for link in links]
 
-    def with_news(self) -> list[ModuleLink]:
+    def with_news(self) -> list[Link]:
         """Return the links whose outbound rings have new records since the last call."""
         heads = list(map(_head_of, self._ring_words))  # the only cost of a silent module
         seen = self._heads
@@ -270,7 +270,7 @@ class Members:
         self._heads = heads
         return list(compress(self.links, map(ne, heads, seen)))
 
-    def fault(self, link: ModuleLink, error: RobbieError) -> None:
+    def fault(self, link: Link, error: RobbieError) -> None:
         """Stop handling and sending records of a module that broke the protocol, and have it killed."""
         link.has_ended = True
         link.ready = False

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, cast
 from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.core import router
 from robbie_mp.bus.core.books import Books, Part
-from robbie_mp.bus.core.directory import RoutedSubscription
+from robbie_mp.bus.core.directory import Subscription
 from robbie_mp.bus.core.ledger import Handle, Ledger
-from robbie_mp.bus.core.members import MODULE_ERRORS, LinkMemory, ModuleLink, RouterLimits, Slot
+from robbie_mp.bus.core.members import MODULE_ERRORS, Link, LinkMemory, RouterLimits, Slot
 from robbie_mp.bus.core.queues import Queues
 from robbie_mp.bus.core.router import Router, SlotLimits
 from robbie_mp.bus.transport import layout
@@ -72,7 +72,7 @@ class NativeBooks(Books):
         self.free_handles = native.FreeRows(sizes.handles)
         self.free_references = native.FreeRows(sizes.references)
         self.holders = self.numbers([0] * sizes.handles)
-        self.subscriptions: dict[int, RoutedSubscription] = {}
+        self.subscriptions: dict[int, Subscription] = {}
         """By their rows."""
         self.in_c: written_in_c.Books = native.Books(
             tables.words,
@@ -99,7 +99,7 @@ class NativeBooks(Books):
     def is_wanting(self, value: bool) -> None:
         self.in_c.is_wanting = value
 
-    def enter(self, subscription: RoutedSubscription) -> None:
+    def enter(self, subscription: Subscription) -> None:
         """Note which subscription has a row of the tables."""
         self.subscriptions[subscription.index] = subscription
         self.in_c.enter(subscription)
@@ -164,7 +164,7 @@ class ReferenceRows:
         subscriptions: by their rows.
     """
 
-    def __init__(self, tables: CoreTables, subscriptions: Mapping[int, RoutedSubscription]):
+    def __init__(self, tables: CoreTables, subscriptions: Mapping[int, Subscription]):
         self._words = tables.words
         self._at = tables.reference(0)
         self._count = tables.sizes.references
@@ -173,7 +173,7 @@ class ReferenceRows:
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, index: int) -> tuple[int, int, RoutedSubscription] | None:
+    def __getitem__(self, index: int) -> tuple[int, int, Subscription] | None:
         if not 0 <= index < self._count:
             raise IndexError(f"there is no reference {index}")
         words, at = self._words, self._at + index * layout.REFERENCE_WORDS
@@ -182,7 +182,7 @@ class ReferenceRows:
         subscription = self._subscriptions[words[at + layout.REFERENCE_SUBSCRIPTION]]
         return words[at + layout.REFERENCE_SEQUENCE], words[at + layout.REFERENCE_HANDLE], subscription
 
-    def __setitem__(self, index: int, reference: tuple[int, int, RoutedSubscription] | None) -> None: ...
+    def __setitem__(self, index: int, reference: tuple[int, int, Subscription] | None) -> None: ...
 
 
 class NativeLedger(Ledger):
@@ -201,7 +201,7 @@ class NativeLedger(Ledger):
         self._handles = cast(MutableSequence[Handle], HandleRows(tables))
         self.handle = HandleRows(tables).__getitem__
         self._references = cast(
-            MutableSequence[tuple[int, int, RoutedSubscription] | None],
+            MutableSequence[tuple[int, int, Subscription] | None],
             ReferenceRows(tables, books.subscriptions),
         )
 
@@ -255,7 +255,7 @@ class NativeRouter(Router):
         self._native = native
         super().__init__(tables, limits, slots, connect, report)
         self._in_c = self._books.in_c
-        self._links_in_c: tuple[ModuleLink, ...] = ()
+        self._links_in_c: tuple[Link, ...] = ()
         """The links that C knows."""
 
     def _make_books(self, tables: CoreTables, limits: RouterLimits) -> NativeBooks:
@@ -288,7 +288,7 @@ class NativeRouter(Router):
         self._links_in_c = self._members.links
         self._in_c.set_links(self._links_in_c)
 
-    def _finish_round(self, link: ModuleLink | None) -> None:
+    def _finish_round(self, link: Link | None) -> None:
         """Handle the records of a round that are not common, and have C handle the others.
 
         Args:
@@ -317,7 +317,7 @@ class NativeRouter(Router):
         self._finish_round(self._in_c.work(post, router.RECORDS_PER_TURN, timeout_ns, dead_sources))
         return True
 
-    def _handle_next(self, link: ModuleLink, left: int | None) -> None:
+    def _handle_next(self, link: Link, left: int | None) -> None:
         """Handle the next record of a module, which is not common.
 
         Args:
@@ -340,7 +340,7 @@ class NativeRouter(Router):
             return super().before_sleep()
         return self._in_c.before_sleep()
 
-    def _receive(self, link: ModuleLink, records: int, _more: int = 0) -> None:
+    def _receive(self, link: Link, records: int, _more: int = 0) -> None:
         """Handle records that a dead module has left, those that are not common in Python."""
         while records:
             records -= self._in_c.serve(link, records, self._blocks.dead_sources)

@@ -6,9 +6,9 @@ see `robbie_mp.module.lockstep`.
 
 from collections.abc import Callable, Container, Sequence, Set
 
-from robbie_mp.bus.core.directory import RoutedSubscription
+from robbie_mp.bus.core.directory import Subscription
 from robbie_mp.bus.core.ledger import Handle, Ledger
-from robbie_mp.bus.core.members import ModuleLink, Slot
+from robbie_mp.bus.core.members import Link, Slot
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import CHANNEL_SHIFT, DECLARATION_SHIFT, Inbound
 from robbie_mp.bus.transport.tables import Outcome
@@ -36,16 +36,16 @@ class Queues:
         self._write_figures = row_writer(words, 4)
         self.holds_posts = False
         """Whether more messages are about to follow, so that one post may wake a module for all of them."""
-        self.to_post: dict[ModuleLink, None] = {}
+        self.to_post: dict[Link, None] = {}
         """Modules that have been sent records and have not been woken yet; `note_post` is bound to it."""
-        self.note_post: Callable[[ModuleLink], None] = self.to_post.setdefault
+        self.note_post: Callable[[Link], None] = self.to_post.setdefault
         """Have a module be woken, for it has been sent records."""
         self._outdated: dict[Slot, None] = {}
         """Modules whose figures must be written again; `outdate` is bound to it."""
         self.outdate: Callable[[Slot], None] = self._outdated.setdefault
         """Note that the queue of a module, or the messages it has, have changed."""
 
-    def add(self, subscription: RoutedSubscription, reference: int, handle: Handle) -> None:
+    def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
         """Send a message, or queue it behind others; if the queue is full, drop its oldest message."""
         slot = self._slots[subscription.slot]
         link = slot.link
@@ -64,7 +64,7 @@ class Queues:
             self._queue(slot, subscription, reference, handle.size)
         self.outdate(slot)
 
-    def _queue(self, slot: Slot, subscription: RoutedSubscription, reference: int, size: int) -> None:
+    def _queue(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
         if subscription.newest_only:
             if (old := subscription.queued) is not None:
                 self.remove(slot, old)
@@ -81,7 +81,7 @@ class Queues:
             self.remove(slot, oldest)
             self._ledger.finish(oldest, Outcome.DROPPED)
 
-    def add_late(self, slot: Slot, subscription: RoutedSubscription, reference: int, size: int) -> None:
+    def add_late(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
         """Queue a message that is older than others in the queue at its place in the order; push nothing."""
         ledger = self._ledger
         if subscription.newest_only:
@@ -117,7 +117,7 @@ class Queues:
         if subscription.queued == reference:
             subscription.queued = None
 
-    def pump(self, slot: Slot, link: ModuleLink) -> None:
+    def pump(self, slot: Slot, link: Link) -> None:
         """Push waiting messages in order, up to the module's credit."""
         waiting = slot.waiting
         sent = False
@@ -133,7 +133,7 @@ class Queues:
         if sent:
             self.note_post(link)
 
-    def _may_follow(self, subscription: RoutedSubscription, handle: Handle, link: ModuleLink) -> bool:
+    def _may_follow(self, subscription: Subscription, handle: Handle, link: Link) -> bool:
         """Whether a module that has messages may be sent one more, by their number and their bytes.
 
         A subscription that keeps only the newest gets it when the module has handled all it has. One message
@@ -145,9 +145,7 @@ class Queues:
         in_flight = link.in_flight[publisher]
         return not in_flight or in_flight + handle[3] <= link.windows[publisher]
 
-    def _push(
-        self, subscription: RoutedSubscription, reference: int, handle: Handle, link: ModuleLink
-    ) -> None:
+    def _push(self, subscription: Subscription, reference: int, handle: Handle, link: Link) -> None:
         sequence, source, offset, size, channel, stamp, _ = handle
         inbound = link.inbound
         link.pushed[reference] = record = inbound.head
@@ -240,7 +238,7 @@ class LockstepQueues(Queues):
         self._in_step = [slot for slot in slots if slot.index not in tools]
         self._tools = tools
 
-    def add(self, subscription: RoutedSubscription, reference: int, handle: Handle) -> None:
+    def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
         """Queue a message; if the queue is full, drop its oldest message."""
         if subscription.slot in self._tools:
             super().add(subscription, reference, handle)
@@ -249,7 +247,7 @@ class LockstepQueues(Queues):
         self._queue(slot, subscription, reference, handle.size)
         self.outdate(slot)
 
-    def pump(self, slot: Slot, link: ModuleLink) -> None:
+    def pump(self, slot: Slot, link: Link) -> None:
         """Push nothing to modules: `end_round` does that, after all records of the round were handled."""
         if slot.index in self._tools:
             super().pump(slot, link)
@@ -275,7 +273,7 @@ class LockstepQueues(Queues):
     def _is_anyone_busy(self) -> bool:
         return any(slot.link is not None and self._is_busy(slot.link) for slot in self._in_step)
 
-    def _is_busy(self, link: ModuleLink) -> bool:
+    def _is_busy(self, link: Link) -> bool:
         """Whether a module has a message of an open subscription.
 
         A module that hangs in the kernel and cannot be killed keeps its messages for good; its subscriptions

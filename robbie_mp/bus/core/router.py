@@ -15,9 +15,9 @@ from robbie_mp.bus.core.ledger import Ledger
 from robbie_mp.bus.core.members import (
     MODULE_ERRORS,
     SUPERVISOR_SLOT,
+    Link,
     LinkMemory,
     Members,
-    ModuleLink,
     ProtocolViolation,
     RouterLimits,
     Slot,
@@ -109,9 +109,9 @@ class Router:
         self._flow = MessageFlow(self._words, limits.message_bytes, self._ledger, self._queues, self._blocks)
         self._on_publish, self._on_release = self._flow.on_publish, self._flow.on_release
         self._fence = new_fence()
-        self._unfinished: list[ModuleLink] = []
+        self._unfinished: list[Link] = []
         """Links whose rings have more records than were handled in one turn."""
-        self._receivers: dict[Outbound, Callable[[Slot, ModuleLink, Record], None]] = {
+        self._receivers: dict[Outbound, Callable[[Slot, Link, Record], None]] = {
             Outbound.ADVERTISE: declarations.on_advertise,
             Outbound.SUBSCRIBE: declarations.on_subscribe,
             Outbound.READY: declarations.on_ready,
@@ -173,7 +173,7 @@ class Router:
         Rings that begin with a release come last: a subscriber waits for every message, but a publisher
         rarely waits for a release.
         """
-        links: Iterable[ModuleLink] = self._members.with_news()
+        links: Iterable[Link] = self._members.with_news()
         if self._unfinished:
             links = dict.fromkeys((*links, *self._unfinished))
             self._unfinished = []
@@ -188,7 +188,7 @@ class Router:
         self._queues.end_round()
         return bool(self._unfinished)
 
-    def _serve(self, link: ModuleLink) -> None:
+    def _serve(self, link: Link) -> None:
         """Give a module one turn: handle the first records of its ring, unless the module is faulted."""
         if link.has_ended:
             return
@@ -240,7 +240,7 @@ class Router:
             if link.out_words[layout.OUT_AWAITS_SETTLED]:
                 link.wake()
 
-    def _receive(self, link: ModuleLink, records: int, more: int = 0) -> None:
+    def _receive(self, link: Link, records: int, more: int = 0) -> None:
         """Handle the next records of a module.
 
         Args:
@@ -286,7 +286,7 @@ class Router:
             outcome = Outcome.DROPPED if record[2] else Outcome.LOST
             self._declarations.close_all(slot, outcome)
 
-    def _reclaim(self, link: ModuleLink) -> None:
+    def _reclaim(self, link: Link) -> None:
         """Reclaim what a dead module had; messages that it had not begun to handle wait for its successor."""
         slot = self._slots[link.slot]
         try:
@@ -312,7 +312,7 @@ class Router:
         self._queues.outdate(slot)
         link.close()
 
-    def _note_death(self, link: ModuleLink, reference: int) -> None:
+    def _note_death(self, link: Link, reference: int) -> None:
         """Note over which message a module died, if it is latched and so would be given again."""
         sequence, handle, subscription = self._ledger.reference(reference)
         latches = self._slots[-1].waiting

@@ -19,10 +19,10 @@ Everything that the router does has its counterpart here, so read this page with
 from collections.abc import Mapping, Sequence
 
 from robbie_mp.bus.core.declarations import Declarations
-from robbie_mp.bus.core.directory import Channel, Directory, RoutedSubscription
+from robbie_mp.bus.core.directory import Channel, Directory, Subscription
 from robbie_mp.bus.core.flow import FreedBlocks, MessageFlow
 from robbie_mp.bus.core.ledger import Ledger
-from robbie_mp.bus.core.members import MODULE_ERRORS, Members, ModuleLink, Slot, checked
+from robbie_mp.bus.core.members import MODULE_ERRORS, Link, Members, Slot, checked
 from robbie_mp.bus.core.queues import Queues
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import MessageHandling, Outbound
@@ -102,7 +102,7 @@ class Takeover:
         ledger.adopt_handles(found)
         return list(found)
 
-    def _restore_link(self, link: ModuleLink) -> None:
+    def _restore_link(self, link: Link) -> None:
         at = self._slots[link.slot].at
         link.ready = self._words[at + layout.PUBLISHER_READY] == link.incarnation
         try:
@@ -110,7 +110,7 @@ class Takeover:
         except MODULE_ERRORS as error:
             self._members.fault(link, error)
 
-    def _restore_declarations(self, link: ModuleLink) -> None:
+    def _restore_declarations(self, link: Link) -> None:
         """Read a module's declarations again, as far as the dead core had handled their records.
 
         This opens nothing. A declaration that is not in the tables is handled when its record is: opening it
@@ -131,7 +131,7 @@ class Takeover:
         """Find out which references wait, which were pushed, which are pinned, and close the others."""
         ledger = self._ledger
         waiting: list[tuple[int, int, int]] = []
-        pushed: list[tuple[int, int, ModuleLink]] = []
+        pushed: list[tuple[int, int, Link]] = []
         for index, state in self._read_references().items():
             sequence, _, subscription = ledger.reference(index)
             link = self._slots[subscription.slot].link
@@ -154,7 +154,7 @@ class Takeover:
     def _read_references(self) -> Mapping[int, Outcome]:
         """Find the references, and complete the counters whose new values they carry; return their states."""
         ledger = self._ledger
-        found: dict[int, tuple[int, int, RoutedSubscription]] = {}
+        found: dict[int, tuple[int, int, Subscription]] = {}
         states: dict[int, Outcome] = {}
         for index in ledger.live_references():
             row = ledger.read_reference(index)
@@ -165,7 +165,7 @@ class Takeover:
         ledger.adopt_references(found)
         return states
 
-    def _complete_count(self, subscription: RoutedSubscription, column: int, nth: int) -> None:
+    def _complete_count(self, subscription: Subscription, column: int, nth: int) -> None:
         at = subscription.at + layout.SUBSCRIPTION_ROUTED + column
         counted = self._words[at]
         if counted < nth:
@@ -213,7 +213,7 @@ class Takeover:
         """Return the number of a module's messages that were routed to their end."""
         return self._words[slot.at + layout.PUBLISHER_ROUTED]
 
-    def _unclaimed(self, handle: int, channel: Channel) -> list[RoutedSubscription]:
+    def _unclaimed(self, handle: int, channel: Channel) -> list[Subscription]:
         """Return the subscriptions that a message cut short in routing has not reached yet."""
         ledger = self._ledger
         sequence = ledger.handle(handle).sequence
@@ -241,7 +241,7 @@ class Takeover:
                 found.add((slot, incarnation, row.record))
         return found
 
-    def _finish_publishing(self, link: ModuleLink, entered: set[tuple[int, int, int]]) -> None:
+    def _finish_publishing(self, link: Link, entered: set[tuple[int, int, int]]) -> None:
         """Take the record at a ring's tail if it is a message that was entered or refused.
 
         Args:
@@ -255,7 +255,7 @@ class Takeover:
             self._blocks.free(link, link.outbound.peek()[6])
             link.outbound.take()
 
-    def _finish_subscribing(self, link: ModuleLink) -> None:
+    def _finish_subscribing(self, link: Link) -> None:
         """Handle the record at a ring's tail if it is a subscription of a module that is ready.
 
         The dead core may have given it messages of latched channels. They are still in the module's queue,

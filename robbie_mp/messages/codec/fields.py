@@ -39,10 +39,13 @@ class DamageError(DecodeError):
     """
 
     def __init__(self, what: str, at: int, path: str = ""):
-        super().__init__(what)
+        super().__init__(what, at, path)
         self.what = what
         self.at = at
         self.path = path
+
+    def __str__(self) -> str:
+        return self.what
 
 
 class Lent:
