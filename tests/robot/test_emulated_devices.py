@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.workers.mapping.slam_metric import measure, read_table
 from robbie_robots.workers.maps.map_file import read_map
 from robbie_robots.workers.planar_pose import transform_points
 from tests.robot._support.stock_robot import PROJECT, StockRobot
-from tests.robot.test_stock_robot import INTEL, needs_intel
+from tests.robot.test_stock_robot import DATA, INTEL, needs_intel
 
 ARENAS = PROJECT / "hw" / "simulation" / "arenas"
 ROOM = ARENAS / "rescue_small.yaml"
@@ -83,6 +84,26 @@ def test_beginning_of_the_intel_log_is_mapped_through_serial_lines(robot: StockR
     code, _, errors = robot.run("intel-emulated", *settings, timeout_s=300.0)
     assert code == 0, errors
     played = json.loads((robot.output / "played.json").read_text())
-    mapped = json.loads((robot.output / "mapping.json").read_text())
     assert played["sent"] == played["scans"] > 10
-    assert mapped["scans"] == played["scans"]
+    trajectory = read_table(robot.output / "trajectory.txt", 4, "t x y theta")
+    relations = read_table(DATA / "intel.relations", 8, "t1 t2 and the pose of t2 seen from t1")
+    score = measure(
+        with_stamps_of_log(trajectory, read_table(robot.output / "played.txt", 2, "t stamp")), relations
+    )
+    assert score.relations_used > 10
+    assert score.translation_mean_m < 0.25
+
+
+def with_stamps_of_log(trajectory: NDArray[np.float64], played: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the poses of a played drive with the stamps of the log, a row for each odometry record: (N, 4).
+
+    Args:
+        trajectory: (M, 4) stamp (s), x, y (m), heading (rad), by the time of the run.
+        played: (N, 2) when, by the time of the run, each record was played, and its own stamp, s. Those
+            outside the trajectory are left out.
+    """
+    times_s = trajectory[:, 0]
+    inside = played[(played[:, 0] >= times_s[0]) & (played[:, 0] <= times_s[-1])]
+    columns = (trajectory[:, 1], trajectory[:, 2], np.unwrap(trajectory[:, 3]))
+    poses = [np.interp(inside[:, 0], times_s, column) for column in columns]
+    return np.column_stack([inside[:, 1], *poses])

@@ -1,5 +1,6 @@
 """Removed and truncated files are noticed; those that grow or end in order are not."""
 
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,15 @@ def test_truncated_files_are_damage_of_their_owners(watched: Watched) -> None:
     assert set(watched.look()) == expected
     assert watched.watch.look() == []  # it is not yet time
     assert set(watched.look()) == expected
+
+
+def test_needed_file_that_was_truncated_before_the_first_look_is_damage(tmp_path: Path) -> None:
+    """A module may do that to its memory as soon as it starts: it went on without it."""
+    path = tmp_path / "in-4-2"
+    path.write_bytes(b"")
+    now_s = count(0.0, CHECK_PERIOD_S)
+    watch = FilesWatch(lambda: {path: OWNER}, dict, now_s.__next__)
+    assert watch.look() == [Damage(path, "truncated", OWNER)]
 
 
 def test_grown_or_removed_data_is_no_damage(watched: Watched) -> None:

@@ -177,9 +177,9 @@ def test_programs_run_on_their_host(network: Network) -> None:
 def test_nothing_is_left_of_the_network_of_a_killed_process() -> None:
     script = (
         "import os, signal\n"
-        "from tools.test_network.network import Conditions, Network\n"
+        "from tools.test_network.network import Network, NetworkConditions\n"
         "network = Network('robot', 'laptop').__enter__()\n"
-        "network.set(Conditions(delay_s=0.01))\n"
+        "network.set(NetworkConditions(delay_s=0.01))\n"
         "with network.host('robot').entered():\n"
         "    print(os.readlink('/proc/thread-self/ns/net'))\n"
         "print(os.readlink(f'/proc/{network._forwarder.pid}/ns/net'), flush=True)\n"

@@ -30,7 +30,7 @@ class FilesWatch:
     what was truncated they have lost.
 
     Args:
-        files: returns the files that must be there now.
+        files: returns the files that must be there now; they are whole before they are returned.
         passing: returns files that may be removed at any time, but not truncated.
         clock: monotonic time in s.
     """
@@ -65,7 +65,7 @@ class FilesWatch:
         truncated = [
             Damage(path, "truncated", watched[path])
             for path, size in sizes.items()
-            if size is not None and size < largest[path]
+            if size is not None and (size < largest[path] or (path in needed and not size))
         ]
         self._largest = largest
         return sorted(removed + truncated, key=lambda damage: damage.owner is not None)
