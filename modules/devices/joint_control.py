@@ -23,8 +23,8 @@ class JointControl:
     """Decides what commands lead to: one source at a time moves the joints, and an operator takes over.
 
     During an emergency stop nobody moves the joints, and while the robot holds, no module does: commands keep
-    them where they are. So it is after an operator has moved them. Whoever commanded then must let go first,
-    or begin where the joints are.
+    them where they are. The same holds after an operator has moved them. A source that was sending at that
+    time must stop sending first, or start from where the joints are.
 
     Args:
         clock: returns the time in s; it never goes back.
@@ -52,7 +52,7 @@ class JointControl:
         self._at = dict(at)
 
     def stop(self) -> None:
-        """Keep the joints where they are, whoever commands."""
+        """Keep the joints where they are and follow no source."""
         self.is_stopped = True
         self._end(self._sent_s)
 
@@ -82,7 +82,7 @@ class JointControl:
         """Return the positions that a command leads to; None if another source moves the joints.
 
         Args:
-            source: who has sent it.
+            source: the sender of the command.
             wanted: positions, by the joints' names.
             sent_s: when it was sent, by the clock.
             until_s: when it expires.

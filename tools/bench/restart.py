@@ -55,7 +55,7 @@ def measure(kills: int, spares: int) -> list[float]:
 
 
 def _wait_for(robot: Robot, starts: int, otherwise: str) -> None:
-    """Wait until so many processes of the subject have handled a message."""
+    """Wait until `starts` processes of the subject have each handled a message."""
     robot.wait_for(lambda: len(_times_ns(robot.output / JOURNAL)) >= starts, otherwise)
 
 

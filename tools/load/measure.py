@@ -40,7 +40,7 @@ def profile(recorder: str) -> dict[str, Any]:
     for number in range(PAIRS):
         settings_of = {"number": number, "rate_hz": SMALL_HZ / PAIRS}
         modules[f"talker{number}"] = {"class": f"{MODULES}:Talker", "settings": settings_of}
-    modules["camera"] = {"class": f"{MODULES}:Camera"}
+    modules["camera"] = {"class": f"{MODULES}:ImageSource"}
     return {"modules": modules}
 
 

@@ -20,7 +20,7 @@ def draw_picture() -> NDArray[np.uint8]:
     return picture.reshape(-1)
 
 
-class Camera(Module):
+class ImageSource(Module):
     """Publishes images."""
 
     period_s = 1 / IMAGE_HZ

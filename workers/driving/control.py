@@ -112,7 +112,7 @@ class DriveControl:
         """Return why a command by hand is refused; '' if it is followed. A followed one takes control.
 
         Args:
-            who: who has sent it.
+            who: the sender.
             moves: whether it moves the robot.
             sent_s: when it was sent, by the clock. Commands that have waited, because this process was
                 stopped, do not look like an operator who had let go.
@@ -141,7 +141,7 @@ class DriveControl:
         module may let the robot stand.
 
         Args:
-            who: who has sent it.
+            who: the sender.
             moves: whether it moves the robot.
             sent_s: when it was sent, by the clock.
         """

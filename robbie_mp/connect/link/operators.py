@@ -97,7 +97,7 @@ class LinkOperators:
         But not of an operator who was refused and holds the control on: that is no order to move now.
 
         Args:
-            operator: who has sent it.
+            operator: the sender.
             now_ns: the module's time.
             utc_ns: the clock's time.
         """
@@ -122,7 +122,7 @@ class LinkOperators:
         the time: that is no order to move now.
 
         Args:
-            operator: who has sent the command.
+            operator: the sender of the command.
             up_ns: when the link to the operator last came up.
             now_ns: the module's time.
             utc_ns: the clock's time.
@@ -142,7 +142,7 @@ class LinkOperators:
         """Follow a request of an operator.
 
         Args:
-            operator: who has sent it.
+            operator: the sender.
             request: the wish, none of `ORDERS`.
             now_ns: the module's time.
             utc_ns: the clock's time.

@@ -53,7 +53,7 @@ class Look(NamedTuple):
     X_AB: Floats
 
 
-class Camera:
+class TwinCamera:
     """The robot's camera for depth and colour, in a room.
 
     Args:
@@ -100,7 +100,7 @@ def placed_of(one: StandingObject) -> Placed:
 
 def teach(
     recognizer: ObjectRecognizer,
-    camera: Camera,
+    camera: TwinCamera,
     one: StandingObject,
     count: int,
     random: np.random.Generator,
@@ -129,7 +129,7 @@ def twins_settings(seed: int, room: Path, folder: Path) -> list[str]:
     random = np.random.default_rng(seed)
     arena = read_arena(room)
     twins = TWINS[seed % 2][:2]
-    camera, recognizer = Camera(arena, PICTURE_WIDTH, seed, 1.0), ObjectRecognizer()
+    camera, recognizer = TwinCamera(arena, PICTURE_WIDTH, seed, 1.0), ObjectRecognizer()
     for one in arena.objects:
         if one.name in twins:
             teach(recognizer, camera, one, TAUGHT_PICTURES, random)
