@@ -12,12 +12,15 @@ from zipfile import ZipFile
 import numpy as np
 
 from robbie_mp.attached.views.message_text import FieldPath, flat, to_csv
+from robbie_mp.base.balance import Balance
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli.log_files import (
+    LEFT_OUT,
     add_limit_argument,
     add_log_argument,
+    add_strict_argument,
     add_topics_argument,
-    print_conversion,
+    print_balance,
     progress_bar,
     warn_of_unmatched,
 )
@@ -36,7 +39,6 @@ from robbie_mp.messages.errors import DecodeError, SchemaError
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
-LEFT_OUT = 1
 MAX_REASONS = 10
 """Different reasons that are reported for a channel."""
 UNSAFE = re.compile(r"[^\w.-]")
@@ -72,6 +74,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     form.add_argument("--rosbag2", action="store_true", help="write a bag of ROS 2 (MCAP and metadata.yaml)")
     add_topics_argument(parser)
     add_limit_argument(parser)
+    add_strict_argument(parser)
     parser.set_defaults(command=export)
 
 
@@ -108,18 +111,19 @@ def export(arguments: argparse.Namespace) -> int:
 def _export_bag(arguments: argparse.Namespace) -> int:
     """Write a bag of ROS 2."""
     folder: Path = arguments.folder
+    balance = Balance(is_strict=arguments.strict)
     with open_log(arguments.log, arguments.limits) as log:
         warn_of_unmatched(log.channels, arguments.topics)
         chosen, _ = select(log.channels, arguments.topics)
         bridge = bridge_of_log(log)
         with progress_bar(f"writing {folder}") as progress:
-            done = export_bag(log, folder, chosen, bridge.map, progress)
+            export_bag(log, folder, chosen, bridge.map, balance, progress)
         for line in log.damage:
             warn(f"{line}; only the intact part was exported")
-    print_conversion(folder, done)
+    exit_code = print_balance(folder, balance)
     if bridge.module:
         print(f"names as the module {one_line(bridge.module)} sends them to ROS 2")
-    return LEFT_OUT if done.left_out else 0
+    return exit_code
 
 
 def _export_pictures(arguments: argparse.Namespace) -> int:

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.log_files import print_conversion, progress_bar
+from robbie_mp.base.balance import Balance
+from robbie_mp.cli.log_files import add_strict_argument, print_balance, progress_bar
 from robbie_mp.cli.parser import add_command
 from robbie_mp.logs.recording.carmen_import import import_carmen as convert
 
@@ -27,13 +28,19 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument(
         "--skip-broken", action="store_true", help="skip lines that cannot be read, and count them"
     )
+    add_strict_argument(parser)
     parser.set_defaults(command=import_carmen)
 
 
 def import_carmen(arguments: argparse.Namespace) -> int:
     """Convert the log."""
+    balance = Balance(is_strict=arguments.strict)
     with progress_bar(f"importing {arguments.source.name}") as progress:
-        done = convert(
-            arguments.source, arguments.target, skip_broken=arguments.skip_broken, progress=progress
+        convert(
+            arguments.source,
+            arguments.target,
+            balance,
+            skip_broken=arguments.skip_broken,
+            progress=progress,
         )
-    return print_conversion(arguments.target, done)
+    return print_balance(arguments.target, balance)

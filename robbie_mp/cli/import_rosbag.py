@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.log_files import print_conversion, progress_bar
+from robbie_mp.base.balance import Balance
+from robbie_mp.cli.log_files import add_strict_argument, print_balance, progress_bar
 from robbie_mp.cli.parser import add_command
 from robbie_mp.logs.recording.rosbag_import import import_rosbag as convert
 
@@ -24,11 +25,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument("source", metavar="IN", type=Path, help="ROS 1 .bag file, or ROS 2 bag folder")
     parser.add_argument("target", metavar="OUT", type=Path, help="new log, an MCAP file")
+    add_strict_argument(parser)
     parser.set_defaults(command=import_rosbag)
 
 
 def import_rosbag(arguments: argparse.Namespace) -> int:
     """Convert the bag."""
+    balance = Balance(is_strict=arguments.strict)
     with progress_bar(f"importing {arguments.source.name}") as progress:
-        done = convert(arguments.source, arguments.target, progress=progress)
-    return print_conversion(arguments.target, done)
+        convert(arguments.source, arguments.target, balance, progress=progress)
+    return print_balance(arguments.target, balance)

@@ -6,12 +6,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import PlainConsole, warn
-from robbie_mp.logs.recording.conversion import Conversion
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.reader import LogChannel, channel_name, select
 from robbie_mp.logs.recording.repair import Progress
+
+LEFT_OUT = 1
+"""Exit code of a command that left something out."""
 
 
 def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: str | None = None) -> None:
@@ -77,9 +80,23 @@ def warn_of_unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -
         warn(f"no topic matches {pattern!r}; there are: {names}")
 
 
-def print_conversion(target: Path, done: Conversion) -> int:
-    """Print how many messages were imported and left out, and return the exit code."""
-    for reason, count in done.left_out.items():
-        warn(f"left out {count}: {reason}")
-    print(f"{target}: {done.messages} messages")
-    return 0
+def add_strict_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that makes any loss an error."""
+    parser.add_argument(
+        "--strict", action="store_true", help="fail rather than leave out what cannot be read or written"
+    )
+
+
+def print_balance(where: Path, balance: Balance, unit: str = "messages") -> int:
+    """Print what was used and left out, and return the exit code: 0 if nothing was left out.
+
+    Args:
+        where: the file that was read or written.
+        balance: what became of its contents.
+        unit: what the balance counts.
+    """
+    total, *reasons = balance.lines(unit)
+    for reason in reasons:
+        warn(reason)
+    print(f"{where}: {total}")
+    return LEFT_OUT if balance.left_out else 0

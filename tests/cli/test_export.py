@@ -151,12 +151,15 @@ def test_imports_report_their_results(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("a.clf").write_text(CARMEN)
-    assert main(["import-carmen", "a.clf", "a.mcap", "--skip-broken"]) == 0
+    assert main(["import-carmen", "a.clf", "a.mcap", "--skip-broken"]) == 1
     said = capsys.readouterr()
-    assert said.out == "a.mcap: 4 messages\n" and said.err == "warning: left out 1: broken lines\n"
+    assert (
+        said.out == "a.mcap: read 5 messages: 4 used, 1 left out\n"
+        and said.err == "warning: left out 1: broken lines\n"
+    )
     write_bag(tmp_path, "ROS 1")
     assert main(["import-rosbag", "a.bag", "b.mcap"]) == 0
-    assert capsys.readouterr().out == "b.mcap: 3 messages\n"
+    assert capsys.readouterr().out == "b.mcap: read 3 messages: 3 used, 0 left out\n"
     assert main(["info", "b.mcap", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["messages"] == 3
 

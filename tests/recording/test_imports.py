@@ -11,6 +11,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.carmen import BrokenLine
 from robbie_mp.logs.recording.carmen_import import import_carmen
 from robbie_mp.logs.recording.decoding import LogDecoder
@@ -42,8 +43,9 @@ def read(path: Path) -> list[LoggedMessage]:
 
 def test_carmen_log_becomes_odometry_scans_and_the_lasers_mounting_pose(tmp_path: Path) -> None:
     (tmp_path / "a.clf").write_text(CARMEN)
-    done = import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", skip_broken=True, progress=unwatched)
-    assert (done.messages, done.left_out) == (4, {"broken lines": 1})
+    balance = Balance()
+    import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", balance, skip_broken=True, progress=unwatched)
+    assert (balance.used, balance.left_out) == (4, {"broken lines": 1})
     logged = read(tmp_path / "a.mcap")
     place, odometry, scan, last = map(LogDecoder().decode, logged)
     assert isinstance(place, TFMessage) and isinstance(scan, LaserScan) and isinstance(odometry, Odometry)
@@ -59,18 +61,20 @@ def test_carmen_log_becomes_odometry_scans_and_the_lasers_mounting_pose(tmp_path
 def test_broken_line_of_a_carmen_log_leaves_no_log(tmp_path: Path) -> None:
     (tmp_path / "a.clf").write_text(CARMEN)
     with pytest.raises(BrokenLine, match=r"a\.clf:4: "):
-        import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", skip_broken=False, progress=unwatched)
+        import_carmen(
+            tmp_path / "a.clf", tmp_path / "a.mcap", Balance(), skip_broken=False, progress=unwatched
+        )
     assert not (tmp_path / "a.mcap").exists()
 
 
 def test_unreadable_input_and_unwritable_output_are_reported(tmp_path: Path) -> None:
     source, target = tmp_path / "a.clf", tmp_path / "a.mcap"
     with pytest.raises(LogUnreadable, match="No such file"):
-        import_carmen(source, target, skip_broken=False, progress=unwatched)
+        import_carmen(source, target, Balance(), skip_broken=False, progress=unwatched)
     source.write_text("")
     target.write_text("precious")
     with pytest.raises(LogNotWritten, match="File exists"):
-        import_carmen(source, target, skip_broken=False, progress=unwatched)
+        import_carmen(source, target, Balance(), skip_broken=False, progress=unwatched)
     assert target.read_text() == "precious"
 
 
@@ -119,8 +123,9 @@ def write_bag(folder: Path, form: str) -> Path:
 
 @pytest.mark.parametrize("form", ["ROS 1", "SQLITE3", "MCAP"])
 def test_bag_becomes_a_log_with_the_same_messages_and_times(tmp_path: Path, form: str) -> None:
-    done = import_rosbag(write_bag(tmp_path, form), tmp_path / "a.mcap", progress=unwatched)
-    assert (done.messages, done.left_out) == (3, {})
+    balance = Balance()
+    import_rosbag(write_bag(tmp_path, form), tmp_path / "a.mcap", balance, progress=unwatched)
+    assert (balance.used, balance.left_out) == (3, {})
     logged = read(tmp_path / "a.mcap")
     messages: list[Any] = list(map(LogDecoder().decode, logged))
     assert [one.time_ns - START_NS for one in logged] == [0, 1, 2]
@@ -141,7 +146,7 @@ def test_type_with_another_layout_keeps_its_definition(tmp_path: Path) -> None:
     with Writer2(tmp_path / "bag", version=9) as writer:
         connection = writer.add_connection("/p", kind, typestore=types)
         writer.write(connection, START_NS, types.serialize_cdr(types.types[kind](1.5), kind))
-    import_rosbag(tmp_path / "bag", tmp_path / "a.mcap", progress=unwatched)
+    import_rosbag(tmp_path / "bag", tmp_path / "a.mcap", Balance(), progress=unwatched)
     (logged,) = read(tmp_path / "a.mcap")
     assert logged.channel.schema.strip() == "float32 x" and len(logged.data) == 8
 
@@ -153,8 +158,9 @@ def test_messages_that_contradict_their_definition_are_skipped_and_counted(tmp_p
         connection = writer.add_connection("/s", kind, typestore=types)
         writer.write(connection, 1, b"\xff\0\0\0too short")
         writer.write(connection, 2, bytes(types.serialize_ros1(types.types[kind]("well"), kind)))
-    done = import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", progress=unwatched)
-    assert done.messages == 1 and done.left_out == {f"messages of /s that are no {kind}": 1}
+    balance = Balance()
+    import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", balance, progress=unwatched)
+    assert balance.used == 1 and balance.left_out == {f"messages of /s that are no {kind}": 1}
 
 
 @pytest.mark.parametrize("content", [None, b"", b"#ROSBAG V2.0\ngarbage"])
@@ -162,5 +168,5 @@ def test_file_that_is_not_a_bag_is_reported(tmp_path: Path, content: bytes | Non
     if content is not None:
         (tmp_path / "a.bag").write_bytes(content)
     with pytest.raises(BagUnreadable, match=r"a\.bag cannot be read as a bag of ROS"):
-        import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", progress=unwatched)
+        import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", Balance(), progress=unwatched)
     assert not (tmp_path / "a.mcap").exists()

@@ -8,6 +8,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.format import ChannelKey, TopicNames
 from robbie_mp.logs.recording.reader import LoggedMessage, open_log
@@ -62,7 +63,7 @@ def frames(recording: Path) -> dict[str, str]:
 def write_log(path: Path, source: Path, messages: list[LoggedMessage]) -> Path:
     """Write messages of a log into a new one."""
     topics = TopicNames()
-    with converted_log(path, source) as log:
+    with converted_log(path, source, Balance()) as log:
         for message in messages:
             channel = message.channel
             key = ChannelKey(channel.type_name, channel.version, channel.topic, channel.sender)

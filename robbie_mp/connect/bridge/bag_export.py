@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.base.linux.private_files import make_private_folder
 from robbie_mp.connect.bridge.mapping import (
     MAX_DEPTH,
@@ -23,7 +24,7 @@ from robbie_mp.connect.bridge.mapping import (
     snake_case,
 )
 from robbie_mp.logs.recording.bag_metadata import BAG_METADATA, offered_qos, write_bag_metadata
-from robbie_mp.logs.recording.conversion import Conversion, NewChannel, converted_log
+from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.errors import LogNotWritten
 from robbie_mp.logs.recording.format import (
     LATCHED_KEY,
@@ -123,8 +124,13 @@ def _quality(channel: LogChannel, sent: Quality | None) -> Quality:
 
 
 def export_bag(
-    log: Log, folder: Path, channels: Iterable[LogChannel], names: BridgeMap, progress: Progress
-) -> Conversion:
+    log: Log,
+    folder: Path,
+    channels: Iterable[LogChannel],
+    names: BridgeMap,
+    balance: Balance,
+    progress: Progress,
+) -> None:
     """Write a bag of ROS 2 with messages of a log.
 
     The bag begins with what was newest on latched topics before the log began. Its channels also say how the
@@ -135,13 +141,12 @@ def export_bag(
         folder: the bag, which must not exist. If writing fails, it is removed.
         channels: the channels of the log whose messages are written.
         names: the names that the robot's bridge to ROS 2 gives; see `bridge_of_log`.
+        balance: counts the messages in the bag, and those that cannot be in a bag.
         progress: counts messages.
-
-    Returns:
-        The number of messages in the bag, and of those that cannot be in a bag.
 
     Raises:
         LogNotWritten: the folder exists, or cannot be written.
+        LeftOut: the balance allows no loss.
     """
     chosen = list(channels)
     known = {channel: None if _problem(channel) else _record(channel) for channel in chosen}
@@ -149,14 +154,14 @@ def export_bag(
     _make(folder)
     target = part_path(folder, 0)
     try:
-        with converted_log(target, log.path) as made:
+        with converted_log(target, log.path, balance) as made:
             total = log.message_count
             for done, message in enumerate(_messages(log, chosen), start=1):
                 progress(done, total)
                 channel = message.channel
                 about = known[channel]
                 if about is None:
-                    made.leave_out(_problem(channel))
+                    balance.leave_out(_problem(channel))
                     continue
                 one = named[channel]
                 new = NewChannel(one.name, channel.type_name, channel.schema, channel.sender, channel.topic)
@@ -170,7 +175,6 @@ def export_bag(
     except BaseException:
         _remove(folder)
         raise
-    return made
 
 
 def _messages(log: Log, chosen: list[LogChannel]) -> Iterable[LoggedMessage]:

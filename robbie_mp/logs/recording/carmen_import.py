@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.carmen import LASER_OFFSET, CarmenLog, LaserRecord, OdometryRecord, Record
 from robbie_mp.logs.recording.conversion import Conversion, NewChannel, converted_log
 from robbie_mp.logs.recording.errors import LogUnreadable
@@ -31,7 +32,9 @@ PLACE_TOPIC = "tf_static"
 NO_RETURN_M = 81.0  # CARMEN's value for "no return"
 
 
-def import_carmen(source: Path, target: Path, *, skip_broken: bool, progress: Progress) -> Conversion:
+def import_carmen(
+    source: Path, target: Path, balance: Balance, *, skip_broken: bool, progress: Progress
+) -> None:
     """Write a log from a CARMEN log, on the topics on which `robbie_robots.modules.playback` publishes it.
 
     Messages are published when their lines were recorded: the first one at its sensor's time, the others
@@ -40,6 +43,7 @@ def import_carmen(source: Path, target: Path, *, skip_broken: bool, progress: Pr
     Args:
         source: the CARMEN log.
         target: the new file.
+        balance: counts messages, and lines that are left out.
         skip_broken: skip lines that cannot be read, rather than raise.
         progress: counts bytes.
 
@@ -47,6 +51,7 @@ def import_carmen(source: Path, target: Path, *, skip_broken: bool, progress: Pr
         BrokenLine: a line cannot be read.
         LogUnreadable: the source cannot be read.
         LogNotWritten: the target exists, or cannot be written.
+        LeftOut: the balance allows no loss.
     """
     carmen_log = CarmenLog(source, skip_broken=skip_broken)
     try:
@@ -54,7 +59,7 @@ def import_carmen(source: Path, target: Path, *, skip_broken: bool, progress: Pr
         source.open("rb").close()
     except OSError as error:
         raise LogUnreadable(f"{source} cannot be read: {error.strerror}") from error
-    with converted_log(target, source) as conversion:
+    with converted_log(target, source, balance) as conversion:
         topics = TopicNames()
         start_ns: int | None = None
         for record in carmen_log:
@@ -65,9 +70,7 @@ def import_carmen(source: Path, target: Path, *, skip_broken: bool, progress: Pr
             time_ns = start_ns + _nanoseconds(record.logger_time_s)
             _add(conversion, topics, *_message(record), time_ns)
             progress(carmen_log.bytes_read, size)
-        if carmen_log.broken_lines:
-            conversion.left_out["broken lines"] = carmen_log.broken_lines
-    return conversion
+        balance.leave_out("broken lines", carmen_log.broken_lines)
 
 
 def _message(record: Record) -> tuple[Message, str]:

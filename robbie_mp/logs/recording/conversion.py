@@ -8,6 +8,7 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.writer import Writer
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.base.linux.private_files import make_private_file
 from robbie_mp.logs.recording.errors import LogError, LogNotWritten
 from robbie_mp.logs.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
@@ -31,16 +32,14 @@ class NewChannel(NamedTuple):
 
 
 class Conversion:
-    """The new log, and the count of messages written to it. `converted_log` makes one.
+    """The new log. `converted_log` makes one.
 
     Attributes:
-        messages: number of messages written.
-        left_out: number of messages that could not be read or converted, by reason.
+        balance: number of messages written, and of those that could not be read or converted, by reason.
     """
 
-    def __init__(self, writer: Writer):
-        self.messages = 0
-        self.left_out: dict[str, int] = {}
+    def __init__(self, writer: Writer, balance: Balance):
+        self.balance = balance
         self._writer = writer
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[NewChannel, int] = {}
@@ -56,8 +55,8 @@ class Conversion:
         """
         if channel not in self._channels:
             self._channels[channel] = self._open(channel, metadata)
-        self.messages += 1
-        sequence = self.messages & 0xFFFFFFFF
+        self.balance.use()
+        sequence = self.balance.used & 0xFFFFFFFF
         self._writer.add_message(self._channels[channel], time_ns, data, time_ns, sequence)
 
     def _open(self, channel: NewChannel, metadata: dict[str, str]) -> int:
@@ -68,18 +67,15 @@ class Conversion:
             )
         return self._writer.register_channel(channel.topic, MESSAGE_ENCODING, self._schemas[schema], metadata)
 
-    def leave_out(self, reason: str) -> None:
-        """Count a message that cannot be converted."""
-        self.left_out[reason] = self.left_out.get(reason, 0) + 1
-
 
 @contextlib.contextmanager
-def converted_log(target: Path, source: Path) -> Iterator[Conversion]:
+def converted_log(target: Path, source: Path, balance: Balance) -> Iterator[Conversion]:
     """Make a log of the messages added inside this context. If that fails, no log is left.
 
     Args:
         target: the new file.
         source: the source of the messages, for the log's metadata.
+        balance: counts the messages.
 
     Raises:
         LogNotWritten: the target exists, or cannot be written.
@@ -88,7 +84,7 @@ def converted_log(target: Path, source: Path) -> Iterator[Conversion]:
         writer = Writer(file)
         writer.start(PROFILE, LIBRARY)
         writer.add_metadata(IMPORT_METADATA, {"source": source.name})
-        yield Conversion(writer)
+        yield Conversion(writer, balance)
         writer.finish()  # type: ignore[no-untyped-call]
         file.flush()
         os.fsync(file.fileno())

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from robbie_mp.logs.recording.conversion import Conversion, NewChannel, converted_log
+from robbie_mp.base.balance import Balance
+from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.errors import BagUnreadable, LogError
 from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
 from robbie_mp.logs.recording.reader import has_layout, open_log
@@ -21,7 +22,7 @@ RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 HEADER = "std_msgs/msg/Header"
 
 
-def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversion:
+def import_rosbag(source: Path, target: Path, balance: Balance, *, progress: Progress) -> None:
     """Write a log with the messages of a bag, published at the times at which the bag recorded them.
 
     A type that we have gets our schema if both have the same layout; other types keep their definitions.
@@ -30,21 +31,22 @@ def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversi
     Args:
         source: a ROS 1 `.bag` file, or the folder of a ROS 2 bag.
         target: the new file.
+        balance: counts messages.
         progress: counts messages.
 
     Raises:
         BagUnreadable: the source is not a bag, is damaged, or the library is missing.
         LogNotWritten: the target exists, or cannot be written.
+        LeftOut: the balance allows no loss.
     """
-    with _Bag(source) as bag, converted_log(target, source) as conversion:
+    with _Bag(source) as bag, converted_log(target, source, balance) as conversion:
         for done, (connection, time_ns, data) in enumerate(bag.messages(), start=1):
             try:
                 channel = bag.channel(connection)
                 conversion.add(channel, bag.about(connection), time_ns, bag.cdr(connection, data))
             except BagUnreadable as error:
-                conversion.leave_out(str(error))
+                balance.leave_out(str(error))
             progress(done, bag.message_count)
-    return conversion
 
 
 class _Bag:
