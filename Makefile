@@ -36,7 +36,7 @@ test-alone: .venv/dev
 
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev
-	ROBBIE_PURE_PYTHON=1 $(PYTEST) -q -m 'not slow' $(PARALLEL) tests/core tests/messages tests/transport
+	ROBBIE_PURE_PYTHON=1 $(PYTEST) -q -m 'not slow' $(PARALLEL) tests/bus/core tests/messages tests/bus/transport
 
 # The tests of the hot path and of messages on an emulated ARM machine: see tools/arm64/run.
 test-arm64:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests._support.robot import Robot, wait_until
-from tests.link._support.pair import Pair
+from tests.connect.link._support.pair import Pair
 
 RED = '  talker: {class: "crew.modules:Talker"}'
 WITNESS = '  listener: {class: "crew.modules:Listener"}'

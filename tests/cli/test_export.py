@@ -12,8 +12,8 @@ import pytest
 from robbie_mp import Message, float64
 from robbie_mp.cli import main
 from robbie_mp.messages import TFMessage, TransformStamped, schema_text
-from tests.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
-from tests.recording.test_imports import CARMEN, write_bag
+from tests.logs.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
+from tests.logs.recording.test_imports import CARMEN, write_bag
 
 
 class Tricky(Message, name="team_msgs/msg/Tricky", version=1):

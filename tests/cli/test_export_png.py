@@ -12,7 +12,7 @@ from robbie_mp import Header, Time
 from robbie_mp.cli import main
 from robbie_mp.logs.recording import png
 from robbie_mp.messages import CompressedImage, Image
-from tests.recording._support.logs import START_NS, LogFile, scan
+from tests.logs.recording._support.logs import START_NS, LogFile, scan
 
 cv2 = pytest.importorskip("cv2")
 

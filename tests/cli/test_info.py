@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from robbie_mp.cli import main
 from robbie_mp.logs.recording import repair as repair_module
 from robbie_mp.logs.recording.errors import RepairFailed
-from tests.recording._support.logs import write_log
+from tests.logs.recording._support.logs import write_log
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from robbie_mp.logs.recording.chunk import Compression
 from robbie_mp.logs.recording.format import ChannelKey
 from robbie_mp.logs.recording.log_writer import Split
 from robbie_mp.messages import LaserScan, schema_text
-from tests.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
-from tests.recording._support.recording import CHANNELS, chunk_of, writer
+from tests.logs.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
+from tests.logs.recording._support.recording import CHANNELS, chunk_of, writer
 
 
 def content(path: Path) -> list[tuple[str, str, int, int, bytes]]:

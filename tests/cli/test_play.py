@@ -11,7 +11,7 @@ from robbie_mp.cli.program import _parser
 from robbie_mp.logs.playback.module import Playback
 from robbie_mp.module.settings import check_settings
 from robbie_mp.run.profile.load import load_profile
-from tests.services._support.battery_log import write_battery_log
+from tests.logs._support.battery_log import write_battery_log
 
 PROJECT = Path(__file__).parents[2]
 

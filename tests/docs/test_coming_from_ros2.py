@@ -18,7 +18,7 @@ from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import DriveCommand, LaserScan, String, Twist, TwistStamped, Vector3
 from tests.docs._support.pages import ROOT, block
-from tests.recording.test_imports import write_bag
+from tests.logs.recording.test_imports import write_bag
 
 PAGE = "docs/coming-from-ros2.md"
 

@@ -14,8 +14,8 @@ from robbie_mp.cli import main
 from robbie_mp.logs.message_logger import MessageLogger
 from robbie_mp.module.settings import check_settings, settings_of
 from tests.docs._support.pages import ROOT, block
-from tests.recording._support.logs import write_log
-from tests.recording.test_imports import CARMEN, write_bag
+from tests.logs.recording._support.logs import write_log
+from tests.logs.recording.test_imports import CARMEN, write_bag
 
 PAGE = "docs/logs.md"
 

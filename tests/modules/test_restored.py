@@ -31,7 +31,7 @@ from robbie_robots.modules.mapping import Mapping
 from tests._support.commands import fresh
 from tests._support.places import ARENAS
 from tests._support.present import present
-from tests.checkpoint._support.states import same
+from tests.bus.checkpoint._support.states import same
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 
 pytestmark = pytest.mark.slow

@@ -6,7 +6,7 @@ from pathlib import Path
 from robbie_mp.messages import DriveCommand, Mark, ModuleState, String
 from robbie_mp.station.page.log_events import MAX_EVENTS, EventKind, LogEvents
 from tests._support.robot import wait_until
-from tests.recording._support.logs import START_NS, LogFile
+from tests.logs.recording._support.logs import START_NS, LogFile
 
 SECOND = 1_000_000_000
 

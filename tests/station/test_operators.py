@@ -13,7 +13,7 @@ from robbie_mp.run.operator_link import read_link
 from robbie_mp.station.driving.command import RobotCommand
 from robbie_mp.station.watch.latest import Latest
 from tests._support.robot import Robot, wait_until
-from tests.link._support.pair import free_port
+from tests.connect.link._support.pair import free_port
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_driving import Journal, start_in_hall
 

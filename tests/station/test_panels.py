@@ -13,7 +13,7 @@ from robbie_mp.messages import Mark
 from robbie_mp.run.trace.kinds import Kind, read_recorded
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from tests._support.robot import Robot, wait_until
-from tests.recording._support.logs import LogFile
+from tests.logs.recording._support.logs import LogFile
 from tests.station._support.browser import LAPTOP, TABLET, browser, choose_layout, needs_chromium, page_of
 from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.logs.capture.recorded_run import RecordedRun
-from tests.ros1._support.ros import needs_ros1
+from tests.connect.ros1._support.ros import needs_ros1
 from tools.journal import read_journal
 from tools.robot import Robot
 from tools.ros1.ros import Ros

@@ -18,7 +18,7 @@ _Static_assert(sizeof(shared_word) == 8, "words lie beside each other");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "other processes expect little-endian words");
 
 #ifdef ROBBIE_FUSE
-/* Called before every store; does not return if the process is to die here. See tests/hot/_support/fuse.c. */
+/* Called before every store; does not return if the process is to die here. See tests/bus/hot/_support/fuse.c. */
 void before_store(shared_word *place, uint64_t value);
 #else
 #define before_store(place, value) ((void)0)

@@ -2,10 +2,10 @@
 
     python -m tools.fuzz.core [--seconds N] [--seed N] [--plain] [--input FILE]
 
-Run it from a checkout, because the simulated run is that of `tests/core`. An input says what a hostile module
-pushes and where it writes in its segment, what it and two innocent modules do in between, and when the core
-dies. These are findings: an exception that leaves the core; an input that takes longer than 20 s; an invalid
-record whose module is not faulted, or a valid one whose module is faulted; an innocent module that is
+Run it from a checkout, because the simulated run is that of `tests/bus/core`. An input says what a hostile
+module pushes and where it writes in its segment, what it and two innocent modules do in between, and when the
+core dies. These are findings: an exception that leaves the core; an input that takes longer than 20 s; an
+invalid record whose module is not faulted, or a valid one whose module is faulted; an innocent module that is
 faulted; a message that an innocent module did not receive exactly once and in order; counters that do not add
 up. The tool keeps the finding's input in the current directory, and `--input` plays it again.
 

@@ -5,8 +5,8 @@ import contextlib
 from robbie_mp import MessageHandling
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.records import Inbound, Outbound
-from tests.core._support.siege import HOSTILE_SLOT, Siege
-from tests.core._support.simulated_run import RING_RECORDS, TYPE
+from tests.bus.core._support.siege import HOSTILE_SLOT, Siege
+from tests.bus.core._support.simulated_run import RING_RECORDS, TYPE
 from tools.fuzz.core.judge import Standing, Verdict
 from tools.fuzz.core.steps import decode
 from tools.fuzz.core.words import dictionary

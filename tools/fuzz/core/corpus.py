@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from random import Random
 
 from robbie_mp.bus.transport.records import Outbound
-from tests.core._support.siege import Siege
+from tests.bus.core._support.siege import Siege
 from tools.fuzz.core.attack import CONTROL_WORDS, KINDS
 from tools.fuzz.core.steps import MAX_STEPS, STEP_BYTES, Do, Step, decode, encode, step
 from tools.fuzz.core.words import dictionary

@@ -2,8 +2,8 @@
 
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.words import WORD_MAX
-from tests.core._support.siege import HOSTILE_SLOT, Siege
-from tests.core._support.simulated_run import CREDIT, RING_RECORDS
+from tests.bus.core._support.siege import HOSTILE_SLOT, Siege
+from tests.bus.core._support.simulated_run import CREDIT, RING_RECORDS
 
 SMALL = tuple(range(13))
 EDGES = (

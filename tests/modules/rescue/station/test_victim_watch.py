@@ -11,7 +11,7 @@ from robbie_robots.modules.rescue.messages import VictimFound
 from robbie_robots.modules.rescue.station.mission_panel import MissionPanel
 from robbie_robots.modules.rescue.station.victim_watch import KnownVictim, mark_of
 from tests._support.robot import wait_until
-from tests.recording._support.logs import LogFile
+from tests.logs.recording._support.logs import LogFile
 
 
 def test_each_change_of_a_victims_state_is_an_event(tmp_path: Path) -> None:

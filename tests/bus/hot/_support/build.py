@@ -1,0 +1,80 @@
+"""Builds the sources of the hot path for tests: as a module with a fuse, or as programs under a sanitizer.
+
+The compiler is the one that setuptools uses for the installed module.
+"""
+
+import hashlib
+import importlib.machinery
+import importlib.util
+import os
+import shlex
+import shutil
+import subprocess
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+
+from robbie_mp.bus._hot.sources import digest
+
+HOT = Path(__file__).parents[4] / "robbie_mp" / "bus" / "_hot"
+HERE = Path(__file__).parent
+PROGRAMS = HERE.parent / "programs"
+C_STANDARD = "-std=c11"
+COMPILE_S = 900
+
+
+def compiler() -> list[str] | None:
+    """Return the command of the C compiler; None if there is none."""
+    command = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
+    return command if shutil.which(command[0]) else None
+
+
+def compile_c(command: Sequence[str], target: Path, sources: Sequence[Path], *options: str) -> None:
+    """Compile C sources to one file.
+
+    Raises:
+        AssertionError: the compiler refuses; this shows what it says.
+    """
+    line = [
+        *command,
+        C_STANDARD,
+        "-g",
+        *options,
+        f"-I{HOT}",
+        *map(str, sources),
+        "-o",
+        str(target),
+        "-pthread",
+    ]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=COMPILE_S)
+    assert done.returncode == 0, f"{shlex.join(line)}\n{done.stderr}"
+
+
+def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
+    """Return the hot path with a fuse in every store, built into a folder unless it is there already.
+
+    Args:
+        folder: where it is kept.
+        options: further options of the compiler, such as those of a sanitizer.
+        hot: where the sources are.
+    """
+    command = compiler()
+    assert command is not None
+    sources = [*sorted(hot.glob("*.c")), HERE / "fuse.c"]
+    texts = b"".join(path.read_bytes() for path in (*sources, *sorted(hot.glob("*.h")), Path(__file__)))
+    made_with = f"{sysconfig.get_config_var('SOABI')} {command} {options}"
+    name = hashlib.sha256(texts + made_with.encode()).hexdigest()[:16]
+    built = folder / f"native-{name}.so"
+    if not built.exists():
+        being_built = folder / f"{name}-{os.getpid()}.so"
+        include = f"-I{hot}", f"-I{sysconfig.get_paths()['include']}"
+        defined = "-DROBBIE_FUSE", f'-DROBBIE_SOURCES="{digest(hot)}"'
+        compile_c(command, being_built, sources, "-O1", "-fPIC", "-shared", *defined, *include, *options)
+        being_built.rename(built)
+    loader = importlib.machinery.ExtensionFileLoader("native", str(built))
+    spec = importlib.util.spec_from_file_location("native", built, loader=loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    loader.exec_module(module)
+    return module

@@ -1,0 +1,374 @@
+"""Two links over a network that loses, delays and breaks: order, duplicates, books, and what goes first."""
+
+import random
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.connect.link.header import ChannelId, DataHeader, Packet
+from robbie_mp.connect.link.receiving import Arrived, Fate
+from robbie_mp.connect.link.sending import SendLimits, seems_to_shrink
+from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
+from tests.connect.link._support.network import MS, Conditions, Network, Robot, two_robots
+
+COMMAND = ChannelId("robbie_msgs/msg/DriveCommand", 1, "manual")
+STATE = ChannelId("nav_msgs/msg/Odometry", 1, "odom")
+RELIABLE = ChannelId("std_msgs/msg/String", 1, "events")
+BULK = ChannelId("sensor_msgs/msg/Image", 1, "camera")
+STOP = ChannelId("robbie_msgs/msg/EmergencyStop", 1, "emergency_stop")
+MAP = ChannelId("nav_msgs/msg/OccupancyGrid", 1, "map")
+CHANNELS = {
+    COMMAND: TrafficClass.COMMAND,
+    STATE: TrafficClass.STATE,
+    RELIABLE: TrafficClass.RELIABLE,
+    BULK: TrafficClass.BULK,
+    STOP: TrafficClass.URGENT,
+}
+WIFI = Conditions(delay_ns=20 * MS, jitter_ns=15 * MS, loss=0.2, bytes_per_s=625_000)
+
+
+def numbered(number: int, size: int = 0) -> bytes:
+    return number.to_bytes(8, "little") + random.Random(number).randbytes(size)
+
+
+def numbers(robot: Robot, name: ChannelId) -> list[int]:
+    return [int.from_bytes(data[:8], "little") for data in robot.received(name)]
+
+
+def check_books(sender: Robot, receiver: Robot, name: ChannelId, sent: int) -> None:
+    """The books balance, and agree with what was sent and received."""
+    books = sender.account(name)
+    assert books.sent == sent
+    assert books.received == len(receiver.received(name))
+    assert books.under_way >= 0
+    assert books.sent == books.received + books.replaced + books.dropped + books.lost + books.under_way
+
+
+@pytest.mark.parametrize("name", CHANNELS, ids=lambda name: CHANNELS[name].name.lower())
+def test_a_good_network_carries_every_message_in_order(name: ChannelId) -> None:
+    network, red, blue = two_robots(1)
+    for number in range(50):
+        red.offer(name, CHANNELS[name], numbered(number, 100))
+        network.run(0.02)
+    network.run(1.0)
+    assert numbers(blue, name) == list(range(50))
+    check_books(red, blue, name, 50)
+    assert red.account(name).under_way == 0
+
+
+@pytest.mark.parametrize("traffic", [TrafficClass.URGENT, TrafficClass.RELIABLE, TrafficClass.BULK])
+def test_what_is_sent_again_arrives_in_order_although_a_fifth_is_lost(traffic: TrafficClass) -> None:
+    network, red, blue = two_robots(2, WIFI)
+    name = next(name for name, one in CHANNELS.items() if one is traffic)
+    for number in range(100):
+        red.offer(name, traffic, numbered(number, 2000))
+        network.run(0.05)
+    network.run(20.0)
+    found = numbers(blue, name)
+    assert found == sorted(set(found))
+    check_books(red, blue, name, 100)
+    account = red.account(name)
+    assert account.under_way == account.lost == account.dropped == 0
+    if not MANNERS[traffic].keeps_only_newest:
+        assert found == list(range(100))
+    assert red.node is not None
+    assert red.node.peers["blue"].resent > 0
+
+
+@pytest.mark.parametrize("name", [COMMAND, STATE], ids=["command", "state"])
+def test_what_is_not_sent_again_is_counted_as_lost(name: ChannelId) -> None:
+    network, red, blue = two_robots(3, WIFI)
+    for number in range(200):
+        red.offer(name, CHANNELS[name], numbered(number, 50))
+        network.run(0.02)
+    network.run(8.0)
+    found = numbers(blue, name)
+    assert found == sorted(set(found))
+    check_books(red, blue, name, 200)
+    account = red.account(name)
+    assert 0 < account.lost < 20  # 40 without copies
+    assert account.under_way == 0
+
+
+def test_messages_of_a_channel_of_which_nothing_arrives_are_counted_as_lost() -> None:
+    network, red, blue = two_robots(10)
+    network.conditions.is_cut = True
+    for number in range(5):
+        red.offer(STATE, TrafficClass.STATE, numbered(number))
+        network.run(0.05)
+    network.conditions.is_cut = False
+    network.run(2.0)
+    assert numbers(blue, STATE) == [4]  # only the newest is sent again
+    assert red.account(STATE).lost == 4
+
+
+def test_a_reliable_message_waits_for_ten_seconds_without_a_link() -> None:
+    network, red, blue = two_robots(4)
+    network.conditions.is_cut = True
+    for number in range(100):
+        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number))
+        red.offer(COMMAND, TrafficClass.COMMAND, numbered(number))
+        network.run(0.1)
+    network.conditions.is_cut = False
+    network.run(2.0)
+    assert numbers(blue, RELIABLE) == list(range(100))
+    check_books(red, blue, RELIABLE, 100)
+    # Those of the first half second were sent before the link was known to be down.
+    assert numbers(blue, COMMAND) == []
+    assert red.account(COMMAND).dropped > 90
+    check_books(red, blue, COMMAND, 100)
+
+
+def test_a_full_store_drops_the_oldest_and_counts_them() -> None:
+    network, red, blue = two_robots(5, limits=SendLimits(messages=10, bytes=1 << 20, state_period_ns=0))
+    network.conditions.is_cut = True
+    network.run(1.0)
+    for number in range(50):
+        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number))
+    network.conditions.is_cut = False
+    network.run(2.0)
+    assert numbers(blue, RELIABLE) == list(range(40, 50))
+    assert red.account(RELIABLE).dropped == 40
+    check_books(red, blue, RELIABLE, 50)
+
+
+def test_a_command_is_not_delayed_by_images_that_fill_the_link() -> None:
+    conditions = Conditions(delay_ns=50 * MS, bytes_per_s=625_000, queue_bytes=1 << 18)
+    network, red, blue = two_robots(6, conditions)
+    published: dict[int, int] = {}
+    for number in range(600):
+        if number % 4 == 0:
+            red.offer(BULK, TrafficClass.BULK, numbered(number, 200_000))
+        published[number] = network.now_ns
+        red.offer(COMMAND, TrafficClass.COMMAND, numbered(number))
+        network.run(0.02)
+    delays = sorted(
+        at_ns - published[int.from_bytes(message.data[:8], "little")]
+        for at_ns, message in blue.journal
+        if message.name == COMMAND
+    )
+    assert len(delays) > 590
+    assert delays[len(delays) * 99 // 100] < 100 * MS  # 50 ms on the way and 50 ms more
+    image_bytes = sum(len(data) for data in blue.received(BULK))
+    assert image_bytes > 0.7 * 12.0 * conditions.bytes_per_s
+
+
+def test_state_is_never_older_than_three_periods_beside_images() -> None:
+    conditions = Conditions(delay_ns=20 * MS, jitter_ns=15 * MS, bytes_per_s=625_000)
+    network, red, blue = two_robots(7, conditions)
+    for number in range(300):
+        red.offer(BULK, TrafficClass.BULK, numbered(number, 100_000))
+        red.offer(STATE, TrafficClass.STATE, numbered(number, 500))
+        network.run(0.1)
+    stamps = [(at_ns, message.stamp_ns) for at_ns, message in blue.journal if message.name == STATE]
+    ages = [later[0] - stamp_ns for (_, stamp_ns), later in pairwise(stamps)]
+    assert max(ages) < 300 * MS
+
+
+def test_latched_messages_reach_late_robots_and_never_an_older_one_last() -> None:
+    network = Network(8)
+    red = Robot(network, "red", others=["blue"])
+    red.offer(MAP, TrafficClass.RELIABLE, numbered(1), is_latched=True)
+    red.offer(MAP, TrafficClass.RELIABLE, numbered(2), is_latched=True)
+    network.run(5.0)
+    red.offer(MAP, TrafficClass.RELIABLE, numbered(3), is_latched=True)
+    blue = Robot(network, "blue", others=["red"])
+    network.run(0.3)
+    assert numbers(blue, MAP)[-1] == 3
+    assert numbers(blue, MAP) == sorted(set(numbers(blue, MAP)))
+    assert all(message.is_latched for _, message in blue.journal)
+
+
+def test_a_restarted_robot_gets_the_latched_messages_at_once(tmp_path: Path) -> None:
+    network, red, blue = two_robots(9, folder=tmp_path)
+    red.offer(MAP, TrafficClass.RELIABLE, numbered(1), is_latched=True)
+    network.run(0.3)
+    blue.kill()
+    blue.forget()
+    blue.journal.clear()
+    network.run(1.0)
+    blue.start()
+    network.run(0.3)
+    assert numbers(blue, MAP) == [1]
+    red.kill()
+    blue.kill()
+
+
+def test_a_bus_that_is_full_delays_reliable_messages_and_loses_none() -> None:
+    network, red, blue = two_robots(10)
+    opens_ns = network.now_ns + 1000 * MS
+    blue.fate = lambda _message: Fate.PUBLISHED if network.now_ns > opens_ns else Fate.NO_ROOM
+    for number in range(10):
+        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number, 100_000))
+    network.run(8.0)
+    assert numbers(blue, RELIABLE) == list(range(10))
+    check_books(red, blue, RELIABLE, 10)
+
+
+def test_what_the_receiver_throws_away_is_dropped() -> None:
+    network, red, blue = two_robots(11)
+
+    def only_even(message: Arrived) -> Fate:
+        return Fate.REFUSED if message.data[0] % 2 else Fate.PUBLISHED
+
+    blue.fate = only_even
+    for number in range(10):
+        red.offer(STATE, TrafficClass.STATE, numbered(number))
+        network.run(0.01)
+    network.run(1.0)
+    assert red.account(STATE).dropped == 5
+    check_books(red, blue, STATE, 10)
+    assert blue.account(STATE, is_sent=False).received == 5
+
+
+def test_packets_of_others_than_they_say_and_of_no_link_are_counted() -> None:
+    network, red, blue = two_robots(12)
+    assert red.node is not None
+    session = blue.books.session
+    forged = DataHeader("blue", TrafficClass.STATE, 0, 0, session, red.books.session, 1, 1, 1, 0, 0, 0, 0)
+    network.carry("green", "red", forged, b"")
+    network.run(0.1)
+    red.take("blue", b"nonsense", b"")
+    assert red.node.malformed == 2
+    assert red.journal == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed(
+    seed: int, tmp_path: Path
+) -> None:
+    choose = random.Random(seed)
+    conditions = Conditions(10 * MS, 8 * MS, loss=choose.choice([0.0, 0.05]), bytes_per_s=1e6)
+    network, red, blue = two_robots(seed, conditions, tmp_path)
+    sent: dict[ChannelId, int] = dict.fromkeys(CHANNELS, 0)
+    for _ in range(600):
+        for name, traffic in CHANNELS.items():
+            if red.node is not None and choose.random() < 0.3:
+                red.offer(name, traffic, numbered(sent[name], choose.choice([0, 100, 30_000])))
+                sent[name] += 1
+        if choose.random() < 0.015:
+            victim = choose.choice([red, blue])
+            if victim.node is None:
+                continue
+            victim.kill()
+            network.at(network.now_ns + choose.randrange(1, 800) * MS, victim.start)
+        if choose.random() < 0.003:
+            network.conditions.is_cut = True
+            network.at(network.now_ns + choose.randrange(1, 1500) * MS, lambda: restore(network))
+        network.run(0.01)
+    network.conditions.is_cut = False
+    network.run(15.0)
+    assert red.sessions + blue.sessions > 4
+    for name in CHANNELS:
+        found = numbers(blue, name)
+        assert found == sorted(set(found)), name
+        check_books(red, blue, name, sent[name])
+        assert red.account(name).under_way == 0
+    red.kill()
+    blue.kill()
+
+
+def restore(network: Network) -> None:
+    network.conditions.is_cut = False
+
+
+def test_memory_of_a_large_message_is_given_back_when_the_link_cannot_send_it() -> None:
+    network, red, blue = two_robots(5)
+    memory = bytearray(numbered(1, 300_000))
+    expected = bytes(memory)
+    network.conditions.bytes_per_s = 100_000
+    red.offer(BULK, TrafficClass.BULK, memoryview(memory))
+    with pytest.raises(BufferError):
+        memory.clear()
+    network.run(0.3)
+    assert not red.is_sent(TrafficClass.BULK)
+    memory.clear()
+    network.run(5.0)
+    assert blue.received(BULK) == [expected]
+    check_books(red, blue, BULK, 1)
+
+
+def test_memory_of_a_large_message_is_given_back_when_it_has_been_sent() -> None:
+    network, red, blue = two_robots(5)
+    memory = bytearray(numbered(1, 30_000))
+    expected = bytes(memory)
+    red.offer(BULK, TrafficClass.BULK, memoryview(memory))
+    while not red.is_sent(TrafficClass.BULK):
+        network.run(0.001)
+    memory.clear()
+    assert not blue.received(BULK)
+    network.run(1.0)
+    assert blue.received(BULK) == [expected]
+
+
+def test_link_waits_for_a_report_after_a_packet_that_had_to_wait_for_room() -> None:
+    network, red, blue = two_robots(6)
+    assert red.node is not None
+    stream = red.node.peers["blue"].streams[TrafficClass.BULK]
+    red.offer(BULK, TrafficClass.BULK, numbered(0, 500_000))
+    network.run(1.0)
+    before = stream.under_way.number
+    red.offer(BULK, TrafficClass.BULK, numbered(1, 500_000))
+    at_once, before = stream.under_way.number - before, stream.under_way.number
+    assert at_once > 1
+    network.run(1.0)
+    red.has_room = False
+    before = stream.under_way.number
+    red.offer(BULK, TrafficClass.BULK, numbered(2, 500_000))
+    assert stream.under_way.number == before + 1
+    red.offer(COMMAND, TrafficClass.COMMAND, numbered(3))
+    assert stream.under_way.number == before + 1
+    network.run(1.0)
+    assert numbers(blue, COMMAND) == [3]
+    assert numbers(blue, BULK) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("data", "shrinks"), [(bytes(500_000), True), (numbered(1, 500_000), False)])
+def test_bulk_is_compressed_only_if_it_becomes_shorter(data: bytes, shrinks: bool) -> None:
+    network, red, blue = two_robots(7)
+    red.offer(BULK, TrafficClass.BULK, data)
+    network.run(1.0)
+    assert seems_to_shrink(data) == shrinks
+    assert blue.received(BULK) == [data]
+    sizes = {one[2].whole for one in network.carried if isinstance(one[2], DataHeader)}
+    assert (max(sizes) < len(data) / 10) == shrinks
+
+
+@pytest.mark.parametrize("start", [0, 900, 2700])
+def test_state_of_several_datagrams_is_sent_again_when_one_of_them_is_lost(
+    start: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network, red, blue = two_robots(8)
+    lost: list[DataHeader] = []
+    carry = network.carry
+
+    def lose_one(
+        sender: str, receiver: str, packet: Packet, payload: bytes, is_datagram: bool = False
+    ) -> None:
+        if isinstance(packet, DataHeader) and packet.traffic is TrafficClass.STATE and packet.start == start:
+            lost.append(packet)
+            if len(lost) == 1:
+                return
+        carry(sender, receiver, packet, payload, is_datagram)
+
+    monkeypatch.setattr(network, "carry", lose_one)
+    red.offer(STATE, TrafficClass.STATE, numbered(1, 3000))
+    network.run(0.2)
+    assert blue.received(STATE) == [numbered(1, 3000)]
+    assert len(lost) == 2
+    check_books(red, blue, STATE, 1)
+    assert red.account(STATE).received == 1
+
+
+def test_states_of_several_datagrams_come_once_and_in_order_although_many_are_lost() -> None:
+    network, red, blue = two_robots(9, Conditions(delay_ns=20 * MS, loss=0.3, bytes_per_s=625_000))
+    for number in range(200):
+        red.offer(STATE, TrafficClass.STATE, numbered(number, 3000))
+        network.run(0.1)
+    network.run(2.0)
+    found = numbers(blue, STATE)
+    assert found == sorted(set(found))
+    assert len(found) > 190
+    check_books(red, blue, STATE, 200)
+    assert red.account(STATE).under_way == 0

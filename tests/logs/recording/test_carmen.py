@@ -1,0 +1,119 @@
+"""A CARMEN log is read in recording order, and a broken line is named."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robbie_mp.logs.recording.carmen import BrokenLine, CarmenLog, LaserRecord, OdometryRecord, beam_angles
+from tests._support.places import PROJECT
+
+INTEL = PROJECT.parent / "shared/data/intel.clf"
+GOOD = """\
+# comment
+PARAM robot_frontlaser_offset 0.15 nohost 0
+SYNC start 0 nohost 0
+ODOM 1.5 -2.5 0.5 0.3 -0.1 0 976052857.33 nohost 0.25
+
+FLASER 4 1.0 2.0 81.83 0.5 1 2 3 1.5 -2.5 0.5 976052857.36 nohost 0.5
+ODOM 1.6 -2.5 0.5 0 0 0 976052857.10 nohost 0.75
+"""
+
+
+def written(tmp_path: Path, text: str | bytes) -> Path:
+    path = tmp_path / "drive.clf"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_records_are_in_recording_order_with_every_field(tmp_path: Path) -> None:
+    log = CarmenLog(written(tmp_path, GOOD))
+    first, sweep, last = log
+    assert first == OdometryRecord(1.5, -2.5, 0.5, 0.3, -0.1, 976052857.33, 0.25)
+    assert isinstance(sweep, LaserRecord)
+    assert sweep.ranges_m.dtype == np.float32
+    assert sweep.ranges_m.tolist() == pytest.approx([1.0, 2.0, 81.83, 0.5])
+    assert sweep.robot_pose == (1.5, -2.5, 0.5)
+    assert (sweep.ipc_time_s, sweep.logger_time_s) == (976052857.36, 0.5)
+    assert last.ipc_time_s < sweep.ipc_time_s
+    assert log.parameters == {"robot_frontlaser_offset": "0.15"}
+    assert log.broken_lines == 0
+
+
+def test_check_counts_the_records(tmp_path: Path) -> None:
+    assert CarmenLog(written(tmp_path, GOOD)).check() == {"odometry": 2, "laser": 1}
+
+
+@pytest.mark.parametrize(
+    ("beams", "degrees_apart"), [(180, 1.0), (181, 1.0), (360, 0.5), (361, 0.5), (90, 2.0), (721, 0.25)]
+)
+def test_beams_begin_at_minus_90_degrees_with_the_scanners_increment(
+    beams: int, degrees_apart: float
+) -> None:
+    first, increment = beam_angles(beams)
+    assert math.degrees(first) == pytest.approx(-90)
+    assert math.degrees(increment) == pytest.approx(degrees_apart)
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("ODOM 1 2 3 4 5", "ODOM should have 9 fields after its name, this has 5"),
+        ("ODOM 1 2 three 0 0 0 1 host 1", "'three' is not a number"),
+        ("ODOM 1 2 nan 0 0 0 1 host 1", "'nan' is not a finite number"),
+        ("FLASER", "number of beams"),
+        ("FLASER x 1 2", "number of beams (2 or more), not by 'x'"),
+        ("FLASER -3 1 2", "number of beams"),
+        ("FLASER 4 1 2 3 1 2 3 1 2 3 5 host 6", "FLASER should have 14 fields after its name, this has 13"),
+        ("FLASER 2 1 -2 1 2 3 1 2 3 5 host 6", "negative range, -2.0"),
+        ("FLASER 2 1 inf 1 2 3 1 2 3 5 host 6", "'inf' is not a finite number"),
+        ("FLASER 999999999999 1", "number of beams"),
+        ("PARAM robot_frontlaser_offset far nohost 0", "'far' is not a number"),
+        ("ODOM \ufffd 2 3 0 0 0 1 host 1", "is not a number"),
+    ],
+)
+def test_broken_line_is_reported_with_file_line_and_reason(tmp_path: Path, line: str, what: str) -> None:
+    path = written(tmp_path, GOOD + line + "\n" + GOOD)
+    with pytest.raises(BrokenLine) as error:
+        CarmenLog(path).check()
+    assert str(error.value).startswith(f"{path}:8: ")
+    assert what in str(error.value)
+
+
+def test_broken_lines_are_skipped_and_counted_on_request(tmp_path: Path) -> None:
+    log = CarmenLog(written(tmp_path, GOOD + "ODOM 1 2\n" + GOOD + "FLASER 7\n"), skip_broken=True)
+    assert log.check() == {"odometry": 4, "laser": 2}
+    assert log.broken_lines == 2
+    assert log.check() and log.broken_lines == 2
+
+
+@given(st.binary(max_size=300), st.integers(0, len(GOOD)))
+def test_any_bytes_give_records_or_a_broken_line(
+    tmp_path_factory: pytest.TempPathFactory, junk: bytes, place: int
+) -> None:
+    text = GOOD.encode()
+    path = written(tmp_path_factory.mktemp("log"), text[:place] + junk + text[place:])
+    try:
+        records = list(CarmenLog(path))
+    except BrokenLine as error:
+        assert str(error).startswith(f"{path}:")
+    else:
+        assert all(isinstance(record, OdometryRecord | LaserRecord) for record in records)
+    assert CarmenLog(path, skip_broken=True).check()["odometry"] <= 8
+
+
+def test_missing_file_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        CarmenLog(tmp_path / "none.clf").check()
+
+
+@pytest.mark.skipif(not INTEL.exists(), reason=f"the Intel log is not at {INTEL}")
+def test_intel_log_is_read_completely() -> None:
+    log = CarmenLog(INTEL)
+    assert log.check() == {"odometry": 14541, "laser": 910}
+    sweep = next(record for record in log if isinstance(record, LaserRecord))
+    assert len(sweep.ranges_m) == 180
+    assert log.parameters["robot_frontlaser_offset"] == "0.0"

@@ -1,0 +1,172 @@
+"""Logs of other formats are converted to ours, with the same messages, types and times."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from robbie_mp.base.balance import Balance
+from robbie_mp.logs.recording.carmen import BrokenLine
+from robbie_mp.logs.recording.carmen_import import import_carmen
+from robbie_mp.logs.recording.decoding import LogDecoder
+from robbie_mp.logs.recording.errors import BagUnreadable, LogNotWritten, LogUnreadable
+from robbie_mp.logs.recording.reader import LoggedMessage, open_log
+from robbie_mp.logs.recording.rosbag_import import import_rosbag
+from robbie_mp.messages import LaserScan, Odometry, TFMessage, schema_text
+from tests.logs.recording._support.logs import START_NS
+
+CARMEN = """\
+PARAM robot_frontlaser_offset 0.15 nohost 0
+ODOM 1.5 -2.5 0.5 0.3 -0.1 0 976052857.33 nohost 0.25
+FLASER 4 1.0 2.0 81.83 0.5 1 2 3 1.5 -2.5 0.5 976052857.30 nohost 0.5
+FLASER broken
+ODOM 1.6 -2.5 0.5 0 0 0 976052857.10 nohost 0.75
+"""
+CUSTOM = "float32 level\nstring[] names\nstd_msgs/Header header"
+
+
+def unwatched(_done: int, _all: int) -> None:
+    pass
+
+
+def read(path: Path) -> list[LoggedMessage]:
+    with open_log(path) as log:
+        assert log.is_complete
+        return list(log.messages())
+
+
+def test_carmen_log_becomes_odometry_scans_and_the_lasers_mounting_pose(tmp_path: Path) -> None:
+    (tmp_path / "a.clf").write_text(CARMEN)
+    balance = Balance()
+    import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", balance, skip_broken=True, progress=unwatched)
+    assert (balance.used, balance.left_out) == (4, {"broken lines": 1})
+    logged = read(tmp_path / "a.mcap")
+    place, odometry, scan, last = map(LogDecoder().decode, logged)
+    assert isinstance(place, TFMessage) and isinstance(scan, LaserScan) and isinstance(odometry, Odometry)
+    assert place.transforms[0].transform.translation.x == 0.15
+    assert [one.channel.topic for one in logged] == ["tf_static", "odom", "", "odom"]
+    assert isinstance(last, Odometry) and last.pose.pose.position.x == 1.6
+    assert scan.ranges.tolist() == np.array([1.0, 2.0, 81.83, 0.5], np.float32).tolist()
+    assert (scan.header.stamp.sec, scan.header.stamp.nanosec) == (976052857, 300_000_000)
+    first_ns = 976052857_330_000_000
+    assert [one.time_ns - first_ns for one in logged] == [0, 0, 250_000_000, 500_000_000]
+
+
+def test_broken_line_of_a_carmen_log_leaves_no_log(tmp_path: Path) -> None:
+    (tmp_path / "a.clf").write_text(CARMEN)
+    with pytest.raises(BrokenLine, match=r"a\.clf:4: "):
+        import_carmen(
+            tmp_path / "a.clf", tmp_path / "a.mcap", Balance(), skip_broken=False, progress=unwatched
+        )
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_unreadable_input_and_unwritable_output_are_reported(tmp_path: Path) -> None:
+    source, target = tmp_path / "a.clf", tmp_path / "a.mcap"
+    with pytest.raises(LogUnreadable, match="No such file"):
+        import_carmen(source, target, Balance(), skip_broken=False, progress=unwatched)
+    source.write_text("")
+    target.write_text("precious")
+    with pytest.raises(LogNotWritten, match="File exists"):
+        import_carmen(source, target, Balance(), skip_broken=False, progress=unwatched)
+    assert target.read_text() == "precious"
+
+
+def example_messages(types: Typestore, *, is_ros1: bool) -> list[tuple[str, str, Any]]:
+    """Topic, type and message: one of ours, one of nobody's, one with ROS 1's name."""
+    names = types.types
+    time = names["builtin_interfaces/msg/Time"](sec=5, nanosec=6)
+    seq = {"seq": 7} if is_ros1 else {}
+    header = names["std_msgs/msg/Header"](stamp=time, frame_id="laser", **seq)
+    ranges = np.array([1, 2.5], np.float32)
+    scan = names["sensor_msgs/msg/LaserScan"](
+        header, -1.0, 1.0, 0.5, 0.0, 0.1, 0.0, 30.0, ranges, np.array([], np.float32)
+    )
+    custom = names["team_msgs/msg/Custom"](level=0.5, names=["a", "bc"], header=header)
+    vector = names["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0)
+    turn = names["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    transform = names["geometry_msgs/msg/TransformStamped"](
+        header, "child", names["geometry_msgs/msg/Transform"](vector, turn)
+    )
+    tf_type = "tf/msg/tfMessage" if is_ros1 else "tf2_msgs/msg/TFMessage"
+    return [
+        ("/scan", "sensor_msgs/msg/LaserScan", scan),
+        ("/team/custom", "team_msgs/msg/Custom", custom),
+        ("/tf", tf_type, names[tf_type]([transform])),
+    ]
+
+
+def write_bag(folder: Path, form: str) -> Path:
+    is_ros1 = form == "ROS 1"
+    types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg(CUSTOM, "team_msgs/msg/Custom"))
+    if is_ros1:
+        types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf/msg/tfMessage"))
+        path = folder / "a.bag"
+        writer: Any = Writer1(path)
+    else:
+        path = folder / "bag"
+        writer = Writer2(path, version=9, storage_plugin=StoragePlugin[form])
+    with writer:
+        for number, (topic, kind, message) in enumerate(example_messages(types, is_ros1=is_ros1)):
+            connection = writer.add_connection(topic, kind, typestore=types)
+            encode = types.serialize_ros1 if is_ros1 else types.serialize_cdr
+            writer.write(connection, START_NS + number, encode(message, kind))
+    return path
+
+
+@pytest.mark.parametrize("form", ["ROS 1", "SQLITE3", "MCAP"])
+def test_bag_becomes_a_log_with_the_same_messages_and_times(tmp_path: Path, form: str) -> None:
+    balance = Balance()
+    import_rosbag(write_bag(tmp_path, form), tmp_path / "a.mcap", balance, progress=unwatched)
+    assert (balance.used, balance.left_out) == (3, {})
+    logged = read(tmp_path / "a.mcap")
+    messages: list[Any] = list(map(LogDecoder().decode, logged))
+    assert [one.time_ns - START_NS for one in logged] == [0, 1, 2]
+    assert [one.channel.topic for one in logged] == ["scan", "team/custom", "tf"]
+    scan, custom, tf = messages
+    assert isinstance(scan, LaserScan) and isinstance(tf, TFMessage)
+    assert logged[0].channel.schema == schema_text(LaserScan)
+    assert (scan.header.stamp.sec, scan.header.stamp.nanosec, scan.header.frame_id) == (5, 6, "laser")
+    assert (scan.ranges.tolist(), scan.range_max) == ([1.0, 2.5], 30.0)
+    assert (custom.level, custom.names, custom.header.frame_id) == (0.5, ["a", "bc"], "laser")
+    assert tf.transforms[0].transform.translation.y == 2.0 and tf.transforms[0].child_frame_id == "child"
+
+
+def test_type_with_another_layout_keeps_its_definition(tmp_path: Path) -> None:
+    types = get_typestore(Stores.EMPTY)
+    kind = "geometry_msgs/msg/Point"
+    types.register(get_types_from_msg("float32 x", kind))
+    with Writer2(tmp_path / "bag", version=9) as writer:
+        connection = writer.add_connection("/p", kind, typestore=types)
+        writer.write(connection, START_NS, types.serialize_cdr(types.types[kind](1.5), kind))
+    import_rosbag(tmp_path / "bag", tmp_path / "a.mcap", Balance(), progress=unwatched)
+    (logged,) = read(tmp_path / "a.mcap")
+    assert logged.channel.schema.strip() == "float32 x" and len(logged.data) == 8
+
+
+def test_messages_that_contradict_their_definition_are_skipped_and_counted(tmp_path: Path) -> None:
+    types = get_typestore(Stores.ROS1_NOETIC)
+    kind = "std_msgs/msg/String"
+    with Writer1(tmp_path / "a.bag") as writer:
+        connection = writer.add_connection("/s", kind, typestore=types)
+        writer.write(connection, 1, b"\xff\0\0\0too short")
+        writer.write(connection, 2, bytes(types.serialize_ros1(types.types[kind]("well"), kind)))
+    balance = Balance()
+    import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", balance, progress=unwatched)
+    assert balance.used == 1 and balance.left_out == {f"messages of /s that are no {kind}": 1}
+
+
+@pytest.mark.parametrize("content", [None, b"", b"#ROSBAG V2.0\ngarbage"])
+def test_file_that_is_not_a_bag_is_reported(tmp_path: Path, content: bytes | None) -> None:
+    if content is not None:
+        (tmp_path / "a.bag").write_bytes(content)
+    with pytest.raises(BagUnreadable, match=r"a\.bag cannot be read as a bag of ROS"):
+        import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", Balance(), progress=unwatched)
+    assert not (tmp_path / "a.mcap").exists()
