@@ -89,6 +89,7 @@ def test_spare_takes_over_output_and_input_of_the_child_it_becomes(tmp_path: Pat
         yield lambda: bool(ready_spares(run))
         kill(run)
         yield lambda: run.text("child", "stdout") == ["input: ''"]
+        yield lambda: run.is_running("child")  # it prints before it can be told to stop
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0
