@@ -8,7 +8,7 @@ from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, Odometry, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_robots.hw.pose import Pose
-from robbie_robots.modules.planar_messages import planar, sweep_of
+from robbie_robots.modules.maps.planar_messages import planar, sweep_of
 from robbie_robots.workers.laser.laser_sweep import UnusableSweeps
 from robbie_robots.workers.parcours.lap_counter import LapCounter, LapState
 from robbie_robots.workers.parcours.race_driver import RaceDriver, RaceLimits

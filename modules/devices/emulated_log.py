@@ -17,8 +17,8 @@ from robbie_robots.hw.emulation.faults import Faults
 from robbie_robots.hw.emulation.line import EmulatedLine
 from robbie_robots.hw.emulation.lms2xx import BITS_PER_BYTE, TURN_S, EmulatedLms2xx
 from robbie_robots.hw.emulation.recorded import RecordedBody, RecordedDrive, recorded_drive
+from robbie_robots.modules.devices.carmen_playback import CarmenPlayback
 from robbie_robots.modules.devices.offered_port import offered_port
-from robbie_robots.modules.playback import CarmenPlayback
 
 BIT_RATE = 38_400
 TURNS_PER_SCAN = 8

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robbie_mp import MessageHandling, Module, Time
 from robbie_mp.messages import LaserScan, TFMessage
 from robbie_robots.modules.devices.command_age import AHEAD_S, age_of, waiting_s
-from robbie_robots.modules.planar_messages import LASER, planar_mounts, sweep_of
+from robbie_robots.modules.maps.planar_messages import LASER, planar_mounts, sweep_of
 from robbie_robots.workers.laser.laser_sweep import LaserSweep, MountedSweep
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard, GuardSettings
 

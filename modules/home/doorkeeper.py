@@ -5,7 +5,7 @@ import math
 from robbie_mp import setting
 from robbie_robots.modules.devices.simulated_world import DoorMoved, MoveDoor, SharedWorld, SimulatedDevice
 from robbie_robots.modules.errand import Errand
-from robbie_robots.modules.speech_messages import Say
+from robbie_robots.modules.speech.messages import Say
 from robbie_robots.workers.home.household import OPEN_DOOR
 
 HEARS_M = 2.0

@@ -10,11 +10,11 @@ from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, settin
 from robbie_mp.messages import OccupancyGrid, PanTiltCommand, Point, PoseStamped
 from robbie_robots.modules.devices.command_age import LOOK_FOR, is_late
 from robbie_robots.modules.home.messages import Following, FollowOrder, FollowOrderTaken
-from robbie_robots.modules.navigation_goals import NavigationGoals
-from robbie_robots.modules.people import PEOPLE, reports_of
-from robbie_robots.modules.people_messages import People, PeopleClothes
-from robbie_robots.modules.planar_messages import map_cells, planar
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.maps.planar_messages import map_cells, planar
+from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
+from robbie_robots.modules.people.messages import People, PeopleClothes
+from robbie_robots.modules.people.people import PEOPLE, reports_of
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
 from robbie_robots.workers.home.follow import Follow
 from robbie_robots.workers.home.follow_states import FollowSettings, FollowState
 from robbie_robots.workers.people.clothes import PART_BINS, PARTS_M

@@ -9,7 +9,7 @@ from robbie_robots.hw.pose import Pose
 from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.home.messages import WhoIsWho, WhoIsWhoResult
-from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
+from robbie_robots.modules.speech.messages import Say, SpokenOrder, SpokenSlot
 from robbie_robots.workers.planar_pose import relative
 
 ASK_AGAIN_S = 10.0

@@ -58,12 +58,12 @@ from robbie_robots.modules.manipulation.messages import (
     StowArm,
     TableObjects,
 )
-from robbie_robots.modules.navigation_goals import NavigationGoals
-from robbie_robots.modules.people import PEOPLE, THINGS, reports_of
-from robbie_robots.modules.people_messages import People
-from robbie_robots.modules.planar_messages import planar, pose_stamped, sweep_of
+from robbie_robots.modules.maps.planar_messages import planar, pose_stamped, sweep_of
+from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
+from robbie_robots.modules.people.messages import People
+from robbie_robots.modules.people.people import PEOPLE, THINGS, reports_of
 from robbie_robots.modules.sensor_deadlines import LASER_S
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
 from robbie_robots.workers.home.household import HouseholdWork
 from robbie_robots.workers.home.household_states import HouseholdState
 from robbie_robots.workers.home.orders import OrderReader, Task, TaskOrder, WrongOrder

@@ -1,6 +1,6 @@
 """Mapping of a place in which people walk."""
 
-from robbie_robots.modules.mapping import Mapping
+from robbie_robots.modules.maps.mapping import Mapping
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.people.leg_classifier import LegClassifier
 from robbie_robots.workers.people.leg_removal import without_legs

@@ -8,7 +8,7 @@ from robbie_mp import Header, MessageHandling, Time, setting
 from robbie_robots.hw.simulation.follow_referee import FollowCounts, FollowReferee
 from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_robots.modules.home.messages import Following
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
 from robbie_robots.workers.home.follow import ARE_YOU_THERE, STAND_IN_FRONT
 from robbie_robots.workers.home.follow_states import FOLLOWS
 

@@ -41,11 +41,11 @@ from robbie_robots.modules.home.messages import (
     WhoIsWhoFeedback,
     WhoIsWhoResult,
 )
-from robbie_robots.modules.navigation_goals import NavigationGoals
-from robbie_robots.modules.people import PEOPLE, THINGS, reports_of
-from robbie_robots.modules.people_messages import People
-from robbie_robots.modules.planar_messages import map_cells, planar
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.maps.planar_messages import map_cells, planar
+from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
+from robbie_robots.modules.people.messages import People
+from robbie_robots.modules.people.people import PEOPLE, THINGS, reports_of
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
 from robbie_robots.modules.taught_recognition import TaughtFaces
 from robbie_robots.workers.home.follow import PersonReport
 from robbie_robots.workers.home.follow_states import FollowState

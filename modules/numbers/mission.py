@@ -8,9 +8,9 @@ import numpy as np
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import OccupancyGrid, PanTiltCommand, PoseStamped
 from robbie_robots.modules.devices.command_age import LOOK_FOR
-from robbie_robots.modules.navigation_goals import NavigationGoals
+from robbie_robots.modules.maps.planar_messages import map_cells, planar
+from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.numbers.messages import NumberSigns, SignsReached
-from robbie_robots.modules.planar_messages import map_cells, planar
 from robbie_robots.workers.numbers.mission import NumbersMission
 from robbie_robots.workers.numbers.mission_states import NumbersSettings, NumbersState
 from robbie_robots.workers.numbers.mission_targets import SignReport

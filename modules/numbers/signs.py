@@ -24,8 +24,8 @@ from robbie_mp.messages import (
     Pose2D,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from robbie_robots.modules.maps.planar_messages import map_cells, pose_stamped, sweep_of
 from robbie_robots.modules.numbers.messages import NumberSigns
-from robbie_robots.modules.planar_messages import map_cells, pose_stamped, sweep_of
 from robbie_robots.modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_robots.workers.numbers.board_pose import board_facing
 from robbie_robots.workers.numbers.board_reader import BoardReader, BoardSighting

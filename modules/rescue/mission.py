@@ -32,8 +32,8 @@ from robbie_mp.messages import (
 )
 from robbie_robots.hw.connection.device import ConnectionState
 from robbie_robots.modules.devices.command_age import LOOK_FOR, check_order
-from robbie_robots.modules.navigation_goals import NavigationGoals
-from robbie_robots.modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
+from robbie_robots.modules.maps.planar_messages import frontiers_message, map_cells, planar, pose_stamped
+from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.rescue.messages import (
     MissionResult,
     MissionStatus,
@@ -42,8 +42,8 @@ from robbie_robots.modules.rescue.messages import (
     SearchedWalls,
     VictimFound,
 )
+from robbie_robots.modules.rescue.team_messages import GoalClaim, MapAlignment
 from robbie_robots.modules.sensor_deadlines import BATTERY_S
-from robbie_robots.modules.team_messages import GoalClaim, MapAlignment
 from robbie_robots.workers.exploration.team_claims import Claim, SeenInVain
 from robbie_robots.workers.planar_pose import compose
 from robbie_robots.workers.rescue.look_around import LookAround

@@ -23,7 +23,7 @@ from robbie_mp.messages import (
     Quaternion,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from robbie_robots.modules.planar_messages import map_cells
+from robbie_robots.modules.maps.planar_messages import map_cells
 from robbie_robots.modules.rescue.messages import AnswerVictim, SearchedWalls, VictimAnswered, VictimFound
 from robbie_robots.modules.sensor_deadlines import CAMERA_S
 from robbie_robots.workers.rescue.searched_walls import CameraView, WallFronts, WallMemory

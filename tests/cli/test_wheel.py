@@ -27,7 +27,7 @@ LIMIT_S = 150.0
 USER_CODE = """
 from robbie_mp import Module
 from robbie_robots.hw.rplidar.laser import RpLidar
-from robbie_robots.modules.mapping import Mapping
+from robbie_robots.modules.maps.mapping import Mapping
 from robbie_robots.workers.exploration.explorer import Explorer
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from robbie_mp import Module, ModuleHarness
 from robbie_mp.module.module import ResultNotWritten
-from robbie_robots.modules.mapping import Mapping
+from robbie_robots.modules.maps.mapping import Mapping
 
 MODULES = Path(__file__).parents[2] / "modules"
 RESULTS = ("map.png", "map.pgm", "map.yaml", "mapping.json", "trajectory.txt")

@@ -8,11 +8,11 @@ import pytest
 
 from robbie_mp import Module, ModuleHarness
 from robbie_mp.messages import LaserScan
-from robbie_robots.modules.exploration import Exploration
 from robbie_robots.modules.home.mapping import MappingAmongPeople
-from robbie_robots.modules.localization import MonteCarloLocalization
-from robbie_robots.modules.mapping import Mapping
-from robbie_robots.modules.navigation import Navigation
+from robbie_robots.modules.maps.localization import MonteCarloLocalization
+from robbie_robots.modules.maps.mapping import Mapping
+from robbie_robots.modules.navigation.exploration import Exploration
+from robbie_robots.modules.navigation.navigation import Navigation
 from robbie_robots.modules.parcours import Parcours
 
 SCAN = LaserScan(angle_increment=0.1, range_max=10.0, ranges=np.full(60, 3.0, np.float32))

@@ -4,9 +4,9 @@ import pytest
 
 from robbie_mp import Module, ModuleHarness
 from robbie_mp.messages import LaserScan
-from robbie_robots.modules.localization import MonteCarloLocalization
-from robbie_robots.modules.mapping import Mapping
-from robbie_robots.modules.people import PeopleFinder
+from robbie_robots.modules.maps.localization import MonteCarloLocalization
+from robbie_robots.modules.maps.mapping import Mapping
+from robbie_robots.modules.people.people import PeopleFinder
 from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
 
 

@@ -129,11 +129,11 @@ def _slope_mb_per_h(times_s: Sequence[float], values: Sequence[int]) -> float:
 def playback_modules(log: Path) -> dict[str, dict[str, Any]]:
     """Return the two modules of the Intel run, which play the log in real time and in a loop."""
     playback = {
-        "class": "robbie_robots.modules.playback:CarmenPlayback",
+        "class": "robbie_robots.modules.devices.carmen_playback:CarmenPlayback",
         "settings": {"file": str(log), "rate": 1.0},
     }
     return {
-        "mapping": {"class": "robbie_robots.modules.mapping:Mapping", "stop_grace_s": 30},
+        "mapping": {"class": "robbie_robots.modules.maps.mapping:Mapping", "stop_grace_s": 30},
         "playback": playback | {"restart": {"policy": "always"}},
     }
 

@@ -37,7 +37,7 @@ def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) ->
     }
     return {
         "modules": {
-            "mapping": {"class": "robbie_robots.modules.mapping:Mapping", "restart": OFTEN},
+            "mapping": {"class": "robbie_robots.modules.maps.mapping:Mapping", "restart": OFTEN},
             "base": {
                 "class": "robbie_robots.modules.devices.base:SimulatedBase",
                 "settings": settings | {"period_s": 0.01},
@@ -54,7 +54,7 @@ def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) ->
             },
             **others,
         },
-        "spares": {"imports": ["robbie_robots.modules.mapping", "robbie_mp.station.web.website"]},
+        "spares": {"imports": ["robbie_robots.modules.maps.mapping", "robbie_mp.station.web.website"]},
     }
 
 

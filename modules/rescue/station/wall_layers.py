@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robbie_mp.station.map.marks import CellMarks
-from robbie_robots.modules.planar_messages import map_cells
+from robbie_robots.modules.maps.planar_messages import map_cells
 from robbie_robots.modules.rescue.messages import SearchedWalls
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ NO_RETURN_M = 81.0  # CARMEN's value for "no return"
 def import_carmen(
     source: Path, target: Path, balance: Balance, *, skip_broken: bool, progress: Progress
 ) -> None:
-    """Write a log from a CARMEN log, on the topics on which `robbie_robots.modules.playback` publishes it.
+    """Write a log from a CARMEN log, on the topics of `robbie_robots.modules.devices.carmen_playback`.
 
     Messages are published when their lines were recorded: the first one at its sensor's time, the others
     later by the interval that the recorder noted. The stamps in the messages are the sensors' own.

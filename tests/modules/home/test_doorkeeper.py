@@ -10,7 +10,7 @@ from robbie_robots.hw.pose import Pose
 from robbie_robots.modules.devices.commanded_base import odometry
 from robbie_robots.modules.devices.simulated_world import DoorMoved, MoveDoor
 from robbie_robots.modules.home.doorkeeper import SimulatedDoorkeeper
-from robbie_robots.modules.speech_messages import Say
+from robbie_robots.modules.speech.messages import Say
 from robbie_robots.workers.home.household import OPEN_DOOR
 from tests._support.places import ARENAS
 

@@ -27,10 +27,10 @@ from robbie_robots.modules.devices.simulated_world import SimulatedPeople
 from robbie_robots.modules.home.follow import BINS, FollowMe
 from robbie_robots.modules.home.messages import Following, FollowOrder
 from robbie_robots.modules.home.referee import Referee, SimulatedVoice
-from robbie_robots.modules.people import PEOPLE, THINGS, hides, number_of
-from robbie_robots.modules.people_messages import People, PeopleClothes, Person
-from robbie_robots.modules.planar_messages import pose_stamped
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.maps.planar_messages import pose_stamped
+from robbie_robots.modules.people.messages import People, PeopleClothes, Person
+from robbie_robots.modules.people.people import PEOPLE, THINGS, hides, number_of
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
 from robbie_robots.workers.home.follow import ARE_YOU_THERE, I_FOLLOW
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from tests._support.commands import waits

@@ -50,10 +50,10 @@ from robbie_robots.modules.manipulation.messages import (
     StowArm,
     StowArmResult,
 )
-from robbie_robots.modules.people import PEOPLE
-from robbie_robots.modules.people_messages import People, Person
-from robbie_robots.modules.planar_messages import pose_stamped
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.maps.planar_messages import pose_stamped
+from robbie_robots.modules.people.messages import People, Person
+from robbie_robots.modules.people.people import PEOPLE
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
 from robbie_robots.workers.home.household import OPEN_DOOR
 from robbie_robots.workers.home.orders import OrderReader, Task
 from robbie_robots.workers.speech.order_grammar import OrderGrammar

@@ -52,10 +52,10 @@ from robbie_robots.modules.home.messages import (
     WhoIsWhoResult,
 )
 from robbie_robots.modules.home.who_is_who import CANNOT, STOPPED, WhoIsWhoTask
-from robbie_robots.modules.people import PEOPLE, THINGS
-from robbie_robots.modules.people_messages import People, Person
-from robbie_robots.modules.planar_messages import pose_stamped
-from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
+from robbie_robots.modules.maps.planar_messages import pose_stamped
+from robbie_robots.modules.people.messages import People, Person
+from robbie_robots.modules.people.people import PEOPLE, THINGS
+from robbie_robots.modules.speech.messages import Say, SpokenOrder, SpokenSlot
 from tests._support.places import ARENAS
 
 APARTMENT = ARENAS / "apartment.yaml"

@@ -49,7 +49,7 @@ from robbie_mp.messages import (
     replace,
     schema_text,
 )
-from robbie_robots.modules.navigation import Navigation
+from robbie_robots.modules.navigation.navigation import Navigation
 from robbie_robots.modules.rescue.messages import (
     MissionResult,
     MissionStatus,
@@ -58,7 +58,7 @@ from robbie_robots.modules.rescue.messages import (
     VictimFound,
 )
 from robbie_robots.modules.rescue.mission import RescueMission
-from robbie_robots.modules.team_messages import GoalClaim, MapAlignment
+from robbie_robots.modules.rescue.team_messages import GoalClaim, MapAlignment
 from robbie_robots.workers.exploration.frontiers import find_frontiers
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from robbie_robots.workers.rescue.mission_states import MissionState

@@ -12,7 +12,7 @@ from robbie_mp.messages import (
     PoseStamped,
 )
 from robbie_robots.modules.manipulation.messages import HandStatus
-from robbie_robots.modules.planar_messages import pose_stamped
+from robbie_robots.modules.maps.planar_messages import pose_stamped
 
 Drive = ActiveGoal[NavigateTo, NavigationFeedback, NavigationResult]
 

@@ -18,8 +18,8 @@ from robbie_mp.messages import (
     Pose,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from robbie_robots.modules.people_messages import People, PeopleClothes, Person
-from robbie_robots.modules.planar_messages import map_cells, sweep_of
+from robbie_robots.modules.maps.planar_messages import map_cells, sweep_of
+from robbie_robots.modules.people.messages import People, PeopleClothes, Person
 from robbie_robots.modules.sensor_deadlines import CAMERA_S, LASER_S
 from robbie_robots.workers.home.follow import PersonReport
 from robbie_robots.workers.laser.laser_sweep import LaserSweep

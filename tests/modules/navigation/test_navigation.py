@@ -47,7 +47,7 @@ from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.drive import SimulatedDrive
 from robbie_robots.hw.simulation.laser import SimulatedLaser
 from robbie_robots.hw.simulation.random_rooms import drawn_map
-from robbie_robots.modules.navigation import Navigation
+from robbie_robots.modules.navigation.navigation import Navigation
 from tests._support.places import ARENAS
 
 ARENA = read_arena(ARENAS / "demo.yaml")

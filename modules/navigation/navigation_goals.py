@@ -14,7 +14,7 @@ from robbie_mp.messages import (
     NavigationResult,
 )
 from robbie_robots.modules.errand import Errand
-from robbie_robots.modules.planar_messages import pose_stamped
+from robbie_robots.modules.maps.planar_messages import pose_stamped
 
 CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 REPEAT_S = 2.0

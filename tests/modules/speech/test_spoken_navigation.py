@@ -16,8 +16,8 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
 )
-from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
-from robbie_robots.modules.spoken_navigation import SpokenNavigation
+from robbie_robots.modules.speech.messages import Say, SpokenOrder, SpokenSlot
+from robbie_robots.modules.speech.spoken_navigation import SpokenNavigation
 from tests._support.commands import waits
 
 

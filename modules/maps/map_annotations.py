@@ -15,7 +15,7 @@ from robbie_mp.messages import (
     TimeJump,
     UndoMapAnnotation,
 )
-from robbie_robots.modules.planar_messages import planar, pose_stamped
+from robbie_robots.modules.maps.planar_messages import planar, pose_stamped
 from robbie_robots.workers.maps.map_annotations import (
     AnnotatedMap,
     AnnotationError,

@@ -21,7 +21,7 @@ from robbie_mp.messages import (
     TFMessage,
     TimeJump,
 )
-from robbie_robots.modules.planar_messages import laser_mount, planar, pose_stamped, sweep_of
+from robbie_robots.modules.maps.planar_messages import laser_mount, planar, pose_stamped, sweep_of
 from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.mapping.grid_mapper import GridMapper, MapperLimits

@@ -26,8 +26,8 @@ from robbie_mp.messages import (
     Vector3,
 )
 from robbie_robots.modules.devices.base import SimulatedBase
-from robbie_robots.modules.exploration import Exploration
-from robbie_robots.modules.mapping import Mapping
+from robbie_robots.modules.maps.mapping import Mapping
+from robbie_robots.modules.navigation.exploration import Exploration
 from tests._support.commands import fresh
 from tests._support.places import ARENAS
 from tests._support.present import present

@@ -7,12 +7,12 @@ import pytest
 
 from robbie_mp import Module, ModuleHarness, SettingError
 from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, PoseStamped, Quaternion, TFMessage
-from robbie_robots.modules import map_merger
-from robbie_robots.modules.map_merger import MapMerger
-from robbie_robots.modules.navigation import Navigation
+from robbie_robots.modules.maps import map_merger
+from robbie_robots.modules.maps.map_merger import MapMerger
+from robbie_robots.modules.navigation.navigation import Navigation
 from robbie_robots.modules.rescue.mission import RescueMission
+from robbie_robots.modules.rescue.team_messages import MapAlignment
 from robbie_robots.modules.rescue.victims import Victims
-from robbie_robots.modules.team_messages import MapAlignment
 from robbie_robots.workers.maps.map_alignment import GridMap
 from tests.workers._support.known_room import draw
 from tests.workers.maps.test_map_alignment import BLUE, RED, TRUE, off

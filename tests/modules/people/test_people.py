@@ -25,8 +25,8 @@ from robbie_robots.hw.pose import Pose as RobotPose
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.laser import SimulatedLaser
 from robbie_robots.hw.simulation.people import leg_circles
-from robbie_robots.modules.people import PEOPLE, THINGS, PeopleFinder
-from robbie_robots.modules.people_messages import People
+from robbie_robots.modules.people.messages import People
+from robbie_robots.modules.people.people import PEOPLE, THINGS, PeopleFinder
 from tests._support.places import ARENAS
 
 LASER = LaserGeometry(angle_increment_rad=0.00613592, beams=1024)

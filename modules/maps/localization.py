@@ -14,7 +14,7 @@ from robbie_mp.messages import (
     TFMessage,
     TimeJump,
 )
-from robbie_robots.modules.planar_messages import laser_mount, map_cells, planar, pose_stamped, sweep_of
+from robbie_robots.modules.maps.planar_messages import laser_mount, map_cells, planar, pose_stamped, sweep_of
 from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_robots.workers.localization.likelihood_field import LikelihoodField
 from robbie_robots.workers.localization.localizer import Localization, LocalizationSettings, Localizer

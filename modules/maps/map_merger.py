@@ -17,8 +17,8 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
-from robbie_robots.modules.planar_messages import map_cells, planar, pose_stamped
-from robbie_robots.modules.team_messages import MapAlignment
+from robbie_robots.modules.maps.planar_messages import map_cells, planar, pose_stamped
+from robbie_robots.modules.rescue.team_messages import MapAlignment
 from robbie_robots.workers.maps.map_alignment import Alignment, GridMap, Trust, align, merged, without_robot
 from robbie_robots.workers.planar_pose import transform_points
 
@@ -44,7 +44,7 @@ class MapMerger(Module):
     `prefix_topics` publishes them so. This robot's map has the topic `own`: set `map_topic` of mapping.
 
         map_merger:
-          class: robbie_robots.modules.map_merger:MapMerger
+          class: robbie_robots.modules.maps.map_merger:MapMerger
           settings: {robots: [blue], starts: {blue: [0.0, 1.0, 0.0]}}
     """
 

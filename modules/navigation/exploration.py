@@ -5,7 +5,7 @@ import math
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, OccupancyGrid, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from robbie_robots.modules.planar_messages import sweep_of
+from robbie_robots.modules.maps.planar_messages import sweep_of
 from robbie_robots.workers.exploration.explorer import Explorer
 from robbie_robots.workers.exploration.explorer_states import ExplorerSettings
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard

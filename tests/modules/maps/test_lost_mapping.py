@@ -6,8 +6,8 @@ import numpy as np
 
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import LaserScan, Odometry, PoseStamped, PoseWithCovariance
-from robbie_robots.modules.mapping import Mapping
-from tests.modules.test_restored import DRIVE, drive, header, pose
+from robbie_robots.modules.maps.mapping import Mapping
+from tests.modules.maps.test_restored import DRIVE, drive, header, pose
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from robbie_mp import ModuleHarness, SettingError, Time
 from robbie_mp.messages import RawAudio, TaughtNames
-from robbie_robots.modules import speech
-from robbie_robots.modules.speech import SpokenOrders, Voice
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.speech import speech
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
+from robbie_robots.modules.speech.speech import SpokenOrders, Voice
 from robbie_robots.workers.speech.order_grammar import OrderGrammar
 from robbie_robots.workers.speech.order_recognizer import RATE_HZ, Heard
 

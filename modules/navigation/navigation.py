@@ -39,7 +39,7 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from robbie_robots.modules.planar_messages import (
+from robbie_robots.modules.maps.planar_messages import (
     LASER,
     map_cells,
     planar,

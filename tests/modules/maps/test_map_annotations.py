@@ -16,7 +16,7 @@ from robbie_mp.messages import (
     TimeJump,
     UndoMapAnnotation,
 )
-from robbie_robots.modules.map_annotations import MapAnnotator
+from robbie_robots.modules.maps.map_annotations import MapAnnotator
 
 STAIRS = NoGoArea(name="stairs", corners=[Point(x=x, y=y) for x, y in ((0, 0), (1, 0), (1, 1))])
 KITCHEN = PointOfInterest(

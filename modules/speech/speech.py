@@ -19,7 +19,7 @@ from robbie_mp import (
     setting,
 )
 from robbie_mp.messages import RawAudio, TaughtNames
-from robbie_robots.modules.speech_messages import Say, SpokenOrder, SpokenSlot
+from robbie_robots.modules.speech.messages import Say, SpokenOrder, SpokenSlot
 from robbie_robots.workers.speech.nearest_sentence import GrammarTooLarge
 from robbie_robots.workers.speech.order_grammar import (
     OrderGrammar,

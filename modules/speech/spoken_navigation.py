@@ -12,7 +12,7 @@ from robbie_mp.messages import (
     PoseStamped,
 )
 from robbie_robots.modules.devices.command_age import is_late
-from robbie_robots.modules.speech_messages import Say, SpokenOrder
+from robbie_robots.modules.speech.messages import Say, SpokenOrder
 
 
 class SpokenNavigation(Module):

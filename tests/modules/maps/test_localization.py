@@ -22,7 +22,7 @@ from robbie_mp.messages import (
 )
 from robbie_robots.hw.pose import Pose as PlanarPose
 from robbie_robots.hw.simulation.random_rooms import drawn_map
-from robbie_robots.modules.localization import MonteCarloLocalization
+from robbie_robots.modules.maps.localization import MonteCarloLocalization
 from robbie_robots.workers.maps.map_file import write_map
 from tests._support.present import present
 from tools.trials.driving.localization import RESOLUTION_M, Conditions, DrivenRobot

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import TFMessage, TimeJump, Transform, TransformStamped, Vector3
-from robbie_robots.modules.mapping import Mapping
-from tests.modules.test_restored import EVERY_SCAN, drive, results
+from robbie_robots.modules.maps.mapping import Mapping
+from tests.modules.maps.test_restored import EVERY_SCAN, drive, results
 
 
 def laser_at(x_m: float) -> TFMessage:

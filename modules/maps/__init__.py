@@ -1,0 +1,1 @@
+"""Modules that make maps and find the robot on them."""

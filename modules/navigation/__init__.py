@@ -1,0 +1,1 @@
+"""Modules that drive to goals and explore."""
