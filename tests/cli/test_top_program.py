@@ -208,7 +208,7 @@ def test_module_is_restarted_or_stopped_only_after_a_confirmation(
         await pilot.app.workers.wait_for_complete()
         await pilot.pause()
         assert said == [(command, "laser")]
-        assert "laser is RUNNING, start 2" in shown(pilot)
+        await until_shown(pilot, "laser is RUNNING, start 2")
 
     play(PlayedFeed(), script)
 
