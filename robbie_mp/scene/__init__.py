@@ -3,6 +3,7 @@
 How to describe and query it: docs/scene-graph.md.
 """
 
+from robbie_mp.scene.described import SceneNotes
 from robbie_mp.scene.errors import (
     BadJoint,
     Disconnected,
@@ -42,6 +43,7 @@ __all__ = [
     "SceneGraph",
     "SceneGraphError",
     "SceneGraphListener",
+    "SceneNotes",
     "TooNew",
     "TooOld",
     "UnknownNode",

@@ -1,10 +1,11 @@
-"""The nodes that a file describes, each with its place in the file, and the problems of the file."""
+"""The nodes that a file describes, each with its place, the problems of the file, and what is left out."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from robbie_mp.base.balance import MAX_REASONS, OTHER_REASONS, Balance
 from robbie_mp.base.problem import Problem, SourcePlace
 from robbie_mp.scene.errors import SceneGraphError
 from robbie_mp.scene.node import Joint, Node
@@ -20,17 +21,67 @@ class Described(NamedTuple):
     place: SourcePlace
 
 
+class SceneNotes:
+    """What a reader of scene files left out.
+
+    Args:
+        is_strict: raise `LeftOut` for anything that is left out.
+
+    Attributes:
+        balance: the elements of the files that are used, and those that are left out by reason.
+        warnings: those that change what the robot is: a limit that is none, a joint of another type.
+    """
+
+    def __init__(self, *, is_strict: bool = False) -> None:
+        self.balance = Balance(is_strict=is_strict)
+        self.warnings: list[str] = []
+
+
+@dataclass
+class Remark:
+    """Something that is left out, at its first place."""
+
+    place: SourcePlace
+    count: int
+    is_warning: bool
+
+
 class Description:
-    """The nodes of a file and of the files that it includes, and all their problems."""
+    """The nodes of a file and of the files that it includes, all their problems, and what is left out."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
         self.nodes: list[Described] = []
         self.problems: list[Problem] = []
+        self.remarks: dict[str, Remark] = {}
 
     def wrong(self, text: str, place: SourcePlace) -> None:
         """Note a problem."""
         self.problems.append(Problem(text, place))
+
+    def leave_out(self, text: str, place: SourcePlace, *, is_warning: bool = False, count: int = 1) -> None:
+        """Note that something is left out.
+
+        Args:
+            text: what and why, without names, so that a text stands for all of its kind.
+            place: where it is.
+            is_warning: the robot is another one without it.
+            count: how often.
+        """
+        if text not in self.remarks and len(self.remarks) >= MAX_REASONS:
+            text = OTHER_REASONS
+        remark = self.remarks.setdefault(text, Remark(place, 0, is_warning))
+        remark.count += count
+        remark.is_warning |= is_warning
+
+    def note(self, notes: SceneNotes) -> None:
+        """Add what is used and left out to notes."""
+        notes.balance.use(len(self.nodes))
+        for text, remark in self.remarks.items():
+            if remark.is_warning:
+                more = f" (and {remark.count - 1} more)" if remark.count > 1 else ""
+                notes.warnings.append(f"{remark.place}: {text}{more}")
+            notes.balance.leave_out(f"{text} (first at {remark.place})", remark.count)
 
     def attempt(self, place: SourcePlace, make: Callable[[], Made], instead: Made) -> Made:
         """Return the result of `make`; if it raises an error, note the problem and return `instead`."""
@@ -49,6 +100,8 @@ class Description:
             hanger: says where the other file's root is attached; its name is ignored.
         """
         self.problems.extend(other.problems)
+        for text, remark in other.remarks.items():
+            self.leave_out(text, remark.place, is_warning=remark.is_warning, count=remark.count)
         roots = [node for node, _ in other.nodes if node.parent is None]
         if hanger.node.parent is not None and len(roots) > 1:
             names = ", ".join(repr(root.name) for root in roots)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.scene.body import Body, PlacedNode, fixed_node, floating_node, jointed_node, root_node
@@ -14,9 +15,9 @@ from robbie_mp.scene.errors import (
     UnknownNode,
 )
 from robbie_mp.scene.history import History, circular, linear
-from robbie_mp.scene.node import Joint, JointType, Node
+from robbie_mp.scene.node import Joint, JointType, Mimic, Node
 from robbie_mp.scene.rigid_transform import Pose7, RigidTransform, compose, interpolate, relative
-from robbie_mp.scene.tree_check import is_joint, parents_first, tree_problems
+from robbie_mp.scene.tree_check import follow, is_joint, parents_first, tree_problems
 
 HISTORY_S = 10.0
 HISTORY_LIMIT = 5000
@@ -55,10 +56,12 @@ class SceneGraph:
         nodes = list(nodes)
         for _, error in tree_problems(nodes):
             raise error
+        joints = {node.joint.name: node.joint for node in nodes if node.joint is not None}
+        leaders: dict[str, Mimic] = {}
         for node in filter(is_joint, nodes):
             self._add_joint(node)
         for node in parents_first(nodes):
-            self._place(node)
+            self._place(_following(node, joints, leaders))
 
     # -- nodes and joints ------------------------------------------------------------------------------
 
@@ -119,7 +122,8 @@ class SceneGraph:
             raise MissingParent(f"the parent of node {node.name!r}, {node.parent!r}, does not exist{hint}")
         if is_joint(node):
             self._add_joint(node)
-        self._place(node)
+        joints = {each.joint.name: each.joint for each in (*self, node) if each.joint is not None}
+        self._place(_following(node, joints, {}))
 
     def hang(self, node: Node) -> None:
         """Attach a node to another parent or in another way: `node` replaces the node of the same name.
@@ -274,8 +278,13 @@ class SceneGraph:
             placed = floating_node(node, self._nodes[node.parent], history)
         else:
             leader = joint.mimic.joint if joint.mimic else joint.name
-            if leader not in self._joints:
-                hint = did_you_mean(leader, self._joints)
-                raise MissingParent(f"joint {joint.name!r} follows {leader!r}, which does not exist{hint}")
             placed = jointed_node(node, joint, self._nodes[node.parent], self._joints[leader][1])
         self._nodes[node.name] = placed
+
+
+def _following(node: Node, joints: dict[str, Joint], leaders: dict[str, Mimic]) -> Node:
+    """Return a node whose joint follows, if any, one that follows no other."""
+    joint = node.joint
+    if joint is None or joint.mimic is None:
+        return node
+    return replace(node, joint=follow(joint, joints, leaders))

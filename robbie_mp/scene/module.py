@@ -6,7 +6,7 @@ from typing import Any
 from robbie_mp.messages import JointState, Odometry, PoseStamped, TFMessage, TimeJump
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import REQUIRED, SettingError
-from robbie_mp.scene import JointType, RigidTransform, SceneFileError, SceneGraph, read_scene
+from robbie_mp.scene import JointType, RigidTransform, SceneFileError, SceneGraph, SceneNotes, read_scene
 from robbie_mp.scene.announcing import fixed_transforms, state_of, transforms_at
 from robbie_mp.scene.updating import SceneUpdater, prefix_of
 from robbie_mp.scene.warn_once import WarnOnce
@@ -47,7 +47,9 @@ class SceneGraphService(Module):
 
     def setup(self) -> None:
         """Read the graph, and subscribe to the messages that move it."""
-        self.graph = SceneGraph(read_scene(self.file), history_s=self.history_s)
+        notes = SceneNotes()
+        self.graph = SceneGraph(read_scene(self.file, notes), history_s=self.history_s)
+        self._log_notes(notes)
         self.warnings = WarnOnce(self.log)
         self.updater = SceneUpdater(self.graph, self.base, self.warnings)
         self.next_s = {"tf": 0.0, "state": 0.0}
@@ -64,6 +66,13 @@ class SceneGraphService(Module):
         for prefix in sorted(set(map(prefix_of, floating))):
             self.subscribe(Odometry, self.on_odometry, topic=f"{prefix}odom")
             self.subscribe(PoseStamped, self.on_map_pose, topic=f"{prefix}map_pose", optional=True)
+
+    def _log_notes(self, notes: SceneNotes) -> None:
+        """Log what was left out of the file."""
+        for text in notes.warnings:
+            self.log.warning("%s", text)
+        for line in notes.balance.lines("elements")[1:]:
+            self.log.debug("%s: %s", self.file.name, line)
 
     def on_joint_state(self, state: JointState) -> None:
         """Move joints."""

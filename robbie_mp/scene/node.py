@@ -33,6 +33,29 @@ class Mimic:
     multiplier: float = 1.0
     offset: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            BadJoint: one is not finite.
+        """
+        if not (math.isfinite(self.multiplier) and math.isfinite(self.offset)):
+            raise BadJoint(
+                f"a joint follows {self.joint!r} with multiplier {self.multiplier:g} and offset "
+                f"{self.offset:g}; they must be finite"
+            )
+
+    def after(self, leader: "Mimic | None") -> "Mimic":
+        """Return how this joint follows the joint that its own leader follows.
+
+        Raises:
+            BadJoint: the product is not finite.
+        """
+        if leader is None:
+            return self
+        offset = self.multiplier * leader.offset + self.offset
+        return Mimic(leader.joint, self.multiplier * leader.multiplier, offset)
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -43,7 +66,8 @@ class Joint:
         name: its name in joint states; '' for a floating joint, which has the name of its node.
         axis: (3,) in the node's frame; it is normalized.
         limits: least and greatest position, rad or m; None if there are none.
-        mimic: the joint that it follows; None if it has its own position.
+        mimic: the joint that it follows; None if it has its own position. In a `SceneGraph`, that joint
+            follows no other.
         max_speed: its greatest speed, rad/s or m/s; None if it is not known.
     """
 

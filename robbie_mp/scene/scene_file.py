@@ -9,12 +9,13 @@ from typing import cast
 from robbie_mp.base.problem import ProfileError
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.yaml_reader import read_file
-from robbie_mp.scene.described import Described, Description, make_node
+from robbie_mp.scene.described import Described, Description, SceneNotes, make_node
 from robbie_mp.scene.errors import SceneFileError
 from robbie_mp.scene.node import JOINT_TYPES, Joint, JointType, Mimic, Node
 from robbie_mp.scene.rigid_transform import IDENTITY, RigidTransform
 from robbie_mp.scene.tree_check import tree_problems
-from robbie_mp.scene.urdf import describe_urdf
+from robbie_mp.scene.urdf_tree import read_urdf
+from robbie_mp.scene.xml_elements import is_xml, read_content
 from robbie_mp.scene.yaml_fields import Fields
 
 FILE_KEYS = ("nodes", "include")
@@ -22,17 +23,32 @@ PLACE_KEYS = ("parent", "translation", "quaternion", "rpy", "joint")
 JOINT_KEYS = ("type", "name", "axis", "limits", "mimic")
 INCLUDE_KEYS = ("file", "prefix", *PLACE_KEYS)
 MIMIC_KEYS = ("joint", "multiplier", "offset")
-URDF_SUFFIXES = (".urdf", ".xml")
+XML_SUFFIXES = (".urdf", ".xacro", ".xml")
 
 
-def read_scene(file: Path) -> list[Node]:
-    """Read the nodes of a scene graph from a YAML file, or from a URDF (`.urdf` or `.xml`).
+def read_scene(file: Path, notes: SceneNotes | None = None) -> list[Node]:
+    """Read the nodes of a scene graph from a YAML file, or from a URDF: a file that begins with `<`.
+
+    Args:
+        file: the file.
+        notes: learns what is left out.
 
     Raises:
         SceneFileError: the file cannot be read, or does not describe a tree; the text has a line for each
             problem.
     """
     description = _describe(file, ())
+    check(description)
+    description.note(notes or SceneNotes())
+    return [node for node, _ in description.nodes]
+
+
+def check(description: Description) -> None:
+    """Check that nodes form a tree.
+
+    Raises:
+        SceneFileError: they do not, or the description has problems.
+    """
     if not description.problems:
         places = {id(node): place for node, place in description.nodes}
         first = {node.name: place for node, place in reversed(description.nodes)}
@@ -42,16 +58,16 @@ def read_scene(file: Path) -> list[Node]:
             description.wrong(str(error) + also, place)
     if description.problems:
         raise SceneFileError(description.problems)
-    return [node for node, _ in description.nodes]
 
 
 def _describe(file: Path, including: tuple[Path, ...]) -> Description:
-    if file.suffix in URDF_SUFFIXES:
-        return describe_urdf(file)
     description = Description(file)
     try:
+        content = read_content(file)
+        if is_xml(content) or file.suffix.lower() in XML_SUFFIXES:
+            return read_urdf(file)
         root = read_file(file)
-    except ProfileError as error:
+    except (ProfileError, SceneFileError) as error:
         description.problems.extend(error.problems)
         return description
     fields = Fields(description, "", root, FILE_KEYS)

@@ -1,10 +1,11 @@
 """Checks that nodes form a tree."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.scene.errors import BadJoint, DuplicateNode, MissingParent, NodeCycle, SceneGraphError
-from robbie_mp.scene.node import JointType, Node
+from robbie_mp.scene.errors import DuplicateNode, MissingParent, NodeCycle, SceneGraphError
+from robbie_mp.scene.node import Joint, JointType, Mimic, Node
 
 
 def tree_problems(nodes: Sequence[Node]) -> Iterator[tuple[Node, SceneGraphError]]:
@@ -50,25 +51,58 @@ def _joint_problems(nodes: Sequence[Node]) -> Iterator[tuple[Node, SceneGraphErr
                 DuplicateNode(f"joint {name!r} is described twice, also at node {joints[name].name!r}"),
             )
         joints.setdefault(name, node)
+    yield from _mimic_problems(nodes, {name: node.joint for name, node in joints.items() if node.joint})
+
+
+def _mimic_problems(
+    nodes: Sequence[Node], joints: dict[str, Joint]
+) -> Iterator[tuple[Node, SceneGraphError]]:
+    known = {name: joint for name, joint in joints.items() if name}
+    leaders: dict[str, Mimic] = {}
     for node in nodes:
-        mimic = node.joint.mimic if node.joint else None
-        if node.joint is None or mimic is None:
-            continue
-        leader = joints[mimic.joint].joint if mimic.joint in joints and mimic.joint else None
-        if leader is None:
-            hint = did_you_mean(mimic.joint, filter(None, joints))
-            yield (
-                node,
-                MissingParent(
-                    f"joint {node.joint.name!r} follows {mimic.joint!r}, which does not exist{hint}"
-                ),
-            )
-        elif leader.mimic is not None:
-            yield node, BadJoint(f"joint {node.joint.name!r} follows {mimic.joint!r}, which follows another")
+        try:
+            if node.joint is not None and node.joint.mimic is not None:
+                follow(node.joint, known, leaders)
+        except SceneGraphError as error:
+            yield node, error
+
+
+def follow(joint: Joint, joints: Mapping[str, Joint], leaders: dict[str, Mimic]) -> Joint:
+    """Return a joint that follows the first joint of its chain, which follows none.
+
+    Args:
+        joint: follows another joint, which may follow a third.
+        joints: all joints by their names.
+        leaders: what is known of other joints, for those that follow no joint that follows one; it grows.
+
+    Raises:
+        MissingParent: a joint of the chain does not exist.
+        NodeCycle: the joints follow one another in a circle.
+        BadJoint: the product of the multipliers is not finite.
+    """
+    chain: dict[str, Joint] = {}
+    at = joint
+    while at.mimic is not None and at.name not in leaders:
+        if at.name in chain:
+            circle = [*chain][[*chain].index(at.name) :]
+            raise NodeCycle(f"joints follow one another: {' follows '.join(map(repr, [*circle, at.name]))}")
+        chain[at.name] = at
+        at = _leader(at, at.mimic, joints)
+    for each in reversed(chain.values()):
+        assert each.mimic is not None
+        leaders[each.name] = each.mimic.after(leaders.get(each.mimic.joint))
+    return replace(joint, mimic=leaders[joint.name])
+
+
+def _leader(joint: Joint, mimic: Mimic, joints: Mapping[str, Joint]) -> Joint:
+    if mimic.joint not in joints:
+        hint = did_you_mean(mimic.joint, joints)
+        raise MissingParent(f"joint {joint.name!r} follows {mimic.joint!r}, which does not exist{hint}")
+    return joints[mimic.joint]
 
 
 def parents_first(nodes: Sequence[Node]) -> list[Node]:
-    """Return the nodes of a tree with each after its parent, and followers after the joints they follow."""
+    """Return the nodes of a tree with each after its parent."""
     children: dict[str | None, list[Node]] = {}
     for node in nodes:
         children.setdefault(node.parent, []).append(node)

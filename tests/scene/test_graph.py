@@ -165,6 +165,23 @@ def test_one_future_stamp_does_not_block_a_node_for_ever() -> None:
     assert graph.pose("world", "base").x == 10.0
 
 
+def turned(name: str, mimic: Mimic | None = None) -> Node:
+    return Node(name, "a", joint=Joint(JointType.REVOLUTE, name, mimic=mimic))
+
+
+def followed(name: str, leader: str, multiplier: float = 1.0, offset: float = 0.0) -> Node:
+    return turned(name, Mimic(leader, multiplier, offset))
+
+
+def test_chain_of_mimic_joints_follows_its_first_joint() -> None:
+    last, middle = followed("last", "middle", 0.5, 0.2), followed("middle", "first", 0.8, -0.1)
+    graph = SceneGraph([Node("a"), last, middle, turned("first")])
+    graph.add(followed("added", "last", -1.0))
+    graph.set_joint("first", 0, 1.0)
+    yaws = {name: graph.pose("a", name, 0).yaw for name in ("middle", "last", "added")}
+    assert yaws == pytest.approx({"middle": 0.7, "last": 0.55, "added": -0.55})
+
+
 def test_mimic_joint_follows_another_joint() -> None:
     finger = Joint(JointType.PRISMATIC, "left", axis=(0.0, 2.0, 0.0))
     mirrored = Joint(JointType.PRISMATIC, "right", axis=(0.0, 1.0, 0.0), mimic=Mimic("left", -1.0, 0.01))
@@ -253,8 +270,23 @@ def test_nodes_can_be_added_to_a_graph_in_use(graph: SceneGraph) -> None:
         ),
         (
             [Node("a"), Node("b", "a", joint=Joint(JointType.REVOLUTE, "j", mimic=Mimic("j")))],
+            NodeCycle,
+            "joints follow one another: 'j' follows 'j'",
+        ),
+        (
+            [Node("a"), *(followed(name, leader) for name, leader in ("bc", "cd", "db"))],
+            NodeCycle,
+            "joints follow one another: 'b' follows 'c' follows 'd' follows 'b'",
+        ),
+        (
+            [
+                Node("a"),
+                turned("b"),
+                followed("c", "b", 1e200),
+                followed("d", "c", 1e200),
+            ],
             BadJoint,
-            "'j' follows 'j', which follows another",
+            "a joint follows 'b' with multiplier inf and offset 0; they must be finite",
         ),
     ],
 )

@@ -79,7 +79,20 @@ def test_urdf_with_mimic_joints_can_be_included_with_a_prefix(tmp_path: Path) ->
         ("<robot ", "<robt ", "25: not XML: mismatched tag"),
         ("?>\n", '?><!DOCTYPE r [<!ENTITY e "ha">]>', "1: a document type (<!DOCTYPE …>) with its entities"),
         ('version="1.0"', 'version="1.0" encoding="klingon"', "1: not XML: unknown encoding"),
-        ('type="continuous"', 'type="planar"', "22: joint 'roll': type 'planar' is not supported; known are"),
+        ('type="continuous"', 'type="screw"', "22: joint 'roll': type 'screw' is not supported; known are"),
+        (
+            '<limit lower="-1" upper="1.5"/>',
+            '<limit lower="-1,5"/>',
+            "13: <limit> lower: expected a",
+        ),
+        (
+            '<limit lower="-1" upper="1.5"/>',
+            '<limit lower="1_0"/>',
+            "13: <limit> lower: expected a",
+        ),
+        ('xyz="0 0 0.5"', 'xyz="0 0 nan"', "12: <origin> xyz: expected three numbers; got '0 0 nan'"),
+        ('name="bolts"', 'name="push"', "19: joint 'push' is described twice, first at arm.urdf:15"),
+        ('name="bolts"', 'name=""', "19: <joint> has no name"),
         ('xyz="0 -1 0"', 'xyz="0 0 0"', "22: the axis of joint 'roll' must have a direction; got (0.0, 0"),
         ('xyz="0 -1 0"', 'xyz="0 -1"', "23: <axis> xyz: expected three numbers; got '0 -1'"),
         ('<limit upper="0.4"/>', "", "15: joint 'push' is prismatic, so it needs a <limit lower=… upper="),
@@ -101,16 +114,6 @@ def test_urdf_with_mimic_joints_can_be_included_with_a_prefix(tmp_path: Path) ->
             "19: nodes hang on one another: base on slide on elb",
         ),
         (
-            '<link name="tool"/>',
-            '<link name="tool"/><link name="x"/>',
-            "2: expected exactly one link that is not the child of a joint",
-        ),
-        (
-            '<material name="grey"/>',
-            "<xacro:property/>",
-            "3: <xacro:property>: expand it first, as in `xacro",
-        ),
-        (
             '<link name="elbow"/>',
             '<link name="elbow"/><link name="elbow"/>',
             "11: node 'elbow' is described twice",
@@ -121,6 +124,14 @@ def test_invalid_urdfs_are_refused_with_the_line(tmp_path: Path, old: str, new: 
     assert old in ARM
     told = problems(write(tmp_path, ARM.replace(old, new, 1), "arm.urdf"))
     assert any(each.startswith(f"arm.urdf:{said}") for each in told), told
+
+
+def test_several_roots_cannot_be_attached(tmp_path: Path) -> None:
+    write(tmp_path, ARM.replace('<link name="tool"/>', '<link name="tool"/><link name="x"/>'), "arm.urdf")
+    told = problems(write(tmp_path, "nodes: {body: }\ninclude:\n  - {file: arm.urdf, parent: body}\n"))
+    assert told == [
+        "scene.yaml:3: arm.urdf has several roots ('base', 'x'); only a tree with one root can be attached"
+    ]
 
 
 def test_deep_nesting_and_other_xml_are_refused(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
+from robbie_mp.scene.urdf import urdf_text
 from robbie_mp.scene.warn_once import WarnOnce
 
 CLASS_PATH = "robbie_mp.connect.ros1.module:Ros1Bridge"
@@ -125,7 +126,7 @@ class Ros1Bridge(Module):
         address = RosAddress(self.master, self.ip, self.node, self.python)
         self.ros = RosProcess(address, self.max_waiting_bytes, self.log, self.tick_soon)
         if self.robot_description is not None:
-            self.ros.set_parameters({ROBOT_DESCRIPTION: self.robot_description.read_text()})
+            self.ros.set_parameters({ROBOT_DESCRIPTION: urdf_text(self.robot_description)})
         for one in self.map.incoming:
             kind = ANY_TYPE if one.is_foreign else ros1_type(self.surroundings.types.get(one.type_name))
             number = self._next_number()

@@ -52,6 +52,7 @@ from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.trace.log_limit import LogLimit
+from robbie_mp.scene.urdf import urdf_text
 
 CLASS_PATH = "robbie_mp.connect.ros2.module:Ros2Bridge"
 CLOCK_TOPIC, ROSOUT, DIAGNOSTICS_TOPIC = "/clock", "/rosout", "/diagnostics"
@@ -392,7 +393,7 @@ class Ros2Bridge(Module):
         if not self._is_described and self.urdf is not None:
             self._is_described = True
             channel = self._own(String, self.map.absolute(DESCRIPTION), Quality(is_latched=True, depth=1))
-            self.side.send(channel, String(data=self.urdf.read_text()).encode())
+            self.side.send(channel, String(data=urdf_text(self.urdf)).encode())
 
     def _send_trace(self) -> None:
         if self._trace is not None:

@@ -63,3 +63,29 @@ def test_urdf_gives_each_link_its_shapes(tmp_path: Path) -> None:
     )
     with pytest.raises(UrdfShapeError, match=r"ball\.urdf.*box or a cylinder"):
         read_urdf_solids(file)
+
+
+@pytest.mark.parametrize(
+    ("version", "turn", "corner"),
+    [
+        ("1.1", 'quat_xyzw="0 0 1 1"', [0.0, 1.0, 0.0]),
+        ("1.2", 'quat_xyzw="1 0 0 0"', [1.0, 0.0, 0.0]),
+        ("1.0", 'quat_xyzw="0 0 1 1"', [1.0, 0.0, 0.0]),
+        ("1.0", 'rpy="0 0 1.5707963267948966"', [0.0, 1.0, 0.0]),
+    ],
+)
+def test_shapes_are_turned_by_quaternions_since_urdf_1_1(
+    tmp_path: Path, version: str, turn: str, corner: list[float]
+) -> None:
+    file = tmp_path / "box.urdf"
+    shape = f'<collision><origin {turn}/><geometry><box size="1 1 1"/></geometry></collision>'
+    file.write_text(f'<robot version="{version}"><link name="a">{shape}</link></robot>')
+    (solid,) = read_urdf_solids(file)
+    assert solid.pose[:3, 0] == pytest.approx(corner)
+
+
+def test_macros_are_not_read_as_a_robot_without_shapes(tmp_path: Path) -> None:
+    file = tmp_path / "box.urdf"
+    file.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:box/></robot>')
+    with pytest.raises(UrdfShapeError, match="expand its macros first"):
+        read_urdf_solids(file)
