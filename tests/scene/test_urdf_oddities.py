@@ -2,6 +2,7 @@
 
 import codecs
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -15,9 +16,9 @@ from numpy.testing import assert_allclose
 from robbie_mp.base.balance import LeftOut
 from robbie_mp.scene import JointType, SceneFileError, SceneGraph, SceneNotes, read_scene
 from robbie_mp.scene.urdf import describe_urdf, urdf_text
-from tests.scene_graph._support.strategies import PATIENT
-from tests.scene_graph._support.urdf_oddities import OddRobot, odd_robots
-from tests.scene_graph.test_scene_file import problems, write
+from tests.scene._support.strategies import PATIENT
+from tests.scene._support.urdf_oddities import OddRobot, odd_robots
+from tests.scene.test_scene_file import problems, write
 
 POSITIONS = st.lists(st.floats(-3.0, 3.0), min_size=8, max_size=8)
 TWO = '<link name="a"/><link name="b"/>'
@@ -43,7 +44,7 @@ def test_robots_move_as_the_specification_says(
 
 @pytest.mark.slow
 @given(made=odd_robots(), positions=POSITIONS)
-@settings(PATIENT, max_examples=500)
+@settings(PATIENT, max_examples=200)
 def test_many_robots_move_as_the_specification_says(
     tmp_path: Path, made: OddRobot, positions: list[float]
 ) -> None:
