@@ -1,25 +1,48 @@
-"""Maps as files: the YAML file and image of ROS's map_server (https://wiki.ros.org/map_server, trinary)."""
+"""Maps as files: the YAML file and the image of Nav2's nav2_map_server and ROS 1's map_server.
+
+The reader follows `loadMapYaml` and `loadMapFromFile` of Nav2's map_io.cpp, its map_mode.hpp (Jazzy to
+Lyrical), and https://wiki.ros.org/map_server, sections "Map format" and "Value Interpretation". With `p` as
+the darkness of a pixel from 0 to 1, or as its brightness if the map is negated, the modes are:
+
+  - trinary, the default: occupied from `occupied_thresh` on, free up to `free_thresh`, unknown between them;
+  - scale: the same, but between the thresholds the occupancy rises linearly from 0 to 100;
+  - raw: the value of the pixel, of 255, is the occupancy; unknown over 100. `negate` and the thresholds do
+    not count.
+
+In trinary and scale, a pixel that is not opaque is unknown. Where the map_servers differ:
+
+  - ROS 1, and Nav2 up to Iron, averaged alpha into the brightness of trinary maps. Unknown space of images
+    that are opaque became free by that, so it is not done here.
+  - They also compared with `<` and `>` instead of `<=` and `>=`.
+  - A colour is as bright as the average of its channels, as in the wiki and in Nav2 up to Iron. Later ones
+    weigh green more, which makes yellow free. Greys are the same in all of them.
+  - Images of 16 bits keep all their bits here, as up to Iron.
+  - ROS 1 negates raw maps, and its scale ends at 99.
+  - All of them take thresholds that are not in 0 to 1, or not in order. They are refused here.
+"""
 
 import math
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, UnidentifiedImageError
 
+from robbie_robots.workers.maps.image_band import MAX_CELLS, Band, MapImage, MapImageError
+from robbie_robots.workers.maps.map_image import map_image
+from robbie_robots.workers.maps.map_yaml import MapFileError, MapYaml, read_map_yaml
 from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT
+from robbie_robots.workers.maps.turned_grid import axis_aligned, turned_shape
+
+__all__ = ["MapFile", "MapFileError", "describe_map", "read_map", "write_large_map", "write_map"]
 
 OCCUPIED_SHADE, UNKNOWN_SHADE, FREE_SHADE = 0, 205, 254
-OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
-
-
-class MapFileError(ValueError):
-    """An invalid map file; the message names the file and what was expected."""
+OCCUPIED_FROM, FREE_TO = 0.65, 0.196
 
 
 @dataclass(frozen=True)
@@ -39,6 +62,9 @@ class MapFile:
 
 def write_map(path: Path, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
     """Write a map: the YAML file `path`, and beside it an image with the same name and the suffix `.pgm`.
+
+    Cells are free, occupied or unknown in it, which is all that localisation and navigation look at. Of the
+    modes only this one, trinary, is read alike by every map_server.
 
     Not for the results of a run: links are followed.
 
@@ -82,65 +108,118 @@ def write_large_map(
     x_m, y_m = np.asarray(corner_xy_m, float).tolist()
     described = {
         "image": image.name,
+        "mode": "trinary",
         "resolution": float(resolution_m),
         "origin": [x_m, y_m, 0.0],
         "negate": 0,
-        "occupied_thresh": OCCUPIED_ABOVE,
-        "free_thresh": FREE_BELOW,
+        "occupied_thresh": OCCUPIED_FROM,
+        "free_thresh": FREE_TO,
     }
     with opened(path) as file:
         file.write(yaml.safe_dump(described, sort_keys=False).encode())
 
 
 def read_map(path: Path) -> MapFile:
-    """Read a map from the YAML file of ROS's map_server.
+    """Read a map from the YAML file of a map_server.
+
+    A map with a turned origin becomes a grid along the axes of the map frame; see `turned_grid`.
 
     Raises:
         MapFileError: The file or its image cannot be read, or is not a map.
     """
-    described = _described(path)
-    resolution_m = _number(path, described, "resolution")
-    if resolution_m <= 0:
-        raise MapFileError(f"{path}: resolution must be greater than 0, not {resolution_m:g}")
-    x_m, y_m, yaw_rad = _origin(path, described)
-    if yaw_rad != 0:
-        raise MapFileError(f"{path}: a rotated map (yaw {yaw_rad:g}) is not supported; rotate its image")
-    image = path.parent / str(described.get("image", ""))
+    described = read_map_yaml(path)
+    with _opened_image(path, described) as image:
+        _check_turned(path, described, image)
+        cells = np.empty((image.height, image.width), dtype=np.int8)
+        for band, values in _cells(described, image):
+            cells[::-1][band.rows, band.columns] = values  # an image begins with its uppermost row
+        x_m, y_m, yaw_rad = described.origin
+        return MapFile(*axis_aligned(cells, described.resolution_m, (x_m, y_m), yaw_rad))
+
+
+def describe_map(path: Path) -> dict[str, str]:
+    """Return what a map file holds, as texts by their labels.
+
+    Raises:
+        MapFileError: As `read_map` raises it.
+    """
+    described = read_map_yaml(path)
+    with _opened_image(path, described) as image:
+        _check_turned(path, described, image)
+        counts = Counter[str]()
+        for band, values in _cells(described, image):
+            counts += _counts(values)
+            if band.opaque is not None:
+                counts["transparent"] += int((~band.opaque).sum())
+    return _description(described, image, counts)
+
+
+def _counts(values: NDArray[np.int8]) -> Counter[str]:
+    unknown, occupied = (int(part.sum()) for part in (values < 0, values >= OCCUPIED_PERCENT))
+    return Counter(unknown=unknown, occupied=occupied, free=values.size - unknown - occupied)
+
+
+def _description(described: MapYaml, image: MapImage, counts: Counter[str]) -> dict[str, str]:
+    width_m, height_m = (edge * described.resolution_m for edge in (image.width, image.height))
+    x_m, y_m, yaw_rad = described.origin
+    cells = ", ".join(f"{counts[name]:,} {name}" for name in ("free", "occupied", "unknown"))
+    return {
+        "image": f"{described.image.name} ({image.kind})",
+        "size": f"{image.width} x {image.height} cells, {width_m:g} m x {height_m:g} m",
+        "resolution": f"{described.resolution_m:g} m",
+        "origin": f"x {x_m:g} m, y {y_m:g} m, yaw {math.degrees(yaw_rad):g}°",
+        "mode": described.mode + (", negated" if described.negate else ""),
+        "thresholds": f"occupied from {described.occupied_from:g}, free up to {described.free_to:g}",
+        "cells": cells,
+        "left out": _left_out(described, counts),
+    }
+
+
+def _left_out(described: MapYaml, counts: Counter[str]) -> str:
+    parts = []
+    if counts["transparent"]:
+        meant = "read as if opaque" if described.mode == "raw" else "read as unknown"
+        parts.append(f"{counts['transparent']:,} transparent pixels, {meant}")
+    if described.other_keys:
+        parts.append(f"unknown keys: {', '.join(described.other_keys)}")
+    return "; ".join(parts) or "nothing"
+
+
+@contextmanager
+def _opened_image(path: Path, described: MapYaml) -> Iterator[MapImage]:
     try:
-        with Image.open(image) as opened:
-            shades = np.asarray(opened.convert("L"), dtype=float)[::-1] / 255
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise MapFileError(f"{path}: its image cannot be read: {error}") from error
-    occupied = shades if described.get("negate", 0) else 1 - shades
-    cells = np.full(shades.shape, -1, dtype=np.int8)
-    cells[occupied > _number(path, described, "occupied_thresh")] = 100
-    cells[occupied < _number(path, described, "free_thresh")] = 0
-    return MapFile(cells, resolution_m, np.array([x_m, y_m]))
+        with map_image(described.image) as image:
+            yield image
+    except (OSError, MapImageError, MemoryError) as error:
+        raise MapFileError(f"{path}: its image {described.image} cannot be read: {error}") from error
 
 
-def _described(path: Path) -> dict[str, Any]:
-    try:
-        described = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise MapFileError(f"{path}: cannot be read as YAML: {error}") from error
-    if not isinstance(described, dict):
-        raise MapFileError(f"{path}: expected the keys that map_server writes: image, resolution, origin ...")
-    return described
+def _check_turned(path: Path, described: MapYaml, image: MapImage) -> None:
+    height, width = turned_shape((image.height, image.width), described.origin[2])
+    if height * width > MAX_CELLS:
+        raise MapFileError(
+            f"{path}: with its yaw it would have {width} x {height} cells; turn its image instead"
+        )
 
 
-def _origin(path: Path, described: dict[str, Any]) -> tuple[float, float, float]:
-    origin = described.get("origin")
-    if (
-        not isinstance(origin, list)
-        or len(origin) != 3
-        or not all(isinstance(value, int | float) and math.isfinite(value) for value in origin)
-    ):
-        raise MapFileError(f"{path}: origin must be three numbers [x, y, yaw], not {origin!r}")
-    return float(origin[0]), float(origin[1]), float(origin[2])
+def _cells(described: MapYaml, image: MapImage) -> Iterator[tuple[Band, NDArray[np.int8]]]:
+    """Yield the occupancy in percent `(h, w)`, -1 unknown, of each band."""
+    cell_of = _cell_of_level(described, image.white)
+    for band in image.bands:
+        values = cell_of[band.levels]
+        if band.opaque is not None and described.mode != "raw":
+            values[~band.opaque] = -1
+        yield band, values
 
 
-def _number(path: Path, described: dict[str, Any], key: str) -> float:
-    value = described.get(key)
-    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
-        raise MapFileError(f"{path}: {key} must be a finite number, not {value!r}")
-    return float(value)
+def _cell_of_level(described: MapYaml, white: int) -> NDArray[np.int8]:
+    """Return the occupancy in percent, -1 unknown, for each level of brightness `(white + 1,)`."""
+    levels = np.arange(white + 1)
+    if described.mode == "raw":
+        values = np.rint(levels * (255 / white))
+        return np.where(values <= 100, values, -1).astype(np.int8)
+    darkness = (levels if described.negate else white - levels) / white
+    span = described.occupied_from - described.free_to
+    between = np.rint((darkness - described.free_to) / span * 100) if described.mode == "scale" else -1.0
+    is_occupied, is_free = darkness >= described.occupied_from, darkness <= described.free_to
+    return np.where(is_occupied, 100, np.where(is_free, 0, between)).astype(np.int8)
