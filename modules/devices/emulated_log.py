@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp import REQUIRED, Module, setting
-from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord, OdometryRecord, Record
-from robbie_mp.logs.recording.carmen_import import NO_RETURN_M
+from robbie_mp.logs.recording.carmen import CarmenLog
+from robbie_mp.logs.recording.carmen_records import NO_RETURN_M, LaserRecord, OdometryRecord
 from robbie_robots.hw.emulation.carrier import PseudoTerminal
 from robbie_robots.hw.emulation.create import EmulatedCreate
 from robbie_robots.hw.emulation.faults import Faults
@@ -42,17 +42,16 @@ class EmulatedLog(Module):
 
     file: Path = setting(REQUIRED, "the log", must_exist=True)
     rate: float = setting(4.0, "speed as a multiple of real time", minimum=0.1, maximum=10.0)
-    skip_broken: bool = setting(False, "skip and count unreadable lines")
     period_s: float = setting(0.1, "time between looks at the drive", minimum=0.01)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Read the whole log once, so that a broken line is reported before anything starts."""
+        """Read the whole log once, so that what is no log is reported before anything starts."""
         CarmenPlayback.check(settings)
 
     def setup(self) -> None:
         """Read the log and plug both devices in."""
-        self.records = list(CarmenLog(self.file, skip_broken=self.skip_broken))
+        self.records = list(CarmenLog(self.file).drive())
         self.drive = drive_of(self.records, self.rate)
         self.scanner = EmulatedLms2xx(self.measure)
         self.base = EmulatedCreate(body=RecordedBody(self.drive, lambda: self.start_s))
@@ -126,7 +125,7 @@ class EmulatedLog(Module):
             self.write_result("played.json", json.dumps(counts) + "\n")
 
 
-def drive_of(records: list[Record], rate: float) -> RecordedDrive:
+def drive_of(records: list[OdometryRecord | LaserRecord], rate: float) -> RecordedDrive:
     """Return the drive of a log."""
     poses = np.array(
         [

@@ -19,15 +19,12 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "import-carmen",
         "convert a CARMEN log to a log",
-        "Convert odometry and laser scans from CARMEN's text format, which many public data sets use, to a "
-        "log.",
+        "Convert odometry, laser scans, positions and inertial data from CARMEN's text format, which many "
+        "public data sets use, to a log. Lines that cannot be used are left out and counted.",
         ["robbie import-carmen intel.clf intel.mcap"],
     )
-    parser.add_argument("source", metavar="IN", type=Path, help="log in CARMEN's format")
+    parser.add_argument("source", metavar="IN", type=Path, help="log in CARMEN's format, also compressed")
     parser.add_argument("target", metavar="OUT", type=Path, help="new log, an MCAP file")
-    parser.add_argument(
-        "--skip-broken", action="store_true", help="skip lines that cannot be read, and count them"
-    )
     add_strict_argument(parser)
     parser.set_defaults(command=import_carmen)
 
@@ -36,11 +33,5 @@ def import_carmen(arguments: argparse.Namespace) -> int:
     """Convert the log."""
     balance = Balance(is_strict=arguments.strict)
     with progress_bar(f"importing {arguments.source.name}") as progress:
-        convert(
-            arguments.source,
-            arguments.target,
-            balance,
-            skip_broken=arguments.skip_broken,
-            progress=progress,
-        )
+        convert(arguments.source, arguments.target, balance, progress=progress)
     return print_balance(arguments.target, balance)

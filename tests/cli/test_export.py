@@ -151,12 +151,13 @@ def test_imports_report_their_results(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("a.clf").write_text(CARMEN)
-    assert main(["import-carmen", "a.clf", "a.mcap", "--skip-broken"]) == 1
+    assert main(["import-carmen", "a.clf", "a.mcap"]) == 1
     said = capsys.readouterr()
-    assert (
-        said.out == "a.mcap: read 5 messages: 4 used, 1 left out\n"
-        and said.err == "warning: left out 1: broken lines\n"
+    assert said.out == "a.mcap: read 5 messages: 4 used, 1 left out\n" and said.err.startswith(
+        "warning: left out 1: broken FLASER lines; the first is line 4: FLASER must state"
     )
+    assert main(["import-carmen", "a.clf", "b.mcap", "--strict"]) != 0
+    assert "broken FLASER lines; the first is line 4" in capsys.readouterr().err
     write_bag(tmp_path, "ROS 1")
     assert main(["import-rosbag", "a.bag", "b.mcap"]) == 0
     assert capsys.readouterr().out == "b.mcap: read 3 messages: 3 used, 0 left out\n"
@@ -181,7 +182,6 @@ def test_progress_is_shown_on_a_terminal(log: Path, monkeypatch: pytest.MonkeyPa
         (["export", "a.mcap", "a.mcap"], "cannot be written: File exists"),
         (["diff", "a.mcap", "none.mcap"], "none.mcap cannot be read: No such file or directory"),
         (["import-carmen", "none.clf", "b.mcap"], "none.clf cannot be read: No such file or directory"),
-        (["import-carmen", "a.clf", "b.mcap"], "a.clf:4: FLASER must be followed by its number of beams"),
         (["import-carmen", "good.clf", "a.mcap"], "a.mcap cannot be written: File exists"),
         (["import-rosbag", "a.clf", "b.mcap"], "a.clf cannot be read as a bag of ROS"),
     ],

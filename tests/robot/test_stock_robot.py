@@ -92,17 +92,12 @@ def test_bad_input_is_refused_before_any_process_starts(
     assert not robot.output.exists()
 
 
-def test_broken_line_of_a_log_is_reported_and_can_be_skipped(robot: StockRobot, tmp_path: Path) -> None:
+def test_broken_line_of_a_log_is_left_out_and_counted(robot: StockRobot, tmp_path: Path) -> None:
     broken = tmp_path / "broken.clf"
     lines = [f"ODOM {i}.0 0 0 0 0 0 {1000 + i}.0 host {i}.0\n" for i in range(5)]
     lines[2] = "ODOM 1.0 what\n"
     broken.write_text("".join(lines))
-    code, _, errors = robot.run("intel", "--set", f"playback.file={broken}")
-    assert code == 2
-    assert f"{broken}:3:" in errors
-    code, modules, errors = robot.run(
-        "intel", "--set", f"playback.file={broken}", "--set", "playback.skip_broken=true"
-    )
+    code, modules, errors = robot.run("intel", "--set", f"playback.file={broken}")
     assert code == 0, errors
     assert modules["mapping"]["handled"] == 5  # four lines and the place of the laser
-    assert "1 broken lines" in (robot.output / "log" / "playback.jsonl").read_text()
+    assert "broken ODOM lines; the first is line 3" in (robot.output / "log" / "playback.jsonl").read_text()

@@ -1,194 +1,231 @@
-"""Read a robot's drive from a CARMEN log, the text format of many public laser data sets.
+"""Read a robot's drive from a CARMEN log, the text format of many public laser data sets."""
 
-The format is that of the Carnegie Mellon Robot Navigation Toolkit (Montemerlo, Roy and Thrun, IROS 2003): a
-line per record, `ODOM` and `FLASER` for wheel odometry and the front laser.
-"""
-
-import math
+import bz2
+import gzip
+import io
+import lzma
+import re
+import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from robbie_mp.logs.recording.errors import LogError
+from robbie_mp.base.balance import Balance
+from robbie_mp.base.utc import time_text
+from robbie_mp.logs.recording.carmen_messages import (
+    PLACE_TOPIC,
+    LaserPlaces,
+    Survey,
+    is_offset,
+    message_of,
+    topic_of,
+)
+from robbie_mp.logs.recording.carmen_records import (
+    FRONT,
+    LaserRecord,
+    OdometryRecord,
+    Record,
+    numbers,
+    reader_of,
+)
+from robbie_mp.logs.recording.errors import LogUnreadable, NotALog
+from robbie_mp.messages import Message
+from robbie_mp.messages.well_formed import find_flaw
 
 MAX_LINE_CHARACTERS = 16 << 20
 """Longer than a line with a million beams."""
-LASER_OFFSET = "robot_frontlaser_offset"
-"""Parameter: distance of the laser in front of the robot's centre, in m."""
+MAX_KINDS = 100
+MAX_PARAMETERS = 10_000
+PARAMETER = "PARAM"
+COMPRESSIONS: dict[bytes, Callable[[Any], Any]] = {
+    b"\x1f\x8b": gzip.open,
+    b"BZh": bz2.open,
+    b"\xfd7zXZ\0": lzma.open,
+}
+TOO_LONG = ["line that is too long"]
+_KIND = re.compile(r"[A-Z][A-Z0-9_]{1,30}")
 
 
-class BrokenLine(LogError, ValueError):
-    """A line of a log that cannot be read."""
+class DriveMessage(NamedTuple):
+    """A message of a log, when it was published, and its topic."""
 
-
-@dataclass(frozen=True)
-class OdometryRecord:
-    """Robot pose and velocity from wheel odometry: m, rad, m/s, rad/s, in the odometry frame.
-
-    Attributes:
-        ipc_time_s: When it was measured; may jitter, even backwards.
-        logger_time_s: When it was recorded, since the start of the log.
-    """
-
-    x_m: float
-    y_m: float
-    theta_rad: float
-    linear_m_s: float
-    angular_rad_s: float
-    ipc_time_s: float
     logger_time_s: float
-
-
-@dataclass(frozen=True)
-class LaserRecord:
-    """A sweep of the front laser, counter-clockwise.
-
-    Attributes:
-        ranges_m: `(N,) float32`; a range at the sensor's limit (some 80 m) means no return.
-        angle_min_rad: Bearing of the first beam in the laser's frame.
-        angle_increment_rad: From one beam to the next.
-        robot_pose: Odometry's pose of the robot at the time (x m, y m, theta rad).
-        ipc_time_s: When it was measured; may jitter, even backwards.
-        logger_time_s: When it was recorded, since the start of the log.
-    """
-
-    ranges_m: NDArray[np.float32]
-    angle_min_rad: float
-    angle_increment_rad: float
-    robot_pose: tuple[float, float, float]
     ipc_time_s: float
-    logger_time_s: float
-
-
-Record = OdometryRecord | LaserRecord
+    message: Message
+    topic: str
 
 
 @dataclass
 class CarmenLog:
-    """A log file; iterate over it for its records in the order they were recorded.
+    """A log file, also compressed by gzip, bzip2 or xz; iterate over it for its records as recorded.
 
     Attributes:
-        path: The file.
-        skip_broken: Skip and count lines that cannot be read, rather than raise.
-        broken_lines: How many lines the last reading skipped.
-        parameters: `PARAM` lines read so far, such as `robot_frontlaser_offset`.
-        bytes_read: How far the last reading has got.
+        path: the file.
+        balance: each reading counts in it the lines that are left out: broken ones, and those of kinds of
+            which no record is made. Comments and parameters are not left out.
+        bytes_read: how far the last reading has got in the file.
     """
 
     path: Path
-    skip_broken: bool = False
-    broken_lines: int = 0
-    parameters: dict[str, str] = field(default_factory=dict)
+    balance: Balance = field(default_factory=Balance)
     bytes_read: int = 0
 
     def __iter__(self) -> Iterator[Record]:
-        """Read the records.
+        """Read the records. If no line has odometry, the poses in the front laser's lines are odometry.
 
         Raises:
-            BrokenLine: A line cannot be read, and `skip_broken` is not set.
-            OSError: The file cannot be read.
+            NotALog: there is no record, so this is no CARMEN log.
+            LeftOut: the balance allows no loss.
+            OSError: the file cannot be read.
         """
-        self.broken_lines = self.bytes_read = 0
-        with Path(self.path).open(encoding="ascii", errors="replace") as lines:
-            for number, line in enumerate(iter(lambda: lines.readline(MAX_LINE_CHARACTERS), ""), start=1):
-                self.bytes_read += len(line)
-                if len(line) == MAX_LINE_CHARACTERS:
-                    raise BrokenLine(
-                        f"{self.path}:{number}: the longest line may have {MAX_LINE_CHARACTERS - 1} "
-                        "characters; is this a CARMEN log?"
-                    )
-                try:
-                    record = self._read(line)
-                except (ValueError, IndexError) as error:
-                    if not self.skip_broken:
-                        raise BrokenLine(f"{self.path}:{number}: {error}") from error
-                    self.broken_lines += 1
-                    continue
-                if record is not None:
-                    yield record
+        has_odometry = self.survey.kinds["ODOM"] > 0
+        reasons: dict[str, str] = {}
+        is_log = False
+        for number, words in self._lines(self.balance):
+            record = self._read(number, words, reasons)
+            if isinstance(record, LaserRecord) and record.laser == FRONT and not has_odometry:
+                yield record.odometry
+            if record is not None:
+                is_log = True
+                yield record
+        if not is_log:
+            lines = sum(self.survey.kinds.values())
+            raise NotALog(f"{self.path} is no CARMEN log: none of its {lines} lines is a record of one")
+
+    def drive(self) -> Iterator[OdometryRecord | LaserRecord]:
+        """Read odometry and the sweeps of the front laser only."""
+        for record in self:
+            if isinstance(record, OdometryRecord) or (
+                isinstance(record, LaserRecord) and record.laser == FRONT
+            ):
+                yield record
+
+    def messages(self) -> Iterator[DriveMessage]:
+        """Read the records as messages; first, and whenever they change, come the places of the lasers."""
+        places, is_first = LaserPlaces(self.survey), True
+        for record in self:
+            times = record.logger_time_s, record.ipc_time_s
+            if places.change(record) or is_first:
+                yield DriveMessage(*times, places.message(), PLACE_TOPIC)
+            is_first = False
+            message = message_of(record)
+            if flaw := find_flaw(message):
+                self.balance.leave_out(f"{type(message).__name__} whose {flaw.field} is not {flaw.expected}")
+            else:
+                yield DriveMessage(*times, message, topic_of(record, self.survey.kinds))
 
     def check(self) -> dict[str, int]:
-        """Read the whole file and return how many records of each kind it has.
+        """Read the whole file and return how many records of each kind it has."""
+        counts = Counter(type(record) for record in self)
+        return {"odometry": counts[OdometryRecord], "laser": counts[LaserRecord]}
 
-        Raises:
-            BrokenLine: A line cannot be read, and `skip_broken` is not set.
-        """
-        counts = {"odometry": 0, "laser": 0}
-        for record in self:
-            counts["laser" if isinstance(record, LaserRecord) else "odometry"] += 1
-        return counts
+    @property
+    def parameters(self) -> dict[str, str]:
+        """The last value of each `PARAM`, such as `robot_frontlaser_offset`."""
+        return self.survey.parameters
 
-    def _read(self, line: str) -> Record | None:
-        fields = line.split()
-        if not fields:
-            return None
-        if fields[0] == "PARAM" and len(fields) >= 3:
-            if fields[1] == LASER_OFFSET:
-                _numbers(fields[2:3])
-            self.parameters[fields[1]] = fields[2]
-        reader = _READERS.get(fields[0])
-        return reader(fields) if reader else None
+    @cached_property
+    def survey(self) -> Survey:
+        """What is in the log. This reads the whole file, but few of its lines closely."""
+        found = Survey(Counter(), {}, {})
+        for number, words in self._lines(Balance()):
+            kind = _kind(words)
+            if words is TOO_LONG and not any(map(reader_of, found.kinds)):
+                raise NotALog(
+                    f"{self.path}:{number}: the longest line may have {MAX_LINE_CHARACTERS - 1} characters; "
+                    "is this a CARMEN log?"
+                )
+            if kind in found.kinds or len(found.kinds) < MAX_KINDS:
+                found.kinds[kind] += 1
+            if found.kinds[kind] == 1 or kind == PARAMETER:
+                _note(words, found)
+        return found
 
+    def _lines(self, balance: Balance) -> Iterator[tuple[int, list[str]]]:
+        """Read the words of each line that is no comment, and its number; count an end that is damaged."""
+        with Path(self.path).open("rb") as file, _text(file) as text:
+            try:
+                for number, line in enumerate(iter(lambda: text.readline(MAX_LINE_CHARACTERS), ""), start=1):
+                    self.bytes_read = file.tell()
+                    words = line.split() if len(line) < MAX_LINE_CHARACTERS else TOO_LONG
+                    if words and not words[0].startswith("#"):
+                        yield number, words
+            except (EOFError, zlib.error, lzma.LZMAError, OSError) as error:
+                if isinstance(error, OSError) and error.errno is not None:
+                    raise
+                balance.leave_out("end of the file, whose compression is damaged")
 
-def beam_angles(beams: int) -> tuple[float, float]:
-    """Return the first bearing and the increment (rad) of a `FLASER` line, which states neither.
-
-    The field of view is 180 degrees from -90 degrees on. A SICK scanner measures at both ends of it: 181 or
-    361 beams, N - 1 steps. Loggers that kept an even number left out the last beam, so the steps are the
-    same: 180 beams one degree apart, 360 half a degree. Dividing by N - 1 there would stretch each sweep by
-    one step.
-    """
-    steps = beams if beams % 2 == 0 else beams - 1
-    return -math.pi / 2, math.pi / steps
-
-
-def _odometry(fields: list[str]) -> OdometryRecord:
-    _expect(fields, 10)
-    x, y, theta, linear, angular, _, ipc_time = _numbers(fields[1:8])
-    return OdometryRecord(x, y, theta, linear, angular, ipc_time, _numbers(fields[9:10])[0])
-
-
-def _laser(fields: list[str]) -> LaserRecord:
-    beams = _beams(fields)
-    _expect(fields, beams + 11)
-    ranges = _numbers(fields[2 : 2 + beams])
-    if min(ranges) < 0:
-        raise ValueError(f"FLASER has a negative range, {min(ranges)}")
-    _, _, _, x, y, theta, ipc_time = _numbers(fields[2 + beams : 9 + beams])
-    logger_time = _numbers(fields[10 + beams : 11 + beams])[0]
-    return LaserRecord(
-        np.array(ranges, np.float32), *beam_angles(beams), (x, y, theta), ipc_time, logger_time
-    )
-
-
-def _beams(fields: list[str]) -> int:
-    text = fields[1] if len(fields) > 1 else ""
-    if not (text.isascii() and text.isdigit()) or len(text) > 6 or int(text) < 2:
-        raise ValueError(f"FLASER must be followed by its number of beams (2 or more), not by {text!r}")
-    return int(text)
-
-
-def _expect(fields: list[str], count: int) -> None:
-    if len(fields) != count:
-        raise ValueError(
-            f"{fields[0]} should have {count - 1} fields after its name, this has {len(fields) - 1}"
-        )
-
-
-def _numbers(texts: list[str]) -> list[float]:
-    numbers = []
-    for text in texts:
+    def _read(self, number: int, words: list[str], reasons: dict[str, str]) -> Record | None:
+        kind = _kind(words)
+        reader = reader_of(kind)
         try:
-            number = float(text)
-        except ValueError:
-            raise ValueError(f"{text!r} is not a number") from None
-        if not math.isfinite(number):
-            raise ValueError(f"{text!r} is not a finite number")
-        numbers.append(number)
-    return numbers
+            if reader is not None:
+                return reader(words)
+            if kind == PARAMETER:
+                _parameter(words)
+            else:
+                self.balance.leave_out(f"{kind} lines" if kind else "lines that begin with no record's name")
+        except ValueError as error:
+            first = f"broken {kind} lines; the first is line {number}: {error}"
+            self.balance.leave_out(reasons.setdefault(kind, first))
+        return None
 
 
-_READERS: dict[str, Callable[[list[str]], Record]] = {"ODOM": _odometry, "FLASER": _laser}
+def describe_carmen(path: Path) -> dict[str, str]:
+    """Describe a CARMEN log: labels and texts.
+
+    Raises:
+        NotALog: the file is none.
+        LogUnreadable: the file cannot be read.
+    """
+    log = CarmenLog(path)
+    try:
+        messages = [(one.logger_time_s, one.ipc_time_s) for one in log.messages()]
+    except OSError as error:
+        raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
+    logger_s, ipc_s = zip(*messages, strict=True)
+    left_out = [f"{count} {reason}" for reason, count in log.balance.left_out.items()]
+    return {
+        "format": "CARMEN log",
+        "lines": ", ".join(f"{count} {kind or 'others'}" for kind, count in log.survey.kinds.items()),
+        "messages": f"{len(messages)}",
+        "duration": f"{max(logger_s) - min(logger_s):.3f} s",
+        "from": f"{time_text(min(ipc_s))} to {time_text(max(ipc_s))}",
+        "import leaves out": "\n".join(left_out) or "nothing",
+    }
+
+
+def _text(file: BinaryIO) -> io.TextIOWrapper:
+    """Return the text in a file that may be compressed."""
+    assert isinstance(file, io.BufferedReader)
+    head = file.peek(6)
+    opened = next((opens(file) for magic, opens in COMPRESSIONS.items() if head.startswith(magic)), file)
+    return io.TextIOWrapper(opened, encoding="utf-8-sig", errors="replace")
+
+
+def _kind(words: list[str]) -> str:
+    return words[0] if _KIND.fullmatch(words[0]) else ""
+
+
+def _note(words: list[str], found: Survey) -> None:
+    """Enter a parameter, or the first line of a laser."""
+    try:
+        if words[0] == PARAMETER:
+            name, value = _parameter(words)
+            if name in found.parameters or len(found.parameters) < MAX_PARAMETERS:
+                found.parameters[name] = value
+        elif (reader := reader_of(words[0])) and isinstance(record := reader(words), LaserRecord):
+            found.first.setdefault(record.laser, record)
+    except ValueError:
+        pass  # the reading counts it
+
+
+def _parameter(words: list[str]) -> tuple[str, str]:
+    if len(words) < 3:
+        raise ValueError("PARAM should have a name and a value")
+    if is_offset(words[1]):
+        numbers(words[2:3])
+    return words[1], words[2]

@@ -59,6 +59,10 @@ class Conversion:
         sequence = self.balance.used & 0xFFFFFFFF
         self._writer.add_message(self._channels[channel], time_ns, data, time_ns, sequence)
 
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record."""
+        self._writer.add_metadata(name, values)
+
     def _open(self, channel: NewChannel, metadata: dict[str, str]) -> int:
         schema = (channel.type_name, channel.schema)
         if schema not in self._schemas:

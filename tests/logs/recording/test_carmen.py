@@ -1,4 +1,4 @@
-"""A CARMEN log is read in recording order, and a broken line is named."""
+"""A CARMEN log is read in recording order, and a broken line is left out and named."""
 
 import math
 from pathlib import Path
@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.logs.recording.carmen import BrokenLine, CarmenLog, LaserRecord, OdometryRecord, beam_angles
+from robbie_mp.logs.recording.carmen import CarmenLog
+from robbie_mp.logs.recording.carmen_records import LaserRecord, OdometryRecord, Record, beam_angles
+from robbie_mp.logs.recording.errors import NotALog
 from tests._support.places import PROJECT
 
 INTEL = PROJECT.parent / "shared/data/intel.clf"
@@ -32,7 +34,15 @@ def written(tmp_path: Path, text: str | bytes) -> Path:
 def test_records_are_in_recording_order_with_every_field(tmp_path: Path) -> None:
     log = CarmenLog(written(tmp_path, GOOD))
     first, sweep, last = log
-    assert first == OdometryRecord(1.5, -2.5, 0.5, 0.3, -0.1, 976052857.33, 0.25)
+    assert first == OdometryRecord(
+        x_m=1.5,
+        y_m=-2.5,
+        theta_rad=0.5,
+        linear_m_s=0.3,
+        angular_rad_s=-0.1,
+        ipc_time_s=976052857.33,
+        logger_time_s=0.25,
+    )
     assert isinstance(sweep, LaserRecord)
     assert sweep.ranges_m.dtype == np.float32
     assert sweep.ranges_m.tolist() == pytest.approx([1.0, 2.0, 81.83, 0.5])
@@ -40,7 +50,7 @@ def test_records_are_in_recording_order_with_every_field(tmp_path: Path) -> None
     assert (sweep.ipc_time_s, sweep.logger_time_s) == (976052857.36, 0.5)
     assert last.ipc_time_s < sweep.ipc_time_s
     assert log.parameters == {"robot_frontlaser_offset": "0.15"}
-    assert log.broken_lines == 0
+    assert log.balance.left_out == {"SYNC lines": 1}
 
 
 def test_check_counts_the_records(tmp_path: Path) -> None:
@@ -65,7 +75,7 @@ def test_beams_begin_at_minus_90_degrees_with_the_scanners_increment(
         ("ODOM 1 2 three 0 0 0 1 host 1", "'three' is not a number"),
         ("ODOM 1 2 nan 0 0 0 1 host 1", "'nan' is not a finite number"),
         ("FLASER", "number of beams"),
-        ("FLASER x 1 2", "number of beams (2 or more), not by 'x'"),
+        ("FLASER x 1 2", "number of beams as field 1, not 'x'"),
         ("FLASER -3 1 2", "number of beams"),
         ("FLASER 4 1 2 3 1 2 3 1 2 3 5 host 6", "FLASER should have 14 fields after its name, this has 13"),
         ("FLASER 2 1 -2 1 2 3 1 2 3 5 host 6", "negative range, -2.0"),
@@ -75,34 +85,26 @@ def test_beams_begin_at_minus_90_degrees_with_the_scanners_increment(
         ("ODOM \ufffd 2 3 0 0 0 1 host 1", "is not a number"),
     ],
 )
-def test_broken_line_is_reported_with_file_line_and_reason(tmp_path: Path, line: str, what: str) -> None:
-    path = written(tmp_path, GOOD + line + "\n" + GOOD)
-    with pytest.raises(BrokenLine) as error:
-        CarmenLog(path).check()
-    assert str(error.value).startswith(f"{path}:8: ")
-    assert what in str(error.value)
-
-
-def test_broken_lines_are_skipped_and_counted_on_request(tmp_path: Path) -> None:
-    log = CarmenLog(written(tmp_path, GOOD + "ODOM 1 2\n" + GOOD + "FLASER 7\n"), skip_broken=True)
+def test_broken_line_is_left_out_and_named(tmp_path: Path, line: str, what: str) -> None:
+    log = CarmenLog(written(tmp_path, GOOD + line + "\n" + GOOD))
     assert log.check() == {"odometry": 4, "laser": 2}
-    assert log.broken_lines == 2
-    assert log.check() and log.broken_lines == 2
+    (reason,) = set(log.balance.left_out) - {"SYNC lines"}
+    assert reason.startswith(f"broken {line.split(maxsplit=1)[0]} lines; the first is line 8: ")
+    assert what in reason
 
 
 @given(st.binary(max_size=300), st.integers(0, len(GOOD)))
-def test_any_bytes_give_records_or_a_broken_line(
+def test_any_bytes_give_records_or_a_clear_error(
     tmp_path_factory: pytest.TempPathFactory, junk: bytes, place: int
 ) -> None:
     text = GOOD.encode()
     path = written(tmp_path_factory.mktemp("log"), text[:place] + junk + text[place:])
     try:
         records = list(CarmenLog(path))
-    except BrokenLine as error:
-        assert str(error).startswith(f"{path}:")
+    except NotALog as error:
+        assert str(error).startswith(f"{path} is no CARMEN log")
     else:
-        assert all(isinstance(record, OdometryRecord | LaserRecord) for record in records)
-    assert CarmenLog(path, skip_broken=True).check()["odometry"] <= 8
+        assert all(isinstance(record, Record) for record in records)
 
 
 def test_missing_file_is_an_error(tmp_path: Path) -> None:

@@ -11,8 +11,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from robbie_mp.base.balance import Balance
-from robbie_mp.logs.recording.carmen import BrokenLine
+from robbie_mp.base.balance import Balance, LeftOut
 from robbie_mp.logs.recording.carmen_import import import_carmen
 from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.errors import BagUnreadable, LogNotWritten, LogUnreadable
@@ -28,6 +27,9 @@ FLASER 4 1.0 2.0 81.83 0.5 1 2 3 1.5 -2.5 0.5 976052857.30 nohost 0.5
 FLASER broken
 ODOM 1.6 -2.5 0.5 0 0 0 976052857.10 nohost 0.75
 """
+BROKEN = (
+    "broken FLASER lines; the first is line 4: FLASER must state its number of beams as field 1, not 'broken'"
+)
 CUSTOM = "float32 level\nstring[] names\nstd_msgs/Header header"
 
 
@@ -44,8 +46,8 @@ def read(path: Path) -> list[LoggedMessage]:
 def test_carmen_log_becomes_odometry_scans_and_the_lasers_mounting_pose(tmp_path: Path) -> None:
     (tmp_path / "a.clf").write_text(CARMEN)
     balance = Balance()
-    import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", balance, skip_broken=True, progress=unwatched)
-    assert (balance.used, balance.left_out) == (4, {"broken lines": 1})
+    import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", balance, progress=unwatched)
+    assert (balance.used, balance.left_out) == (4, {BROKEN: 1})
     logged = read(tmp_path / "a.mcap")
     place, odometry, scan, last = map(LogDecoder().decode, logged)
     assert isinstance(place, TFMessage) and isinstance(scan, LaserScan) and isinstance(odometry, Odometry)
@@ -58,23 +60,22 @@ def test_carmen_log_becomes_odometry_scans_and_the_lasers_mounting_pose(tmp_path
     assert [one.time_ns - first_ns for one in logged] == [0, 0, 250_000_000, 500_000_000]
 
 
-def test_broken_line_of_a_carmen_log_leaves_no_log(tmp_path: Path) -> None:
+def test_strict_import_refuses_a_broken_line_and_leaves_no_log(tmp_path: Path) -> None:
     (tmp_path / "a.clf").write_text(CARMEN)
-    with pytest.raises(BrokenLine, match=r"a\.clf:4: "):
-        import_carmen(
-            tmp_path / "a.clf", tmp_path / "a.mcap", Balance(), skip_broken=False, progress=unwatched
-        )
+    balance = Balance(is_strict=True)
+    with pytest.raises(LeftOut, match="broken FLASER lines; the first is line 4: "):
+        import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", balance, progress=unwatched)
     assert not (tmp_path / "a.mcap").exists()
 
 
 def test_unreadable_input_and_unwritable_output_are_reported(tmp_path: Path) -> None:
     source, target = tmp_path / "a.clf", tmp_path / "a.mcap"
     with pytest.raises(LogUnreadable, match="No such file"):
-        import_carmen(source, target, Balance(), skip_broken=False, progress=unwatched)
-    source.write_text("")
+        import_carmen(source, target, Balance(), progress=unwatched)
+    source.write_text(CARMEN)
     target.write_text("precious")
     with pytest.raises(LogNotWritten, match="File exists"):
-        import_carmen(source, target, Balance(), skip_broken=False, progress=unwatched)
+        import_carmen(source, target, Balance(), progress=unwatched)
     assert target.read_text() == "precious"
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord
+from robbie_mp.logs.recording.carmen import CarmenLog
+from robbie_mp.logs.recording.carmen_records import LaserRecord
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.mapping.grid_mapper import GridMapper
 from robbie_robots.workers.mapping.slam_metric import BadInput, main, measure, read_table
@@ -123,7 +124,9 @@ def test_missing_file_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 @needs_intel
 def test_raw_odometry_on_intel_has_the_known_error() -> None:
-    odometry = [record for record in CarmenLog(DATA / "intel.clf") if not isinstance(record, LaserRecord)]
+    odometry = [
+        record for record in CarmenLog(DATA / "intel.clf").drive() if not isinstance(record, LaserRecord)
+    ]
     trajectory = np.array([[each.ipc_time_s, each.x_m, each.y_m, each.theta_rad] for each in odometry])
     score = measure(trajectory, read_table(DATA / "intel.relations", 8, "relations"))
     assert score.translation_mean_m == pytest.approx(7.39, abs=0.01)
@@ -133,7 +136,7 @@ def test_raw_odometry_on_intel_has_the_known_error() -> None:
 @needs_intel
 def test_mapper_is_accurate_on_the_first_lap_of_intel() -> None:
     mapper, sweeps, most = GridMapper(), 0, 330
-    for record in CarmenLog(DATA / "intel.clf"):
+    for record in CarmenLog(DATA / "intel.clf").drive():
         if isinstance(record, LaserRecord):
             sweeps += 1
             bearings = record.angle_min_rad, record.angle_increment_rad

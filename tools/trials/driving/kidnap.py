@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.logs.recording.carmen import CarmenLog, LaserRecord, OdometryRecord
+from robbie_mp.logs.recording.carmen import CarmenLog
+from robbie_mp.logs.recording.carmen_records import LaserRecord, OdometryRecord
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.localization.likelihood_field import LikelihoodField
 from robbie_robots.workers.localization.localizer import Localizer
@@ -99,7 +100,7 @@ class KidnapBuilding:
     """The drive of a log, with the trajectory that the mapper makes of it."""
 
     def __init__(self, log: Path) -> None:
-        records = list(CarmenLog(log))
+        records = list(CarmenLog(log).drive())
         mapper = GridMapper()
         for record in records:
             if isinstance(record, OdometryRecord):
