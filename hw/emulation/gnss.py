@@ -35,7 +35,7 @@ class Fix:
         geoid_m: of the mean sea level above the ellipsoid.
         speed_m_per_s: over ground.
         course_deg: over ground, clockwise from north.
-        quality: of NMEA: 0 none, 1 GPS, 2 DGPS, 4 RTK fixed, 5 RTK float, 6 dead reckoning.
+        quality: of NMEA: 0 none, 1 GPS, 2 DGPS, 4 RTK fixed, 5 RTK float, 6 dead reckoning, 9 SBAS.
         satellites: in use.
         hdop: horizontal dilution of precision.
         horizontal_m: horizontal accuracy.

@@ -1,7 +1,8 @@
 """Sentences of NMEA 0183, as receivers of satellite navigation send them.
 
 Source: National Marine Electronics Association, NMEA 0183 Standard for Interfacing Marine Electronic
-Devices; u-blox AG, u-blox 8 Receiver Description (UBX-13003221), section NMEA Protocol.
+Devices; u-blox AG, u-blox 8 Receiver Description (UBX-13003221), section NMEA Protocol; NovAtel, OEM7
+Commands and Logs Reference Manual, log GPGGA, for quality 9.
 """
 
 import math
@@ -15,7 +16,7 @@ from robbie_robots.hw.framing import DamagedFrame, Framing
 KNOT_M_PER_S = 1852 / 3600
 # The standard allows 82 characters; receivers send longer ones.
 MAX_SENTENCE_BYTES = 1_024
-_SENTENCE = re.compile(rb"[!$]([A-Z0-9]{2,}),([ -~]*)\*([0-9A-Fa-f]{2})\r?\n")
+_SENTENCE = re.compile(rb"[!$]([A-Z0-9]{2,}),([ -~]*)\*([0-9A-Fa-f]{2})\r?\n?")
 _POSITION = re.compile(r"(\d{2,3})(\d{2}(?:\.\d*)?)", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 
@@ -28,6 +29,10 @@ class Sentence(NamedTuple):
     fields: tuple[str, ...]
 
 
+NO_DILUTION = 99.0
+"""From here on, a dilution of precision means that there is none."""
+
+
 class FixQuality(IntEnum):
     """How a receiver found its position."""
 
@@ -38,8 +43,27 @@ class FixQuality(IntEnum):
     RTK_FIXED = 4
     RTK_FLOAT = 5
     DEAD_RECKONING = 6
+    """Estimated from older positions and the motion since."""
     MANUAL = 7
+    """Typed in."""
     SIMULATION = 8
+    """Made up by the receiver, to test what is behind it."""
+    SBAS = 9
+    """With corrections from satellites (WAAS, EGNOS), as NovAtel's receivers tell; others use 2."""
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the position comes from satellites now."""
+        return self in MEASURED
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether corrections of a reference station are in it."""
+        return self in CORRECTED
+
+
+CORRECTED = (FixQuality.DIFFERENTIAL, FixQuality.RTK_FIXED, FixQuality.RTK_FLOAT, FixQuality.SBAS)
+MEASURED = (FixQuality.SATELLITES, FixQuality.PRECISE, *CORRECTED)
 
 
 @dataclass(frozen=True)
@@ -103,7 +127,7 @@ def sentence(text: str) -> bytes:
 
 
 class NmeaFraming(Framing[Sentence]):
-    """Sentences between `$` and the line's end."""
+    """Sentences between `$` and the line's end, or, behind a checksum, the next `$`."""
 
     start = b"$"
     head_bytes = MAX_SENTENCE_BYTES
@@ -113,6 +137,8 @@ class NmeaFraming(Framing[Sentence]):
         end = head.find(b"\n")
         again = head.find(b"$", 1)
         if again >= 0 and (end < 0 or again < end):
+            if b"*" in head[max(0, again - 4) : max(0, again - 2)]:
+                return again
             raise DamagedFrame("another sentence begins before the line's end")
         if end < 0 and len(head) == MAX_SENTENCE_BYTES:
             raise DamagedFrame(f"no end of line in {MAX_SENTENCE_BYTES} characters")
@@ -143,13 +169,13 @@ def position_fix(sent: Sentence) -> PositionFix:
         raise DamagedFrame(f"unknown quality {fields[5]!r}")
     return PositionFix(
         time_of_day_s=_time(fields[0]),
-        latitude_deg=_angle(fields[1], fields[2], "N", "S"),
-        longitude_deg=_angle(fields[3], fields[4], "E", "W"),
+        latitude_deg=_angle(fields[1], fields[2], LATITUDE),
+        longitude_deg=_angle(fields[3], fields[4], LONGITUDE),
         quality=FixQuality(quality),
         satellites=_whole(fields[6]),
-        horizontal_dilution=_number(fields[7]),
-        altitude_m=_number(fields[8]),
-        geoid_m=_number(fields[10]),
+        horizontal_dilution=_dilution(fields[7]),
+        altitude_m=_metres(fields[8], fields[9]),
+        geoid_m=_metres(fields[10], fields[11]),
     )
 
 
@@ -163,8 +189,8 @@ def motion(sent: Sentence) -> RmcSentence:
     return RmcSentence(
         time_of_day_s=_time(fields[0]),
         valid=fields[1] == "A",
-        latitude_deg=_angle(fields[2], fields[3], "N", "S"),
-        longitude_deg=_angle(fields[4], fields[5], "E", "W"),
+        latitude_deg=_angle(fields[2], fields[3], LATITUDE),
+        longitude_deg=_angle(fields[4], fields[5], LONGITUDE),
         speed_m_per_s=_number(fields[6]) * KNOT_M_PER_S,
         course_deg=_number(fields[7]),
     )
@@ -181,7 +207,24 @@ def _number(text: str) -> float:
         return math.nan
     if not _NUMBER.fullmatch(text):
         raise DamagedFrame(f"{text!r} is no number")
-    return float(text)
+    number = float(text)
+    if not math.isfinite(number):
+        raise DamagedFrame(f"{text!r:.40} is too large")
+    return number
+
+
+def _dilution(text: str) -> float:
+    dilution = _number(text)
+    if dilution < 0.0:
+        raise DamagedFrame(f"a dilution of precision of {text}")
+    # 0 would be a position without error; receivers send it when they know none
+    return dilution if 0.0 < dilution < NO_DILUTION else math.nan
+
+
+def _metres(text: str, unit: str) -> float:
+    if unit not in ("M", ""):
+        raise DamagedFrame(f"{text!r} is in {unit!r}, not in metres")
+    return _number(text)
 
 
 def _whole(text: str) -> int:
@@ -195,15 +238,29 @@ def _time(text: str) -> float:
         return math.nan
     if not re.fullmatch(r"[0-9]{6}(\.[0-9]*)?", text):
         raise DamagedFrame(f"{text!r} is no time of day")
-    return int(text[:2]) * 3600 + int(text[2:4]) * 60 + float(text[4:])
+    hours, minutes, seconds = int(text[:2]), int(text[2:4]), float(text[4:])
+    # second 60 is a leap second
+    if hours >= 24 or minutes >= 60 or seconds >= 61.0:
+        raise DamagedFrame(f"{text!r} is no time of day")
+    return hours * 3600 + minutes * 60 + seconds
 
 
-def _angle(text: str, side: str, positive: str, negative: str) -> float:
+class _Coordinate(NamedTuple):
+    sides: tuple[str, str]
+    largest_deg: float
+
+
+LATITUDE, LONGITUDE = _Coordinate(("N", "S"), 90.0), _Coordinate(("E", "W"), 180.0)
+
+
+def _angle(text: str, side: str, coordinate: _Coordinate) -> float:
     """Return the angle in degrees of text such as "1929.045" (degrees and minutes)."""
     if not text:
         return math.nan
     match = _POSITION.fullmatch(text)
-    if match is None or side not in (positive, negative):
-        raise DamagedFrame(f"{text!r} {side!r} is no position")
+    if match is None or side not in coordinate.sides or float(match[2]) >= 60.0:
+        raise DamagedFrame(f"{text!r:.40} {side!r} is no position")
     degrees = int(match[1]) + float(match[2]) / 60
-    return degrees if side == positive else -degrees
+    if degrees > coordinate.largest_deg:
+        raise DamagedFrame(f"{text!r:.40} {side!r} is beyond {coordinate.largest_deg:g} degrees")
+    return degrees if side == coordinate.sides[0] else -degrees

@@ -22,8 +22,9 @@ class SatellitePosition:
 
     Attributes:
         stamp_s: time of arrival.
-        has_fix: whether the position is one of now.
-        is_corrected: whether corrections of a reference station are in it.
+        has_fix: whether satellites gave the position now; one that was estimated, typed in or simulated is no
+            fix.
+        is_corrected: whether corrections of a reference station, also by satellite, are in it.
         latitude_deg: WGS 84, positive to the north.
         longitude_deg: WGS 84, positive to the east.
         height_m: above the ellipsoid.
@@ -114,12 +115,10 @@ class NmeaReceiver(Receiver[nmea.Sentence]):
         if frame.kind != "GGA":
             return None
         fix = nmea.position_fix(frame)
-        quality = fix.quality
         return SatellitePosition(
             stamp_s=stamp_s,
-            has_fix=quality is not nmea.FixQuality.NONE and not math.isnan(fix.latitude_deg),
-            is_corrected=quality
-            in (nmea.FixQuality.DIFFERENTIAL, nmea.FixQuality.RTK_FIXED, nmea.FixQuality.RTK_FLOAT),
+            has_fix=fix.quality.is_measured and not math.isnan(fix.latitude_deg + fix.longitude_deg),
+            is_corrected=fix.quality.is_corrected,
             latitude_deg=fix.latitude_deg,
             longitude_deg=fix.longitude_deg,
             height_m=fix.altitude_m + fix.geoid_m,

@@ -123,6 +123,8 @@ class UbxFraming(Framing[UbxMessage]):
 
 
 _PVT = struct.Struct("<I 16x BBxB ii ii II iii i i")
+_INVALID_AT, _INVALID_PLACE = 78, 1
+"""Flag that latitude, longitude and height are invalid; receivers before protocol 27 do not have it."""
 _PVT_BYTES = (84, 92)
 
 
@@ -130,7 +132,7 @@ def navigation_solution(sent: UbxMessage) -> NavigationSolution:
     """Return what a NAV-PVT message tells.
 
     Raises:
-        DamagedFrame: it is another message.
+        DamagedFrame: it is another message, or its position is not on the earth.
     """
     if (sent.message_class, sent.number) != (0x01, 0x07) or len(sent.payload) not in _PVT_BYTES:
         raise DamagedFrame(
@@ -155,10 +157,13 @@ def navigation_solution(sent: UbxMessage) -> NavigationSolution:
     ) = _PVT.unpack_from(sent.payload)
     if fix not in FixType._value2member_map_:
         raise DamagedFrame(f"unknown fix type {fix}")
+    is_valid = bool(flags & 1) and not sent.payload[_INVALID_AT] & _INVALID_PLACE
+    if is_valid and (abs(latitude) > 90 * 10**7 or abs(longitude) > 180 * 10**7):
+        raise DamagedFrame(f"latitude {latitude / 1e7:g}, longitude {longitude / 1e7:g} degrees")
     return NavigationSolution(
         time_of_week_s=time_ms / 1e3,
         fix_type=FixType(fix),
-        valid=bool(flags & 1),
+        valid=is_valid,
         is_corrected=bool(flags & 2),
         satellites=satellites,
         latitude_deg=latitude / 1e7,

@@ -26,7 +26,8 @@ class ReceiverModule(PluggableDeviceModule[SatellitePosition]):
         status = NavSatStatus.STATUS_NO_FIX
         if value.has_fix:
             status = NavSatStatus.STATUS_GBAS_FIX if value.is_corrected else NavSatStatus.STATUS_FIX
-        spread = [value.horizontal_m**2, value.horizontal_m**2, value.vertical_m**2]
+        spread = np.array([value.horizontal_m, value.horizontal_m, value.vertical_m]) ** 2
+        is_known = value.has_fix and bool(np.isfinite(spread).all())
         self.publish(
             NavSatFix(
                 header=Header(stamp=Time.from_nanoseconds(round(value.stamp_s * 1e9)), frame_id="gnss"),
@@ -34,8 +35,10 @@ class ReceiverModule(PluggableDeviceModule[SatellitePosition]):
                 latitude=value.latitude_deg,
                 longitude=value.longitude_deg,
                 altitude=value.height_m,
-                position_covariance=np.diag(spread).ravel(),
-                position_covariance_type=NavSatFix.COVARIANCE_TYPE_APPROXIMATED,
+                position_covariance=np.diag(spread if is_known else np.zeros(3)).ravel(),
+                position_covariance_type=NavSatFix.COVARIANCE_TYPE_APPROXIMATED
+                if is_known
+                else NavSatFix.COVARIANCE_TYPE_UNKNOWN,
             ),
             topic="gnss",
         )

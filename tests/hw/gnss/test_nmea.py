@@ -5,6 +5,8 @@ from typing import Any
 
 import pynmea2
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robbie_robots.hw.framing import DamagedFrame, FrameDecoder
 from robbie_robots.hw.gnss import nmea
@@ -68,7 +70,7 @@ def test_receiver_without_a_fix_reports_no_numbers() -> None:
     "line",
     [
         GGA.replace(b"6D", b"6E"),
-        b"$GPGGA,1" + GGA[:-2],
+        b"$GPGGA,1" + GGA[:-5],
         b"$gpgga,1*00\r\n",
         b"$" + b"A" * 2000,
         GGA.replace(b"184353", b"18435\xb3"),
@@ -88,12 +90,101 @@ def test_damaged_sentence_is_dropped_and_the_next_is_read(line: bytes) -> None:
         "184353,1929.045,S,02410.506,E,99,04,2.6,100.00,M,-33.9,M,,",
         "184353,1929.045,S,02410.506,E,1,04,nan,100.00,M,-33.9,M,,",
         "184353,1929.045,S",
+        "184353,1967.0,S,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "184353,9100.0,N,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "184353,9000.001,N,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "184353,1929.045,S,19130.000,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "184353,1929.045,S,18000.001,W,1,04,2.6,100.00,M,-33.9,M,,",
+        "184353,1929.045,,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "184353,-1929.045,S,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "244353,1929.045,S,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "186053,1929.045,S,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "184361,1929.045,S,02410.506,E,1,04,2.6,100.00,M,-33.9,M,,",
+        "184353,1929.045,S,02410.506,E,1,04,2.6,328.1,F,-33.9,M,,",
+        "184353,1929.045,S,02410.506,E,1,04,-2.6,100.00,M,-33.9,M,,",
+        "184353,1929.045,S,02410.506,E,1,04,2.6," + "9" * 400 + ",M,-33.9,M,,",
+        "184353,1929.045,S,02410.506,E,-1,04,2.6,100.00,M,-33.9,M,,",
     ],
 )
 def test_malformed_field_is_damage(fields: str) -> None:
     (sentence,) = decoded(nmea.sentence("GPGGA," + fields))
     with pytest.raises(DamagedFrame):
         nmea.position_fix(sentence)
+
+
+@pytest.mark.parametrize(
+    ("quality", "is_measured", "is_corrected"),
+    [
+        (0, False, False),
+        (1, True, False),
+        (2, True, True),
+        (3, True, False),
+        (4, True, True),
+        (5, True, True),
+        (6, False, False),
+        (7, False, False),
+        (8, False, False),
+        (9, True, True),
+    ],
+)
+def test_quality_tells_whether_satellites_gave_the_position(
+    quality: int, is_measured: bool, is_corrected: bool
+) -> None:
+    (sentence,) = decoded(nmea.sentence(GGA.decode()[1:-5].replace(",E,1,", f",E,{quality},")))
+    told = nmea.position_fix(sentence).quality
+    assert (told.is_measured, told.is_corrected) == (is_measured, is_corrected)
+
+
+@pytest.mark.parametrize("talker", ["GP", "GN", "GA", "GB", "GQ", "GL", "BD"])
+def test_every_talker_is_read(talker: str) -> None:
+    (sentence,) = decoded(nmea.sentence(talker + GGA.decode()[3:-5]))
+    assert (sentence.talker, nmea.position_fix(sentence).satellites) == (talker, 4)
+
+
+@pytest.mark.parametrize("ends", [b"\r\n", b"\n", b"\r", b""])
+def test_sentences_may_follow_without_an_end_of_line(ends: bytes) -> None:
+    one = GGA.rstrip()
+    sentences = decoded(one + ends + one.replace(b"*6D", b"*6d") + ends + OTHERS)
+    assert [each.kind for each in sentences] == ["GGA", "GGA", "RTE", "MWV", "R00"]
+
+
+@pytest.mark.parametrize("dilution", ["", "99.99", "99.9", "0.0", "0"])
+def test_dilution_that_is_none_is_unknown(dilution: str) -> None:
+    (sentence,) = decoded(nmea.sentence(GGA.decode()[1:-5].replace(",2.6,", f",{dilution},")))
+    assert math.isnan(nmea.position_fix(sentence).horizontal_dilution)
+
+
+def test_leap_second_and_limits_of_coordinates_are_read() -> None:
+    (sentence,) = decoded(nmea.sentence("GPGGA,235960.50,9000.000,S,18000.000,W,1,04,2.6,1,M,,M,,"))
+    fix = nmea.position_fix(sentence)
+    assert (fix.latitude_deg, fix.longitude_deg, fix.time_of_day_s) == (-90.0, -180.0, 86400.5)
+
+
+COORDINATES = st.one_of(
+    st.from_regex(r"[0-9]{1,3}[0-9]{2}(\.[0-9]{0,6})?", fullmatch=True),
+    st.from_regex(r"[-+]?[0-9]{0,6}\.?[0-9]{0,3}", fullmatch=True),
+    st.text("0123456789.-+eE naif", max_size=8),
+)
+
+
+@given(COORDINATES, st.sampled_from("NSEWn "), COORDINATES, st.sampled_from("EWNSe "))
+def test_coordinates_are_those_of_pynmea2_or_refused(
+    latitude: str, north: str, longitude: str, east: str
+) -> None:
+    line = nmea.sentence(f"GNGGA,184353,{latitude},{north},{longitude},{east},1,04,2.6,100.0,M,1,M,,")
+    (sentence,) = decoded(line)
+    try:
+        fix = nmea.position_fix(sentence)
+    except DamagedFrame:
+        return
+    told = witness(line)
+    for ours, text, limit, name in (
+        (fix.latitude_deg, latitude, 90.0, "latitude"),
+        (fix.longitude_deg, longitude, 180.0, "longitude"),
+    ):
+        assert math.isnan(ours) if not text else abs(ours) <= limit
+        if "." in text and not text.endswith("."):  # pynmea2 wants a decimal point and a digit
+            assert ours == pytest.approx(getattr(told, name))
 
 
 def witness(line: bytes) -> Any:

@@ -49,6 +49,34 @@ def test_receiver_without_a_fix_says_so() -> None:
     assert [position.has_fix for position in plugged.receiver.poll()] == [False, False]
 
 
+def test_position_of_quality_9_is_a_fix_and_dead_reckoning_is_none() -> None:
+    plugged = Plugged(NmeaReceiver)
+    plugged.device.send(b"".join(gga(quality) for quality in range(10)))
+    assert [position.has_fix for position in plugged.receiver.poll()] == [
+        quality in (1, 2, 3, 4, 5, 9) for quality in range(10)
+    ]
+    assert plugged.receiver.counters.damaged == 0
+
+
+def test_positions_off_the_earth_are_dropped_and_counted() -> None:
+    plugged = Plugged(NmeaReceiver)
+    for place in ("1967.0,S,02410.5,E", "9100.0,N,02410.5,E", "1929.0,S,19130.0,E", "1929.0,S,,"):
+        plugged.device.send(nmea.sentence(f"GPGGA,184353.07,{place},1,04,2.0,100.00,M,-33.9,M,,0000"))
+    (half,) = plugged.receiver.poll()
+    assert not half.has_fix and plugged.receiver.counters.damaged == 3
+
+
+def test_ublox_positions_off_the_earth_or_marked_invalid_are_no_fix() -> None:
+    plugged = Plugged(UbxReceiver)
+    beyond = bytearray(pvt(flags=1, fix_type=3)[6:-2])
+    struct.pack_into("<ii", beyond, 24, 1915000000, 910000000)
+    marked = bytearray(pvt(flags=1, fix_type=3)[6:-2])
+    marked[78] |= 1
+    plugged.device.send(b"".join(ubx.message(1, 7, bytes(payload)) for payload in (beyond, marked)))
+    assert [position.has_fix for position in plugged.receiver.poll()] == [False]
+    assert plugged.receiver.counters.damaged == 1
+
+
 def test_receiver_that_sends_other_sentences_only_stays_connected() -> None:
     plugged = Plugged(NmeaReceiver)
     for _ in range(10):
