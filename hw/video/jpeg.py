@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_robots.hw.framing import DamagedFrame
 from robbie_robots.hw.video.huffman import with_huffman_tables
+from robbie_robots.hw.video.jpeg_check import whole_jpeg
 from robbie_robots.hw.video.source import (
     CameraFault,
     CameraLibraryMissing,
@@ -40,7 +42,7 @@ class JpegFrame:
 
 
 class JpegCamera(VideoSource[JpegFrame]):
-    """A camera that compresses its images itself.
+    """A camera that compresses its images itself. Images that are cut, or of another size, are dropped.
 
     Args:
         source: see `VideoSource`.
@@ -106,8 +108,13 @@ class JpegCamera(VideoSource[JpegFrame]):
             self._ended()
             return None
         pts_s = float(packet.pts * packet.time_base) if packet.pts is not None else 0.0
-        data = np.frombuffer(with_huffman_tables(bytes(packet)), np.uint8)
-        return JpegFrame(self._stamp_s(pts_s), *self._size, data)
+        stamp_s = self._stamp_s(pts_s)
+        try:
+            image = whole_jpeg(bytes(packet), *self._size)
+        except DamagedFrame:
+            self.counters.damaged += 1
+            return None
+        return JpegFrame(stamp_s, *self._size, np.frombuffer(with_huffman_tables(image), np.uint8))
 
     def _close(self) -> None:
         self._packets = iter(())

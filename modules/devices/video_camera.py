@@ -117,7 +117,7 @@ class VideoCameraModule(ReconnectingDeviceModule[T]):
         counters = self.device.counters
         return (
             f"{counters.values} images, {self.camera.dropped} dropped, {self.camera.missed} missing, "
-            f"lost {counters.losses} times"
+            f"{counters.damaged} damaged, lost {counters.losses} times"
         )
 
 

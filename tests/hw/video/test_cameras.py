@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import re
 import struct
 import time
 from collections.abc import Callable
@@ -12,9 +13,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from robbie_robots.hw.framing import DamagedFrame
 from robbie_robots.hw.video import source
 from robbie_robots.hw.video.huffman import with_huffman_tables
+from robbie_robots.hw.video.jpeg_check import whole_jpeg
 from robbie_robots.hw.video.opencv import OpenCvCamera
 from robbie_robots.hw.video.source import CameraLibraryMissing, VideoFormat, VideoSource
 
@@ -233,3 +238,66 @@ def test_image_without_huffman_tables_gets_the_usual_ones() -> None:
     np.testing.assert_array_equal(cv2.imdecode(repaired, cv2.IMREAD_COLOR), expected)
     for strange in (b"", b"\xff\xd8", b"\xff\xd8\xff\xe0\x00", b"no JPEG", image[:100]):
         assert with_huffman_tables(strange) == strange
+
+
+def picture(width: int = 64, height: int = 48, restarts: int = 0, *, is_progressive: bool = False) -> bytes:
+    pixels = np.random.default_rng(1).integers(0, 255, (height, width, 3), np.uint8)
+    options = [cv2.IMWRITE_JPEG_RST_INTERVAL, restarts, cv2.IMWRITE_JPEG_PROGRESSIVE, int(is_progressive)]
+    return bytes(cv2.imencode(".jpg", pixels, options)[1].tobytes())
+
+
+@pytest.mark.parametrize("behind", [b"", b"\0", b"\0" * 1000, b"next"])
+@pytest.mark.parametrize(("restarts", "is_progressive"), [(0, False), (1, False), (0, True)])
+def test_whole_image_passes_without_what_follows_it(
+    behind: bytes, restarts: int, is_progressive: bool
+) -> None:
+    image = picture(restarts=restarts, is_progressive=is_progressive)
+    assert whole_jpeg(image + behind, 64, 48) == image
+
+
+def test_image_of_one_colour_is_long_enough() -> None:
+    image = cv2.imencode(".jpg", np.full((480, 640, 3), 128, np.uint8))[1].tobytes()
+    assert whole_jpeg(image, 640, 480) == image
+
+
+@given(st.floats(0.0, 1.0, exclude_max=True))
+def test_image_that_is_cut_anywhere_is_damaged(share: float) -> None:
+    image = picture()
+    with pytest.raises(DamagedFrame):
+        whole_jpeg(image[: int(share * len(image))], 64, 48)
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (picture(32, 48), "of 32 x 48, not 64 x 48"),
+        (picture()[2:], "does not begin with SOI"),
+        (picture()[:-2], "without an end"),
+        (picture()[: picture().index(b"\xff\xda") + 24] + b"\xff\xd9", "10 bytes code no image"),
+        (picture()[:2000] + picture(), "no marker|segment|frame"),
+        (b"\xff\xd8\xff\xd9", "without a frame or a scan"),
+        (picture(restarts=1).replace(b"\xff\xd1", b"", 1), "a part is missing"),
+    ],
+)
+def test_image_with_missing_parts_is_damaged(image: bytes, said: str) -> None:
+    with pytest.raises(DamagedFrame, match=said):
+        whole_jpeg(image, 64, 48)
+
+
+def test_damaged_images_are_counted_and_not_passed_on(tmp_path: Path) -> None:
+    data = video(tmp_path / "video.avi").read_bytes()
+    begins = [match.start() for match in re.finditer(b"\xff\xd8\xff", data)]
+    assert len(begins) == IMAGES
+    # Within the file, images keep their length: the second one lacks its end, the third one has another size.
+    end = data.index(b"\xff\xd9", begins[1])
+    height = data.index(b"\xff\xc0", begins[2]) + 5
+    damaged = bytearray(data)
+    damaged[end : end + 2] = bytes(2)
+    damaged[height : height + 2] = (HEIGHT // 2).to_bytes(2, "big")
+    (tmp_path / "damaged.avi").write_bytes(damaged)
+    with closing(jpeg_camera(tmp_path / "damaged.avi")) as camera:
+        frames = taken(camera, IMAGES - 2)
+        assert camera.counters.damaged >= 2
+    if not camera.dropped:
+        told = [grey(frame) for frame in frames[: IMAGES - 2]]
+        assert told == pytest.approx([GREYS[0], GREYS[3], GREYS[4]], abs=3)
