@@ -1,10 +1,14 @@
 """`robbie export FILE OUT`: the messages of a log as CSV, numpy or PNG files, or as a bag of ROS 2."""
 
 import argparse
+import hashlib
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
+from itertools import count as count_from
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 from zipfile import ZipFile
@@ -41,8 +45,18 @@ if TYPE_CHECKING:
 
 MAX_REASONS = 10
 """Different reasons that are reported for a channel."""
-UNSAFE = re.compile(r"[^\w.-]")
+UNSAFE = re.compile(r"[^\w.-]|\.$")
 """Characters that are not safe in the names of files."""
+MAX_NAME_BYTES = 200
+"""File systems allow 255; a suffix, or the name of a picture, comes behind."""
+RESERVED = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10)),
+}
+"""Names that Windows keeps for devices, with any suffix."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -190,13 +204,36 @@ def _stamp(message: Message, time_ns: int) -> str:
 
 
 def file_names(channels: Sequence[LogChannel]) -> dict[LogChannel, str]:
-    """Return a name for each channel: of its topic, and as much more as makes it the only one."""
+    """Return a name for each channel: of its topic, and as much more as makes it the only one.
+
+    Names that differ only in capital letters count as the same, as in the file systems of USB sticks.
+    """
     names: dict[LogChannel, str] = {}
+    taken: set[str] = set()
     for channel in channels:
         words = [channel_name(channel), channel.type_name.rpartition("/")[2], channel.sender, str(channel.id)]
-        longer = (UNSAFE.sub("_", "-".join(words[:count])) for count in range(1, len(words) + 1))
-        names[channel] = next(name for name in longer if name not in names.values())
+        longer = ("-".join(words[:count]) for count in range(1, len(words) + 1))
+        further = (f"{'-'.join(words)}-{number}" for number in count_from(2))
+        for name in map(safe_name, chain(longer, further)):
+            key = unicodedata.normalize("NFKC", name).casefold()
+            if key not in taken:
+                break
+        taken.add(key)
+        names[channel] = name
     return names
+
+
+def safe_name(text: str) -> str:
+    """Return a text as the name of a file, without a suffix: bounded, and with all file systems' letters.
+
+    A name that is cut ends with a digest of the text, so that long names stay apart.
+    """
+    name = UNSAFE.sub("_", text)
+    if len(name.encode()) > MAX_NAME_BYTES:
+        digest = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:12]
+        name = name.encode()[: MAX_NAME_BYTES - 13].decode(errors="ignore") + "-" + digest
+    is_reserved = name.partition(".")[0].upper() in RESERVED or name.startswith(".")
+    return f"_{name}" if is_reserved or not name else name
 
 
 @contextmanager

@@ -8,9 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robbie_mp import Message, float64
 from robbie_mp.cli import main
+from robbie_mp.cli.export import file_names
+from robbie_mp.logs.recording.reader import LogChannel
 from robbie_mp.messages import TFMessage, TransformStamped, schema_text
 from tests.logs.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
 from tests.logs.recording.test_imports import CARMEN, write_bag
@@ -195,3 +199,48 @@ def test_bad_input_is_a_one_line_error(
     error = capsys.readouterr().err
     assert what in error and error.count("\n") == 1
     assert not Path("b.mcap").exists()
+
+
+def channels(*topics: str, type_name: str = "std_msgs/msg/Empty") -> list[LogChannel]:
+    return [LogChannel(number, type_name, 1, topic, "m", "") for number, topic in enumerate(topics)]
+
+
+LONG = "a" * 300
+
+
+@pytest.mark.parametrize(
+    ("topics", "names"),
+    [
+        (["odom", "red/odom"], ["odom", "red_odom"]),
+        (["odom", "Odom", "ODOM"], ["odom", "Odom-Empty", "ODOM-Empty-m"]),
+        (["a b", "a_b", "a/b", "a-b"], ["a_b", "a_b-Empty", "a_b-Empty-m", "a-b"]),
+        (["..", ".", "con", "nul.x", "com7", "a."], ["_._", "_", "_con", "_nul.x", "_com7", "a_"]),
+        (["q-Empty-m-1", "q", "q", "q", "q-Empty-m-4"], None),
+    ],
+)
+def test_files_of_topics_have_names_that_every_file_system_takes(
+    topics: list[str], names: list[str] | None
+) -> None:
+    found = list(file_names(channels(*topics)).values())
+    assert names is None or found == names
+    assert len({name.casefold() for name in found}) == len(topics)
+
+
+@given(st.lists(st.text(max_size=400) | st.sampled_from([LONG + "b", LONG + "c", LONG.upper()]), max_size=12))
+def test_names_of_files_are_bounded_and_differ(topics: list[str]) -> None:
+    found = list(file_names(channels(*topics)).values())
+    assert len({name.casefold() for name in found}) == len(topics)
+    for name in found:
+        assert 0 < len(name.encode()) <= 201
+        assert name not in (".", "..") and not set(name) & set('/\\:*?"<>|\0')
+
+
+def test_topic_of_300_characters_is_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with LogFile(tmp_path / "long.mcap") as log:
+        for topic in (f"{LONG}1", f"{LONG}2", "odom"):
+            log.add(scan(1), topic)
+    assert main(["export", "long.mcap", "out"]) == 0
+    written = sorted(path.name for path in Path("out").iterdir())
+    assert len(written) == 3 and written[-1] == "odom.csv"
+    assert all(len(name) <= 205 for name in written)
