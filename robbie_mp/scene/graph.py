@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.messages.frames import without_slash
 from robbie_mp.scene.body import Body, PlacedNode, fixed_node, floating_node, jointed_node, root_node
 from robbie_mp.scene.errors import (
     Disconnected,
@@ -33,6 +34,8 @@ class SceneGraph:
         ])
         graph.move("base_link", time_ns, RigidTransform.of((1.0, 2.0, 0.0)))
         X_ML = graph.pose("map", "laser", time_ns)
+
+    A slash before a name, as ROS 1 has it, does not count: `/map` is `map`.
 
     Frames without a joint between them form one rigid body. A query composes one pose for each joint on the
     path, so its cost grows with the number of joints, not with the number of nodes.
@@ -66,7 +69,7 @@ class SceneGraph:
     # -- nodes and joints ------------------------------------------------------------------------------
 
     def __contains__(self, name: object) -> bool:
-        return name in self._nodes
+        return isinstance(name, str) and without_slash(name) in self._nodes
 
     def __iter__(self) -> Iterator[Node]:
         """Iterate over the nodes, each after its parent."""
@@ -155,7 +158,7 @@ class SceneGraph:
             NotMovable: it is not floating.
             TooOld: the time lies before the remembered history.
         """
-        history = self._floating.get(name)
+        history = self._floating.get(without_slash(name))
         if history is None:
             kind = self._find(name).node.joint_type
             raise NotMovable(
@@ -246,7 +249,7 @@ class SceneGraph:
     # -- construction ----------------------------------------------------------------------------------
 
     def _find(self, name: str) -> PlacedNode:
-        placed = self._nodes.get(name)
+        placed = self._nodes.get(name) or self._nodes.get(without_slash(name))
         if placed is None:
             raise UnknownNode(f"there is no node {name!r}", name, self._nodes)
         return placed

@@ -1,6 +1,7 @@
 """A scene graph for any module, built from the transforms that the robot publishes."""
 
 from robbie_mp.messages import TFMessage, TimeJump, TransformStamped
+from robbie_mp.messages.frames import without_slash
 from robbie_mp.module.module import Module
 from robbie_mp.scene.conversion import from_transform
 from robbie_mp.scene.errors import SceneGraphError
@@ -70,7 +71,7 @@ class SceneGraphListener:
                 self._warnings.ignore(f"the pose of {child!r} in {parent!r}", error)
 
     def _learn(self, transform: TransformStamped, is_fixed: bool) -> None:
-        parent, name = transform.header.frame_id, transform.child_frame_id
+        parent, name = without_slash(transform.header.frame_id), without_slash(transform.child_frame_id)
         pose = from_transform(transform.transform)
         node = Node(name, parent, pose if is_fixed else IDENTITY, None if is_fixed else FLOATING)
         if parent not in self.graph:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+from robbie_mp.messages.frames import without_slash
 from robbie_mp.scene.errors import BadJoint
 from robbie_mp.scene.rigid_transform import IDENTITY, RigidTransform
 
@@ -110,8 +111,8 @@ class Node:
     """A frame: its parent, its pose in the parent, and how it may move there.
 
     Attributes:
-        name: unique in its graph.
-        parent: the name of its parent; None for a root.
+        name: unique in its graph; without the slash that ROS 1 puts before it.
+        parent: the name of its parent, likewise; None for a root.
         origin: X_PN, its pose in the parent, with the joint (if any) at position 0.
         joint: None if it is fixed.
     """
@@ -127,6 +128,9 @@ class Node:
         Raises:
             BadJoint: the description is invalid.
         """
+        object.__setattr__(self, "name", without_slash(self.name))
+        if self.parent is not None:
+            object.__setattr__(self, "parent", without_slash(self.parent))
         if not self.name:
             raise BadJoint("a node needs a name")
         if self.parent is None and (self.joint is not None or self.origin != IDENTITY):

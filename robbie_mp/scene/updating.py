@@ -3,6 +3,7 @@
 from collections.abc import Container
 
 from robbie_mp.messages import JointState, Odometry, PoseStamped, TFMessage
+from robbie_mp.messages.frames import without_slash
 from robbie_mp.scene.conversion import from_pose, from_transform
 from robbie_mp.scene.errors import Disconnected, NeverPlaced, SceneGraphError, TooNew
 from robbie_mp.scene.graph import SceneGraph
@@ -94,14 +95,12 @@ class SceneUpdater:
         """
         for one in message.transforms:
             try:
-                hangs_on = self._graph.node(one.child_frame_id).parent
-                if hangs_on != one.header.frame_id:
+                child, parent = self._graph.node(one.child_frame_id), without_slash(one.header.frame_id)
+                if child.parent != parent:
                     raise Disconnected(
-                        f"the parent of node {one.child_frame_id!r} is {hangs_on!r}, "
-                        f"not {one.header.frame_id!r}"
+                        f"the parent of node {child.name!r} is {child.parent!r}, not {parent!r}"
                     )
-                stamp_ns = one.header.stamp.nanoseconds
-                self._move(one.child_frame_id, stamp_ns, from_transform(one.transform))
+                self._move(child.name, one.header.stamp.nanoseconds, from_transform(one.transform))
             except SceneGraphError as error:
                 self._warnings.ignore(f"the place of {one.child_frame_id!r} on {topic!r}", error)
 
@@ -172,4 +171,5 @@ def prefix_of(name: str) -> str:
 
 def _named(prefix: str, name: str, known: Container[str]) -> str:
     """Return what a robot calls `name`, by its own prefix if that is known."""
+    name = without_slash(name)
     return prefix + name if prefix and prefix + name in known else name

@@ -165,6 +165,17 @@ def test_one_future_stamp_does_not_block_a_node_for_ever() -> None:
     assert graph.pose("world", "base").x == 10.0
 
 
+def test_slash_before_a_name_makes_no_second_frame() -> None:
+    floating = Joint(JointType.FLOATING)
+    graph = SceneGraph([Node("/map"), Node("base", "map", joint=floating), Node("laser", "/base")])
+    graph.move("/base", 0, RigidTransform(x=1.0))
+    assert [node.name for node in graph] == ["map", "base", "laser"]
+    assert graph.pose("map", "/laser") == graph.pose("/map", "laser") == RigidTransform(x=1.0)
+    assert "/base" in graph and 5 not in graph
+    with pytest.raises(DuplicateNode):
+        SceneGraph([Node("map"), Node("/map")])
+
+
 def turned(name: str, mimic: Mimic | None = None) -> Node:
     return Node(name, "a", joint=Joint(JointType.REVOLUTE, name, mimic=mimic))
 

@@ -361,3 +361,21 @@ def test_listener_follows_a_change_of_parent_and_refuses_cycles(
         assert "nodes hang on one another" in said[1] and "cup on cup" in said[2]
         harness.send(transforms(2.0, ("map", "hand", 6.0)), topic="tf")
         assert scene.pose("map", "cup", 2 * SECOND).x == 6.5
+
+
+def test_ros_1_frames_with_a_slash_move_the_same_nodes(file: Path) -> None:
+    with ModuleHarness(SceneGraphService, {"file": file}) as service:
+        base = Odometry(header=Header(frame_id="/odom"), child_frame_id="/base_link")
+        service.send(base, topic="odom")
+        placed = TransformStamped(header=Header(frame_id="/map"), child_frame_id="/odom")
+        service.send(TFMessage(transforms=[placed]), topic="placed")
+        assert service.module.warnings.ignored == 0
+    with ModuleHarness(Listening, {}) as listening:
+        for child in ("odom", "/odom"):
+            listening.send(
+                TFMessage(
+                    transforms=[TransformStamped(header=Header(frame_id="/map"), child_frame_id=child)]
+                ),
+                topic="tf",
+            )
+        assert [node.name for node in listening.module.scene.graph] == ["map", "odom"]

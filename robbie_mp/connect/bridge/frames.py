@@ -8,33 +8,22 @@ The setting `frames` of a bridge says what the robot's frames are called there:
 
 A frame that is named counts before `*`, which stands for all others. The bridge renames what leaves the
 robot, and turns the names back in what comes in: in each text field called `frame_id` or `child_frame_id`,
-at any depth. An empty name stays empty.
+at any depth. An empty name stays empty. What comes in loses the slash that ROS 1 puts before a name, so
+that `/map` and `map` are one frame.
 """
 
 import re
-from collections.abc import Callable, Mapping
-from functools import cache
-from struct import Struct
+from collections.abc import Mapping
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.connect.bridge.mapping import MappingError
 from robbie_mp.messages import Message
-from robbie_mp.messages.field_types import FieldType, Items, Nested, Text
-from robbie_mp.messages.message import fields_of, replace
+from robbie_mp.messages.frames import Rename, renamer, unchanged, without_slash
 
 MAX_FRAMES = 256
 """Most frames that a profile may rename one by one."""
 OTHERS, FRAME = "*", "{frame}"
-FRAME_FIELDS = ("frame_id", "child_frame_id")
-HEADER = "std_msgs/msg/Header"
 FRAME_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_./-]*")
-_LENGTH = Struct("<I")
-_LENGTH_AT, _NAME_AT = 12, 16
-"""Where a message that begins with a header has the frame's name: behind the encapsulation and the stamp."""
-
-Data = bytes | memoryview
-Rename = Callable[[Data], Data]
-"""Takes an encoded message, and returns it with other names of frames."""
 
 
 class ForeignFrame(RobbieError, ValueError):
@@ -96,6 +85,7 @@ class FrameMap:
         Raises:
             ForeignFrame: it means another frame on the robot, or with `*` none.
         """
+        name = without_slash(name)
         found = self._here.get(name) or self._unwrapped(name)
         if found is not None and self.name_there(found) == name:
             return found
@@ -105,99 +95,21 @@ class FrameMap:
 
     def outward(self, message_type: type[Message]) -> Rename:
         """Return what renames the frames in messages of a type that leave the robot."""
-        return self._renamer(message_type, self.name_there)
+        return renamer(message_type, self.name_there) if self._renames else unchanged
 
     def inward(self, message_type: type[Message]) -> Rename:
         """Return what renames the frames in messages of a type that come in.
 
         It raises a `MessageError` if the bytes are no such message, and `ForeignFrame` as `name_here` does.
         """
-        return self._renamer(message_type, self.name_here)
+        return renamer(message_type, self.name_here, is_only_slash=not self._renames)
 
-    def _renamer(self, message_type: type[Message], name_of: Callable[[str], str]) -> Rename:
-        if not (self._there or self._has_others) or not _framed(message_type):
-            return _unchanged
-        return _Renamer(message_type, name_of)
+    @property
+    def _renames(self) -> bool:
+        return bool(self._there or self._has_others)
 
     def _unwrapped(self, name: str) -> str | None:
         """Return the robot's name of what `*` has renamed; None: it has not."""
         inside = name.removeprefix(self._before).removesuffix(self._after)
         fits = self._has_others and inside and len(inside) == len(name) - len(self._before + self._after)
         return inside if fits else None
-
-
-class _Renamer:
-    """Renames the frames in encoded messages of a type.
-
-    Where only the header in front names a frame, as in scans and images, a message whose frame keeps its name
-    is not decoded.
-    """
-
-    def __init__(self, message_type: type[Message], name_of: Callable[[str], str]):
-        self._type, self._name_of = message_type, name_of
-        first = fields_of(message_type)[0]
-        is_header = isinstance(first.type, Nested) and first.type.layout.type_name == HEADER
-        self._is_only_in_front = is_header and _framed(message_type) == (first.name,)
-
-    def __call__(self, data: Data) -> Data:
-        if self._is_only_in_front and len(data) > _NAME_AT:
-            (length,) = _LENGTH.unpack_from(data, _LENGTH_AT)
-            name = bytes(data[_NAME_AT : _NAME_AT + length - 1]).decode("utf-8", "replace")
-            if self._name_of(name) == name:
-                return data
-        message = self._type.decode(data)
-        changed = renamed(message, self._name_of)
-        if changed is message:
-            return data
-        buffer = bytearray(changed.encoded_size())
-        changed.encode_into(memoryview(buffer))
-        return memoryview(buffer)
-
-
-def renamed(message: Message, name_of: Callable[[str], str]) -> Message:
-    """Return a message with other names of frames; the message itself if none changes.
-
-    Args:
-        message: any message; it does not change.
-        name_of: returns the new name for an old one.
-    """
-    changes = {}
-    for field in _framed(type(message)):
-        value = getattr(message, field)
-        new = _renamed_value(value, name_of)
-        if new is not value:
-            changes[field] = new
-    return replace(message, **changes) if changes else message
-
-
-def _renamed_value(value: object, name_of: Callable[[str], str]) -> object:
-    if isinstance(value, str):
-        name = name_of(value)
-        return value if name == value else name
-    if isinstance(value, list):
-        items = [_renamed_value(one, name_of) for one in value]
-        return items if any(new is not old for new, old in zip(items, value, strict=True)) else value
-    assert isinstance(value, Message)
-    return renamed(value, name_of)
-
-
-@cache
-def _framed(message_type: type[Message]) -> tuple[str, ...]:
-    """Return the names of the fields that are names of frames, or have such fields inside."""
-    return tuple(
-        field.name
-        for field in fields_of(message_type)
-        if (isinstance(field.type, Text) and field.schema_name in FRAME_FIELDS) or _has_frames(field.type)
-    )
-
-
-def _has_frames(kind: FieldType) -> bool:
-    element = kind.element if isinstance(kind, Items) else kind
-    if not isinstance(element, Nested):
-        return False
-    inner: type[Message] = element.message
-    return bool(_framed(inner))
-
-
-def _unchanged(data: Data) -> Data:
-    return data

@@ -20,7 +20,7 @@ from robbie_mp.connect.bridge.foreign import (
     RecordersDoNotLearn,
     learn_foreign,
 )
-from robbie_mp.connect.bridge.frames import FrameMap, Rename, renamed
+from robbie_mp.connect.bridge.frames import FrameMap
 from robbie_mp.connect.bridge.mapping import BridgeMap, Incoming, MappingError, other_name, snake_case
 from robbie_mp.connect.bridge.orders import RELEASE_WITHIN_S
 from robbie_mp.connect.bridge.surroundings import BridgeRun
@@ -56,6 +56,7 @@ from robbie_mp.messages import (
     check_well_formed,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.messages.frames import Rename, renamed
 from robbie_mp.messages.plain import from_dict
 from robbie_mp.messages.registry import full_name
 from robbie_mp.messages.schema import schema_text

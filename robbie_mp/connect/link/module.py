@@ -21,7 +21,7 @@ from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.connect.link.access import AccessError, LinkAccess, read_rules
 from robbie_mp.connect.link.books import Account, LinkBooks
-from robbie_mp.connect.link.frames import has_frames, prefixed
+from robbie_mp.connect.link.frames import prefixed
 from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.connect.link.keys import Keys, KeysError
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
@@ -59,6 +59,7 @@ from robbie_mp.messages import (
     UnknownType,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.messages.frames import has_frames
 from robbie_mp.messages.stock.registry import class_with_rules
 from robbie_mp.module.envelope import EncodedMessage, Envelope
 from robbie_mp.module.module import Module, setting

@@ -14,7 +14,7 @@ from robbie_mp.bus.transport.endpoint import TooManyDeclarations
 from robbie_mp.connect.bridge.arrivals import AgeLog, hand_over
 from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.connect.bridge.foreign import ForeignTypeRefused, RecordersDoNotLearn, learn_foreign
-from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap, Rename
+from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap
 from robbie_mp.connect.bridge.mapping import BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.connect.bridge.surroundings import BridgeRun
 from robbie_mp.connect.ros1.conversion import ConversionError, Ros1Type, ros1_type
@@ -25,6 +25,7 @@ from robbie_mp.connect.ros1.process import AnnouncedType, RosAddress, RosProcess
 from robbie_mp.connect.ros1.ros_node import ANY, MAX_ANNOUNCED
 from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, own_types
+from robbie_mp.messages.frames import Rename
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting

@@ -14,7 +14,7 @@ from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.connect.bridge.arrivals import AgeLog, hand_over
 from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.connect.bridge.driving import drive_command
-from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap, Rename
+from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap
 from robbie_mp.connect.bridge.mapping import NAME, BridgeMap, Incoming, MappingError, Quality
 from robbie_mp.connect.bridge.orders import (
     STOP_TOPIC,
@@ -45,6 +45,7 @@ from robbie_mp.messages import (
     from_dict,
 )
 from robbie_mp.messages.descriptions import KnownTypes, own_types
+from robbie_mp.messages.frames import Rename
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage

@@ -10,7 +10,9 @@ from robbie_mp.logs.recording.errors import BagUnreadable, LogError
 from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
 from robbie_mp.logs.recording.reader import has_layout, open_log
 from robbie_mp.logs.recording.repair import Progress
-from robbie_mp.messages import TypeRegistry, schema_text, stock_registry
+from robbie_mp.messages import TypeRegistry, message_type_from_schema, schema_text, stock_registry
+from robbie_mp.messages.errors import SchemaError
+from robbie_mp.messages.frames import Rename, renamer, unchanged, without_slash
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -69,6 +71,7 @@ class _Bag:
             raise BagUnreadable(f"{path} cannot be read as a bag of ROS: {error!r}") from error
         self._stock = stock_registry()
         self._channels: dict[int, NewChannel] = {}
+        self._renames: dict[int, Rename] = {}
         self._robot_keys = _robot_keys(path) if self._reader.is2 else {}
 
     @property
@@ -89,6 +92,7 @@ class _Bag:
             type_name = RENAMED.get(connection.msgtype, connection.msgtype)
             schema = self._schema(connection, type_name)
             self._channels[connection.id] = NewChannel(connection.topic, type_name, schema)
+            self._renames[connection.id] = _without_slashes(type_name, schema)
         return self._channels[connection.id]
 
     def about(self, connection: "Connection") -> dict[str, str]:
@@ -101,7 +105,8 @@ class _Bag:
         name = connection.msgtype
         try:
             if not self._reader.is2:
-                return bytes(self._types.ros1_to_cdr(data, name))
+                encoded = self._types.ros1_to_cdr(data, name)
+                return bytes(self._renames[connection.id](bytes(encoded)))
             if data[:2] == LITTLE_ENDIAN:
                 return bytes(data)
             message = self._types.deserialize_cdr(data, name)
@@ -156,6 +161,15 @@ def _robot_keys(path: Path) -> dict[str, ChannelKey]:
     except LogError:  # a bag in a database, or of ROS 2 before MCAP
         return {}
     return {name: found.pop() for name, found in keys.items() if len(found) == 1}
+
+
+def _without_slashes(type_name: str, schema: str) -> Rename:
+    """Return what takes away the slash that ROS 1 puts before names of frames."""
+    try:
+        message_type = message_type_from_schema(type_name, schema, 1)
+    except SchemaError:  # such messages are kept as they are; nobody here can read them
+        return unchanged
+    return renamer(message_type, without_slash, is_only_slash=True)
 
 
 def _our_schema(stock: TypeRegistry, type_name: str, schema: str) -> str:

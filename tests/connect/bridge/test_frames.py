@@ -66,6 +66,35 @@ def test_message_whose_frame_keeps_its_name_is_passed_on_as_it_is(monkeypatch: p
     assert FrameMap({}).outward(TFMessage)(image) is image
 
 
+def test_frames_come_in_without_the_slash_of_ros_1() -> None:
+    given = [
+        Odometry(header=Header(frame_id="/odom"), child_frame_id="base_link"),
+        TFMessage(transforms=[TransformStamped(header=Header(frame_id="map"), child_frame_id="//odom")]),
+        Image(header=Header(frame_id="/camera"), height=1, width=1, data=np.zeros(1, np.uint8)),
+        Path(header=Header(frame_id="map"), poses=[PoseStamped(header=Header(frame_id="/odom"))]),
+    ]
+    odometry, transforms, image, path = (
+        type(one).decode(FrameMap({}).inward(type(one))(one.encode())) for one in given
+    )
+    assert isinstance(odometry, Odometry) and isinstance(transforms, TFMessage)
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
+    assert transforms.transforms[0].child_frame_id == "odom"
+    assert isinstance(image, Image) and image.header.frame_id == "camera"
+    assert isinstance(path, Path) and path.poses[0].header.frame_id == "odom"
+    assert RED.name_here("/red/odom") == "odom"
+
+
+@given(st.lists(st.text("ab/é\n", max_size=20), max_size=4))
+def test_messages_without_slashes_come_in_as_they_are(frames: list[str]) -> None:
+    given = TFMessage(transforms=[TransformStamped(header=Header(frame_id=frame)) for frame in frames])
+    data = given.encode()
+    came = FrameMap({}).inward(TFMessage)(data)
+    assert (came is data) == (not any(frame.startswith("/") for frame in frames))
+    assert [one.header.frame_id for one in TFMessage.decode(came).transforms] == [
+        frame.lstrip("/") for frame in frames
+    ]
+
+
 def test_frame_that_means_another_one_here_is_refused() -> None:
     renamed = FrameMap({"map": "red/map"})
     assert renamed.name_here("red/map") == "map"

@@ -1,7 +1,7 @@
 """The robot's name before the names of the frames in its messages."""
 
 from robbie_mp import Header
-from robbie_mp.connect.link.frames import has_frames, prefixed
+from robbie_mp.connect.link.frames import prefixed
 from robbie_mp.messages import (
     JointState,
     LaserScan,
@@ -12,6 +12,7 @@ from robbie_mp.messages import (
     TFMessage,
     TransformStamped,
 )
+from robbie_mp.messages.frames import has_frames
 
 ODOMETRY = Odometry(header=Header(frame_id="odom"), child_frame_id="base_link")
 

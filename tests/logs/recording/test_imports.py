@@ -84,7 +84,7 @@ def example_messages(types: Typestore, *, is_ros1: bool) -> list[tuple[str, str,
     names = types.types
     time = names["builtin_interfaces/msg/Time"](sec=5, nanosec=6)
     seq = {"seq": 7} if is_ros1 else {}
-    header = names["std_msgs/msg/Header"](stamp=time, frame_id="laser", **seq)
+    header = names["std_msgs/msg/Header"](stamp=time, frame_id="/laser" if is_ros1 else "laser", **seq)
     ranges = np.array([1, 2.5], np.float32)
     scan = names["sensor_msgs/msg/LaserScan"](
         header, -1.0, 1.0, 0.5, 0.0, 0.1, 0.0, 30.0, ranges, np.array([], np.float32)
