@@ -72,9 +72,9 @@ class Errand:
             feedback: called with each feedback of a goal.
         """
         is_new = what != self.wanted
-        if not is_new and (self._is_open or self._now_s() - self._sent_s < self._repeat_s):
+        if not is_new and (self._is_open or self._module.monotonic_s() - self._sent_s < self._repeat_s):
             return
-        self.wanted, self._goal, self._is_open, self._sent_s = what, None, True, self._now_s()
+        self.wanted, self._goal, self._is_open, self._sent_s = what, None, True, self._module.monotonic_s()
         self._number += 1
         on_end = partial(self._on_end, self._number, done, failed)
         if isinstance(asked, Goal):
@@ -110,6 +110,3 @@ class Errand:
         self._module.log.warning("%s: %s: %s", self.wanted, type(end).__name__, end)
         if isinstance(end, JUDGEMENTS):
             failed(end)
-
-    def _now_s(self) -> float:
-        return self._module.clock.monotonic_ns() / 1e9

@@ -46,7 +46,7 @@ class Parcours(Module):
         self.speed_m_per_s = 0.0
         self.counter = LapCounter(self.restored and LapState.from_plain(self.restored["laps"]))
         self.has_map: bool = self.restored is not None and self.restored["has_map"]
-        self.began_s: float = self._time_s() if self.restored is None else self.restored["began_s"]
+        self.began_s: float = self.monotonic_s() if self.restored is None else self.restored["began_s"]
         self.subscribe(
             LaserScan,
             self.on_scan,
@@ -95,7 +95,7 @@ class Parcours(Module):
 
     def count(self, pose: Pose) -> None:
         """Count laps by a pose, and keep them."""
-        if self.counter.see(pose, self._time_s()):
+        if self.counter.see(pose, self.monotonic_s()):
             ends_s = [self.began_s, *self.counter.state.ends_s]
             self.log.info("lap %d took %.2f s", self.counter.laps, ends_s[-1] - ends_s[-2])
         kept = {"laps": self.counter.state.plain(), "began_s": self.began_s, "has_map": self.has_map}
@@ -129,7 +129,7 @@ class Parcours(Module):
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
         self.publish(
             DriveCommand(
-                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link"),
+                header=Header(stamp=self.now(), frame_id="base_link"),
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
@@ -137,6 +137,3 @@ class Parcours(Module):
                 based_on=min(self.scan_stamp, self.odometry_stamp, key=lambda stamp: stamp.nanoseconds),
             )
         )
-
-    def _time_s(self) -> float:
-        return self.clock.now_ns() / 1e9

@@ -1,6 +1,6 @@
 """The robot's base: passes drive commands to the drive and publishes wheel odometry."""
 
-from robbie_mp import Time, setting
+from robbie_mp import setting
 from robbie_robots.hw.simulation.differential_drive import RobotBody
 from robbie_robots.hw.simulation.drive import SimulatedDrive
 from robbie_robots.modules.devices.commanded_base import CommandedBase, odometry
@@ -35,7 +35,7 @@ class SimulatedBase(CommandedBase, TrueBase):
         """Publish odometry, the true pose and the emergency stop's state; checkpoint them."""
         self.look_after_control()
         state, truth = self.drive.read(), self.drive.ground_truth()
-        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        stamp = self.now()
         self.publish(odometry(state, stamp, "odom"), topic="odom")
         self.publish_truth(truth, stamp)
         self.confirm()

@@ -2,7 +2,7 @@
 
 import math
 
-from robbie_mp import Header, Time, setting
+from robbie_mp import Header, setting
 from robbie_mp.messages import BatteryState
 from robbie_robots.hw.drive import DriveState
 from robbie_robots.hw.simulation.battery import BatteryModel, SimulatedBattery
@@ -47,7 +47,7 @@ class SimulatedBatteryModule(SimulatedDevice):
         if self.world.truth is None and self.virtual_charge is None:
             self.status = "waiting for the simulated base"
             return
-        stamp = self.world.stamp if self.world.truth else Time.from_nanoseconds(self.clock.now_ns())
+        stamp = self.world.stamp if self.world.truth else self.now()
         reading = self.battery.read()
         percentage = reading.charge_ah / reading.capacity_ah
         self.publish(

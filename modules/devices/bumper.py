@@ -1,6 +1,6 @@
 """The robot's bumper."""
 
-from robbie_mp import Header, Time, setting
+from robbie_mp import Header, setting
 from robbie_mp.messages import Bumper
 from robbie_robots.hw.bumper import PARTS
 from robbie_robots.hw.simulation.bumper import SimulatedBumper
@@ -26,7 +26,7 @@ class SimulatedBumperModule(SimulatedDevice):
         if truth is None and not self.virtual_pressed:
             self.status = "waiting for the simulated base"
             return
-        stamp, touched = Time.from_nanoseconds(self.clock.now_ns()), set(self.virtual_pressed)
+        stamp, touched = self.now(), set(self.virtual_pressed)
         if truth is not None:
             stamp = self.world.stamp
             self.bumper.arena = self.world.arena

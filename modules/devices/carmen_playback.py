@@ -50,7 +50,7 @@ class CarmenPlayback(Module):
 
     def tick(self) -> None:
         """Publish what is due; end after the last message has been handled."""
-        now_s = self.clock.monotonic_ns() / 1e9
+        now_s = self.monotonic_s()
         if self.started_s is None:
             self.started_s = now_s
         self._publish_due(now_s)

@@ -95,11 +95,11 @@ def command_since(
     Raises:
         StaleCommand: its time is over.
     """
-    told_s = module.clock.monotonic_ns() / 1e9
+    told_s = module.monotonic_s()
     if told_s - judged_s >= valid_for_s > 0.0:
         raise StaleCommand(f"this module was held up for {told_s - judged_s:.2f} s while it judged it")
     command(judged_s + valid_for_s - told_s)
-    while (now_s := module.clock.monotonic_ns() / 1e9) - told_s > HELD_UP_S:
+    while (now_s := module.monotonic_s()) - told_s > HELD_UP_S:
         left_s, told_s = judged_s + valid_for_s - now_s, now_s
         command(max(left_s, AT_ONCE_S))
         if left_s <= AT_ONCE_S:

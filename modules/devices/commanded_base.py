@@ -179,7 +179,7 @@ class CommandedBase(Module):
         self.confirm()
         self.publish(
             ControlState(
-                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link"),
+                header=Header(stamp=self.now(), frame_id="base_link"),
                 mode=int(self.control.mode),
                 who=self.control.who,
                 reason=self.control.reason,
@@ -220,17 +220,13 @@ class CommandedBase(Module):
 
     def confirm(self) -> None:
         """Publish the emergency stop's state."""
-        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        stamp = self.now()
         state = EmergencyStop(
             header=Header(stamp=stamp, frame_id="base_link"),
             engaged=self.drive.is_emergency_stopped,
             reason=self.stop_reason,
         )
         self.publish(state, topic="emergency_stop_state")
-
-    def monotonic_s(self) -> float:
-        """Return the run's time that never leaps."""
-        return self.clock.monotonic_ns() / 1e9
 
 
 def odometry(

@@ -244,7 +244,7 @@ class EmulatedHokuyoLaser(SimulatedDevice, EmulatedDeviceModule):
 
         Guesses about a robot that has begun to brake meanwhile would be wrong by degrees.
         """
-        truths, late_s = self.truths, self.clock.monotonic_ns() / 1e9 - measured_s
+        truths, late_s = self.truths, self.monotonic_s() - measured_s
         is_late = late_s > MAX_TRUTH_WAIT_S
         return not truths or is_late or truths[-1].stamp_s >= self.run_time_s(measured_s)
 

@@ -83,7 +83,7 @@ class GamepadModule(Module):
         return (share - (self.dead_zone if share > 0 else -self.dead_zone)) / (1 - self.dead_zone)
 
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
-        now = Time.from_nanoseconds(self.clock.now_ns())
+        now = self.now()
         self.publish(
             DriveCommand(
                 header=Header(stamp=now),

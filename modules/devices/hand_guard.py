@@ -66,7 +66,7 @@ class HandGuard:
         topic = self._module.envelope.topic
         if topic not in self._seen and self._seen.get("", scan) is None:
             del self._seen[""]  # it stood for those whose topics are known from now on
-        published_s = self._module.clock.monotonic_ns() / 1e9 - waiting_s(self._module)
+        published_s = self._module.monotonic_s() - waiting_s(self._module)
         if topic in self._seen or len(self._seen) < MAX_LASERS:
             self._seen[topic] = _Seen(sweep, scan.header.frame_id, scan.header.stamp, published_s)
 
@@ -85,7 +85,7 @@ class HandGuard:
         age_s = age_of(self._module, seen.stamp)
         if age_s < -AHEAD_S or seen.frame not in self._mounts:
             return math.inf
-        return max(age_s, self._module.clock.monotonic_ns() / 1e9 - seen.published_s)
+        return max(age_s, self._module.monotonic_s() - seen.published_s)
 
     def checked(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
         """Return the speeds, reduced as the scans require; a robot without lasers drives unguarded."""

@@ -79,7 +79,7 @@ class CommandedJoints(Module):
             topic=self.name,
             latched=True,
         )
-        self.control = JointControl(self._monotonic_s)
+        self.control = JointControl(self.monotonic_s)
         self.mode: int | None = None
         self.asks_to_hold = False
         self.refused = 0
@@ -123,7 +123,7 @@ class CommandedJoints(Module):
 
     def _keep_joints(self) -> None:
         """Stop the joints where they are, as long as the last command is valid."""
-        left_s = self.control.until_s - self._monotonic_s()
+        left_s = self.control.until_s - self.monotonic_s()
         if left_s > 0.0:
             self.moved.command(self.control.kept, left_s)
 
@@ -162,11 +162,8 @@ class CommandedJoints(Module):
         refused = f", {self.refused} refused commands" if self.refused else ""
         return f"{expired} expired commands{refused}"
 
-    def _monotonic_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
-
     def _move(self, positions_rad: dict[str, float], command: JointCommand | PanTiltCommand) -> None:
-        judged_s = self._monotonic_s()
+        judged_s = self.monotonic_s()
         try:
             fresh_s = left_s(self, command, self.max_age_s)
             if isinstance(command, PanTiltCommand):
@@ -213,7 +210,7 @@ class SimulatedJointsModule(CommandedJoints):
     def setup(self) -> None:
         """Create the joints."""
         joints = [Joint(name, **self.limits(place)) for place, name in enumerate(self.names)]
-        self.simulated = SimulatedJoints(joints, lambda: self.clock.monotonic_ns() / 1e9)
+        self.simulated = SimulatedJoints(joints, self.monotonic_s)
         self.moved = self.simulated
         self.obey()
 

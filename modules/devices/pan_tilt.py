@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from robbie_mp import Header, Module, Time, setting
+from robbie_mp import Header, Module, setting
 from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCommand
 from robbie_robots.hw.pan_tilt import PanTiltError, PanTiltLimits, PanTiltUnit
 from robbie_robots.hw.simulation.pan_tilt import SimulatedPanTilt
@@ -100,7 +100,7 @@ class SimulatedPanTiltModule(Module):
         """Create the unit, looking straight ahead or where it looked before the restart."""
         limits = PanTiltLimits(rate_rad_per_s=self.rate_rad_per_s)
         pan_rad, tilt_rad = (0.0, 0.0) if self.restored is None else self.restored["direction"]
-        self.unit = SimulatedPanTilt(self._time_s, limits, (pan_rad, tilt_rad))
+        self.unit = SimulatedPanTilt(self.monotonic_s, limits, (pan_rad, tilt_rad))
         self.by_hand = PanTiltByHand(self, self.unit, self.max_age_s)
         self.by_hand.offer(limits)
 
@@ -110,7 +110,7 @@ class SimulatedPanTiltModule(Module):
         state = self.unit.read()
         self.publish(
             JointState(
-                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
+                header=Header(stamp=self.now()),
                 name=JOINTS,
                 position=np.array([state.pan_rad, state.tilt_rad]),
                 velocity=np.array([state.pan_rad_per_s, state.tilt_rad_per_s]),
@@ -119,6 +119,3 @@ class SimulatedPanTiltModule(Module):
         )
         self.checkpoint({"direction": (state.pan_rad, state.tilt_rad)})
         self.status = f"pan {state.pan_rad:.2f} rad, tilt {state.tilt_rad:.2f} rad"
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9

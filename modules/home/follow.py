@@ -7,8 +7,9 @@ from dataclasses import replace as changed
 import numpy as np
 
 from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
-from robbie_mp.messages import OccupancyGrid, PanTiltCommand, Point, PoseStamped
-from robbie_robots.modules.devices.command_age import LOOK_FOR, is_late
+from robbie_mp.messages import OccupancyGrid, Point, PoseStamped
+from robbie_robots.modules.devices.camera_turn import MIN_TURN_RAD, CameraTurn
+from robbie_robots.modules.devices.command_age import is_late
 from robbie_robots.modules.home.messages import Following, FollowOrder, FollowOrderTaken
 from robbie_robots.modules.maps.planar_messages import map_cells, planar
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
@@ -45,7 +46,7 @@ class FollowMe(Module):
         """Create the task; subscribe to orders, people and pose."""
         near_m = self.behind_m + 0.2
         settings = changed(FollowSettings(), behind_m=self.behind_m, near_m=near_m, away_m=near_m + 0.2)
-        self.task = Follow(self._time_s, settings, self._state_changed)
+        self.task = Follow(self.monotonic_s, settings, self._state_changed)
         if self.restored is not None:
             self.task.remember(self.restored)
         self.show_state(self.task.state)
@@ -53,7 +54,7 @@ class FollowMe(Module):
         self.look = LookAround(step_s=0.9, around_rad=AROUND_RAD)
         self.pose: tuple[float, float, float] | None = None
         self.pose_stamp = Time()
-        self.pan_rad = math.nan
+        self.camera_turn = CameraTurn(self, 2 * MIN_TURN_RAD)
         self.told_s = -math.inf
         self.wrong_clothes = 0
         newest = MessageHandling.KEEP_ONLY_NEWEST
@@ -125,10 +126,10 @@ class FollowMe(Module):
             self.goals.drive_to(orders.goal, self.pose)
         if self.pose is not None and task.state is not FollowState.IDLE:
             ahead = task.state is FollowState.CHOOSE
-            pan_rad = self.look.pan_rad(self._time_s(), self.pose, orders.look_at_xy_m)
-            self._turn_camera(0.0 if ahead else pan_rad)
-        if self._time_s() - self.told_s >= TELL_PERIOD_S:
-            self.told_s = self._time_s()
+            pan_rad = self.look.pan_rad(self.monotonic_s(), self.pose, orders.look_at_xy_m)
+            self.camera_turn.to(0.0 if ahead else pan_rad, TILT_RAD, self.pose_stamp)
+        if self.monotonic_s() - self.told_s >= TELL_PERIOD_S:
+            self.told_s = self.monotonic_s()
             self._tell()
         self.status = task.status
 
@@ -143,7 +144,7 @@ class FollowMe(Module):
         x, y = task.believed_xy_m or (0.0, 0.0)
         self.publish(
             Following(
-                header=self._header("map"),
+                header=Header(stamp=self.now(), frame_id="map"),
                 state=task.state.name,
                 reason=task.machine.reason,
                 person=task.person,
@@ -154,25 +155,6 @@ class FollowMe(Module):
             )
         )
 
-    def _turn_camera(self, pan_rad: float) -> None:
-        if not abs(pan_rad - self.pan_rad) < 0.04:
-            self.pan_rad = pan_rad
-            self.publish(
-                PanTiltCommand(
-                    header=self._header("base_link"),
-                    pan_rad=pan_rad,
-                    tilt_rad=TILT_RAD,
-                    valid_for=LOOK_FOR,
-                    based_on=self.pose_stamp,
-                )
-            )
-
     def _state_changed(self, state: FollowState) -> None:
         self.show_state(state)
         self.log.info("%s (%s)", state.name, self.task.machine.reason)
-
-    def _header(self, frame: str) -> Header:
-        return Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id=frame)
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9

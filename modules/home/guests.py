@@ -4,7 +4,7 @@ import json
 import math
 from typing import Any
 
-from robbie_mp import Header, Time, setting
+from robbie_mp import Header, setting
 from robbie_robots.hw.pose import Pose
 from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_robots.modules.errand import Errand
@@ -82,7 +82,7 @@ class SimulatedGuests(SimulatedDevice):
     def _speak(self, name: str) -> None:
         text = f"my name is {name}"
         self.log.info('a guest says "%s"', text)
-        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()))
+        header = Header(stamp=self.now())
         slots = [SpokenSlot(name="name", words=name)]
         self.publish(SpokenOrder(header=header, order="name", text=text, slots=slots))
 

@@ -20,7 +20,6 @@ from robbie_mp import (
     Module,
     Request,
     SettingError,
-    Time,
     replace,
     setting,
 )
@@ -138,14 +137,14 @@ class Household(Module):
         """Subscribe; continue the order of the process before."""
         self.reader = OrderReader(self.orders, self.words)
         self.objects = list(self.words.get("object", []))
-        self.work = HouseholdWork(self._time_s, self.tables, on_change=self._state_changed)
+        self.work = HouseholdWork(self.monotonic_s, self.tables, on_change=self._state_changed)
         self.work.doors = self.doors
         self.open = list(self.start_orders)
         self.active: CarryOutGoal | None = None
         self.places_errand, self.follow_errand, self.errand = Errand(self), Errand(self), Errand(self)
         self.arm_stands_out = self.follows = self.has_taught = False
         self.pose_s = -math.inf
-        self.began_s = self.accepted_s = self._time_s()
+        self.began_s = self.accepted_s = self.monotonic_s()
         self.pose: tuple[float, float, float] | None = None
         self.annotations: MapAnnotations | None = None
         self.following = ""
@@ -240,7 +239,7 @@ class Household(Module):
     def _replace(self, active: CarryOutGoal | None, reason: str) -> None:
         """Let a new order take the place of the one before."""
         before, self.active, self.fed_back = self.active, active, ""
-        self.accepted_s = self._time_s()
+        self.accepted_s = self.monotonic_s()
         self._keep()
         if before is not None:
             before.preempt(reason)
@@ -249,7 +248,7 @@ class Household(Module):
 
     def on_pose(self, message: PoseStamped) -> None:
         """Take the robot's pose."""
-        self.pose, self.pose_s = planar(message.pose), self._time_s()
+        self.pose, self.pose_s = planar(message.pose), self.monotonic_s()
         self.work.see_pose(self.pose)
 
     def on_scan(self, scan: LaserScan) -> None:
@@ -336,7 +335,7 @@ class Household(Module):
         try:
             self.work.begin(self.reader.read(text))
         except WrongOrder as error:
-            if self._time_s() - self.began_s < START_S:
+            if self.monotonic_s() - self.began_s < START_S:
                 return
             self.log.error("cannot carry out %r: %s", text, error)
         self.open.pop(0)
@@ -425,7 +424,7 @@ class Household(Module):
                 asked = HandOver(object=work.holds)
             case HouseholdState.WHO:
                 asked = WhoIsWho()
-            case HouseholdState.LEARN if self._time_s() - self.pose_s > MAX_POSE_AGE_S:
+            case HouseholdState.LEARN if self.monotonic_s() - self.pose_s > MAX_POSE_AGE_S:
                 work.ended(False, "I do not know where I am")
             case HouseholdState.LEARN if self.pose is not None:
                 asked = annotation({order.place: self.pose})
@@ -455,7 +454,7 @@ class Household(Module):
             self.active = None
             self._keep()
             if end.is_done:
-                active.succeed(CarryOutResult(duration_s=self._time_s() - self.accepted_s))
+                active.succeed(CarryOutResult(duration_s=self.monotonic_s() - self.accepted_s))
             else:
                 active.abort(f"could not {end.order.text}: {end.reason}")
             return
@@ -482,7 +481,7 @@ class Household(Module):
         )
         if known != self.told:
             self.told = known
-            header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()))
+            header = Header(stamp=self.now())
             self.publish(replace(known, header=header), latched=True)
 
     def _say(self, text: str) -> None:
@@ -504,9 +503,6 @@ class Household(Module):
                 "has_taught": self.has_taught,
             }
         )
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
 
 
 def annotation(places: Mapping[str, Sequence[float]]) -> AnnotateMap:

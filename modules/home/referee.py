@@ -4,7 +4,7 @@ import json
 import math
 from dataclasses import asdict
 
-from robbie_mp import Header, MessageHandling, Time, setting
+from robbie_mp import Header, MessageHandling, setting
 from robbie_robots.hw.simulation.follow_referee import FollowCounts, FollowReferee
 from robbie_robots.modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_robots.modules.home.messages import Following
@@ -127,5 +127,5 @@ class SimulatedVoice(SimulatedDevice):
 
     def _speak(self, order: str, text: str) -> None:
         self.log.info('says "%s"', text)
-        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        stamp = self.now()
         self.publish(SpokenOrder(header=Header(stamp=stamp), order=order, text=text))

@@ -8,7 +8,6 @@ from robbie_mp import (
     ActiveGoal,
     CallError,
     CallRefused,
-    Header,
     MessageHandling,
     Module,
     Time,
@@ -21,7 +20,6 @@ from robbie_mp.messages import (
     Image,
     MapAnnotations,
     OccupancyGrid,
-    PanTiltCommand,
     Point,
     PoseStamped,
     RecognitionTaught,
@@ -29,7 +27,8 @@ from robbie_mp.messages import (
     TeachRecognition,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from robbie_robots.modules.devices.command_age import LOOK_FOR, is_late
+from robbie_robots.modules.devices.camera_turn import CameraTurn
+from robbie_robots.modules.devices.command_age import is_late
 from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.home.messages import (
     Following,
@@ -84,7 +83,7 @@ class WhoIsWhoTask(Module):
 
     def setup(self) -> None:
         """Create the task; subscribe to persons, faces, map and pose; continue an order."""
-        self.tour = PersonTour(self._time_s, on_change=self._state_changed)
+        self.tour = PersonTour(self.monotonic_s, on_change=self._state_changed)
         self.active: ActiveRound | ActiveLesson | None = None
         self.names: list[str] | None = None
         self.places: list[tuple[str, tuple[float, float]]] = []
@@ -94,7 +93,7 @@ class WhoIsWhoTask(Module):
         self.pictures: dict[int, Image] = {}
         self.found: Detection2DArray | None = None
         self.things: list[PersonReport] = []
-        self.direction = (math.nan, math.nan)
+        self.camera_turn = CameraTurn(self, TURN_RAD)
         self.follows = False
         self.lesson = Errand(self, timeout_s=LESSON_S, topic=PERSONS)
         self.fed_back = ""
@@ -355,18 +354,7 @@ class WhoIsWhoTask(Module):
             bearing = math.atan2(look_at_xy_m[1] - self.pose[1], look_at_xy_m[0] - self.pose[0])
             pan_rad = math.remainder(bearing - self.pose[2], math.tau)
             tilt_rad = -math.atan2(FACE_M - self._eye_m(), max(away_m, 0.3))
-        if not max(abs(pan_rad - self.direction[0]), abs(tilt_rad - self.direction[1])) < TURN_RAD:
-            self.direction = pan_rad, tilt_rad
-            header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link")
-            self.publish(
-                PanTiltCommand(
-                    header=header,
-                    pan_rad=pan_rad,
-                    tilt_rad=tilt_rad,
-                    valid_for=LOOK_FOR,
-                    based_on=self.pose_stamp,
-                )
-            )
+        self.camera_turn.to(pan_rad, tilt_rad, self.pose_stamp)
 
     def _eye_m(self) -> float:
         """Return the height of the camera."""
@@ -455,6 +443,3 @@ class WhoIsWhoTask(Module):
     def _say(self, text: str) -> None:
         self.log.info('says "%s"', text)
         self.publish(Say(text=text))
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9

@@ -99,9 +99,9 @@ class Manipulation(Module):
     def setup(self) -> None:
         """Create the worker; continue the order of the process before."""
         self.arm = ArmModel(self.robot, self.joints, self.fingers)
-        self.work = HandWork(self.arm, self._time_s, on_change=self.show_state, seed=self.seed)
+        self.work = HandWork(self.arm, self.monotonic_s, on_change=self.show_state, seed=self.seed)
         self.active: AnyGoal | None = None
-        self.accepted_s = self._time_s()
+        self.accepted_s = self.monotonic_s()
         self.released = ""
         self.fed_back = ""
         self.told: tuple[str, str, bool] | None = None
@@ -147,7 +147,7 @@ class Manipulation(Module):
         held, self.holds = self.holds, control.mode != ControlState.AUTO
         if held and not self.holds:
             kept = self.work.memory()
-            self.work = HandWork(self.arm, self._time_s, on_change=self.show_state, seed=self.seed)
+            self.work = HandWork(self.arm, self.monotonic_s, on_change=self.show_state, seed=self.seed)
             self.work.remember(kept)
         self._keep()
 
@@ -226,7 +226,7 @@ class Manipulation(Module):
         if order is not None and (self.work.task is not None or self.work.held is not None):
             self.publish(
                 JointCommand(
-                    header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
+                    header=Header(stamp=self.now()),
                     name=[*self.joints, self.fingers[0]],
                     position=np.append(order.positions, order.half_opening_m),
                     valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
@@ -242,7 +242,7 @@ class Manipulation(Module):
     def _take(self, active: AnyGoal) -> None:
         """Work for a new goal, in place of the one before."""
         before, self.active = self.active, active
-        self.accepted_s, self.fed_back = self._time_s(), ""
+        self.accepted_s, self.fed_back = self.monotonic_s(), ""
         if before is not None:
             before.preempt(f"{active.client} has sent another goal")
 
@@ -250,7 +250,7 @@ class Manipulation(Module):
         """Tell the goal's client how it ended."""
         self.log.info("%s", outcome.text)
         self.active = None
-        duration_s = self._time_s() - self.accepted_s
+        duration_s = self.monotonic_s() - self.accepted_s
         if outcome.is_done and not isinstance(active.goal, StowArm):
             self.released = "" if isinstance(active.goal, PickUp) else self.work.target
         self._keep()
@@ -276,7 +276,7 @@ class Manipulation(Module):
         stands_out = self.work.stands_out
         if self.told != (state, held, stands_out):
             self.told = state, held, stands_out
-            header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()))
+            header = Header(stamp=self.now())
             self.publish(
                 HandStatus(header=header, state=state, held=held, stands_out=stands_out), latched=True
             )
@@ -298,7 +298,4 @@ class Manipulation(Module):
     def _stamp_s(self, header: Header) -> float:
         """Return the time of a message on this module's clock, which need not begin with the epoch."""
         age_s = (self.clock.now_ns() - header.stamp.nanoseconds) / 1e9
-        return self._time_s() - age_s
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
+        return self.monotonic_s() - age_s

@@ -83,7 +83,7 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         at = dict(zip(self.names, self.rest, strict=False))
         if self.restored is not None:
             at = self.restored["joints"]
-        self.simulated = SimulatedJoints(joints, lambda: self.clock.monotonic_ns() / 1e9, at)
+        self.simulated = SimulatedJoints(joints, self.monotonic_s, at)
         self.moved = self.simulated
         self.objects = Tabletop(
             [
@@ -120,9 +120,9 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         self.simulated.block(GRIPPER, least or None)
         reading = self.simulated.read()
         held_out = hand[:3, 3] if self.objects.held else None
-        pull = self.person.pull(self.clock.monotonic_ns() / 1e9, held_out, self.world.people[:, :2])
+        pull = self.person.pull(self.monotonic_s(), held_out, self.world.people[:, :2])
         efforts = [self.shapes.torque_nm(name, robot, hand[:3, 3], pull) for name in self.names]
-        now = Time.from_nanoseconds(self.clock.now_ns())
+        now = self.now()
         self._publish(reading, np.array(efforts), now)
         self.checkpoint({"joints": self._positions(), "objects": self.objects.memory()})
         held = f"holds {self.objects.held}" if self.objects.held else "holds nothing"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from robbie_mp import CallRefused, Header, Module, SettingError, Time, setting
+from robbie_mp import CallRefused, Header, Module, SettingError, setting
 from robbie_mp.bus.checkpoint.file import write_file
 from robbie_mp.messages import (
     AnnotateMap,
@@ -103,7 +103,7 @@ class MapAnnotator(Module):
 
     def _publish(self) -> None:
         now = self.map.now
-        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
+        header = Header(stamp=self.now(), frame_id="map")
         areas = [
             NoGoArea(name=name, corners=[Point(x=x_m, y=y_m) for x_m, y_m in corners])
             for name, corners in now.no_go.items()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp import REQUIRED, Header, Module, SettingError, Time, setting
+from robbie_mp import REQUIRED, Header, Module, SettingError, setting
 from robbie_mp.messages import (
     MapMetaData,
     OccupancyGrid,
@@ -153,7 +153,7 @@ class MapMerger(Module):
 
     def _align_one(self, own: GridMap) -> None:
         """Look for the map whose turn it is: a search takes a second or less."""
-        now_s = self.clock.monotonic_ns() / 1e9
+        now_s = self.monotonic_s()
         robot = min(self.others, key=lambda one: self.next_s[one], default=None)
         if robot is None or now_s < self.next_s[robot]:
             return
@@ -234,4 +234,4 @@ class MapMerger(Module):
         return f"{robot}: {'sure' if alignment.is_sure else alignment.doubt}"
 
     def _header(self) -> Header:
-        return Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
+        return Header(stamp=self.now(), frame_id="map")

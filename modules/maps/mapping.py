@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp import Header, MessageHandling, Module, Time, setting
+from robbie_mp import Header, MessageHandling, Module, setting
 from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
     LaserScan,
@@ -135,7 +135,7 @@ class Mapping(Module):
             height=cells.shape[0],
             origin=Pose(position=Point(x=corner_m[0], y=corner_m[1])),
         )
-        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        stamp = self.now()
         header = Header(stamp=stamp, frame_id="map")
         with self.loan(
             OccupancyGrid, topic=self.map_topic, latched=True, header=header, info=info, data=cells.size

@@ -40,7 +40,7 @@ class Exploration(Module):
         self.explorer: Explorer | None = None
         self.hold = ""
         self.before = self.restored or {"home_xy_m": None, "exploring_ended": None, "used_s": 0.0}
-        self.began_s = self._time_s()
+        self.began_s = self.monotonic_s()
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", deadline_s=LATE_S)
@@ -68,7 +68,7 @@ class Exploration(Module):
             left_s = self.time_limit_s - self.before["used_s"]
             settings = ExplorerSettings(time_limit_s=left_s, returns_home=self.returns_home)
             self.explorer = Explorer(
-                self._time_s,
+                self.monotonic_s,
                 CollisionGuard(),
                 settings,
                 PathFollower(FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)),
@@ -94,7 +94,7 @@ class Exploration(Module):
         rests_on_s = self.explorer.rests_on_s
         self.publish(
             DriveCommand(
-                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link"),
+                header=Header(stamp=self.now(), frame_id="base_link"),
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
@@ -106,7 +106,7 @@ class Exploration(Module):
             {
                 "home_xy_m": self.explorer.home_xy_m,
                 "exploring_ended": ended and str(ended),
-                "used_s": self.before["used_s"] + self._time_s() - self.began_s,
+                "used_s": self.before["used_s"] + self.monotonic_s() - self.began_s,
             }
         )
         self.status = self.explorer.status
@@ -114,9 +114,6 @@ class Exploration(Module):
         if self.explorer.machine.is_final:
             self.log.info("exploration ended: %s", self.status)
             self.stop()
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
 
     def _published_s(self) -> float:
         return self.envelope.published_ns / 1e9

@@ -124,7 +124,7 @@ class Navigation(Module):
         self.places: dict[str, tuple[float, float, float]] = {}
         self.active: Active | None = None
         self.goal: tuple[float, float, float] | None = None
-        self.accepted_s = self._time_s()
+        self.accepted_s = self.monotonic_s()
         self.fed_back: tuple[str, str] = ("", "")
         self.fed_back_s = -np.inf
         self.path = np.empty((0, 2))
@@ -154,7 +154,7 @@ class Navigation(Module):
         goal = self._pose_of(active.goal)
         self.log.info("goal: %.2f m, %.2f m, %.2f rad, from %s", *goal, active.client)
         before, self.active, self.goal = self.active, active, goal
-        self.accepted_s = self._time_s()
+        self.accepted_s = self.monotonic_s()
         # First of all: a goal that its client takes for preempted must not come back after a crash.
         self.checkpoint({"goal": active.memory, "accepted_s": self.accepted_s, "pose": list(goal)})
         if before is not None:
@@ -162,9 +162,7 @@ class Navigation(Module):
         if self.navigator is not None:
             self.navigator.go_to(goal)
         self.fed_back_s = -np.inf
-        self.publish(
-            pose_stamped(goal, Header(stamp=self._now(), frame_id="map")), topic="goal", latched=True
-        )
+        self.publish(pose_stamped(goal, Header(stamp=self.now(), frame_id="map")), topic="goal", latched=True)
 
     def _pose_of(self, goal: NavigateTo) -> tuple[float, float, float]:
         """Return where a goal is; refuse an invalid one."""
@@ -311,7 +309,7 @@ class Navigation(Module):
         self.log.info("%s: %s", state.name, reason)
         self._forget_goal()
         if state is NavigatorState.ARRIVED:
-            active.succeed(NavigationResult(duration_s=self._time_s() - self.accepted_s))
+            active.succeed(NavigationResult(duration_s=self.monotonic_s() - self.accepted_s))
         else:
             active.abort(reason)
 
@@ -319,9 +317,9 @@ class Navigation(Module):
         """Tell the goal's client the state, if it is new or was told long ago."""
         if self.active is None:
             return
-        is_old = self._time_s() - self.fed_back_s >= self.state_period_s
+        is_old = self.monotonic_s() - self.fed_back_s >= self.state_period_s
         if self.fed_back != (state, reason) or is_old:
-            self.fed_back, self.fed_back_s = (state, reason), self._time_s()
+            self.fed_back, self.fed_back_s = (state, reason), self.monotonic_s()
             left = -1.0 if left_m is None else left_m
             self.active.feedback(NavigationFeedback(state=state, reason=reason, distance_left_m=left))
 
@@ -334,7 +332,7 @@ class Navigation(Module):
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
         self.publish(
             DriveCommand(
-                header=Header(stamp=self._now(), frame_id="base_link"),
+                header=Header(stamp=self.now(), frame_id="base_link"),
                 linear_m_per_s=linear_m_per_s,
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
@@ -360,7 +358,7 @@ class Navigation(Module):
         )
         follower = PathFollower(self._follower_settings())
         return Navigator(
-            self._time_s,
+            self.monotonic_s,
             CollisionGuard(),
             follower,
             settings,
@@ -370,7 +368,7 @@ class Navigation(Module):
 
     def _publish_path(self, path: NDArray[np.float64]) -> None:
         self.path = path
-        header = Header(stamp=self._now(), frame_id="map")
+        header = Header(stamp=self.now(), frame_id="map")
         ahead = np.diff(path, axis=0, append=path[-1:])
         headings = np.arctan2(ahead[:, 1], ahead[:, 0])
         poses = [pose_stamped([*xy, heading], header) for xy, heading in zip(path, headings, strict=True)]
@@ -381,25 +379,19 @@ class Navigation(Module):
         costs = cell_costs(grid)
         (height, width), (x_m, y_m) = costs.shape, grid.corner_xy_m.tolist()
         metadata = CostmapMetaData(
-            update_time=self._now(),
+            update_time=self.now(),
             layer="master",
             resolution=grid.resolution_m,
             size_x=width,
             size_y=height,
             origin=Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion(w=1.0)),
         )
-        header = Header(stamp=self._now(), frame_id="map")
+        header = Header(stamp=self.now(), frame_id="map")
         costmap = Costmap(header=header, metadata=metadata, data=costs.ravel())
         self.publish(costmap, topic="costmap", latched=True)
 
     def _follower_settings(self) -> FollowerSettings:
         return FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)
-
-    def _now(self) -> Time:
-        return Time.from_nanoseconds(self.clock.now_ns())
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
 
     def _published_s(self) -> float:
         return self.envelope.published_ns / 1e9

@@ -1,13 +1,12 @@
 """Application control of the robot that drives to numbered signs in order."""
 
 import json
-import math
 
 import numpy as np
 
 from robbie_mp import Header, MessageHandling, Module, Time, setting
-from robbie_mp.messages import OccupancyGrid, PanTiltCommand, PoseStamped
-from robbie_robots.modules.devices.command_age import LOOK_FOR
+from robbie_mp.messages import OccupancyGrid, PoseStamped
+from robbie_robots.modules.devices.camera_turn import CameraTurn
 from robbie_robots.modules.maps.planar_messages import map_cells, planar
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.numbers.messages import NumberSigns, SignsReached
@@ -33,7 +32,7 @@ class Numbers(Module):
     def setup(self) -> None:
         """Create the mission; subscribe to map, pose and signs."""
         settings = NumbersSettings(time_limit_s=self.time_limit_s, clearance_m=self.clearance_m)
-        self.mission = NumbersMission(self._time_s, settings, self._state_changed)
+        self.mission = NumbersMission(self.monotonic_s, settings, self._state_changed)
         self.told = 0
         if self.restored is not None:
             self.mission.remember(self.restored)
@@ -45,7 +44,7 @@ class Numbers(Module):
         self.look = LookAround(step_s=0.9, around_rad=AROUND_RAD)
         self.pose: tuple[float, float, float] | None = None
         self.pose_stamp = Time()
-        self.pan_rad = math.nan
+        self.camera_turn = CameraTurn(self)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
@@ -92,17 +91,17 @@ class Numbers(Module):
         if len(self.mission.reached) != self.told:
             self.told = len(self.mission.reached)
             digits = np.array(self.mission.reached, np.uint8)
-            self.publish(SignsReached(header=self._header("map"), digits=digits))
+            self.publish(SignsReached(header=Header(stamp=self.now(), frame_id="map"), digits=digits))
         self.checkpoint(self.mission.memory())
         state = self.mission.state
         if state is NumbersState.DONE:
             self.goals.cancel(self.mission.machine.reason)
         elif self.pose is not None and state is not NumbersState.WAIT:
             self.goals.drive_to(orders.goal, self.pose)
-            ahead = state is NumbersState.SHEET
-            self._turn_camera(
-                0.0 if ahead else self.look.pan_rad(self._time_s(), self.pose, orders.look_at_xy_m)
-            )
+            pan_rad = 0.0
+            if state is not NumbersState.SHEET:
+                pan_rad = self.look.pan_rad(self.monotonic_s(), self.pose, orders.look_at_xy_m)
+            self.camera_turn.to(pan_rad, 0.0, self.pose_stamp)
         self.status = self.mission.status
         if self.mission.machine.is_final and self.mission.machine.time_in_state_s >= 1.0:
             self.log.info("the task has ended: %s", self.status)
@@ -125,24 +124,6 @@ class Numbers(Module):
         }
         self.write_result("numbers.json", json.dumps(results) + "\n")
 
-    def _turn_camera(self, pan_rad: float) -> None:
-        if not abs(pan_rad - self.pan_rad) < 0.02:
-            self.pan_rad = pan_rad
-            self.publish(
-                PanTiltCommand(
-                    header=self._header("base_link"),
-                    pan_rad=pan_rad,
-                    valid_for=LOOK_FOR,
-                    based_on=self.pose_stamp,
-                )
-            )
-
     def _state_changed(self, state: NumbersState) -> None:
         self.show_state(state)
         self.log.info("%s (%s)", state.name, self.mission.machine.reason)
-
-    def _header(self, frame: str) -> Header:
-        return Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id=frame)
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp import Header, MessageHandling, Module, SettingError, setting
 from robbie_mp.messages import (
     BoundingBox2D,
     CameraInfo,
@@ -105,8 +105,8 @@ class NumberSignFinder(Module):
         """Read the newest image, and tell what is known."""
         if self.image is not None and self.camera is not None and self.scans:
             self._look(self.image, self.camera)
-        if self._now_s() - self.told_s >= TELL_PERIOD_S:
-            self.told_s = self._now_s()
+        if self.monotonic_s() - self.told_s >= TELL_PERIOD_S:
+            self.told_s = self.monotonic_s()
             self._tell()
 
     def teardown(self) -> None:
@@ -192,7 +192,7 @@ class NumberSignFinder(Module):
         found = "".join(sorted(str(code) for code in codes if code >= 0))
         open_posts = codes.count(NumberSigns.UNKNOWN)
         self.status = f"digits {found or 'none'}; {open_posts} open posts; {self.images} images"
-        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
+        header = Header(stamp=self.now(), frame_id="map")
         places = np.array([sign.xy_m for sign in signs]).reshape(-1, 2)
         self.publish(
             NumberSigns(
@@ -217,9 +217,6 @@ class NumberSignFinder(Module):
 
     def _remember(self) -> None:
         self.checkpoint({"signs": self.signs.state(), "sheet": self.sheet.order, "images": self.images})
-
-    def _now_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
 
 
 def _digit(sign: Sign) -> int:

@@ -23,7 +23,6 @@ from robbie_mp.messages import (
     ControlState,
     DeviceState,
     OccupancyGrid,
-    PanTiltCommand,
     Point,
     PointOfInterest,
     PointsOfInterest,
@@ -31,7 +30,8 @@ from robbie_mp.messages import (
     SetControl,
 )
 from robbie_robots.hw.connection.device import ConnectionState
-from robbie_robots.modules.devices.command_age import LOOK_FOR, check_order
+from robbie_robots.modules.devices.camera_turn import CameraTurn
+from robbie_robots.modules.devices.command_age import check_order
 from robbie_robots.modules.maps.planar_messages import frontiers_message, map_cells, planar, pose_stamped
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.rescue.messages import (
@@ -119,7 +119,7 @@ class RescueMission(Module):
             clearance_m=self.clearance_m,
             gives_way_to=tuple(self.gives_way_to),
         )
-        self.mission = Mission(self._time_s, settings, self._state_changed)
+        self.mission = Mission(self.monotonic_s, settings, self._state_changed)
         if self.restored is not None:
             self.mission.remember(self.restored)
         self.notes_told = len(self.mission.notes)
@@ -131,7 +131,7 @@ class RescueMission(Module):
         self.goals = NavigationGoals(self, mission.arrived, mission.unreachable, mission.see_stopped)
         # With its feedback, navigation says whether the robot can drive.
         self.mission.see_stopped(None)
-        self.pan_rad = math.nan
+        self.camera_turn = CameraTurn(self)
         self.map: OccupancyGrid | None = None
         self.team_maps: dict[str, NDArray[np.float64]] = {}
         self.team_searched: dict[str, SearchedGrid] = {}
@@ -321,10 +321,10 @@ class RescueMission(Module):
         """Publish the mission's status if it is new or was published long ago; also new frontiers."""
         mission = self.mission
         told = (mission.state.name, mission.operator.fitting(mission.state))
-        if told != self.told or self._time_s() - self.told_s >= TELL_S:
-            self.told, self.told_s = told, self._time_s()
+        if told != self.told or self.monotonic_s() - self.told_s >= TELL_S:
+            self.told, self.told_s = told, self.monotonic_s()
             state, orders = told
-            header, text = self._header("map"), mission.status
+            header, text = self._header(), mission.status
             codes = np.array(orders, np.uint8)
             self.publish(
                 MissionStatus(
@@ -341,8 +341,8 @@ class RescueMission(Module):
                 self.publish(PointsOfInterest(header=header, points=[home]), topic="mission")
         if mission.frontiers is not self.frontiers:
             self.frontiers = mission.frontiers
-            self.publish(frontiers_message(self.frontiers, self._header("map")))
-        if self.team and self._time_s() - self.claim_told_s >= CLAIM_PERIOD_S:
+            self.publish(frontiers_message(self.frontiers, self._header()))
+        if self.team and self.monotonic_s() - self.claim_told_s >= CLAIM_PERIOD_S:
             self._claim()
 
     def _claim(self) -> None:
@@ -350,8 +350,8 @@ class RescueMission(Module):
         claim = self.mission.claim
         if claim is None:
             return
-        self.claim_told_s = self._time_s()
-        header = self._header("map")
+        self.claim_told_s = self.monotonic_s()
+        header = self._header()
         self.publish(
             GoalClaim(
                 header=header,
@@ -376,7 +376,7 @@ class RescueMission(Module):
         mapped_m2 = 0.0 if self.map is None else known_m2(*map_cells(self.map)[:2])
         battery, searched = mission.limits.battery, mission.searched
         return MissionResult(
-            header=self._header("map"),
+            header=self._header(),
             reason=mission.machine.reason,
             used_s=mission.limits.used_s,
             limit_s=self.time_limit_s,
@@ -396,23 +396,11 @@ class RescueMission(Module):
 
     def _turn_camera(self, look_at_xy_m: NDArray[np.float64] | None) -> None:
         assert self.pose is not None
-        pan_rad = self.look.pan_rad(self._time_s(), self.pose, look_at_xy_m)
-        if not abs(pan_rad - self.pan_rad) < 0.02:
-            self.pan_rad = pan_rad
-            self.publish(
-                PanTiltCommand(
-                    header=self._header("base_link"),
-                    pan_rad=pan_rad,
-                    valid_for=LOOK_FOR,
-                    based_on=self.pose_stamp,
-                )
-            )
+        pan_rad = self.look.pan_rad(self.monotonic_s(), self.pose, look_at_xy_m)
+        self.camera_turn.to(pan_rad, 0.0, self.pose_stamp)
 
-    def _header(self, frame: str) -> Header:
-        return Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id=frame)
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
+    def _header(self) -> Header:
+        return Header(stamp=self.now(), frame_id="map")
 
 
 def _placed(map_pose: NDArray[np.float64], point: Point) -> NDArray[np.float64]:

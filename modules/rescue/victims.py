@@ -139,7 +139,7 @@ class Victims(Module):
         """Search the newest image, ask questions, and publish changes."""
         if self.image is not None and self.projection is not None:
             self._look()
-        now_s = self._now_s()
+        now_s = self.monotonic_s()
         for victim in self.victims.victims.values():
             self._ask(victim, now_s)
         if now_s >= self.next_s["repeat"]:
@@ -221,7 +221,7 @@ class Victims(Module):
 
     def _ask_later(self, victim: Victim) -> None:
         victim.state = VictimState.SUSPECTED
-        victim.not_before_s = self._now_s() + ASK_AGAIN_S
+        victim.not_before_s = self.monotonic_s() + ASK_AGAIN_S
 
     def _tell(self, victim: Victim) -> None:
         """Publish and checkpoint what is known about a victim."""
@@ -256,13 +256,13 @@ class Victims(Module):
     def _answer_within_s(self, victim: Victim) -> float:
         if victim.state is not VictimState.ASKED:
             return 0.0
-        return max(0.0, victim.asked_s + self.answer_s - self._now_s())
+        return max(0.0, victim.asked_s + self.answer_s - self.monotonic_s())
 
     def _tell_searched(self) -> None:
         assert self.fronts is not None
         assert self.map_info is not None
         cells = self.searched.grid(self.fronts)
-        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
+        header = Header(stamp=self.now(), frame_id="map")
         self.publish(SearchedWalls(header=header, info=self.map_info, data=cells.ravel()))
         self._remember()
 
@@ -273,9 +273,6 @@ class Victims(Module):
             "images": self.images,
         }
         self.checkpoint(state)
-
-    def _now_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
 
 
 def detection(header: Header, sighting: TagSighting) -> Detection2D:

@@ -13,7 +13,6 @@ from robbie_mp import (
     Module,
     SettingError,
     StateMachine,
-    Time,
     TimeOut,
     replace,
     setting,
@@ -117,7 +116,7 @@ class SpokenOrders(Module):
         self.machine = StateMachine(
             Hearing.ORDER,
             {Hearing.ORDER: {Hearing.ANSWER}, Hearing.ANSWER: {Hearing.ORDER}},
-            clock=self._time_s,
+            clock=self.monotonic_s,
             time_outs={Hearing.ANSWER: TimeOut(self.answer_s, Hearing.ORDER)},
             on_change=self.show_state,
         )
@@ -133,7 +132,7 @@ class SpokenOrders(Module):
         """Do not listen while the robot speaks."""
         if audio.sample_rate and audio.number_of_channels:
             length_s = audio.data.size / (2 * audio.sample_rate * audio.number_of_channels)
-            self.deaf_until_s = max(self.deaf_until_s, self._time_s()) + length_s
+            self.deaf_until_s = max(self.deaf_until_s, self.monotonic_s()) + length_s
             self.utterances.forget()
 
     def on_taught(self, taught: TaughtNames) -> None:
@@ -158,7 +157,7 @@ class SpokenOrders(Module):
             or audio.data.size % (2 * channels)
         ):
             self._refuse_format(audio)
-        elif self._time_s() > self.deaf_until_s + ECHO_S:
+        elif self.monotonic_s() > self.deaf_until_s + ECHO_S:
             samples = np.frombuffer(audio.data.tobytes(), "<i2").reshape(-1, channels)
             for utterance in self.utterances.add(np.ascontiguousarray(samples[:, 0])):
                 self._understand(utterance)
@@ -218,7 +217,7 @@ class SpokenOrders(Module):
 
     def _message(self, words: SpokenWords, distance: float) -> SpokenOrder:
         return SpokenOrder(
-            header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
+            header=Header(stamp=self.now()),
             order=words.order,
             text=words.text,
             slots=[SpokenSlot(name=name, words=said) for name, said in words.slots.items()],
@@ -241,9 +240,6 @@ class SpokenOrders(Module):
 
     def _say(self, text: str) -> None:
         self.publish(Say(text=text))
-
-    def _time_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9
 
 
 class Voice(Module):
@@ -286,7 +282,7 @@ class Voice(Module):
         """Publish the next sound."""
         if not self.sound.size and self.waiting:
             self._begin(self.waiting.popleft())
-        now_s = self.clock.monotonic_ns() / 1e9
+        now_s = self.monotonic_s()
         self.played_until_s = max(self.played_until_s, now_s)
         count = round((now_s + self.AHEAD_S - self.played_until_s) * self.rate_hz)
         if self.sound.size and count > 0:
@@ -309,7 +305,7 @@ class Voice(Module):
 
     def _message(self, block: NDArray[np.int16]) -> RawAudio:
         return RawAudio(
-            timestamp=Time.from_nanoseconds(self.clock.now_ns()),
+            timestamp=self.now(),
             data=np.frombuffer(block.astype("<i2").tobytes(), np.uint8),
             format=PCM,
             sample_rate=self.rate_hz,

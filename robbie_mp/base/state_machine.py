@@ -48,7 +48,7 @@ class StateMachine(Generic[State]):
                         Gripper.CLOSING: {Gripper.CLOSED, Gripper.OPEN},
                         Gripper.CLOSED: {Gripper.OPEN},
                     },
-                    clock=lambda: self.clock.monotonic_ns() / 1e9,
+                    clock=self.monotonic_s,
                     time_outs={Gripper.CLOSING: TimeOut(after_s=2.0, to=Gripper.OPEN)},
                     on_change=self.show_state,
                 )

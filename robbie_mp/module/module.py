@@ -25,6 +25,7 @@ from robbie_mp.messages.calls import (
 )
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.refusals import Refusals
+from robbie_mp.messages.stock.builtin_interfaces import Time
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.client import SentGoal
@@ -344,6 +345,14 @@ class Module:
             MessageTooLarge, PublishAfterStop: as for `publish`.
         """
         return self._bus.publish(EncodedMessage(type_name, version, memoryview(data)), topic, latched)
+
+    def now(self) -> Time:
+        """Return the run's time as a stamp: `Header(stamp=self.now(), frame_id="laser")`."""
+        return Time.from_nanoseconds(self.clock.now_ns())
+
+    def monotonic_s(self) -> float:
+        """Return the run's monotonic time in s, to measure how long something takes. It never goes back."""
+        return self.clock.monotonic_ns() / 1e9
 
     def advertise(self, message_type: type[Message], *, topic: str = "") -> None:
         """Announce that this module may publish messages of a type, before it publishes the first.

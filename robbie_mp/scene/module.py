@@ -106,7 +106,7 @@ class SceneGraphService(Module):
     def tick(self) -> None:
         """Publish changes that had to wait, and once the fixed transforms."""
         self._tell_moved()
-        now_s = self._now_s()
+        now_s = self.monotonic_s()
         if not self.fixed_announced:
             fixed = fixed_transforms(self.graph, self.clock.now_ns())
             self.fixed_announced = self.publish(fixed, topic="tf_static", latched=True)
@@ -118,7 +118,7 @@ class SceneGraphService(Module):
 
     def _tell_moved(self) -> None:
         """Publish the moved nodes, or leave that to the next tick if the last message was just sent."""
-        now_s = self._now_s()
+        now_s = self.monotonic_s()
         waiting = len(self.updater.moved)
         if not waiting or (now_s < self.next_s["tf"] and waiting < MOVED_LIMIT):
             return
@@ -134,6 +134,3 @@ class SceneGraphService(Module):
             for prefix, (name, pose) in self.updater.corrections.items()
         }
         self.checkpoint(state)
-
-    def _now_s(self) -> float:
-        return self.clock.monotonic_ns() / 1e9

@@ -427,7 +427,7 @@ class Ticker(Journal):
 
     def tick(self) -> None:
         self.number += 1
-        now = Time.from_nanoseconds(self.clock.now_ns())
+        now = self.now()
         header = Header(stamp=now, frame_id=self.name)
         self.publish(DriveCommand(header=header, linear_m_per_s=self.number / 1000))  # at most 100 m/s
 
@@ -453,7 +453,7 @@ class Relay(Module):
 
     def on_command(self, command: DriveCommand) -> None:
         if "/" not in command.header.frame_id:
-            now = Time.from_nanoseconds(self.clock.now_ns())
+            now = self.now()
             frame = f"{self.name}/{command.header.frame_id}"
             self.publish(
                 DriveCommand(header=Header(stamp=now, frame_id=frame), linear_m_per_s=command.linear_m_per_s),

@@ -619,7 +619,7 @@ class FoxgloveServer(Module):
     def _now(self) -> Time:
         if self._run_clock is not None and self._run_clock.has_begun:
             return Time.from_nanoseconds(self._run_clock.now_ns())
-        return Time.from_nanoseconds(self.clock.now_ns())
+        return self.now()
 
     # -- figures -----------------------------------------------------------------------------------------
 

@@ -55,7 +55,6 @@ from robbie_mp.messages import (
     OperatorRequest,
     OperatorState,
     SetControl,
-    Time,
     UnknownType,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
@@ -646,7 +645,7 @@ class Link(Module):
         node, wire = self.node, self.wire
         impossible = sum(peer.strange + peer.uncounted for peer in node.peers.values())
         return LinkState(
-            stamp=Time.from_nanoseconds(self.clock.now_ns()),
+            stamp=self.now(),
             robot=self.robot,
             session=node.session,
             malformed=node.malformed + wire.oversized + impossible,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robbie_mp import Header, Module, SettingError, Time, setting
+from robbie_mp import Header, Module, SettingError, setting
 from robbie_mp.messages import (
     LaserScan,
     MapMetaData,
@@ -43,7 +43,7 @@ class Stage(Module):
             raise SettingError("there is a hole at 3 m", "x_m")
 
     def tick(self) -> None:
-        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        stamp = self.now()
         in_map = Header(stamp=stamp, frame_id="map")
         self.publish(
             TFMessage(

@@ -1,6 +1,6 @@
 """Copied into the workspace of tests: what the household module needs of a robot that never arrives."""
 
-from robbie_mp import ActiveGoal, Header, Module, Time
+from robbie_mp import ActiveGoal, Header, Module
 from robbie_mp.messages import (
     CancelNavigation,
     MapAnnotations,
@@ -33,7 +33,7 @@ class Flat(Module):
         self.publish(HandStatus(state="REST"), latched=True)
 
     def pose(self, x_m: float) -> PoseStamped:
-        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        stamp = self.now()
         return pose_stamped([x_m, 0.0, 0.0], Header(stamp=stamp, frame_id="map"))
 
     def tick(self) -> None:
