@@ -87,6 +87,9 @@ def _lines(info: LogInfo) -> list[tuple[str, str | Text]]:
         lines.append(("written by", f"{info.library}, Python {run.python}"))
     else:
         lines.append(("written by", info.library or "-"))
+    if info.time_jumps:
+        more = [f"and {info.more_time_jumps} more"] if info.more_time_jumps else []
+        lines.append(("time jumps", Text("\n".join([*map(str, info.time_jumps), *more]), "yellow")))
     lines.append(("is", _state(info)))
     return lines
 

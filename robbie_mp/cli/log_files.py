@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.cli import completers
@@ -87,16 +88,17 @@ def add_strict_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def print_balance(where: Path, balance: Balance, unit: str = "messages") -> int:
+def print_balance(where: Path, balance: Balance, unit: str = "messages", file: TextIO | None = None) -> int:
     """Print what was used and left out, and return the exit code: 0 if nothing was left out.
 
     Args:
         where: the file that was read or written.
         balance: what became of its contents.
         unit: what the balance counts.
+        file: for the total; by default standard output.
     """
     total, *reasons = balance.lines(unit)
     for reason in reasons:
         warn(reason)
-    print(f"{where}: {total}")
+    print(f"{where}: {total}", file=file)
     return LEFT_OUT if balance.left_out else 0

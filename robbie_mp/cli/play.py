@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.cli import completers
-from robbie_mp.cli.log_files import add_limit_argument
+from robbie_mp.cli.log_files import add_limit_argument, add_strict_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument, load
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
+from robbie_mp.logs.playback.module import BALANCE_FILE, played_balance
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS
+from robbie_mp.logs.recording.time_jumps import LONGEST_GAP_S
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import MEASURED, ClockSettings, ModuleSpec, Profile
 from robbie_mp.run.profile.preflight import Preflight
@@ -25,12 +27,20 @@ if TYPE_CHECKING:
 
 PLAYBACK = "playback"
 CLASS = "robbie_mp.logs.playback.module:Playback"
-SETTINGS = {"start": "start_s", "end": "end_s", "loop": "loop", "topics": "topics", "paused": "paused"}
+SETTINGS = {
+    "start": "start_s",
+    "end": "end_s",
+    "loop": "loop",
+    "topics": "topics",
+    "paused": "paused",
+    "strict": "strict",
+}
 """Options of this command, and the settings of the playback that they set as they are."""
 PLACES = {
     "file": None,  # the error names it
     "rate": SourcePlace("--rate"),
     "max_chunk_mib": SourcePlace("--max-chunk-mib"),
+    "longest_gap_s": SourcePlace("--gaps"),
     **{setting: SourcePlace(f"--{option}") for option, setting in SETTINGS.items()},
 }
 """The place of each setting that this command sets."""
@@ -68,6 +78,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument("--start", metavar="S", type=float, help="start S seconds into the log")
     parser.add_argument("--end", metavar="S", type=float, help="stop S seconds into the log")
+    parser.add_argument(
+        "--gaps",
+        metavar="skip|keep|S",
+        type=gaps,
+        help="where the log's time jumps, forwards or backwards: skip it (skip: jumps of more than "
+        f"{LONGEST_GAP_S:g} s, the default; S: of more than S seconds), or keep to the log's time",
+    )
     parser.add_argument("--loop", action="store_true", default=None, help="start again at the end")
     parser.add_argument(
         "--topics",
@@ -90,6 +107,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         help="with --lockstep: a module is busy as long as its handler took, or took in an earlier run, "
         "whose output has the FOLDER handler_times",
     )
+    add_strict_argument(parser)
     add_limit_argument(parser)
     add_set_argument(parser)
     add_output_arguments(parser)
@@ -104,6 +122,15 @@ def rate(text: str) -> float:
     return found
 
 
+def gaps(text: str) -> float:
+    """Parse the longest gap that is no jump, in s; `keep` is infinity."""
+    found = {"skip": LONGEST_GAP_S, "keep": math.inf}.get(text)
+    found = float(text) if found is None else found
+    if not found >= 0:
+        raise argparse.ArgumentTypeError(f"expected skip, keep, or a number of seconds; got {text}")
+    return found
+
+
 def play(arguments: argparse.Namespace) -> int:
     """Play a log."""
     settings = _settings(arguments)
@@ -111,7 +138,9 @@ def play(arguments: argparse.Namespace) -> int:
         profile, findings = _checked(arguments, settings)
     except ProfileError as error:
         raise _as_typed(error, arguments.overrides) from None
-    return run_robot(profile, findings, arguments)
+    if arguments.output:
+        (arguments.output / BALANCE_FILE).unlink(missing_ok=True)  # of an earlier run
+    return run_robot(profile, findings, arguments, played_balance)
 
 
 def _checked(arguments: argparse.Namespace, settings: dict[str, Any]) -> tuple[Profile, Preflight]:
@@ -165,6 +194,9 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
         settings["max_chunk_mib"] = arguments.limits.chunk_bytes // MEGABYTE
     if arguments.rate is not None:
         settings["rate"] = None if math.isinf(arguments.rate) else arguments.rate
+    if arguments.gaps is not None:
+        settings["longest_gap_s"] = None if math.isinf(arguments.gaps) else arguments.gaps
+    settings = {name: value for name, value in settings.items() if name != "strict" or value}
     return settings
 
 

@@ -4,11 +4,14 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.run_figures import as_data, table
+from robbie_mp.base.balance import Balance
 from robbie_mp.bus.checkpoint.file import checkpoint_file, set_aside
+from robbie_mp.cli.log_files import LEFT_OUT, print_balance
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments, load
@@ -75,8 +78,20 @@ def check(profile: Profile) -> tuple[Profile, Preflight]:
     return checked, findings
 
 
-def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespace) -> int:
-    """Run a checked profile to its end, show what happens, and print a summary."""
+def run_robot(
+    profile: Profile,
+    findings: Preflight,
+    arguments: argparse.Namespace,
+    balance_of: Callable[[Path], Balance | None] = lambda _folder: None,
+) -> int:
+    """Run a checked profile to its end, show what happens, and print a summary.
+
+    Args:
+        profile: the profile.
+        findings: of the check.
+        arguments: those of `add_output_arguments`.
+        balance_of: returns what was left out, from the folder for results; this makes the exit code 1.
+    """
     output = arguments.output or default_output_directory(profile.name)
     screen = RunScreen(quiet=arguments.quiet or arguments.json)
     started_s = time.monotonic()
@@ -95,11 +110,15 @@ def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespa
             "summary were not yet written when the run ended; they will be if the disk recovers",
             file=sys.stderr,
         )
+    balance = balance_of(result.output_directory) or Balance()
     if arguments.json:
-        print(json.dumps(summary, indent=2))
+        played = {"balance": {"used": balance.used, "left_out": balance.left_out}} if balance.read else {}
+        print(json.dumps(summary | played, indent=2))
     else:
         _print_summary(result, summary["duration_s"])
-    return result.exit_code
+    if balance.read:
+        print_balance(result.output_directory, balance, file=sys.stderr if arguments.json else sys.stdout)
+    return result.exit_code or (LEFT_OUT if balance.left_out else 0)
 
 
 def _set_checkpoints_aside(profile: Profile) -> None:

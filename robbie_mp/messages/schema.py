@@ -48,8 +48,11 @@ def nested_types(message_type: type[Message]) -> list[type[Message]]:
 
 
 def layout(message_type: type[Message]) -> tuple[tuple[str, Any], ...]:
-    """Return names and encodings of all fields: two types with equal layouts read each other's bytes."""
-    return tuple((field.schema_name, _shape(field.type)) for field in fields_of(message_type))
+    """Return names and encodings of all fields: two types with equal layouts read each other's bytes.
+
+    Capitals do not count: ROS 2 has renamed D, K, R and P of ROS 1's CameraInfo to d, k, r and p.
+    """
+    return tuple((field.schema_name.casefold(), _shape(field.type)) for field in fields_of(message_type))
 
 
 def _shape(kind: FieldType) -> Any:

@@ -1,14 +1,16 @@
 """How `robbie play` translates its options."""
 
 import math
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 import pytest
 
 from robbie_mp.cli import main
-from robbie_mp.cli.play import _alone, _settings, rate
+from robbie_mp.cli.play import _alone, _settings, gaps, rate
 from robbie_mp.cli.program import _parser
 from robbie_mp.logs.playback.module import Playback
+from robbie_mp.logs.recording.time_jumps import LONGEST_GAP_S
 from robbie_mp.module.settings import check_settings
 from robbie_mp.run.profile.load import load_profile
 from tests.logs._support.battery_log import write_battery_log
@@ -23,13 +25,13 @@ def log(tmp_path: Path) -> Path:
 
 def test_options_are_settings_of_the_playback(log: Path) -> None:
     words = ["--rate", "max", "--start", "0.1", "--end", "0.3", "--loop", "--paused"]
-    words += ["--topics", "battery", "DriveCommand"]
+    words += ["--topics", "battery", "DriveCommand", "--gaps", "keep", "--strict"]
     arguments = _parser(["play"]).parse_args(["play", str(log), "demo-playback", *words])
     settings = check_settings(Playback, _settings(arguments))
     Playback.check(settings)
-    given = ("file", "rate", "start_s", "end_s", "loop", "paused", "topics")
+    given = ("file", "rate", "start_s", "end_s", "loop", "paused", "topics", "longest_gap_s", "strict")
     assert [settings[name] for name in given] == [
-        log, None, 0.1, 0.3, True, True, ["battery", "DriveCommand"],
+        log, None, 0.1, 0.3, True, True, ["battery", "DriveCommand"], None, True,
     ]  # fmt: skip
 
 
@@ -60,6 +62,13 @@ def test_errors_name_what_was_typed(
     if profile:
         assert main(["play", str(log), *profile, "--set", f"playback.file={bad}"]) == 2
         assert capsys.readouterr().err == f"--set playback.file: {bad} is no MCAP file\n"
+
+
+def test_gaps_are_the_longest_that_are_no_jump() -> None:
+    assert [gaps(text) for text in ("skip", "keep", "30")] == [LONGEST_GAP_S, math.inf, 30]
+    for text in ("-1", "nan", "never"):
+        with pytest.raises((ValueError, ArgumentTypeError)):
+            gaps(text)
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan"])

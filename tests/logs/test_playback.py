@@ -1,5 +1,6 @@
 """A log is played into a robot of processes; the playback is controlled and killed."""
 
+import json
 import os
 import pty
 import select
@@ -16,7 +17,7 @@ import pytest
 from robbie_mp.cli.playback import give_order
 from robbie_mp.logs.playback.outlet import PATIENCE_NS
 from robbie_mp.logs.playback.player import PlaybackRefused
-from robbie_mp.messages import Image, PlaybackState
+from robbie_mp.messages import DriveCommand, Image, PlaybackState, String
 from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
 from tests.logs._support.battery_log import write_battery_log
 from tests.logs.conftest import PROFILE
@@ -223,3 +224,57 @@ def test_unplayable_log_is_refused_before_any_process_starts(
     assert refused.returncode == 2
     assert "`clock: {source: playback}`" in refused.stderr
     assert not (player_robot.folder / "output").exists()
+
+
+def foreign_log(path: Path) -> Path:
+    """A log of another program: from 1970 and 2026, with a type that does not fit, text, and an odd scan."""
+    with LogFile(path) as log:
+        foreign = log.writer.register_channel
+        schemas = [
+            log.writer.register_schema(name, "ros2msg", text.encode())
+            for name, text in (
+                ("std_msgs/msg/String", "string data"),
+                ("geometry_msgs/msg/Point", "float32 x"),
+            )
+        ]
+        said, odd = (
+            foreign(f"/{name}", "cdr", id_) for name, id_ in zip(("said", "odd"), schemas, strict=True)
+        )
+        text = foreign("/text", "json", 0)
+        for number, time_ns in enumerate([0, STEP_NS, START_NS, START_NS + STEP_NS]):
+            log.add_bytes(said, String(data=str(number)).encode(), time_ns)
+            log.add_bytes(odd, b"\0\1\0\0\0\0\0\0", time_ns)
+            log.add_bytes(text, b"{}", time_ns)
+        log.add(DriveCommand(linear_m_per_s=1.0), time_ns=START_NS + STEP_NS)
+        log.add(DriveCommand(linear_m_per_s=float("nan")), time_ns=START_NS + STEP_NS)
+    return path
+
+
+def said_by_playback(robot: Robot) -> str:
+    return (robot.output / "log" / "playback.jsonl").read_text()
+
+
+def test_playback_says_what_it_left_out_and_where_time_jumped(player_robot: Robot, tmp_path: Path) -> None:
+    ended = Ended.wait_for(start(player_robot, foreign_log(tmp_path / "log.mcap"), "--rate", "max"))
+    assert ended.exit_code == 1
+    balance = {
+        "messages of 'odd', whose geometry_msgs/msg/Point does not fit: it has other fields than ours": 4,
+        "messages of 'text', which are encoded as 'json'": 4,
+        "ill-formed messages of 'DriveCommand'": 1,
+    }
+    assert ended.summary["balance"] == {"used": 5, "left_out": balance}
+    assert "read 14 messages: 5 used, 9 left out" in ended.stderr
+    assert "time jumps from 1970-01-01T00:00:00.100Z to 2023-11-14" in said_by_playback(player_robot)
+    assert all(reason in ended.stderr for reason in balance)
+    assert [words[2] for words in witnessed(player_robot, "jump")] == ["gap"]
+
+
+def test_strict_playback_refuses_what_it_would_leave_out(player_robot: Robot, tmp_path: Path) -> None:
+    log = foreign_log(tmp_path / "log.mcap")
+    refused = player_robot.command("play", str(log), "robot", "--strict")
+    assert refused.returncode == 2
+    assert "messages of 'text', which are encoded as 'json'" in refused.stderr
+    options = ["--rate", "max", "--strict", "--topics", "said", "DriveCommand"]
+    ended = Ended.wait_for(start(player_robot, log, *options))
+    assert ended.exit_code == 1
+    assert "strict allows no loss: ill-formed messages of 'DriveCommand'" in said_by_playback(player_robot)

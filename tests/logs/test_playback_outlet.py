@@ -111,5 +111,19 @@ def test_message_that_cannot_be_published_is_skipped_and_logged(
 
     module.publish_encoded = refuse  # type: ignore[method-assign]
     assert paced.send(message)
-    assert paced.skipped == 1
+    assert paced.balance.left_out == {"damaged messages of 'laser/front'": 1}
     assert len(module.said) == 1
+
+
+def test_published_messages_and_those_left_out_are_counted_but_not_given_ones(message: LoggedMessage) -> None:
+    module = FakeModule()
+    why = "messages of 'laser/front', whose type does not fit"
+    fits = PacedOutlet(module, {message.channel.id: Translation(1, None)}, lambda _: None, 5, 1000, lambda: 0)  # type: ignore[arg-type]
+    does_not = PacedOutlet(module, {message.channel.id: why}, lambda _: None, 5, 1000, lambda: 0)  # type: ignore[arg-type]
+    for outlet in (fits, does_not):
+        assert outlet.send(message, is_given=True) and outlet.send(message) and outlet.send(message)
+    assert (fits.balance.used, fits.balance.left_out) == (2, {})
+    assert (does_not.balance.used, does_not.balance.left_out) == (0, {why: 3})
+    module.ill_formed = SimpleNamespace(admits_encoded=lambda *_: False)
+    assert fits.send(message)
+    assert fits.balance.left_out == {"ill-formed messages of 'laser/front'": 1}

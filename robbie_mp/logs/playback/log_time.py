@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Protocol
 
+LATEST_NS = (1 << 31) * 1_000_000_000 - 1
+"""The latest time that messages can express, in January 2038; the clock stays there for later ones."""
 LEASE_NS = 250_000_000
 """Time stops this long after the last renewal: it does not advance without the player."""
 
@@ -63,7 +65,8 @@ class LogTime:
         if not self.runs:
             return self._at_ns
         assert self._rate is not None
-        return self._at_ns + round(min(self._monotonic_ns() - self._since_ns, LEASE_NS) * self._rate)
+        passed_ns = min(self._monotonic_ns() - self._since_ns, LEASE_NS)
+        return min(self._at_ns + round(passed_ns * self._rate), LATEST_NS)
 
     @property
     def runs(self) -> bool:
@@ -132,6 +135,7 @@ class LogTime:
             return
         if self.runs:
             assert self._rate is not None
-            self._clock.play(self._at_ns, self._rate, self._at_ns + round(LEASE_NS * self._rate))
+            until_ns = min(self._at_ns + round(LEASE_NS * self._rate), LATEST_NS)
+            self._clock.play(self._at_ns, self._rate, until_ns)
         else:
             self._clock.pause(self._at_ns)

@@ -1,13 +1,15 @@
 """Playback: plays a log into a run in place of the recorded modules, and drives the run's clock."""
 
+import json
 import math
 from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.bus.observe.unhandled import UnhandledMessages
 from robbie_mp.logs.playback import selection
-from robbie_mp.logs.playback.log_time import LogTime
+from robbie_mp.logs.playback.log_time import LATEST_NS, LogTime
 from robbie_mp.logs.playback.outlet import LockstepOutlet, PacedOutlet
 from robbie_mp.logs.playback.player import Outlet, PlaybackRefused, Player
 from robbie_mp.logs.playback.tape import Tape
@@ -15,7 +17,8 @@ from robbie_mp.logs.playback.translation import RunTypes, Translation, translati
 from robbie_mp.logs.recording.errors import LogError
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name, open_log
-from robbie_mp.messages import MessageError, PlaybackControl, PlaybackState, Time
+from robbie_mp.logs.recording.time_jumps import LONGEST_GAP_S
+from robbie_mp.messages import MessageError, PlaybackControl, PlaybackState, Time, VersionError
 from robbie_mp.messages.descriptions import TypeDescription, own_types
 from robbie_mp.module.module import setting
 from robbie_mp.module.settings import REQUIRED, SettingError
@@ -25,7 +28,8 @@ from robbie_mp.run.run_clock import MAX_RATE, ClockWriter
 from robbie_mp.run.run_directory import list_runs
 
 TELL_EVERY_NS = 200_000_000
-MAX_S = 1e9
+BALANCE_FILE = "playback.json"
+"""Result of a playback: the numbers of messages that were published, and that were left out, by reason."""
 SUPERVISOR = "supervisor"
 
 
@@ -37,9 +41,10 @@ class Playback(ClockSource):
     flight. So no message is lost, however slow the machine is. With `clock.lockstep`, each message waits
     until everything that the previous one caused has finished.
 
-    Messages of an older version are upgraded to the run's class. Messages that cannot be read are skipped and
-    counted. The module ends when the log has ended and the last message was handled. If it is killed, it
-    continues where it was; the message that it was publishing at that moment may be lost.
+    Messages of an older version are upgraded to the run's class. Messages that cannot be read, and topics of
+    other programs whose type does not fit, are left out and counted. The module ends when the log has ended
+    and the last message was handled. If it is killed, it continues where it was; the message that it was
+    publishing at that moment may be lost.
     """
 
     file: Path = setting(REQUIRED, "the log: an MCAP file, or a folder with its parts", must_exist=True)
@@ -54,8 +59,13 @@ class Playback(ClockSource):
         None,
         "end of the played part, s after the log's beginning; null: the log's end",
         minimum=0.0,
-        maximum=MAX_S,
     )
+    longest_gap_s: float | None = setting(
+        LONGEST_GAP_S,
+        "where the log's time jumps farther, forwards or backwards, the run's clock jumps too; null: never",
+        minimum=0.0,
+    )
+    strict: bool = setting(False, "refuse a log of which something would be left out; end at the first loss")
     loop: bool = setting(False, "start again at the end")
     paused: bool = setting(False, "wait for a command to play")
     topics: list[str] = setting(
@@ -98,11 +108,16 @@ class Playback(ClockSource):
         with _open(settings) as log:
             channels = selection.of_topics(log.channels, settings["topics"])
             played = selection.of_senders(channels, settings["senders"], {SUPERVISOR, CORE, *others})
-            _translations(played, types)
+            unplayable = selection.unplayable(log.channels, settings["topics"])
+            translations = _translations([*played, *unplayable], types)
+            if settings["strict"]:
+                _refuse_loss(log, translations)
             return [
                 TypeDescription(channel.type_name, channel.version, channel.schema)
                 for channel in played
-                if types.describe(channel.type_name) is None and channel.schema
+                if not isinstance(translations[channel.id], str)
+                and types.describe(channel.type_name) is None
+                and channel.schema
             ]
 
     def setup(self) -> None:
@@ -114,6 +129,8 @@ class Playback(ClockSource):
         channels = self._channels({SUPERVISOR, CORE, *(module.name for module in plan.modules)})
         types = RunTypes(TypeDescription(*one) for one in plan.types)
         outlet = self._make_outlet(_translations(channels, types))
+        if self.restored:
+            _count(outlet.balance, self.restored["balance"])
         self.player = self._make_player(channels, outlet)
         self.outlet = outlet
         self.request, self.error = 0, ""
@@ -133,16 +150,16 @@ class Playback(ClockSource):
             self.log.warning("playing only the intact part of the log: %s", damage)
         for pattern in selection.unmatched(log.channels, self.topics):
             self.log.warning("nothing in %s matches the pattern %s", self.file, pattern)
-        for channel in selection.unplayable(log.channels):
-            self.log.warning("skipping topic %s: it is encoded as %r", channel.topic, channel.encoding)
         channels = selection.of_topics(log.channels, self.topics)
         chosen = selection.of_senders(channels, self.senders, set(run) - {self.name})
         if not chosen:
             senders = ", ".join(sorted({channel.sender or "?" for channel in channels}))
             self.log.warning("nothing is played: all messages come from modules that run here, %s", senders)
-        return chosen
+        return [*chosen, *selection.unplayable(log.channels, self.topics)]
 
-    def _make_outlet(self, translations: dict[int, Translation]) -> PacedOutlet | LockstepOutlet:
+    def _make_outlet(self, translations: dict[int, Translation | str]) -> PacedOutlet | LockstepOutlet:
+        for reason in {text for text in translations.values() if isinstance(text, str)}:
+            self.log.warning("leaving out %s", reason)
         if self.lockstep is not None:
             outlet = LockstepOutlet(self, translations, self._remember, self.lockstep, self._run_ns)
             outlet.schedule.due_ns |= self.restored["due_ns"] if self.restored else {}
@@ -161,12 +178,16 @@ class Playback(ClockSource):
             paused=state["paused"],
             lockstep=self.lockstep is not None,
         )
-        end_s = MAX_S if self.end_s is None else self.end_s
-        end_ns = min(log.end_ns, log.start_ns + round(end_s * 1e9))
+        end_ns = log.end_ns
+        if self.end_s is not None and self.end_s < (log.end_ns - log.start_ns) / 1e9:
+            end_ns = min(end_ns, log.start_ns + round(self.end_s * 1e9))
+        if log.end_ns > LATEST_NS:
+            self.log.warning("messages cannot express all times of the log; the clock stays in January 2038")
         tape = Tape(log, channels, self._begin_ns, end_ns)
         if self.restored:
             tape.restore(state["sought_ns"], state["taken"])
-        player = Player(tape, time, outlet, machine_ns, log.start_ns, loop=self.loop)
+        gap_ns = None if self.longest_gap_s is None else round(self.longest_gap_s * 1e9)
+        player = Player(tape, time, outlet, machine_ns, log.start_ns, loop=self.loop, gap_ns=gap_ns)
         player.played, player.jumps = state["played"], state["jumps"]
         return player
 
@@ -178,7 +199,7 @@ class Playback(ClockSource):
     def _run_ns(self) -> int:
         """Return the run's time; before it has started, the time at which it will start."""
         now_ns = self.clock_writer.now_ns
-        return self._begin_ns if now_ns is None else now_ns
+        return min(self._begin_ns, LATEST_NS) if now_ns is None else now_ns
 
     # -- during playback ---------------------------------------------------------------------------------
 
@@ -204,6 +225,9 @@ class Playback(ClockSource):
             self._tell()
             self.log.info("the log has ended: %s", self.status)
             self.stop()
+        elif self.strict and self.outlet.balance.left_out:
+            self.log.error("ended, because strict allows no loss: %s", *self.outlet.balance.left_out)
+            self.stop()
         elif self.has_news or (self.lockstep is None and self.clock.monotonic_ns() >= self.next_news_ns):
             self._tell()
 
@@ -214,8 +238,8 @@ class Playback(ClockSource):
         self.publish(
             PlaybackState(
                 file=str(self.file),
-                begin=Time.from_nanoseconds(log.start_ns),
-                end=Time.from_nanoseconds(player.tape.end_ns),
+                begin=Time.from_nanoseconds(min(log.start_ns, LATEST_NS)),
+                end=Time.from_nanoseconds(min(player.tape.end_ns, LATEST_NS)),
                 position=Time.from_nanoseconds(position_ns),
                 rate=math.inf if time.rate is None else time.rate,
                 paused=time.paused,
@@ -235,7 +259,7 @@ class Playback(ClockSource):
         player, time = self.player, self.player.time
         pace = "as fast as possible" if time.rate is None else f"rate {time.rate:g}"
         at_s, end_s = ((ns - self.log_file.start_ns) / 1e9 for ns in (position_ns, player.tape.end_ns))
-        skipped = f", {self.outlet.skipped} skipped" if self.outlet.skipped else ""
+        skipped = f", {self.outlet.skipped} left out" if self.outlet.skipped else ""
         self.status = (
             f"{at_s:.1f} of {end_s:.1f} s, {player.played} messages{skipped}, "
             f"{'paused' if time.paused else pace}"
@@ -252,12 +276,16 @@ class Playback(ClockSource):
                 "paused": player.time.paused,
                 "played": player.played + (sent if not player.tape.gives else 0),
                 "jumps": player.jumps,
+                "balance": _counted(self.outlet.balance, sent),
                 "due_ns": self.outlet.schedule.due_ns if isinstance(self.outlet, LockstepOutlet) else {},
             }
         )
 
     def teardown(self) -> None:
-        """Stop the run's time where it is."""
+        """Stop the run's time where it is; write what was left out."""
+        for damage in self.log_file.damage:
+            self.outlet.balance.leave_out(f"damage in the log: {damage}")
+        self.write_result(BALANCE_FILE, json.dumps(_counted(self.outlet.balance)) + "\n")
         self.clock_writer.pause(self._run_ns())
         self.clock_writer.close()
         self.unhandled.close()
@@ -271,19 +299,52 @@ def _open(settings: dict[str, Any]) -> Log:
         raise SettingError(str(error), "file") from error
 
 
-def _translations(channels: Iterable[LogChannel], types: RunTypes) -> dict[int, Translation]:
-    """Return how the messages of each channel are published, by channel id.
+def _translations(channels: Iterable[LogChannel], types: RunTypes) -> dict[int, Translation | str]:
+    """Return how the messages of each channel are published, or why they are left out, by channel id.
 
     Raises:
-        SettingError: some channels cannot be published; the text names them.
+        SettingError: the robot's own log has versions that its program cannot upgrade; the text names them.
     """
-    found: dict[int, Translation] = {}
+    found: dict[int, Translation | str] = {}
     problems: dict[str, None] = {}
     for channel in channels:
+        name = channel_name(channel)
         try:
-            found[channel.id] = translation_of(channel, types)
+            if selection.is_readable(channel):
+                found[channel.id] = translation_of(channel, types)
+            else:
+                found[channel.id] = f"messages of {name!r}, which are encoded as {channel.encoding!r}"
         except MessageError as error:
-            problems[f"{error} (it is in the log; `topics` can leave it out)"] = None
+            why = "it has other fields than ours" if isinstance(error, VersionError) else error
+            found[channel.id] = f"messages of {name!r}, whose {channel.type_name} does not fit: {why}"
+            if not channel.is_foreign:
+                problems[f"{error} (it is in the log; `topics` can leave it out)"] = None
     if problems:
         raise SettingError("\n".join(problems), "file")
     return found
+
+
+def _refuse_loss(log: Log, translations: dict[int, Translation | str]) -> None:
+    losses = [*log.damage, *(text for text in translations.values() if isinstance(text, str))]
+    if losses:
+        raise SettingError("\n".join(losses), "strict")
+
+
+def _counted(balance: Balance, sent: int = 0) -> dict[str, Any]:
+    return {"used": balance.used + sent, "left_out": balance.left_out}
+
+
+def _count(balance: Balance, counted: dict[str, Any]) -> None:
+    balance.use(counted["used"])
+    for reason, count in counted["left_out"].items():
+        balance.leave_out(reason, count)
+
+
+def played_balance(folder: Path) -> Balance | None:
+    """Return the balance of a playback from the folder for the results of its run; None without one."""
+    balance = Balance()
+    try:
+        _count(balance, json.loads((folder / BALANCE_FILE).read_text()))
+    except (OSError, ValueError, KeyError):
+        return None
+    return balance

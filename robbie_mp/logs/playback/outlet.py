@@ -3,10 +3,12 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.bus.transport.blocks import MessageTooLarge
-from robbie_mp.logs.playback.player import DueTick
+from robbie_mp.logs.playback.player import GAP, DueTick
 from robbie_mp.logs.playback.translation import Translation
-from robbie_mp.logs.recording.reader import LoggedMessage
+from robbie_mp.logs.recording.reader import LoggedMessage, channel_name
+from robbie_mp.logs.recording.time_jumps import LogTimeJump
 from robbie_mp.messages import MessageError, Tick, Time, TimeJump
 from robbie_mp.messages.stock.registry import class_with_rules
 from robbie_mp.module.module import Module
@@ -21,26 +23,34 @@ class BusOutlet:
 
     Args:
         module: publishes the messages.
-        translations: how to publish them, by channel id.
+        translations: how to publish them, by channel id, or why that is impossible.
         remember: called with 1 right before a message is published, and with 0 after anything else. The
             number says how many messages are done that the player has not counted yet.
 
     Attributes:
-        skipped: number of messages that could not be published.
+        balance: counts the messages published, without those given again after a jump, and those left out.
     """
 
     def __init__(
-        self, module: Module, translations: Mapping[int, Translation], remember: Callable[[int], None]
+        self, module: Module, translations: Mapping[int, Translation | str], remember: Callable[[int], None]
     ):
         self._module = module
         self._translations = translations
         self._remember = remember
-        self.skipped = 0
+        self.balance = Balance()
+        self._gaps = 0
 
-    def send(self, message: LoggedMessage) -> bool:
-        """Publish a message, or skip and count it if that is impossible. False if there is no room now."""
+    @property
+    def skipped(self) -> int:
+        """Number of messages that could not be published."""
+        return self.balance.read - self.balance.used
+
+    def send(self, message: LoggedMessage, *, is_given: bool = False) -> bool:
+        """Publish a message, or leave it out if that is impossible. False if there is no room now."""
         channel = message.channel
         translation = self._translations[channel.id]
+        if isinstance(translation, str):
+            return self._leave_out(translation)
         try:
             data = translation.translate(message.data)
             if not self._module.ill_formed.admits_encoded(
@@ -48,20 +58,34 @@ class BusOutlet:
                 data,
                 f"on topic '{channel.topic}'",
             ):
-                self.skipped += 1
-                return True
-            self._remember(1)
-            return self._module.publish_encoded(
+                return self._leave_out(f"ill-formed messages of {channel_name(channel)!r}")
+            self._remember(0 if is_given else 1)
+            is_sent = self._module.publish_encoded(
                 channel.type_name, translation.version, data, topic=channel.topic, latched=channel.is_latched
             )
         except (MessageError, MessageTooLarge) as error:
-            self.skipped += 1
-            if self.skipped.bit_count() == 1:  # the 1st, 2nd, 4th, 8th …
-                self._module.log.error("%d messages of the log skipped; the last: %s", self.skipped, error)
-            return True
+            if (self.skipped + 1).bit_count() == 1:  # the 1st, 2nd, 4th, 8th …
+                self._module.log.error(
+                    "%d messages of the log left out; the last: %s", self.skipped + 1, error
+                )
+            what = "too large" if isinstance(error, MessageTooLarge) else "damaged"
+            return self._leave_out(f"{what} messages of {channel_name(channel)!r}")
+        if is_sent and not is_given:
+            self.balance.use()
+        return is_sent
+
+    def _leave_out(self, reason: str) -> bool:
+        self.balance.leave_out(reason)
+        return True
 
     def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
         """Announce that the time has jumped."""
+        self._gaps += reason == GAP
+        if reason == GAP and self._gaps.bit_count() == 1:
+            jump = LogTimeJump(before_ns, after_ns)
+            self._module.log.warning(
+                "the log's time jumps from %s: skipped, as longest_gap_s says (jump %d)", jump, self._gaps
+            )
         before, after = Time.from_nanoseconds(before_ns), Time.from_nanoseconds(after_ns)
         self._module.publish(TimeJump(before=before, after=after, reason=reason))
         self._remember(0)
@@ -80,7 +104,7 @@ class PacedOutlet(BusOutlet):
     def __init__(
         self,
         module: Module,
-        translations: Mapping[int, Translation],
+        translations: Mapping[int, Translation | str],
         remember: Callable[[int], None],
         limit: int,
         limit_bytes: int,
@@ -95,9 +119,9 @@ class PacedOutlet(BusOutlet):
         self._last_unhandled = 0
         self._unchanged_since_ns = 0
 
-    def send(self, message: LoggedMessage) -> bool:
+    def send(self, message: LoggedMessage, *, is_given: bool = False) -> bool:
         """Publish a message; see `BusOutlet.send`."""
-        is_sent = super().send(message)
+        is_sent = super().send(message, is_given=is_given)
         if is_sent:
             self._sizes.append(len(message.data))
             self._last_unhandled = 0
@@ -154,7 +178,7 @@ class LockstepOutlet(BusOutlet):
     def __init__(
         self,
         module: Module,
-        translations: Mapping[int, Translation],
+        translations: Mapping[int, Translation | str],
         remember: Callable[[int], None],
         lockstep: Lockstep,
         now_ns: Callable[[], int],

@@ -6,10 +6,12 @@ from operator import attrgetter
 from typing import NamedTuple, Protocol
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.logs.playback.log_time import LogTime
+from robbie_mp.logs.playback.log_time import LATEST_NS, LogTime
 from robbie_mp.logs.playback.tape import Tape
 from robbie_mp.logs.recording.reader import LoggedMessage
 
+GAP = "gap"
+"""Reason of a jump over a stretch of the log's time without messages."""
 LONGEST_TURN_NS = 20_000_000
 """Longest time that it publishes without looking for control requests."""
 
@@ -34,8 +36,13 @@ class DueTick(NamedTuple):
 class Outlet(Protocol):
     """The outlet of the messages, which also counts those in flight."""
 
-    def send(self, message: LoggedMessage) -> bool:
-        """Publish a message; False if there is no room for it now."""
+    def send(self, message: LoggedMessage, *, is_given: bool = False) -> bool:
+        """Publish a message; False if there is no room for it now.
+
+        Args:
+            message: the message.
+            is_given: whether it is from before the position, on a latched channel.
+        """
 
     def has_room(self, size: int) -> bool:
         """Whether few enough messages are in flight for one more of this size."""
@@ -66,6 +73,7 @@ class Player:
         monotonic_ns: returns real time.
         origin_ns: the moment from which seek positions are counted.
         loop: start again at the end.
+        gap_ns: if the next message is farther away, forwards or backwards, the time jumps to it; None: never.
 
     Attributes:
         played: number of messages sent so far, without those that are given again after a jump.
@@ -82,6 +90,7 @@ class Player:
         origin_ns: int,
         *,
         loop: bool = False,
+        gap_ns: int | None = None,
     ):
         self.tape = tape
         self.time = time
@@ -92,6 +101,9 @@ class Player:
         self._monotonic_ns = monotonic_ns
         self._origin_ns = origin_ns
         self._steps = 0
+        self._gap_ns = gap_ns
+        self._last_ns = time.position_ns
+        """The log's time of the last message, or of the last jump."""
         self._jump: tuple[int, str] | None = None
         """The target of a jump and its reason, to be carried out once everything sent has been handled."""
 
@@ -176,31 +188,35 @@ class Player:
         """Send the next message, or a tick that is due before it; False if that is impossible now."""
         if self.tape.gives:
             return self._give(message)
-        if not self._is_due(self._at_ns(message, self._tick_until(message.time_ns))):
+        if self._gap_ns is not None and abs(message.time_ns - self._last_ns) > self._gap_ns:
+            self._jump = message.time_ns, GAP
+            return True
+        if not self._is_due(self._at_ns(message, self._tick_until(_shown(message.time_ns)))):
             self.time.held = False
             return False
         if not self._outlet.has_room(len(message.data)):
             self.time.held = True
             return False
         # Again: in lockstep, only now is it certain which modules are busy, and which want ticks.
-        tick = self._tick_until(message.time_ns)
+        tick = self._tick_until(_shown(message.time_ns))
         if not self._is_due(self._at_ns(message, tick)):
             return False
         return self._send_tick(tick) if tick else self._send(message)
 
     def _send(self, message: LoggedMessage) -> bool:
-        self.time.advance_to(message.time_ns)
+        self.time.advance_to(_shown(message.time_ns))
         is_sent = self._outlet.send(message)
         self.time.held = not is_sent
         if is_sent:
             self.tape.take()
+            self._last_ns = message.time_ns
             self.played += 1
             self._steps = max(0, self._steps - 1)
         return is_sent
 
     def _give(self, message: LoggedMessage) -> bool:
         """Send a message of a latched channel that was the newest at this position; no time passes."""
-        is_sent = self._outlet.has_room(len(message.data)) and self._outlet.send(message)
+        is_sent = self._outlet.has_room(len(message.data)) and self._outlet.send(message, is_given=True)
         self.time.held = not is_sent
         if is_sent:
             self.tape.take()
@@ -218,7 +234,7 @@ class Player:
 
     @staticmethod
     def _at_ns(message: LoggedMessage, tick: DueTick | None) -> int:
-        return tick.due_ns if tick else message.time_ns
+        return tick.due_ns if tick else _shown(message.time_ns)
 
     def _tick_until(self, until_ns: int) -> DueTick | None:
         """Return the next tick to grant, if it is due before the next message."""
@@ -235,9 +251,16 @@ class Player:
             return False
         self._jump = None
         before_ns = self.time.position_ns
-        self.tape.seek(to_ns)
-        self.time.jump(to_ns)
+        if reason != GAP:
+            self.tape.seek(to_ns)
+        self._last_ns = to_ns
+        self.time.jump(_shown(to_ns))
         self.time.held = False
         self.jumps += 1
-        self._outlet.announce(before_ns, to_ns, reason)
+        self._outlet.announce(before_ns, _shown(to_ns), reason)
         return True
+
+
+def _shown(log_ns: int) -> int:
+    """Return the run's time at a time of the log."""
+    return min(log_ns, LATEST_NS)

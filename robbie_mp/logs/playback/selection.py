@@ -36,14 +36,15 @@ def of_senders(
     return [channel for channel in channels if any(fnmatchcase(channel.sender, sender) for sender in senders)]
 
 
-def unplayable(channels: Iterable[LogChannel]) -> list[LogChannel]:
-    """Return the channels with messages in an encoding that this program cannot read."""
-    return [channel for channel in channels if not _is_readable(channel)]
+def unplayable(channels: Iterable[LogChannel], patterns: Sequence[str]) -> list[LogChannel]:
+    """Return the channels that match one of the patterns, but are in an encoding that cannot be read here."""
+    return [channel for channel in select(channels, patterns)[0] if not is_readable(channel)]
 
 
-def _is_readable(channel: LogChannel) -> bool:
+def is_readable(channel: LogChannel) -> bool:
+    """Whether this program can read the messages of a channel."""
     return channel.encoding == MESSAGE_ENCODING and channel.type_name != ""
 
 
 def _is_played(channel: LogChannel) -> bool:
-    return _is_readable(channel) and channel.type_name not in NEVER
+    return is_readable(channel) and channel.type_name not in NEVER

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,10 @@ from robbie_mp.logs.recording.format import (
 from robbie_mp.logs.recording.part import LogPart
 from robbie_mp.logs.recording.reader import Log, LogChannel
 from robbie_mp.logs.recording.repair import REPAIR_METADATA
+from robbie_mp.logs.recording.time_jumps import LogTimeJump, time_jumps
+
+MAX_JUMPS = 20
+"""Shown of one log."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,8 @@ class LogInfo:
         start_ns: time of the earliest message; 0 if there is none.
         end_ns: time of the latest message; 0 if there is none.
         damage: one line for each damaged place.
+        time_jumps: where its time jumps; the first of them.
+        more_time_jumps: how many follow.
     """
 
     path: Path
@@ -77,6 +84,8 @@ class LogInfo:
     start_ns: int
     end_ns: int
     damage: list[str]
+    time_jumps: list[LogTimeJump]
+    more_time_jumps: int
 
     @property
     def duration_s(self) -> float:
@@ -113,6 +122,8 @@ class LogInfo:
             "start_ns": self.start_ns,
             "end_ns": self.end_ns,
             "duration_s": self.duration_s,
+            "time_jumps": [jump._asdict() for jump in self.time_jumps],
+            "more_time_jumps": self.more_time_jumps,
             "bytes": self.bytes,
             "messages": self.messages,
             "library": self.library,
@@ -131,6 +142,7 @@ def describe(log: Log) -> LogInfo:
     runs = log.metadata(RUN_METADATA)
     dropped, carried = _dropped(log.parts), log.carried_counts
     duration_s = (log.end_ns - log.start_ns) / 1e9
+    jumps = time_jumps(log)
     return LogInfo(
         path=log.path,
         parts=log.parts,
@@ -151,6 +163,8 @@ def describe(log: Log) -> LogInfo:
         ],
         start_ns=log.start_ns,
         end_ns=log.end_ns,
+        time_jumps=list(islice(jumps, MAX_JUMPS)),
+        more_time_jumps=sum(1 for _ in jumps),
         damage=log.damage,
     )
 

@@ -105,6 +105,14 @@ class LogPart:
                     ):
                         yield message
 
+    def time_spans(self, most_ns: int) -> Iterator[tuple[int, int]]:
+        """Yield the earliest and the latest log time in each chunk; of each message where it spans more."""
+        for block in self.contents.blocks:
+            if block.end_ns - block.start_ns <= most_ns:
+                yield block.start_ns, block.end_ns
+            else:
+                yield from ((message.time_ns, message.time_ns) for message in self._messages_of(block))
+
     def blocks_backwards(self, channel_ids: Collection[int], end_ns: int) -> Iterator[list[PartMessage]]:
         """Yield the messages of each chunk, in file order, but the last chunk first. Damage is noted.
 

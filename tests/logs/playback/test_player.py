@@ -2,13 +2,23 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robbie_mp.logs.playback.log_time import LATEST_NS
 from robbie_mp.logs.playback.player import DueTick, PlaybackRefused
 from robbie_mp.logs.recording.reader import Log, open_log
+from tests.logs.playback._support.jumps import (
+    BEGINNING,
+    FAR,
+    SECOND,
+    SET_BACK,
+    WITHOUT_BATTERY,
+    jumping_log,
+)
 from tests.logs.playback._support.recorder import SECOND_NS, TICK_NS, PlayerRig
 from tests.logs.recording._support.logs import START_NS, STEP_NS, write_log
 
@@ -267,3 +277,89 @@ def test_busy_modules_get_what_waits_for_them_before_a_jump(log: Log, rate: floa
     rig.run(0.1)
     assert [at_ns for _, at_ns in rig.outlet.ticked] == [START_NS + TICK_NS]
     assert [after_ns for _, after_ns, _ in rig.outlet.jumps] == [START_NS + 10**9]
+
+
+GAP_NS = 600 * SECOND
+
+
+@pytest.mark.parametrize("rate", [1.0, None])
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_jump_of_a_logs_time_is_skipped_and_announced(
+    tmp_path: Path, rate: float | None, *, lockstep: bool
+) -> None:
+    with open_log(jumping_log(tmp_path / "log.mcap", WITHOUT_BATTERY)) as log:
+        rig = PlayerRig(log, rate, gap_ns=GAP_NS, lockstep=lockstep)
+        rig.run(1.2)
+        assert rig.outlet.numbers == list(range(1, 11)) and rig.player.ended
+        ((before_ns, after_ns, reason),) = rig.outlet.jumps
+        assert (after_ns, reason) == (BEGINNING, "gap")
+        assert WITHOUT_BATTERY[4] <= before_ns < SECOND
+        sent_ns = [at_ns for _, at_ns in rig.outlet.sent]
+        assert all(0 <= at - due < SECOND // 50 for at, due in zip(sent_ns, WITHOUT_BATTERY, strict=True))
+
+
+def test_jump_backwards_is_skipped_and_announced(tmp_path: Path) -> None:
+    with open_log(jumping_log(tmp_path / "log.mcap", SET_BACK)) as log:
+        rig = PlayerRig(log, gap_ns=GAP_NS)
+        rig.run(3.0)
+        assert rig.outlet.numbers == [1, 2, 3, 4]
+        assert [after_ns for _, after_ns, _ in rig.outlet.jumps] == [BEGINNING, SECOND]
+        assert [at_ns for _, at_ns in rig.outlet.sent] == pytest.approx(SET_BACK, abs=SECOND // 50)
+
+
+def test_jump_that_is_kept_is_waited_for(tmp_path: Path) -> None:
+    times_ns = [BEGINNING, BEGINNING + 2 * SECOND]
+    with open_log(jumping_log(tmp_path / "log.mcap", times_ns)) as log:
+        kept, skipped = PlayerRig(log), PlayerRig(log, gap_ns=SECOND)
+        for rig, numbers in ((kept, [1]), (skipped, [1, 2])):
+            rig.run(1.0)
+            assert rig.outlet.numbers == numbers
+        kept.run(1.2)
+        assert kept.outlet.numbers == [1, 2] and not kept.outlet.jumps
+
+
+def test_messages_after_a_jump_can_be_sought_and_stepped_to(tmp_path: Path) -> None:
+    with open_log(jumping_log(tmp_path / "log.mcap", WITHOUT_BATTERY)) as log:
+        rig = PlayerRig(log, gap_ns=GAP_NS, paused=True)
+        rig.player.control("seek", 1_795_000_000.15)
+        rig.player.control("step", 0)
+        rig.run(0.1)
+        assert rig.outlet.numbers == [8]
+        rig.player.control("seek", 0.35)
+        for _ in range(2):
+            rig.player.control("step", 0)
+        rig.run(0.1)
+        assert rig.outlet.numbers == [8, 5, 6]
+        assert [reason for _, _, reason in rig.outlet.jumps] == ["seek", "seek", "gap"]
+
+
+def test_loop_over_a_jump_begins_again(tmp_path: Path) -> None:
+    with open_log(jumping_log(tmp_path / "log.mcap", WITHOUT_BATTERY)) as log:
+        rig = PlayerRig(log, gap_ns=GAP_NS, loop=True)
+        rig.run(1.5)
+        assert rig.outlet.numbers[:12] == [*range(1, 11), 1, 2]
+        assert [reason for _, _, reason in rig.outlet.jumps][:3] == ["gap", "loop", "gap"]
+
+
+@pytest.mark.parametrize("gap_ns", [GAP_NS, None])
+def test_clock_stays_at_the_latest_time_that_messages_can_express(tmp_path: Path, gap_ns: int | None) -> None:
+    with open_log(jumping_log(tmp_path / "log.mcap", FAR)) as log:
+        rig = PlayerRig(log, None, gap_ns=gap_ns)
+        rig.run(1.0)
+        assert rig.outlet.numbers == [1, 2, 3, 4]
+        assert [at_ns for _, at_ns in rig.outlet.sent] == [*FAR[:2], LATEST_NS, LATEST_NS]
+        rig.player.control("rate", 4.0)
+        rig.run(1.0)
+        assert rig.time.position_ns == rig.clock.now_ns() == LATEST_NS
+
+
+@settings(deadline=None)
+@given(st.lists(st.integers(0, (1 << 64) - 1), min_size=1, max_size=8))
+def test_every_message_is_played_whatever_its_time(
+    tmp_path_factory: pytest.TempPathFactory, times_ns: list[int]
+) -> None:
+    path = jumping_log(tmp_path_factory.mktemp("logs") / "log.mcap", times_ns)
+    with open_log(path) as log:
+        rig = PlayerRig(log, gap_ns=SECOND // 100)
+        rig.run(0.5)
+        assert rig.outlet.numbers == list(range(1, len(times_ns) + 1))

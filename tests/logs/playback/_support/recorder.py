@@ -59,7 +59,7 @@ class OutletRecorder:
         """In lockstep: when busy modules get what waits for them."""
         self.ticked: list[tuple[DueTick, int]] = []
 
-    def send(self, message: LoggedMessage) -> bool:
+    def send(self, message: LoggedMessage, *, is_given: bool = False) -> bool:
         if self.accepts:
             self.sent.append((message.sequence, self._clock.now_ns()))
             self._real.advance(SENDING_S)
@@ -106,6 +106,7 @@ class PlayerRig:
         loop: bool = False,
         paused: bool = False,
         lockstep: bool = False,
+        gap_ns: int | None = None,
     ):
         self.real = ManualClock()
         self.clock = RunClockRecorder(self.real)
@@ -115,7 +116,13 @@ class PlayerRig:
             self.clock, self.real.monotonic_ns, log.start_ns, rate, paused=paused, lockstep=lockstep
         )
         self.player = Player(
-            self.tape, self.time, self.outlet, self.real.monotonic_ns, log.start_ns, loop=loop
+            self.tape,
+            self.time,
+            self.outlet,
+            self.real.monotonic_ns,
+            log.start_ns,
+            loop=loop,
+            gap_ns=gap_ns,
         )
 
     def run(self, seconds: float, period_s: float = 0.01) -> None:
