@@ -1,6 +1,5 @@
 """A log is played into a robot of processes; the playback is controlled and killed."""
 
-import json
 import os
 import pty
 import select

@@ -1,10 +1,12 @@
 """Logs of other formats are converted to ours, with the same messages, types and times."""
 
+import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -17,7 +19,7 @@ from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.errors import BagUnreadable, LogNotWritten, LogUnreadable
 from robbie_mp.logs.recording.reader import LoggedMessage, open_log
 from robbie_mp.logs.recording.rosbag_import import import_rosbag
-from robbie_mp.messages import LaserScan, Odometry, TFMessage, schema_text
+from robbie_mp.messages import CameraInfo, LaserScan, Odometry, TFMessage, schema_text, stock_registry
 from tests.logs.recording._support.logs import START_NS
 
 CARMEN = """\
@@ -171,3 +173,54 @@ def test_file_that_is_not_a_bag_is_reported(tmp_path: Path, content: bytes | Non
     with pytest.raises(BagUnreadable, match=r"a\.bag cannot be read as a bag of ROS"):
         import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", Balance(), progress=unwatched)
     assert not (tmp_path / "a.mcap").exists()
+
+
+BASE_BYTES = {"bool": 1, "char": 1, "byte": 1, "octet": 1, "string": 4, "float32": 4, "float64": 8}
+BASE_BYTES |= {f"{sign}int{bits}": bits // 8 for bits in (8, 16, 32, 64) for sign in ("", "u")}
+
+
+def empty_size(types: Typestore, kind: str) -> int:
+    """Bytes of a message in which everything is 0 or empty, in the encoding of ROS 1."""
+    return sum(field_size(types, node) for _, node in types.fielddefs[kind][1])
+
+
+def field_size(types: Typestore, node: Any) -> int:
+    what, about = node
+    match what:
+        case Nodetype.BASE:
+            return BASE_BYTES[about[0]]
+        case Nodetype.NAME:
+            return empty_size(types, about)
+        case Nodetype.ARRAY:
+            return int(about[1]) * field_size(types, about[0])
+    return 4
+
+
+def test_every_ros_1_type_that_we_have_gets_our_schema(tmp_path: Path) -> None:
+    """Of all types of ROS Noetic; its CameraInfo has D, K, R and P, which ROS 2 has renamed."""
+    noetic, ours = get_typestore(Stores.ROS1_NOETIC), stock_registry()
+    kinds = [kind for kind in noetic.fielddefs if kind in ours]
+    assert "sensor_msgs/msg/CameraInfo" in kinds and len(kinds) > 30
+    with Writer1(tmp_path / "a.bag") as writer:
+        for kind in kinds:
+            connection = writer.add_connection(f"/{kind}", kind, typestore=noetic)
+            writer.write(connection, START_NS, bytes(empty_size(noetic, kind)))
+    balance = Balance()
+    import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", balance, progress=unwatched)
+    assert (balance.used, balance.left_out) == (len(kinds), {})
+    for one in read(tmp_path / "a.mcap"):
+        assert one.channel.schema == schema_text(ours.get(one.channel.type_name))
+        assert type(LogDecoder().decode(one)) is ours.get(one.channel.type_name)
+
+
+def test_matrices_of_a_ros_1_camera_keep_their_places(tmp_path: Path) -> None:
+    noetic, kind = get_typestore(Stores.ROS1_NOETIC), "sensor_msgs/msg/CameraInfo"
+    data = bytearray(empty_size(noetic, kind))
+    matrices = struct.Struct("<I30d")
+    matrices.pack_into(data, 16 + 8 + 4, 0, *range(30))  # after the header, the size, and the model's name
+    with Writer1(tmp_path / "a.bag") as writer:
+        writer.write(writer.add_connection("/info", kind, typestore=noetic), START_NS, bytes(data))
+    import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", Balance(), progress=unwatched)
+    info = LogDecoder().decode(*read(tmp_path / "a.mcap"))
+    assert isinstance(info, CameraInfo)
+    assert [*info.d, *info.k, *info.r, *info.p] == list(range(30))
