@@ -84,7 +84,7 @@ class BusOutlet:
         if reason == GAP and self._gaps.bit_count() == 1:
             jump = LogTimeJump(before_ns, after_ns)
             self._module.log.warning(
-                "the log's time jumps from %s: skipped, as longest_gap_s says (jump %d)", jump, self._gaps
+                "the log's time jumps from %s: skipped; `--gaps keep` waits (jump %d)", jump, self._gaps
             )
         before, after = Time.from_nanoseconds(before_ns), Time.from_nanoseconds(after_ns)
         self._module.publish(TimeJump(before=before, after=after, reason=reason))

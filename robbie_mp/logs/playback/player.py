@@ -189,8 +189,7 @@ class Player:
         if self.tape.gives:
             return self._give(message)
         if self._gap_ns is not None and abs(message.time_ns - self._last_ns) > self._gap_ns:
-            self._jump = message.time_ns, GAP
-            return True
+            return self._leap(message.time_ns)
         if not self._is_due(self._at_ns(message, self._tick_until(_shown(message.time_ns)))):
             self.time.held = False
             return False
@@ -202,6 +201,14 @@ class Player:
         if not self._is_due(self._at_ns(message, tick)):
             return False
         return self._send_tick(tick) if tick else self._send(message)
+
+    def _leap(self, to_ns: int) -> bool:
+        """Have the time jump to the next message, if the clock can show that."""
+        if _shown(to_ns) == self.time.position_ns:
+            self._last_ns = to_ns
+        else:
+            self._jump = to_ns, GAP
+        return True
 
     def _send(self, message: LoggedMessage) -> bool:
         self.time.advance_to(_shown(message.time_ns))

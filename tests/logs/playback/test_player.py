@@ -353,6 +353,13 @@ def test_clock_stays_at_the_latest_time_that_messages_can_express(tmp_path: Path
         assert rig.time.position_ns == rig.clock.now_ns() == LATEST_NS
 
 
+def test_jump_between_times_that_the_clock_cannot_show_is_none(tmp_path: Path) -> None:
+    with open_log(jumping_log(tmp_path / "log.mcap", [LATEST_NS, LATEST_NS + 10**12, (1 << 64) - 1])) as log:
+        rig = PlayerRig(log, gap_ns=GAP_NS)
+        rig.run(0.1)
+        assert rig.outlet.numbers == [1, 2, 3] and not rig.outlet.jumps
+
+
 @settings(deadline=None)
 @given(st.lists(st.integers(0, (1 << 64) - 1), min_size=1, max_size=8))
 def test_every_message_is_played_whatever_its_time(
