@@ -189,7 +189,7 @@ class SettingChanges:
         self._take_waiting()
 
     def end(self) -> None:
-        """End all trials: the module is stopped in order, so no value has killed it."""
+        """End all trials: the module is stopped cleanly, so no value has killed it."""
         self._survive(self._changes)
 
     def change(self, name: str, value: object) -> Any:

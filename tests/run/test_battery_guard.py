@@ -1,4 +1,4 @@
-"""A run ends in order before the battery is empty, and for no other reason."""
+"""A run ends cleanly before the battery is empty, and for no other reason."""
 
 import logging
 import math

@@ -8,7 +8,7 @@ SENT = {"reliable": [1, 2, 3, 4, 5]}
 BOOKS = {"reliable": (5, 4, 1)}
 
 
-def test_the_judge_accepts_journals_that_agree_with_the_books() -> None:
+def test_the_judge_accepts_journals_that_agree_with_the_counts() -> None:
     assert judge(SENT, {"reliable": [1, 2, 4, 5]}, BOOKS, {}, 0) == []
 
 
@@ -17,7 +17,7 @@ def test_the_judge_notices_each_violation() -> None:
         ([1, 2, 2, 4, 5], "duplicates"),
         ([1, 4, 2, 5], "not in order"),
         ([1, 2, 4, 6], "never sent"),
-        ([1, 2, 5], "in the books"),
+        ([1, 2, 5], "in the counts"),
     ):
         assert any(problem in one for one in judge(SENT, {"reliable": received}, BOOKS, {}, 0)), problem
     assert any(

@@ -49,7 +49,7 @@ class CampaignReport:
     received: dict[str, int] = field(default_factory=dict)
     not_taken: dict[str, int] = field(default_factory=dict)
     """Messages that red's core could not give to the link, because it was dead for too long."""
-    books: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, str] = field(default_factory=dict)
     violations: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ class CampaignReport:
             f"{self.links_killed} links, {self.robots_killed} robots and {self.routers_killed} routers "
             f"killed in {self.duration_s:.0f} s",
             *(
-                f"{one}: {self.books.get(one, '-')}; not taken: {self.not_taken.get(one, 0)}"
+                f"{one}: {self.counts.get(one, '-')}; not taken: {self.not_taken.get(one, 0)}"
                 for one in CLASSES
             ),
             f"{len(self.violations)} violations",
@@ -73,14 +73,14 @@ class Epoch:
     Attributes:
         first: the numbers of its messages begin here.
         last: and end here.
-        books: sent, received and not received of each topic, as its link last told them.
+        counts: sent, received and not received of each topic, as its link last told them.
         links_killed: in this life.
         receivers_killed: in this life.
     """
 
     first: int
     last: int
-    books: Mapping[str, tuple[int, int, int]]
+    counts: Mapping[str, tuple[int, int, int]]
     links_killed: int
     receivers_killed: int
 
@@ -190,11 +190,11 @@ class Campaign:
         return bool(pid) and robot.run.send(pid, signal.SIGKILL)
 
     def _close_epoch(self) -> None:
-        """Keep the books of the sender, which has been killed: its next life begins with new ones."""
+        """Keep the counts of the sender, which has been killed: its next life begins with new ones."""
         last = max(max(self.red.sent(one), default=0) for one in CLASSES)
         state = self.red.state()
-        books = books_of(state) if state is not None else {}
-        self._epochs.append(Epoch(self._first, last, books, self._links_killed, self._receivers_killed))
+        counts = counts_of(state) if state is not None else {}
+        self._epochs.append(Epoch(self._first, last, counts, self._links_killed, self._receivers_killed))
         self._first, self._links_killed, self._receivers_killed = last + 1, 0, 0
 
     def _come_to_rest(self) -> None:
@@ -216,8 +216,8 @@ class Campaign:
             )
 
         self.red.run.wait_for(is_at_rest, "messages are still under way", 120.0)
-        books = self.red.run.figures()["link"].subscriptions
-        self.report.not_taken = {one.topic: one.dropped + one.lost for one in books}
+        counts = self.red.run.figures()["link"].subscriptions
+        self.report.not_taken = {one.topic: one.dropped + one.lost for one in counts}
 
     def _judge(self) -> None:
         state = self.red.state()
@@ -226,21 +226,21 @@ class Campaign:
         received = {one: [each.number for each in self.blue.received(one)] for one in CLASSES}
         self.report.sent = {one: len(numbers) for one, numbers in sent.items()}
         self.report.received = {one: len(numbers) for one, numbers in received.items()}
-        self.report.books = {one.topic: describe(one) for one in state.channels if one.topic in CLASSES}
+        self.report.counts = {one.topic: describe(one) for one in state.channels if one.topic in CLASSES}
         self.report.violations = judge(sent, received, {}, {}, 0)
         for epoch in self._epochs:
             self.report.violations += judge_closed(sent, received, epoch)
         self.report.violations += judge(
             since(sent, self._first),
             since(received, self._first),
-            books_of(state),
+            counts_of(state),
             self.report.not_taken,
             self._links_killed,
             self._receivers_killed * DEATH_MESSAGES,
         )
 
 
-def books_of(state: LinkState) -> dict[str, tuple[int, int, int]]:
+def counts_of(state: LinkState) -> dict[str, tuple[int, int, int]]:
     """Return sent, received and not received of each topic."""
     return {
         one.topic: (one.sent, one.received, one.replaced + one.dropped + one.lost)
@@ -250,7 +250,7 @@ def books_of(state: LinkState) -> dict[str, tuple[int, int, int]]:
 
 
 def describe(channel: LinkChannel) -> str:
-    """Return the books of a channel as text."""
+    """Return the counts of a channel as text."""
     return (
         f"sent {channel.sent} = received {channel.received} + replaced {channel.replaced} + dropped "
         f"{channel.dropped} + lost {channel.lost} + under way {channel.under_way}"
@@ -260,7 +260,7 @@ def describe(channel: LinkChannel) -> str:
 def judge(
     sent: Mapping[str, Sequence[int]],
     received: Mapping[str, Sequence[int]],
-    books: Mapping[str, tuple[int, int, int]],
+    counts: Mapping[str, tuple[int, int, int]],
     not_taken: Mapping[str, int],
     kills: int,
     excused: int = 0,
@@ -269,12 +269,12 @@ def judge(
 
     A link that is killed between taking a message from the bus and counting it leaves one message that the
     core counts as lost in its handler; one that is killed between publishing and counting leaves one that was
-    received and not counted. So each kill makes a topic's books uncertain by at most one message.
+    received and not counted. So each kill makes a topic's counts uncertain by at most one message.
 
     Args:
         sent: numbers that red published, by topic.
         received: numbers that blue received.
-        books: sent, received and not received by the books of red's link; empty: they are not judged.
+        counts: sent, received and not received by the counts of red's link; empty: they are not judged.
         not_taken: messages that red's core could not give to the link, by the core's own count.
         kills: links that were killed.
         excused: messages of each topic that killed receivers may have taken with them.
@@ -287,13 +287,13 @@ def judge(
             violations.append(f"{topic}: not in order")
         if not set(numbers) <= set(sent[topic]):
             violations.append(f"{topic}: received what was never sent")
-        if topic not in books:
+        if topic not in counts:
             continue
-        counted, arrived, missing = books[topic]
+        counted, arrived, missing = counts[topic]
         if counted != arrived + missing:
             violations.append(f"{topic}: {counted} sent, but {arrived} + {missing} accounted for")
         if not -kills <= arrived - len(numbers) <= kills + excused:
-            violations.append(f"{topic}: {len(numbers)} received, but {arrived} in the books")
+            violations.append(f"{topic}: {len(numbers)} received, but {arrived} in the counts")
         counted_missing = missing + not_taken.get(topic, 0)
         if len(sent[topic]) - len(numbers) > counted_missing + 2 * kills + excused:
             violations.append(
@@ -313,9 +313,9 @@ def since(journals: Mapping[str, Sequence[int]], first: int, last: int | None = 
 def judge_closed(
     sent: Mapping[str, Sequence[int]], received: Mapping[str, Sequence[int]], epoch: Epoch
 ) -> list[str]:
-    """Return where more is missing of a killed sender's messages than its last books explain.
+    """Return where more is missing of a killed sender's messages than its last counts explain.
 
-    What it sent after it last told its books, and what was under way then, is in doubt: nobody counts it.
+    What it sent after it last told its counts, and what was under way then, is in doubt: nobody counts it.
 
     Args:
         sent: numbers that red published, by topic, in all its lives.
@@ -324,7 +324,7 @@ def judge_closed(
     """
     violations: list[str] = []
     all_sent, all_received = (since(one, epoch.first, epoch.last) for one in (sent, received))
-    for topic, (counted, arrived, missing) in epoch.books.items():
+    for topic, (counted, arrived, missing) in epoch.counts.items():
         if topic not in all_sent:
             continue
         gone = len(all_sent[topic]) - len(all_received[topic])
@@ -334,7 +334,7 @@ def judge_closed(
         if gone > missing + untold + under_way + excused:
             violations.append(
                 f"{topic}, {epoch.first} to {epoch.last}: {gone} missing, but {missing} counted, {under_way} "
-                f"under way, and {untold} sent since the books were told"
+                f"under way, and {untold} sent since the counts were told"
             )
     return violations
 

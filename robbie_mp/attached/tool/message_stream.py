@@ -54,9 +54,9 @@ class MessageStream:
     def _passed_before_attached(self) -> int:
         """Read two counters of the core at a moment when neither changes, and return their difference."""
         for _ in range(MAX_READS):
-            routed = self._tool.books()[0]
+            routed = self._tool.counts()[0]
             passed = sum(self.passed().values())
-            if self._tool.books()[0] == routed:
+            if self._tool.counts()[0] == routed:
                 break
         return passed - routed
 
@@ -67,7 +67,7 @@ class MessageStream:
     @property
     def missed(self) -> int:
         """Messages that were routed since the stream began and will never be received."""
-        routed, waiting = self._tool.books()
+        routed, waiting = self._tool.counts()
         return self._missed + max(0, routed - waiting - self._received)
 
     def passed(self) -> dict[ChannelName, int]:

@@ -240,7 +240,7 @@ class Tool:
         """Whether the core has opened all of this tool's subscriptions."""
         return len(self._rows()) >= self._subscriptions
 
-    def books(self) -> tuple[int, int]:
+    def counts(self) -> tuple[int, int]:
         """Return how many messages were routed to this tool, and how many still wait or are being copied."""
         counts = [row.counts for row in self._rows()]
         return sum(count.routed for count in counts), sum(count.waiting for count in counts)

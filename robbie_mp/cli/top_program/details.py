@@ -68,7 +68,7 @@ class Details(Screen[None]):
         if row is None:
             return
         output = Path(shown.run.record.output_directory) if shown.run and shown.run.record else None
-        parts = [*self._summary(row), *_times(row), *_books(row.figures), *_log(output, self.module)]
+        parts = [*self._summary(row), *_times(row), *_subscriptions(row.figures), *_log(output, self.module)]
         self.query_one("#details", Static).update(Group(*parts))
 
     def _summary(self, row: ModuleRow) -> Iterable[RenderableType]:
@@ -134,7 +134,7 @@ def _counted(count: int, total: Total) -> Text:
     return Text(str(count), ALARM if count and total.problem else "")
 
 
-def _books(module: ModuleFigures) -> Iterable[RenderableType]:
+def _subscriptions(module: ModuleFigures) -> Iterable[RenderableType]:
     if module.subscriptions:
         table = _table(
             "subscribes to", "routed", "deliv.", *(total.heading for total in TOTALS), "waiting", "handling",

@@ -1,1 +1,1 @@
-"""Exchange between robots over a network: headers, classes of traffic, books, streams. See docs/link.md."""
+"""Exchange between robots over a network: headers, classes of traffic, counts, streams. See docs/link.md."""

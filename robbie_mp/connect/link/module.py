@@ -20,7 +20,7 @@ from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.connect.link.access import AccessError, LinkAccess, read_rules
-from robbie_mp.connect.link.books import Account, LinkBooks
+from robbie_mp.connect.link.counts import ChannelCounts, LinkCounts
 from robbie_mp.connect.link.frames import prefixed
 from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.connect.link.keys import Keys, KeysError
@@ -205,7 +205,7 @@ class Link(Module):
     # -- begin and end ---------------------------------------------------------------------------------
 
     def setup(self) -> None:
-        """Open the network and the books, and subscribe."""
+        """Open the network and the counts, and subscribe."""
         session = secrets.randbits(63) | 1
         keep_freed_memory(KEPT_BYTES)
         self.access = LinkAccess(self.accept, self.log)
@@ -241,7 +241,7 @@ class Link(Module):
             folder = SHARED_MEMORY / names.folder(self.run_id)
             self._observer = RunObserver(self.run_id)
         self._types = types
-        self.books = LinkBooks(folder, self.name, session)
+        self.counts = LinkCounts(folder, self.name, session)
         endpoints = Endpoints(
             self.mode, self.listen, self.connect, self.multicast, self.datagrams, self._tls()
         )
@@ -249,7 +249,7 @@ class Link(Module):
         self.wire = Wire(self.robot, session, endpoints, inbox, self.tick_soon)
         limits = SendLimits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
         settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes, self._may_exchange)
-        self.node = LinkNode(self.robot, session, self.books, settings, self.wire, self.on_arrived)
+        self.node = LinkNode(self.robot, session, self.counts, settings, self.wire, self.on_arrived)
         for robot in self.robots:
             self.node.meet(robot)
         self.advertise(LinkState)
@@ -285,12 +285,12 @@ class Link(Module):
         return settings | only_own_names(self.robot, [one.robot for one in Keys(self.keys).trusted()])
 
     def teardown(self) -> None:
-        """Close the network and the books."""
+        """Close the network and the counts."""
         self.wire.take_at_once(None)
         self.wire.close()
-        for account in self.books.accounts():
+        for account in self.counts.channels():
             self.log.info("%s", describe(account))
-        self.books.close()
+        self.counts.close()
         if self._observer is not None:
             self._observer.close()
 
@@ -655,7 +655,7 @@ class Link(Module):
             late=self.late,
             mismatched=self.mismatched,
             peers=[_peer_state(peer, now_ns) for peer in node.peers.values()],
-            channels=list(_channels(self.books)),
+            channels=list(_channels(self.counts)),
             ill_formed=[
                 LinkRefusal(message_type=type_name, field=field, refused=count)
                 for (type_name, field), count in self.ill_formed.by_kind.most_common()
@@ -680,11 +680,11 @@ def schema_hash(types: KnownTypes, type_name: str, version: int) -> int:
     return int.from_bytes(hashlib.sha256(described.schema.encode()).digest()[:8], "little")
 
 
-def describe(account: Account) -> str:
-    """Return the books of a channel as a line of text.
+def describe(account: ChannelCounts) -> str:
+    """Return the counts of a channel as a line of text.
 
     Args:
-        account: the books.
+        account: the counts.
     """
     what = f"{account.channel.type_name} {account.channel.topic}".strip()
     if not account.is_sent:
@@ -721,8 +721,8 @@ def _rules(value: object) -> list[tuple[str, list[TypeAndTopic]]]:
     return read_rules(value)
 
 
-def _channels(books: LinkBooks) -> Iterator[LinkChannel]:
-    for account in books.accounts():
+def _channels(counts: LinkCounts) -> Iterator[LinkChannel]:
+    for account in counts.channels():
         yield LinkChannel(
             robot=account.peer,
             is_sent=account.is_sent,

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from robbie_mp.connect.link.books import LinkBooks
+from robbie_mp.connect.link.counts import LinkCounts
 from robbie_mp.connect.link.header import (
     ROBOT_NAME,
     Beat,
@@ -61,7 +61,7 @@ class LinkNode:
     Args:
         robot: the name of this robot.
         session: number of this process.
-        books: counts what is exchanged.
+        counts: counts what is exchanged.
         settings: what it may do.
         network: sends packets.
         handle: publishes a message that has arrived, or refuses it.
@@ -76,14 +76,14 @@ class LinkNode:
         self,
         robot: str,
         session: int,
-        books: LinkBooks,
+        counts: LinkCounts,
         settings: NodeSettings,
         network: Network,
         handle: Callable[[Arrived], Fate],
     ):
         self.robot = robot
         self.session = session
-        self.books = books
+        self.counts = counts
         self.peers: dict[str, Peer] = {}
         self.malformed = 0
         self.strangers = 0
@@ -108,7 +108,7 @@ class LinkNode:
             self.robot,
             robot,
             self.session,
-            self.books,
+            self.counts,
             settings.limits,
             settings.max_bytes,
             self._network,

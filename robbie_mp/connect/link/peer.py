@@ -4,9 +4,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from robbie_mp.connect.link.books import DROPPED, RECEIVED, REFUSED, TAKEN, CountKey, CountRow, LinkBooks
 from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange
 from robbie_mp.connect.link.congestion import SendWindow
+from robbie_mp.connect.link.counts import DROPPED, RECEIVED, REFUSED, TAKEN, CountKey, CountRow, LinkCounts
 from robbie_mp.connect.link.header import MAX_COUNTS, Beat, ChannelId, DataHeader, ReceiverReport
 from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
 from robbie_mp.connect.link.sending import (
@@ -81,7 +81,7 @@ class Peer:
         own: the name of this robot.
         name: the name of the other one.
         session: the session of this link.
-        books: counts what is exchanged.
+        counts: counts what is exchanged.
         limits: how much may wait.
         max_bytes: size of the largest message.
         network: sends packets.
@@ -98,7 +98,7 @@ class Peer:
         own: str,
         name: str,
         session: int,
-        books: LinkBooks,
+        counts: LinkCounts,
         limits: SendLimits,
         max_bytes: int,
         network: Network,
@@ -117,7 +117,7 @@ class Peer:
         """When the newest state was published, by this robot's clock; 0: none has come."""
         self._own = own
         self._own_session = session
-        self._books = books
+        self._counts = counts
         self._max_bytes = max_bytes
         self._network = network
         self._handle_arrived = handle
@@ -170,7 +170,7 @@ class Peer:
         known = self._channels.get(number)
         if known is None:
             key = CountKey("out", self.name, self._own_session, traffic, number, *name)
-            known = self._channels[number] = SendChannel(number, name, type_hash, self._books.row(key))
+            known = self._channels[number] = SendChannel(number, name, type_hash, self._counts.row(key))
         return known
 
     def offer(self, traffic: TrafficClass, item: Item, now_ns: int) -> None:
@@ -258,7 +258,7 @@ class Peer:
         self._beat_sent_ns = now_ns
         self._beats_sent.append(now_ns)
         self._beat_number += 1
-        sessions = self._books.sessions_of(self.name)
+        sessions = self._counts.sessions_of(self.name)
         knows = self.session if self._incoming else next(reversed(sessions), 0)
         lost = round(1000 * self._lost_here)
         self._send_datagram(
@@ -274,7 +274,7 @@ class Peer:
         if now_ns < self._tells_past_until_ns and self._beat_number % PAST_BEATS == 1:
             past = [session for session in sessions if session != self.session]
             for session in past[-PAST_TOLD:]:
-                for traffic in self._books.streams_of(self.name, session):
+                for traffic in self._counts.streams_of(self.name, session):
                     self._report(TrafficClass(traffic), session, 0, 0, 0)
 
     def take_beat(self, beat: Beat, now_ns: int) -> bool:
@@ -343,7 +343,7 @@ class Peer:
         self._counted = None
         self._incoming = {
             traffic: self._open(TrafficClass(traffic))
-            for traffic in self._books.streams_of(self.name, session)
+            for traffic in self._counts.streams_of(self.name, session)
         }
         return True
 
@@ -371,7 +371,7 @@ class Peer:
                 self.strange += not stream.take_report(report, self._channels, now_ns)
             return
         counts = {number: (received, refused) for number, received, refused in report.counts}
-        self._books.settle_past(self.name, report.about, counts)
+        self._counts.settle_past(self.name, report.about, counts)
 
     def tell(self) -> None:
         """Tell the other link what has been received."""
@@ -413,7 +413,7 @@ class Peer:
         newest: int,
         misses: bool = False,
     ) -> None:
-        counts = tuple(self._books.received_from(self.name, about, traffic)[-MAX_COUNTS:])
+        counts = tuple(self._counts.received_from(self.name, about, traffic)[-MAX_COUNTS:])
         following, handled = max(1, following), max(1, handled)
         report = ReceiverReport(
             self._own, traffic, self._own_session, about, following, handled, newest, counts, misses
@@ -424,7 +424,7 @@ class Peer:
             self._network.send(self.name, report, b"")
 
     def _open(self, traffic: TrafficClass) -> ReceiveStream:
-        row = self._books.row(CountKey("stream", self.name, self.session, traffic))
+        row = self._counts.row(CountKey("stream", self.name, self.session, traffic))
         return ReceiveStream(traffic, row, self._handle, self._max_bytes)
 
     def _handle(self, message: Arrived) -> Fate:
@@ -447,9 +447,9 @@ class Peer:
         name, row = self._rows.get(number, (None, None))
         if row is None or name != message.name:
             key = CountKey("in", self.name, message.session, message.traffic, message.number, *message.name)
-            if not self._books.has_room_for(key):
+            if not self._counts.has_room_for(key):
                 return None
-            row = self._books.row(key)
+            row = self._counts.row(key)
             if len(self._rows) >= MAX_ROWS_REMEMBERED:
                 self._rows.clear()
             self._rows[number] = message.name, row

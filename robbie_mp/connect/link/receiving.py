@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import zstandard
 
-from robbie_mp.connect.link.books import HANDLING, NEXT, CountRow
+from robbie_mp.connect.link.counts import HANDLING, NEXT, CountRow
 from robbie_mp.connect.link.header import COMPRESSED, LATCHED, MAX_COUNTS, MAX_PARTS, ChannelId, DataHeader
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 

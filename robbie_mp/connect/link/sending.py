@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import zstandard
 
-from robbie_mp.connect.link.books import (
+from robbie_mp.connect.link.congestion import MAX_WINDOW_BYTES, SendWindow
+from robbie_mp.connect.link.counts import (
     DROPPED,
     LOST,
     RECEIVED,
@@ -18,7 +19,6 @@ from robbie_mp.connect.link.books import (
     TAKEN,
     CountRow,
 )
-from robbie_mp.connect.link.congestion import MAX_WINDOW_BYTES, SendWindow
 from robbie_mp.connect.link.header import (
     COMPRESSED,
     DATAGRAM_BYTES,
@@ -509,7 +509,7 @@ class SendStream:
             self.sent.clear()
 
     def continue_with_next(self) -> None:
-        """Go on with a new process of the other link, which has the last one's books."""
+        """Go on with a new process of the other link, which has the last one's counts."""
         self.under_way.forget()  # it throws away what was for the last one
         self._told = (0, 0, 0)
         self.rewind()

@@ -135,7 +135,7 @@ class ShownPlace(NamedTuple):
     colour: int
 
 
-class MarkerBook:
+class ShownPlaces:
     """The places of one topic, as markers.
 
     Args:

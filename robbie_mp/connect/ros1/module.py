@@ -20,7 +20,7 @@ from robbie_mp.connect.bridge.surroundings import BridgeRun
 from robbie_mp.connect.ros1.conversion import ConversionError, Ros1Type, ros1_type
 from robbie_mp.connect.ros1.foreign_types import DefinitionError, ForeignType, foreign_type
 from robbie_mp.connect.ros1.log_lines import LOG, ros1_log
-from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MARKERS, MarkerBook, can_be_markers
+from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MARKERS, ShownPlaces, can_be_markers
 from robbie_mp.connect.ros1.process import AnnouncedType, RosAddress, RosProcess, TopicWish
 from robbie_mp.connect.ros1.ros_node import ANY, MAX_ANNOUNCED
 from robbie_mp.messages import Message, MessageError, TFMessage, TransformStamped, UnknownType
@@ -54,7 +54,7 @@ class _Channel:
         self.quality = quality
         self.sequence = 0
         self.transforms: dict[str, TransformStamped] = {}
-        self.places: MarkerBook | None = None
+        self.places: ShownPlaces | None = None
 
 
 class Ros1Bridge(Module):
@@ -240,7 +240,7 @@ class Ros1Bridge(Module):
         if found.becomes == MARKERS:  # each message has all markers, so that who comes later sees all
             quality = replace(found.quality, is_latched=True)
             channel = _Channel(self._next_number(), ros1_type(MARKER_ARRAY), quality, rename)
-            channel.places = MarkerBook(message_type)
+            channel.places = ShownPlaces(message_type)
         else:
             channel = _Channel(self._next_number(), ros1_type(message_type), found.quality, rename)
         wish = TopicWish(found.name, channel.kind, channel.quality.is_latched, channel.quality.depth)

@@ -106,7 +106,7 @@ class SupervisedChild:
         self.awaits_retry = False
         self.unfinished = ""
         self._owes_results = False
-        """Whether it has run since an incarnation of it ended in order last."""
+        """Whether it has run since an incarnation of it last ended cleanly."""
 
     @property
     def pid(self) -> int | None:

@@ -63,7 +63,7 @@ class StopService:
         self._ends = False
 
     def end(self) -> None:
-        """Tell all pages that the station ends in order, as it does at the end of a run."""
+        """Tell all pages that the station ends cleanly, as it does at the end of a run."""
         self._ends = True
         self._requests.tell()
 

@@ -26,7 +26,7 @@ class LightId(NamedTuple):
 
 
 class LightsWatch:
-    """What modules have told of their lights.
+    """What modules say of their lights.
 
     Args:
         station: source of the messages.

@@ -197,7 +197,7 @@ def take_one_by_pattern(run: KnownRun) -> Received:
             curious.subscribe("robbie_msgs/*", ANY_VERSION, "*s")
             curious.ready()
             with suppress(Detached):
-                assert curious.wait_for(lambda: curious.is_subscribed() and curious.books()[1] > 0, 60.0)
+                assert curious.wait_for(lambda: curious.is_subscribed() and curious.counts()[1] > 0, 60.0)
                 while (received := curious.take()) is None:
                     curious.wait(0.005)  # the core counts it before it arrives
                 return received

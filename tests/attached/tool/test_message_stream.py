@@ -32,7 +32,7 @@ class BusyTool:
 
     def close(self) -> None: ...
 
-    def books(self) -> tuple[int, int]:
+    def counts(self) -> tuple[int, int]:
         routed = BusyTool.routed_in_run - self._attached_at
         return routed, routed  # all wait
 

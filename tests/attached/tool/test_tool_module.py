@@ -121,7 +121,7 @@ class Lost:
     def show_status(self, _line: str) -> None:
         assert not self.is_closed, "its memory is not mapped any more"
 
-    def books(self) -> tuple[int, int]:
+    def counts(self) -> tuple[int, int]:
         assert not self.is_closed, "its memory is not mapped any more"
         return 0, 0
 

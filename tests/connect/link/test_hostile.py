@@ -1,4 +1,4 @@
-"""A peer that is broken or hostile: what it sends raises nothing, fills no memory, and spoils no books."""
+"""A peer that is broken or hostile: what it sends raises nothing, fills no memory, and spoils no counts."""
 
 import random
 from pathlib import Path
@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.connect.link import books as link_books
+from robbie_mp.connect.link import counts as link_counts
 from robbie_mp.connect.link import sending
-from robbie_mp.connect.link.books import (
+from robbie_mp.connect.link.congestion import SendWindow
+from robbie_mp.connect.link.counts import (
     HANDLING,
     NEXT,
     RECEIVED,
@@ -17,9 +18,8 @@ from robbie_mp.connect.link.books import (
     REFUSED,
     TAKEN,
     CountKey,
-    LinkBooks,
+    LinkCounts,
 )
-from robbie_mp.connect.link.congestion import SendWindow
 from robbie_mp.connect.link.header import (
     MAX_COUNTS,
     MAX_SEQUENCE,
@@ -75,10 +75,10 @@ class Besieged:
         self.now_ns = 1000 * MS
         self.sent = Sent()
         self.taken: list[Arrived] = []
-        self.books = LinkBooks(None, "link", 5)
+        self.counts = LinkCounts(None, "link", 5)
         limits = SendLimits(messages=100, bytes=1 << 16, state_period_ns=0)
         self.node = LinkNode(
-            "red", 5, self.books, NodeSettings(limits, 1 << 16, 1 << 16), self.sent, self._take
+            "red", 5, self.counts, NodeSettings(limits, 1 << 16, 1 << 16), self.sent, self._take
         )
         self.node.meet("blue")
 
@@ -144,9 +144,9 @@ HOSTILE = st.one_of(
 
 @settings(max_examples=60)
 @given(st.lists(st.tuples(HOSTILE, st.binary(max_size=9)), max_size=30))
-def test_no_packets_in_any_order_raise_or_spoil_the_books(packets: list[tuple[DataHeader, bytes]]) -> None:
+def test_no_packets_in_any_order_raise_or_spoil_the_counts(packets: list[tuple[DataHeader, bytes]]) -> None:
     link = Besieged()
-    link.books.row(CountKey("out", "blue", 4, TrafficClass.STATE, 1, *ODOM))[TAKEN] = (
+    link.counts.row(CountKey("out", "blue", 4, TrafficClass.STATE, 1, *ODOM))[TAKEN] = (
         3  # of an earlier process
     )
     names = {ODOM: TrafficClass.STATE, EVENTS: TrafficClass.RELIABLE, STOP: TrafficClass.URGENT}
@@ -156,7 +156,7 @@ def test_no_packets_in_any_order_raise_or_spoil_the_books(packets: list[tuple[Da
         link.get(packet, payload)
         link.node.look_after(link.now_ns)
         link.now_ns += 30 * MS
-    for account in link.books.accounts():
+    for account in link.counts.channels():
         if account.is_sent:
             assert account.under_way >= 0
             assert min(account.sent, account.received, account.lost, account.dropped) >= 0
@@ -170,7 +170,7 @@ def test_what_the_peer_never_reports_fills_no_memory() -> None:
         limit = MAX_URGENT if traffic is TrafficClass.URGENT else MAX_UNREPORTED
         assert len(stream.sent) + len(stream.pending) <= limit
         assert len(stream.waiting) <= MAX_URGENT
-        (account,) = link.books.accounts()
+        (account,) = link.counts.channels()
         assert account.sent == 2000
         assert account.under_way >= 0
 
@@ -185,7 +185,7 @@ def test_what_is_taken_but_never_handled_fills_no_memory(monkeypatch: pytest.Mon
         number = stream.under_way.number
         link.get(ReceiverReport("blue", TrafficClass.RELIABLE, OTHER, 5, stream.sequence + 1, 1, number, ()))
     assert stream.unsettled_bytes < (1 << 16) + 3000
-    assert link.books.accounts()[0].dropped > 1000
+    assert link.counts.channels()[0].dropped > 1000
 
 
 def test_sendings_without_a_report_are_bounded() -> None:
@@ -219,7 +219,7 @@ def test_reports_of_what_was_never_sent_change_nothing_and_are_counted() -> None
         link.get(ReceiverReport("blue", TrafficClass.RELIABLE, OTHER, 5, following, 1, newest, ((0, 3, 0),)))
     assert len(stream.sent) + len(stream.pending) >= before
     assert link.node.peers["blue"].strange == 3
-    assert link.books.accounts()[0].received == 0
+    assert link.counts.channels()[0].received == 0
 
 
 def test_a_forged_session_does_not_end_one_that_is_heard_but_a_new_one_follows_a_silent_one() -> None:
@@ -244,13 +244,13 @@ def test_a_report_that_was_overtaken_does_not_turn_the_books_back() -> None:
     newer = ReceiverReport("blue", TrafficClass.STATE, OTHER, 5, 6, 6, 5, ((0, 5, 0),))
     for report in (newer, older):
         link.get(report)
-    (account,) = link.books.accounts()
+    (account,) = link.counts.channels()
     assert (account.received, account.lost) == (5, 0)
 
 
 def test_a_report_about_an_earlier_session_cannot_tell_more_than_was_sent() -> None:
     link = Besieged()
-    row = link.books.row(CountKey("out", "blue", 4, TrafficClass.STATE, 0, *ODOM))
+    row = link.counts.row(CountKey("out", "blue", 4, TrafficClass.STATE, 0, *ODOM))
     row[TAKEN], row[RECEIVED_BEFORE] = 10, 2
     for received in (MAX_WORD, 9):
         link.get(ReceiverReport("blue", TrafficClass.STATE, OTHER, 4, 1, 1, 0, ((0, received, 0),)))
@@ -269,25 +269,25 @@ def test_a_peer_with_endless_channels_fills_neither_books_nor_memory() -> None:
 
 
 def test_full_books_give_each_stream_counts_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link_books, "MAX_ROWS", 2)
-    books = LinkBooks(None, "link", 1)
-    rows = [books.row(CountKey("stream", "blue", session, 0)) for session in range(5)]
+    monkeypatch.setattr(link_counts, "MAX_ROWS", 2)
+    counts = LinkCounts(None, "link", 1)
+    rows = [counts.row(CountKey("stream", "blue", session, 0)) for session in range(5)]
     for number, row in enumerate(rows):
         row[NEXT] = number
     assert [row[NEXT] for row in rows] == [0, 1, 2, 3, 4]
-    assert books.unbooked == 3
-    assert len(list(books)) == 2
+    assert counts.unlisted == 3
+    assert len(list(counts)) == 2
 
 
 # -- the newest of each channel ----------------------------------------------------------------------------
 
 
-def stream_of(books: LinkBooks, taken: list[Arrived]) -> ReceiveStream:
+def stream_of(counts: LinkCounts, taken: list[Arrived]) -> ReceiveStream:
     def take(message: Arrived) -> Fate:
         taken.append(message)
         return Fate.PUBLISHED
 
-    return ReceiveStream(TrafficClass.STATE, books.row(CountKey("stream", "blue", OTHER, 2)), take, 1 << 16)
+    return ReceiveStream(TrafficClass.STATE, counts.row(CountKey("stream", "blue", OTHER, 2)), take, 1 << 16)
 
 
 def state(sequence: int, channel: int) -> DataHeader:
@@ -296,8 +296,8 @@ def state(sequence: int, channel: int) -> DataHeader:
 
 
 def test_a_state_that_another_channel_has_overtaken_is_taken_once_and_never_after_a_newer_one() -> None:
-    books, taken = LinkBooks(None, "link", 1), list[Arrived]()
-    stream = stream_of(books, taken)
+    counts, taken = LinkCounts(None, "link", 1), list[Arrived]()
+    stream = stream_of(counts, taken)
     for sequence, channel in [(2, 1), (1, 0), (1, 0), (2, 1), (5, 0), (4, 0), (3, 1), (3, 1)]:
         stream.take(state(sequence, channel), b"data")
     assert [message.name for message in taken] == [POSE, ODOM, ODOM, POSE]
@@ -306,12 +306,12 @@ def test_a_state_that_another_channel_has_overtaken_is_taken_once_and_never_afte
 
 
 def test_a_restarted_link_takes_no_state_again_that_was_overtaken() -> None:
-    books, taken = LinkBooks(None, "link", 1), list[Arrived]()
-    stream = stream_of(books, taken)
+    counts, taken = LinkCounts(None, "link", 1), list[Arrived]()
+    stream = stream_of(counts, taken)
     for sequence, channel in [(2, 1), (1, 0), (6, 1)]:
         stream.take(state(sequence, channel), b"data")
-    books.row(CountKey("stream", "blue", OTHER, 2))[HANDLING] = 4  # killed while it published this one
-    again = stream_of(books, taken)
+    counts.row(CountKey("stream", "blue", OTHER, 2))[HANDLING] = 4  # killed while it published this one
+    again = stream_of(counts, taken)
     assert again.next == 7
     for sequence, channel in [(1, 0), (4, 0), (5, 0)]:
         again.take(state(sequence, channel), b"data")

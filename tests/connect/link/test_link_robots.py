@@ -21,7 +21,7 @@ def test_messages_of_every_class_cross_in_order_and_the_books_balance(robot: Rob
         assert found == sorted(set(found))
     assert pair.numbers("blue", "got-map")[-1] == 7
     wait_until(lambda: counted(pair) == {one: len(pair.numbers("blue", f"got-{one}")) for one in CLASSES})
-    wait_until(lambda: all(under_way == 0 for *_, under_way in books(pair)))
+    wait_until(lambda: all(under_way == 0 for *_, under_way in counts(pair)))
     (peer,) = state(pair).peers
     assert peer.robot == "blue"
     assert peer.is_up
@@ -58,7 +58,7 @@ def state(pair: Pair) -> LinkState:
     return found
 
 
-def books(pair: Pair) -> list[tuple[str, int, int, int]]:
+def counts(pair: Pair) -> list[tuple[str, int, int, int]]:
     """Topic, sent, received and under way of each channel that red sends."""
     found = pair.state("red")
     channels = [one for one in found.channels if one.is_sent] if found is not None else []
@@ -68,5 +68,5 @@ def books(pair: Pair) -> list[tuple[str, int, int, int]]:
 
 
 def counted(pair: Pair) -> dict[str, int]:
-    """How many messages of each topic blue has received, by red's books."""
-    return {topic: received for topic, _, received, _ in books(pair) if topic in CLASSES}
+    """How many messages of each topic blue has received, by red's counts."""
+    return {topic: received for topic, _, received, _ in counts(pair) if topic in CLASSES}

@@ -1,4 +1,4 @@
-"""Two links over a network that loses, delays and breaks: order, duplicates, books, and what goes first."""
+"""Two links over a network that loses, delays and breaks: order, duplicates, counts, and what goes first."""
 
 import random
 from itertools import pairwise
@@ -36,13 +36,13 @@ def numbers(robot: Robot, name: ChannelId) -> list[int]:
     return [int.from_bytes(data[:8], "little") for data in robot.received(name)]
 
 
-def check_books(sender: Robot, receiver: Robot, name: ChannelId, sent: int) -> None:
-    """The books balance, and agree with what was sent and received."""
-    books = sender.account(name)
-    assert books.sent == sent
-    assert books.received == len(receiver.received(name))
-    assert books.under_way >= 0
-    assert books.sent == books.received + books.replaced + books.dropped + books.lost + books.under_way
+def check_counts(sender: Robot, receiver: Robot, name: ChannelId, sent: int) -> None:
+    """The counts balance, and agree with what was sent and received."""
+    counts = sender.account(name)
+    assert counts.sent == sent
+    assert counts.received == len(receiver.received(name))
+    assert counts.under_way >= 0
+    assert counts.sent == counts.received + counts.replaced + counts.dropped + counts.lost + counts.under_way
 
 
 @pytest.mark.parametrize("name", CHANNELS, ids=lambda name: CHANNELS[name].name.lower())
@@ -53,7 +53,7 @@ def test_a_good_network_carries_every_message_in_order(name: ChannelId) -> None:
         network.run(0.02)
     network.run(1.0)
     assert numbers(blue, name) == list(range(50))
-    check_books(red, blue, name, 50)
+    check_counts(red, blue, name, 50)
     assert red.account(name).under_way == 0
 
 
@@ -67,7 +67,7 @@ def test_what_is_sent_again_arrives_in_order_although_a_fifth_is_lost(traffic: T
     network.run(20.0)
     found = numbers(blue, name)
     assert found == sorted(set(found))
-    check_books(red, blue, name, 100)
+    check_counts(red, blue, name, 100)
     account = red.account(name)
     assert account.under_way == account.lost == account.dropped == 0
     if not MANNERS[traffic].keeps_only_newest:
@@ -85,7 +85,7 @@ def test_what_is_not_sent_again_is_counted_as_lost(name: ChannelId) -> None:
     network.run(8.0)
     found = numbers(blue, name)
     assert found == sorted(set(found))
-    check_books(red, blue, name, 200)
+    check_counts(red, blue, name, 200)
     account = red.account(name)
     assert 0 < account.lost < 20  # 40 without copies
     assert account.under_way == 0
@@ -113,11 +113,11 @@ def test_a_reliable_message_waits_for_ten_seconds_without_a_link() -> None:
     network.conditions.is_cut = False
     network.run(2.0)
     assert numbers(blue, RELIABLE) == list(range(100))
-    check_books(red, blue, RELIABLE, 100)
+    check_counts(red, blue, RELIABLE, 100)
     # Those of the first half second were sent before the link was known to be down.
     assert numbers(blue, COMMAND) == []
     assert red.account(COMMAND).dropped > 90
-    check_books(red, blue, COMMAND, 100)
+    check_counts(red, blue, COMMAND, 100)
 
 
 def test_a_full_store_drops_the_oldest_and_counts_them() -> None:
@@ -130,7 +130,7 @@ def test_a_full_store_drops_the_oldest_and_counts_them() -> None:
     network.run(2.0)
     assert numbers(blue, RELIABLE) == list(range(40, 50))
     assert red.account(RELIABLE).dropped == 40
-    check_books(red, blue, RELIABLE, 50)
+    check_counts(red, blue, RELIABLE, 50)
 
 
 def test_a_command_is_not_delayed_by_images_that_fill_the_link() -> None:
@@ -203,7 +203,7 @@ def test_a_bus_that_is_full_delays_reliable_messages_and_loses_none() -> None:
         red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number, 100_000))
     network.run(8.0)
     assert numbers(blue, RELIABLE) == list(range(10))
-    check_books(red, blue, RELIABLE, 10)
+    check_counts(red, blue, RELIABLE, 10)
 
 
 def test_what_the_receiver_throws_away_is_dropped() -> None:
@@ -218,15 +218,15 @@ def test_what_the_receiver_throws_away_is_dropped() -> None:
         network.run(0.01)
     network.run(1.0)
     assert red.account(STATE).dropped == 5
-    check_books(red, blue, STATE, 10)
+    check_counts(red, blue, STATE, 10)
     assert blue.account(STATE, is_sent=False).received == 5
 
 
 def test_packets_of_others_than_they_say_and_of_no_link_are_counted() -> None:
     network, red, blue = two_robots(12)
     assert red.node is not None
-    session = blue.books.session
-    forged = DataHeader("blue", TrafficClass.STATE, 0, 0, session, red.books.session, 1, 1, 1, 0, 0, 0, 0)
+    session = blue.counts.session
+    forged = DataHeader("blue", TrafficClass.STATE, 0, 0, session, red.counts.session, 1, 1, 1, 0, 0, 0, 0)
     network.carry("green", "red", forged, b"")
     network.run(0.1)
     red.take("blue", b"nonsense", b"")
@@ -263,7 +263,7 @@ def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed
     for name in CHANNELS:
         found = numbers(blue, name)
         assert found == sorted(set(found)), name
-        check_books(red, blue, name, sent[name])
+        check_counts(red, blue, name, sent[name])
         assert red.account(name).under_way == 0
     red.kill()
     blue.kill()
@@ -286,7 +286,7 @@ def test_memory_of_a_large_message_is_given_back_when_the_link_cannot_send_it() 
     memory.clear()
     network.run(5.0)
     assert blue.received(BULK) == [expected]
-    check_books(red, blue, BULK, 1)
+    check_counts(red, blue, BULK, 1)
 
 
 def test_memory_of_a_large_message_is_given_back_when_it_has_been_sent() -> None:
@@ -357,7 +357,7 @@ def test_state_of_several_datagrams_is_sent_again_when_one_of_them_is_lost(
     network.run(0.2)
     assert blue.received(STATE) == [numbered(1, 3000)]
     assert len(lost) == 2
-    check_books(red, blue, STATE, 1)
+    check_counts(red, blue, STATE, 1)
     assert red.account(STATE).received == 1
 
 
@@ -370,5 +370,5 @@ def test_states_of_several_datagrams_come_once_and_in_order_although_many_are_lo
     found = numbers(blue, STATE)
     assert found == sorted(set(found))
     assert len(found) > 190
-    check_books(red, blue, STATE, 200)
+    check_counts(red, blue, STATE, 200)
     assert red.account(STATE).under_way == 0

@@ -8,7 +8,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp.connect.ros1.conversion import ros1_type
-from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MAX_PLACES, MarkerBook, ShownPlace, can_be_markers
+from robbie_mp.connect.ros1.markers import MARKER_ARRAY, MAX_PLACES, ShownPlace, ShownPlaces, can_be_markers
 from robbie_mp.connect.ros1.module import Ros1Bridge
 from robbie_mp.connect.ros1.ros_node import MESSAGE, pack
 from robbie_mp.messages import (
@@ -43,10 +43,10 @@ def victim(number: int, state: int) -> VictimFound:
     )
 
 
-def shown(book: MarkerBook, message: Message) -> bytes:
+def shown(places_shown: ShownPlaces, message: Message) -> bytes:
     """The markers after a further message."""
-    book.add(message.encode())
-    return book.markers()
+    places_shown.add(message.encode())
+    return places_shown.markers()
 
 
 def read(encoded: bytes) -> list[Any]:
@@ -80,14 +80,14 @@ def test_type_is_that_of_ros1() -> None:
 
 
 def test_each_message_has_all_places_of_its_topic() -> None:
-    book = MarkerBook(PointsOfInterest)
-    clear, home, name, *rest = read(shown(book, places("home")))
+    places_shown = ShownPlaces(PointsOfInterest)
+    clear, home, name, *rest = read(shown(places_shown, places("home")))
     assert (clear.action, rest) == (DELETE_ALL, [])
     assert (home.type, home.action, home.header.frame_id) == (SPHERE, 0, "map")
     assert (home.pose.position.x, home.pose.position.y, home.color.a) == (1.0, 2.0, 1.0)
     assert (name.type, name.text) == (TEXT, "home")
     assert len({home.id, name.id}) == 2
-    assert [one.text for one in read(shown(book, places("door", "exit")))[2::2]] == ["door", "exit"]
+    assert [one.text for one in read(shown(places_shown, places("door", "exit")))[2::2]] == ["door", "exit"]
 
 
 @pytest.mark.parametrize("as_robot_knows_it", [False, True])
@@ -95,22 +95,22 @@ def test_victims_are_kept_by_their_number_and_show_their_state(as_robot_knows_it
     kind: type[Message] = VictimFound
     if as_robot_knows_it:  # the bridge has no class of the robot's own types, only their definitions
         kind = message_type_from_schema(VictimFound.type_name, schema_text(VictimFound))
-    book = MarkerBook(kind)
-    shown(book, victim(1, VictimFound.SUSPECTED))
-    shown(book, victim(7, VictimFound.ASKED))
-    _, first, first_name, second, second_name = read(shown(book, victim(1, VictimFound.CONFIRMED)))
+    places_shown = ShownPlaces(kind)
+    shown(places_shown, victim(1, VictimFound.SUSPECTED))
+    shown(places_shown, victim(7, VictimFound.ASKED))
+    _, first, first_name, second, second_name = read(shown(places_shown, victim(1, VictimFound.CONFIRMED)))
     assert [first_name.text, second_name.text] == ["victim 1: confirmed", "victim 7: asked"]
     assert first.color.g > first.color.r and second.color.r > second.color.g
     assert second.pose.position.x == 7.0
 
 
 def test_places_beyond_the_limit_or_nowhere_are_left_out_and_counted() -> None:
-    book = MarkerBook(VictimFound)
+    places_shown = ShownPlaces(VictimFound)
     for number in range(MAX_PLACES):
-        book._places[number] = ShownPlace("map", 0.0, 0.0, 0.0, "", 0)
-    book.add(victim(MAX_PLACES, 0).encode())
-    assert book.left_out == 1
-    found = read(shown(MarkerBook(PointsOfInterest), places("lost", x=math.nan)))
+        places_shown._places[number] = ShownPlace("map", 0.0, 0.0, 0.0, "", 0)
+    places_shown.add(victim(MAX_PLACES, 0).encode())
+    assert places_shown.left_out == 1
+    found = read(shown(ShownPlaces(PointsOfInterest), places("lost", x=math.nan)))
     assert len(found) == 1
 
 

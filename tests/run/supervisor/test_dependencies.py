@@ -156,4 +156,4 @@ def test_end_of_the_run_ends_the_wait_for_a_module(tmp_path: Path) -> None:
 
     assert run.play(scenario()) == 1
     assert run.states("map") == [STARTING, RUNNING, BACKOFF, STOPPED]
-    assert run.tree.child("pose").unfinished and not run.tree.child("map").unfinished  # it had ended in order
+    assert run.tree.child("pose").unfinished and not run.tree.child("map").unfinished  # it had ended cleanly

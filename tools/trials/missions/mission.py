@@ -41,7 +41,7 @@ AnyTrial = TypeVar("AnyTrial", bound=MissionTrial)
 
 
 def all_in_order(outcomes: Sequence[Any]) -> bool:
-    """Return whether every run itself ended in order."""
+    """Return whether every run itself ended cleanly."""
     return not any(outcome.trouble for outcome in outcomes)
 
 
@@ -56,7 +56,7 @@ class Setup:
 
     Attributes:
         arena: file of the arena.
-        judge: is called with the folder of the run's output if the run ended in order.
+        judge: is called with the folder of the run's output if the run ended cleanly.
         settings: `MODULE.SETTING=VALUE`, each, besides those of `settings_for`.
         kills_until_s: time of the run by which every module was killed; None: that of the mission.
     """
@@ -187,7 +187,7 @@ def run_once(
         trial: takes the results.
         folder: new folder for the run.
         words: the profile, and the options of `robbie run`.
-        judge: is called with the folder of the run's output if the run ended in order.
+        judge: is called with the folder of the run's output if the run ended cleanly.
         limit_s: maximum duration in real time.
         kills_s: every module is killed once, at a random moment between these times; None: none is killed.
     """

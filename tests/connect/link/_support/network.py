@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
-from robbie_mp.connect.link.books import Account, LinkBooks
+from robbie_mp.connect.link.counts import ChannelCounts, LinkCounts
 from robbie_mp.connect.link.header import Beat, ChannelId, DataHeader, ReceiverReport, pack
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate
@@ -116,9 +116,9 @@ class Robot:
         """Start a process of the link."""
         self.sessions += 1
         session = self.network.random.getrandbits(63)
-        self.books = LinkBooks(self.folder, "link", session)
+        self.counts = LinkCounts(self.folder, "link", session)
         settings = NodeSettings(self.limits, max_bytes=1 << 26, latched_bytes=1 << 24)
-        self.node = LinkNode(self.name, session, self.books, settings, self, self._handle)
+        self.node = LinkNode(self.name, session, self.counts, settings, self, self._handle)
         for other in self.others:
             self.node.meet(other)
         for message in self.latched.values():  # as the core gives them to a module that starts
@@ -127,7 +127,7 @@ class Robot:
     def kill(self) -> None:
         """Kill the link's process."""
         self.node = None
-        self.books.close()
+        self.counts.close()
 
     def __enter__(self) -> "Robot":
         return self
@@ -181,9 +181,9 @@ class Robot:
         """What its modules have received on a channel, in order."""
         return [message.data for _, message in self.journal if message.name == name]
 
-    def account(self, name: ChannelId, *, is_sent: bool = True) -> Account:
-        """The books of a channel with the other robot."""
-        (found,) = (one for one in self.books.accounts() if one.channel == name and one.is_sent == is_sent)
+    def account(self, name: ChannelId, *, is_sent: bool = True) -> ChannelCounts:
+        """The counts of a channel with the other robot."""
+        (found,) = (one for one in self.counts.channels() if one.channel == name and one.is_sent == is_sent)
         return found
 
     def _handle(self, message: Arrived) -> Fate:

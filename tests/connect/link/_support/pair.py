@@ -29,7 +29,7 @@ modules:
       send: {send}
       accept: {accept}
     restart: {{policy: always, max_restarts: 10000, within_s: 60, backoff_s: 0.05}}
-  books: {{class: "crew.modules:Books"}}
+  counts: {{class: "crew.modules:Books"}}
 """
 
 

@@ -1,7 +1,7 @@
-"""The books of a link, in memory that outlives its process.
+"""The counts of a link, in memory that outlives its process.
 
 For each session, robot and channel: sent = received + replaced + dropped + lost + under way. Each word is
-written by one process, a store at a time, so the books balance wherever the process is killed.
+written by one process, a store at a time, so the counts balance wherever the process is killed.
 """
 
 import json
@@ -85,8 +85,8 @@ class CountRow:
         self._words[self._place + column] += number
 
 
-class Account(NamedTuple):
-    """The books of one channel with one robot, over all sessions of this link."""
+class ChannelCounts(NamedTuple):
+    """The counts of one channel with one robot, over all sessions of this link."""
 
     is_sent: bool
     """False: this link receives it, and knows only `received` and `dropped`."""
@@ -105,7 +105,7 @@ class Account(NamedTuple):
         return self.sent - self.received - self.replaced - self.dropped - self.lost if self.is_sent else 0
 
 
-class LinkBooks:
+class LinkCounts:
     """The counts of one link in one run.
 
     Args:
@@ -114,7 +114,7 @@ class LinkBooks:
         session: the session of this process.
 
     Attributes:
-        unbooked: rows that there was no room for. Each has counts of its own, which stand in no account and
+        unlisted: rows that there was no room for. Each has counts of its own, which are in no list and
             end with this process.
 
     Raises:
@@ -123,7 +123,7 @@ class LinkBooks:
 
     def __init__(self, folder: Path | None, link: str, session: int):
         self.session = session
-        self.unbooked = 0
+        self.unlisted = 0
         self._rows: dict[CountKey, CountRow] = {}
         self._sessions: dict[tuple[str, bool], dict[int, None]] = {}
         """By other robot, and whether they send to it: the sessions that have rows, oldest first."""
@@ -198,8 +198,8 @@ class LinkBooks:
                 if received + refused + row[REPLACED] + row[DROPPED] <= row[TAKEN]:
                     row[RECEIVED], row[REFUSED] = received, refused
 
-    def accounts(self) -> list[Account]:
-        """Return the books by robot, channel and class, over all sessions.
+    def channels(self) -> list[ChannelCounts]:
+        """Return the counts by robot, channel and class, over all sessions.
 
         Of a session that has ended, nothing is under way any more: what is not accounted for is lost.
         """
@@ -216,7 +216,7 @@ class LinkBooks:
             for column, count in enumerate(counts):
                 total[column] += count
         return [
-            Account(is_sent, peer, TrafficClass(traffic), channel, *total)
+            ChannelCounts(is_sent, peer, TrafficClass(traffic), channel, *total)
             for (is_sent, peer, traffic, channel), total in sums.items()
         ]
 
@@ -231,7 +231,7 @@ class LinkBooks:
         if len(self._rows) >= MAX_ROWS:
             self._add_up()
         if len(self._rows) >= MAX_ROWS:
-            self.unbooked += 1
+            self.unlisted += 1
             return CountRow(memoryview(bytearray(WORDS * 8)).cast("Q"), 0)
         if self._keys is not None:
             with open(self._keys, "ab", buffering=0, opener=private_opener) as file:
