@@ -186,7 +186,7 @@ class RpLidar(PluggableLaser):
         """Return the turns that are whole now."""
         arrived_s, reader = self._clock(), self._reader
         self._waiting += data
-        # Of the reads of a batch, the one that is least late tells when its last frame arrived.
+        # The least late read of a batch tells when its last frame arrived.
         batch_s = (reader.buffered_bytes + len(self._waiting)) // reader.frame_bytes * self._frame_s
         if data:
             self._batch_began_s = min(self._batch_began_s, arrived_s - batch_s)

@@ -46,7 +46,7 @@ MODE_CHANGE_S = 3.0
 CONFIGURATION_S = 7.0
 ATTEMPTS = 2
 BITS_PER_BYTE = 10
-# Of a scan's telegram, beside two for each value.
+# Bytes of a scan's telegram without its values, which take two each.
 FRAME_BYTES = 10
 
 

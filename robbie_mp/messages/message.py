@@ -156,7 +156,7 @@ class Message(metaclass=MessageType):
 
     _layout: ClassVar[MessageLayout]
     _leading: ClassVar[tuple[Field, ...]]
-    """Of a template: its fields."""
+    """The fields of a template."""
     _ruled: ClassVar[tuple[tuple[str, bool], ...]]
     """The fields with messages that have rules, and whether each is a list of them."""
     _constants: ClassVar[tuple[Constant, ...]]

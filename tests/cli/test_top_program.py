@@ -18,7 +18,7 @@ from tests.cli._support.readings import BACKOFF, SECOND_NS, PlayedFeed, laser, m
 from tests.cli.test_module_log import TRACEBACK, entry, write
 
 CELL_WIDTH = 12.2
-"""Of a character in the picture that is taken of the terminal."""
+"""Width of a character in the picture of the terminal."""
 FOREGROUND_OF_PICTURES = "c5c8c6"
 Script = Callable[[Pilot[None]], Awaitable[None]]
 

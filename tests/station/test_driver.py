@@ -19,7 +19,7 @@ class Scene:
     def __init__(self, monkeypatch: pytest.MonkeyPatch):
         self.now_s = 100.0
         self.delay_s = 0.0
-        """Of the network, in each direction. The page's clock is the robot's."""
+        """Delay of the network in each direction. The page's clock is the robot's."""
         elements = Mock()
         monkeypatch.setattr(driver, "DriverKeys", elements)
         monkeypatch.setattr(driver, "ui", ui := Mock())

@@ -12,7 +12,7 @@ NOISE_BYTES = 2 << 20
 WHOLE_BYTES = 2 << 20
 SAMPLE_BYTES = 64 << 10
 SAMPLED = 16
-"""Of a payload larger than WHOLE_BYTES, the checksum covers only every sixteenth piece of SAMPLE_BYTES and
+"""The checksum of a payload larger than WHOLE_BYTES covers only every sixteenth piece of SAMPLE_BYTES and
 the last bytes. Full checksums of a camera's images would take all of the processors' time."""
 
 

@@ -49,7 +49,7 @@ class LiveObstacles:
             laser: Pose of the laser (x m, y m, heading rad), map frame.
             sweep: The sweep.
             now_s: The time.
-            name: Of the laser, if there are several.
+            name: Name of the laser, if there are several.
         """
         kept_s = now_s - MAX_BEHIND_S
         self._newest = {other: seen for other, seen in self._newest.items() if seen[2] >= kept_s}

@@ -202,7 +202,7 @@ DECLARATION_TOPIC = DECLARATION_TYPE + NAME_WORDS
 DECLARATION_HANDLER = DECLARATION_TOPIC + NAME_WORDS  # name of a subscription's function
 DECLARATION_OPTIONAL = DECLARATION_HANDLER + NAME_WORDS  # 1: a subscription that nobody needs to publish for
 DECLARATION_OWN_TOPIC = DECLARATION_OPTIONAL + 1  # the topic as the module's code names it
-# Of a subscription: when its newest message was published, how old that may become, how often it was older,
+# For a subscription: when its newest message was published, how old that may become, how often it was older,
 # and the greatest age then.
 DECLARATION_NEWEST_NS = DECLARATION_OWN_TOPIC + NAME_WORDS
 DECLARATION_DEADLINE_NS = DECLARATION_NEWEST_NS + 1  # 0: any age

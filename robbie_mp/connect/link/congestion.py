@@ -11,7 +11,7 @@ from robbie_mp.connect.link.header import PART_BYTES
 QUEUE_S = 0.025
 """The queue that may wait on the way, as time: enough to notice that the link can carry more,"""
 MAX_QUEUE_BYTES = 1 << 22
-"""and as bytes: Zenoh and the sockets must have room for it, and throw away the rest."""
+"""and as bytes: Zenoh and the sockets must have room for it, and drop the rest."""
 MIN_PART_BYTES = 1_000
 PART_S = 0.008
 """A packet takes at most this time on the way, so that a command never waits for long behind one,"""

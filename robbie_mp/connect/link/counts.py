@@ -201,7 +201,7 @@ class LinkCounts:
     def channels(self) -> list[ChannelCounts]:
         """Return the counts by robot, channel and class, over all sessions.
 
-        Of a session that has ended, nothing is under way any more: what is not accounted for is lost.
+        Nothing of a session that has ended is under way any more: what is not accounted for is lost.
         """
         sums: dict[tuple[bool, str, int, ChannelId], list[int]] = {}
         for key, row in self._rows.items():

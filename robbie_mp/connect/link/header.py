@@ -83,7 +83,7 @@ class DataHeader(NamedTuple):
     stamp_ns: int
     """When the message was published, by the clock of the robot that sends it."""
     type_hash: int
-    """Of the type's schema; 0: not known."""
+    """Hash of the type's schema; 0: not known."""
     name: ChannelId | None = None
     """In the first part only."""
     size: int = 0
@@ -133,7 +133,7 @@ class Beat(NamedTuple):
     datagrams: int = 0
     """Datagrams that this link has sent to the other one, copies too."""
     lost_permille: int = 0
-    """Of the datagrams that the other link has sent lately, the part that has not arrived."""
+    """The part of the datagrams lately sent by the other link that has not arrived."""
 
 
 Packet = DataHeader | ReceiverReport | Beat

@@ -1,4 +1,4 @@
-"""Messages that move a robot: a link throws away late ones and shortens the validity of others.
+"""Messages that move a robot: a link drops late ones and shortens the validity of others.
 
 These are the only messages that a link decodes.
 """
@@ -65,7 +65,7 @@ def shortened(message: Arrived, ages: Ages, now_ns: int, max_age_ns: int) -> byt
     """Return a command as it is to be published: in the clock of this robot, and with the time that is left.
 
     What it had to wait is taken off the time that it lasts. Its stamps become those of this robot's clock, by
-    the greatest age that it can have. Of the other robot's stamps, only differences count.
+    the greatest age that it can have. The other robot's stamps count only by their differences.
 
     Args:
         message: a message that has arrived.

@@ -37,7 +37,7 @@ MIN_COMPRESSED_BYTES = 512
 COMPRESSION_LEVEL = 1
 SAMPLES = 8
 SAMPLE_BYTES = 2048
-"""Of a message of more than four times these samples, they tell whether it is worth compressing,"""
+"""The samples of a message more than four times as large tell whether it is worth compressing,"""
 LEAST_SHRUNK = 0.97
 """which is so if they become at least this much shorter."""
 URGENT_AGAIN_NS = 50_000_000
@@ -196,9 +196,9 @@ class SendStream:
     sent: deque[Packet] = field(default_factory=deque)
     """Packets of which no report says that they are settled, oldest first."""
     numbers: set[int] = field(default_factory=set)
-    """Of the channels of this class."""
+    """Numbers of the channels of this class."""
     sequence: int = 0
-    """Of the last packet made."""
+    """Number of the last packet made."""
     resent: int = 0
     """Packets sent more than once."""
     unsettled_bytes: int = 0
@@ -510,7 +510,7 @@ class SendStream:
 
     def continue_with_next(self) -> None:
         """Go on with a new process of the other link, which has the last one's counts."""
-        self.under_way.forget()  # it throws away what was for the last one
+        self.under_way.forget()  # what was for the last one is dropped
         self._told = (0, 0, 0)
         self.rewind()
 

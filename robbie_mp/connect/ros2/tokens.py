@@ -65,7 +65,7 @@ def gid(token: str) -> bytes:
 
 
 class Attachment(NamedTuple):
-    """The attachment of rmw_zenoh to each message; nodes throw away messages without it.
+    """The attachment of rmw_zenoh to each message; nodes drop messages without it.
 
     The response of a service has the number and the client of its request.
 

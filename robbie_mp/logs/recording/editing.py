@@ -150,7 +150,7 @@ class _Editor:
         """For each topic as written, the types and definitions on it."""
         self._counts: dict[ChannelKey, RecordedCount] = {}
         self._first_of: list[_Entry | None] = []
-        """Of each log, the first message that is copied."""
+        """The first message that is copied of each log."""
 
     def write(self, operation: str) -> list[str]:
         """Write the whole log. Return notes about it."""

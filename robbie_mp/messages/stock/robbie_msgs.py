@@ -210,7 +210,7 @@ class Bumper(Message, name="robbie_msgs/msg/Bumper", version=1):
 
 
 MAX_JOINT_POSITION = 1e6
-"""Of a joint, in rad or m."""
+"""Maximum position of a joint, in rad or m."""
 
 
 class PanTiltCommand(

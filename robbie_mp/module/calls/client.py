@@ -72,7 +72,7 @@ class _Call:
     asked_ns: int
     """When the server was asked about it, or sent the request."""
     incarnation: int
-    """Of the server, when it was asked about the call, or sent the request."""
+    """The incarnation of the server that was asked about the call, or got the request."""
     first_incarnation: int
     on_feedback: Callable[[Any], None] | None = None
     cancel_reason: str | None = None
@@ -100,7 +100,7 @@ class _Service:
     server: Server | None = None
     """The server found last; None: there was none."""
     incarnation: int = 0
-    """Of the server, when it was found."""
+    """Its incarnation when it was found."""
 
 
 class ClientCalls:

@@ -17,7 +17,7 @@ from robbie_mp.run.profile.model import MemoryLimits, Profile
 from robbie_mp.run.supervisor.memory import SUPERVISOR_SEGMENT_BYTES
 
 OWN_DESCRIPTORS = 32
-"""Of a process that has just started."""
+"""Descriptors that a process has when it has just started."""
 DESCRIPTORS_OF_A_CHILD = 9
 """The supervisor's descriptors for each child: pidfd, pipes, a spare's socket, maps of rings, a reserve."""
 DESCRIPTORS_OF_A_MAP = 1

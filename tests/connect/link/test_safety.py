@@ -1,4 +1,4 @@
-"""A link throws away what would move the robot too late, and never the stop."""
+"""A link drops what would move the robot too late, and never the stop."""
 
 import pytest
 

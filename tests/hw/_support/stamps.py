@@ -50,7 +50,7 @@ VOLTAGE = 22
 class Measured:
     """The ranges of a wall that moves with each sweep, and when each sweep began, by the true time.
 
-    Of a base: the numbers of its reports, and when each was made.
+    For a base: the numbers of its reports, and when each was made.
     """
 
     def __init__(self, clock: SteppedTime) -> None:
