@@ -106,8 +106,14 @@ def parse(kind: _Readable[_Record_co], data: bytes) -> _Record_co:
     Raises:
         LogDamaged: the content is not such a record.
     """
+    return _parse(kind, data)[0]
+
+
+def _parse(kind: _Readable[_Record_co], data: bytes) -> tuple[_Record_co, int]:
+    """Parse the content of a record; return where the fields end that are known: more may follow."""
+    stream = _ExactStream(data)
     try:
-        return kind.read(_ExactStream(data))
+        return kind.read(stream), stream.count
     except (McapError, ValueError, struct.error) as error:
         name = getattr(kind, "__name__", "record")
         why = str(error) or "too short"
@@ -120,9 +126,10 @@ def read_attachment(data: bytes) -> Attachment:
     Raises:
         LogDamaged: it is not what was written.
     """
-    attachment: Attachment = parse(Attachment, data)
-    checksum = int.from_bytes(data[-4:], "little")
-    if checksum and zlib.crc32(data[:-4]) != checksum:
+    attachment: Attachment
+    attachment, end = _parse(Attachment, data)
+    checksum = int.from_bytes(data[end - 4 : end], "little")
+    if checksum and zlib.crc32(data[: end - 4]) != checksum:
         raise LogDamaged(f"the attachment {attachment.name!r} does not match its checksum")
     return attachment
 

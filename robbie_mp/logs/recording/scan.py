@@ -31,6 +31,8 @@ WINDOW_BYTES = 1 << 20
 CHUNK_HEAD = struct.Struct("<BQQQQII")
 """Opcode, length, start time, end time, size, checksum, and the length of the name of the compression."""
 LONGEST_NAME_BYTES = 16
+MOST_ADDED_BYTES = 256
+"""Bytes behind the known fields of a chunk, for the search: newer writers may add fields to a record."""
 SEARCH_BYTES, SEARCH_TIMES_SIZE = 1 << 30, 16
 """Budget for reading and decompressing what only looks like chunks: the first value in bytes, plus the
 second value times the size of the file. A file can be built of such places, each nested in the previous
@@ -250,8 +252,8 @@ def _may_be_chunk(window: bytes, at: int) -> bool:
         return False
     head_bytes = CHUNK_HEAD.size - RECORD_HEAD.size + name_bytes + 8
     data_bytes = int.from_bytes(window[behind : behind + 8], "little")
-    return bool(length == head_bytes + data_bytes)
+    return bool(0 <= length - head_bytes - data_bytes <= MOST_ADDED_BYTES)
 
 
 def _is_message_index(data: bytes) -> bool:
-    return len(data) >= 6 and len(data) == 6 + int.from_bytes(data[2:6], "little")
+    return len(data) >= 6 and len(data) >= 6 + int.from_bytes(data[2:6], "little")
