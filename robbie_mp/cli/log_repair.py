@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import BAD_USAGE, add_command
-from robbie_mp.logs.recording.bag_metadata import BAG_METADATA, write_bag_metadata
+from robbie_mp.logs.recording.bag_metadata import write_bag_metadata
 from robbie_mp.logs.recording.errors import RepairFailed
+from robbie_mp.logs.recording.format import BAG_METADATA
 from robbie_mp.logs.recording.limits import ReadLimits
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.logs.recording.repair import repair, repaired_name

@@ -60,11 +60,11 @@ class Upgrade(NamedTuple):
 
     Attributes:
         step: a function from the fields of the older version to those of the next.
-        schema: the ros2msg text of the older version; "" if it always accompanies the bytes.
+        schema: the ros2msg text of the older version; None if it always accompanies the bytes.
     """
 
     step: Callable[[dict[str, Any]], dict[str, Any]]
-    schema: str = ""
+    schema: str | None = None
 
 
 class Declaration(NamedTuple):

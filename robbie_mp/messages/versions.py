@@ -30,14 +30,16 @@ if TYPE_CHECKING:
 _Message = TypeVar("_Message", bound=Message)
 
 
-def decode_version(message_type: type[_Message], data: Buffer, version: int, schema: str = "") -> _Message:
+def decode_version(
+    message_type: type[_Message], data: Buffer, version: int, schema: str | None = None
+) -> _Message:
     """Decode bytes of any version of a message type, and convert them to the version of this program.
 
     Args:
         message_type: this program's class.
         data: the encoding.
         version: the version of the bytes.
-        schema: the ros2msg text that came with the bytes; "" if there was none.
+        schema: the ros2msg text that came with the bytes; None if there was none.
 
     Raises:
         VersionError: the version is newer than the class, a step or the old schema is missing, a step fails,
@@ -54,13 +56,13 @@ class VersionDecoder(Generic[_Message]):
     Args:
         message_type: this program's class.
         version: the version of the bytes.
-        schema: the ros2msg text that came with the bytes; "" if there was none.
+        schema: the ros2msg text that came with the bytes; None if there was none.
 
     Raises:
         VersionError, SchemaError: as `decode_version`, except for errors of a single message.
     """
 
-    def __init__(self, message_type: type[_Message], version: int, schema: str = ""):
+    def __init__(self, message_type: type[_Message], version: int, schema: str | None = None):
         self._type = message_type
         self._first = version
         ours = message_type.version
@@ -73,8 +75,8 @@ class VersionDecoder(Generic[_Message]):
         if not self._steps:
             _check_same_layout(message_type, schema)
             return
-        schema = schema or self._steps[0].schema
-        if not schema:
+        schema = schema if schema is not None else self._steps[0].schema
+        if schema is None:
             raise VersionError(
                 f"{message_type.type_name}: version {version} came without a schema, the class declares "
                 f"none; declare upgrades={{{version}: Upgrade(…, schema=…)}}"
@@ -111,9 +113,9 @@ def _step(message_type: type[Message], number: int, written: int) -> Upgrade:
     return message_type._upgrades[number]
 
 
-def _check_same_layout(message_type: type[Message], schema: str) -> None:
+def _check_same_layout(message_type: type[Message], schema: str | None) -> None:
     """Refuse a schema with another layout than the class of the same version."""
-    if not schema or schema == schema_text(message_type):
+    if schema is None or schema == schema_text(message_type):
         return
     written = message_type_from_schema(message_type.type_name, schema)
     if layout(written) != layout(message_type):

@@ -45,7 +45,8 @@ def test_robot_and_ros_hear_each_other_whoever_dies(ros: Ros, tmp_path: Path) ->
             robot.wait_for(lambda: len(told(robot, "drive")) > 5, "no command has come")
             robot.wait_for(lambda: bool(told(robot, "goal") and told(robot, "pose")), "no goal, or no pose")
             robot.wait_for(lambda: bool(told(robot, "status")), "no message of a type that only ROS knows")
-            assert "GoalStatus[] status_list" in recorded.schema("actionlib_msgs/msg/GoalStatusArray", 1)
+            schema = recorded.schema("actionlib_msgs/msg/GoalStatusArray", 1)
+            assert schema and "GoalStatus[] status_list" in schema
             witness.stand_still()
             ended_s = time.monotonic()
             assert "seq:" in ros.rostopic("echo", "-n", "1", "/scan")  # a stopped subscriber stops no other

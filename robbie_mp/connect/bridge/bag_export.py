@@ -23,10 +23,11 @@ from robbie_mp.connect.bridge.mapping import (
     other_name,
     snake_case,
 )
-from robbie_mp.logs.recording.bag_metadata import BAG_METADATA, offered_qos, write_bag_metadata
+from robbie_mp.logs.recording.bag_metadata import offered_qos, write_bag_metadata
 from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.errors import LogNotWritten
 from robbie_mp.logs.recording.format import (
+    BAG_METADATA,
     LATCHED_KEY,
     MESSAGE_ENCODING,
     QOS_KEY,
@@ -101,7 +102,7 @@ def bag_channels(channels: Iterable[LogChannel], names: BridgeMap) -> dict[LogCh
     """
     every = list(channels)
     sent = {one: names.sent_as(one.type_name, one.topic) for one in every}
-    owners: dict[str, tuple[str, str]] = {}
+    owners: dict[str, tuple[str, str | None]] = {}
     found: dict[LogChannel, BagChannel] = {}
     for channel in sorted(every, key=lambda one: sent[one] is None):  # the names of the bridge come first
         as_sent = sent[channel]
@@ -164,7 +165,9 @@ def export_bag(
                     balance.leave_out(_problem(channel))
                     continue
                 one = named[channel]
-                new = NewChannel(one.name, channel.type_name, channel.schema, channel.sender, channel.topic)
+                new = NewChannel(
+                    one.name, channel.type_name, channel.schema or "", channel.sender, channel.topic
+                )
                 made.add(new, about | _qos(one.quality), message.time_ns, message.data)
         write_bag_metadata(folder)
     except OSError as error:
@@ -187,7 +190,7 @@ def _problem(channel: LogChannel) -> str:
     """Return why messages of a channel cannot be in a bag; "" if they can."""
     if channel.encoding != MESSAGE_ENCODING:
         return f"messages of {channel.topic!r}, whose encoding is {channel.encoding!r}, not CDR"
-    if not channel.schema:
+    if channel.schema is None:
         return f"messages of {channel.topic or channel.type_name!r}, whose type has no definition in the log"
     if "/msg/" not in channel.type_name:
         return f"messages of type {channel.type_name}: in ROS, they are no messages of a topic"

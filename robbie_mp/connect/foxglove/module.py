@@ -542,7 +542,7 @@ class FoxgloveServer(Module):
         return made
 
     def _learn(self, accepted: Incoming, channel: ClientChannel) -> type[Message]:
-        if channel.schema_encoding != ROS2MSG or not channel.schema:
+        if channel.schema_encoding != ROS2MSG or channel.schema is None:
             raise ForeignTypeRefused(
                 f"the robot does not know it, and learns types only from a schema in {ROS2MSG}; the client "
                 f"sends {f'one in {channel.schema_encoding:.40}' if channel.schema_encoding else 'none'}"

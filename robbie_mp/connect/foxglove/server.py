@@ -53,14 +53,14 @@ class ClientChannel(NamedTuple):
         type_name: the name of its type.
         encoding: the encoding of its messages.
         schema_encoding: how the client describes the type, such as `ros2msg`; "" if it does not.
-        schema: the description; b"" if it is too large, or the server keeps enough already.
+        schema: the description; None if there is none, it is too large, or the server keeps enough already.
     """
 
     topic: str
     type_name: str
     encoding: str
     schema_encoding: str = ""
-    schema: bytes = b""
+    schema: bytes | None = None
 
 
 class FromClient(NamedTuple):
@@ -367,12 +367,12 @@ class ClientServer:
     def _noted(self, channel: Any) -> ClientChannel:
         """Return what is kept of a client's channel; its schema only where the robot may need it."""
         announced = ClientChannel(channel.topic, channel.schema_name, channel.encoding)
-        schema = channel.schema or b""
-        kept_bytes = sum(len(one.schema) for one in self._announced.values())
+        schema = channel.schema
+        kept_bytes = sum(len(one.schema or b"") for one in self._announced.values())
         if channel.topic not in self._options.foreign_topics:
             return announced
-        if len(schema) > MAX_TEXT_BYTES or kept_bytes + len(schema) > MAX_SCHEMA_BYTES:
-            schema = b""
+        if schema and (len(schema) > MAX_TEXT_BYTES or kept_bytes + len(schema) > MAX_SCHEMA_BYTES):
+            schema = None
         return announced._replace(schema_encoding=channel.schema_encoding or "", schema=schema)
 
     def _is_guest(self, client: Any) -> bool:

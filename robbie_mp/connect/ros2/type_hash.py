@@ -16,6 +16,7 @@ from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Pr
 from robbie_mp.messages.message import fields_of
 from robbie_mp.messages.schema import nested_types
 from robbie_mp.messages.schema_parser import message_type_from_schema
+from robbie_mp.messages.service_events import EVENT_INFO, EVENT_INFO_NAME
 
 PREFIX: Final = "RIHS01_"
 NESTED: Final = 1
@@ -40,15 +41,6 @@ ARRAY: Final = 48
 BOUNDED_SEQUENCE: Final = 96
 SEQUENCE: Final = 144
 FILLER: Final = "structure_needs_at_least_one_member"
-EVENT_INFO: Final = message_type_from_schema(
-    "service_msgs/msg/ServiceEventInfo",
-    """uint8 event_type
-builtin_interfaces/Time stamp
-char[16] client_gid
-int64 sequence_number
-""",
-)
-"""The definition of a service's events, which nodes can observe."""
 
 
 def type_hash(message_type: type[Message]) -> str:
@@ -71,10 +63,11 @@ def service_hash(name: str, request: type[Message], response: type[Message]) -> 
         request: the class of its requests.
         response: the class of its responses.
     """
-    parts = {one.type_name: one for one in (EVENT_INFO, request, response)}
+    event_info = message_type_from_schema(EVENT_INFO_NAME, EVENT_INFO)
+    parts = {one.type_name: one for one in (event_info, request, response)}
     for one in list(parts.values()):
         parts |= {nested.type_name: nested for nested in nested_types(one)}
-    info, asked, answered = EVENT_INFO.type_name, request.type_name, response.type_name
+    info, asked, answered = EVENT_INFO_NAME, request.type_name, response.type_name
     event = {
         "type_name": f"{name}_Event",
         "fields": [

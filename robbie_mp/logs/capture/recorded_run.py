@@ -66,13 +66,13 @@ class RecordedRun:
         """
         return self._epoch_ns + machine_ns if self._clock is None else self._clock.at(machine_ns)
 
-    def schema(self, type_name: str, version: int) -> str:
-        """Return the ros2msg text of a type; '' if that version of it is not known."""
+    def schema(self, type_name: str, version: int) -> str | None:
+        """Return the ros2msg text of a type; None if that version of it is not known."""
         try:
             described = self._describe(type_name)
         except UnknownType:
-            return ""
-        return described.schema if described.version == version else ""
+            return None
+        return described.schema if described.version == version else None
 
     def _describe(self, type_name: str) -> TypeDescription:
         try:

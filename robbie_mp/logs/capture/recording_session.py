@@ -110,7 +110,7 @@ class RecordingSession:
         id_, is_latched = 0, ChannelName(*key[:3]) in self._run.latched()
         if self._selection.wants(key.type_name, key.topic):
             schema = self._run.schema(key.type_name, key.version)
-            if not schema:
+            if schema is None:
                 self._log.warning(
                     "%s, version %d, is recorded without a schema: no class of this robot describes it",
                     key.type_name,

@@ -117,7 +117,7 @@ class Playback(ClockSource):
                 for channel in played
                 if not isinstance(translations[channel.id], str)
                 and types.describe(channel.type_name) is None
-                and channel.schema
+                and channel.schema is not None
             ]
 
     def setup(self) -> None:

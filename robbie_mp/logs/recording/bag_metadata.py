@@ -14,12 +14,11 @@ import yaml
 from robbie_mp.base.linux.private_files import write_private
 from robbie_mp.logs.recording.contents import Contents
 from robbie_mp.logs.recording.errors import LogError
-from robbie_mp.logs.recording.format import LATCHED_KEY, QOS_KEY
+from robbie_mp.logs.recording.format import BAG_METADATA, LATCHED_KEY, QOS_KEY
 from robbie_mp.logs.recording.limits import READ_LIMITS
 from robbie_mp.logs.recording.reader import part_files
 from robbie_mp.logs.recording.summary import read_summary
 
-BAG_METADATA = "metadata.yaml"
 FORMAT_VERSION = 5
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 """A duration without an end, as rosbag2 writes it."""

@@ -19,7 +19,7 @@ def logged_type(channel: LogChannel) -> type[Message]:
             f"messages of topic {channel.topic!r} are encoded as {channel.encoding!r}; "
             f"only {MESSAGE_ENCODING!r} can be read"
         )
-    if not channel.schema:
+    if channel.schema is None:
         raise NotDecodable(
             f"the log has no schema (ros2msg) of {channel.type_name or 'the type'} of topic {channel.topic!r}"
         )

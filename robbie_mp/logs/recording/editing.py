@@ -266,7 +266,7 @@ class _Editor:
                 counts = last_counts(source.part)
                 counted = counted or bool(counts)
                 for key, count in counts.items() if self._is_used(source) else ():
-                    if self._cut.wants(LogChannel(-1, *key, schema="")) and count.dropped:
+                    if self._cut.wants(LogChannel(-1, *key, schema=None)) and count.dropped:
                         self._counts.setdefault(key, RecordedCount()).dropped += count.dropped
         if counted:
             self._writer.add_metadata(COUNTS_METADATA, counts_metadata(self._counts.items()))

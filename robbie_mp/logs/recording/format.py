@@ -25,6 +25,10 @@ QOS_KEY = "offered_qos_profiles"
 LATCHED_KEY = "robbie_latched"
 CARRIED_KEY = "robbie_carried"
 PART_NAME = re.compile(r"(?P<name>.+)_(?P<number>\d{4,})\.mcap")
+BAG_PART_NAME = re.compile(r"(?P<name>.+)_(?P<number>\d+)\.mcap")
+"""Name of a part in a folder of rosbag2."""
+BAG_METADATA = "metadata.yaml"
+"""The file in a folder of rosbag2 that describes the parts."""
 
 
 def part_path(folder: Path, number: int) -> Path:

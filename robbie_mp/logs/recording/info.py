@@ -212,4 +212,4 @@ def _missing_altogether(log: Log, dropped: dict[ChannelKey, int]) -> Iterator[Ch
     recorded = {channel.key for channel in log.channels}
     for key, count in dropped.items():
         if count and key not in recorded:
-            yield ChannelInfo(LogChannel(-1, *key, schema=""), 0, 0.0, count)
+            yield ChannelInfo(LogChannel(-1, *key, schema=None), 0, 0.0, count)

@@ -56,7 +56,7 @@ class RecordedChannel:
 
     id: int
     key: ChannelKey
-    schema: str
+    schema: str | None
     """The ros2msg text of its type; '' if it is not known."""
     carried_id: int = 0
     """The channel for copies of its newest message at the beginning of a part; 0: it is not latched."""
@@ -86,7 +86,7 @@ class PartWriter:
         self.is_finished = False
         self._compression = compression
         self._channels: dict[int, Channel] = {}
-        self._schemas: dict[tuple[str, str], Schema] = {}
+        self._schemas: dict[tuple[str, str | None], Schema] = {}
         self._topics = TopicNames()
         self._chunk_indexes: list[ChunkIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
@@ -125,8 +125,8 @@ class PartWriter:
 
     def _describe(
         self, channels: Sequence[RecordedChannel]
-    ) -> tuple[dict[tuple[str, str], Schema], list[Channel]]:
-        schemas: dict[tuple[str, str], Schema] = {}
+    ) -> tuple[dict[tuple[str, str | None], Schema], list[Channel]]:
+        schemas: dict[tuple[str, str | None], Schema] = {}
         records = []
         for channel in channels:
             wanted = (channel.key.type_name, channel.schema)
@@ -136,8 +136,8 @@ class PartWriter:
                 schema = schemas[wanted] = Schema(
                     id=number,
                     name=wanted[0],
-                    encoding=SCHEMA_ENCODING if wanted[1] else "",  # so MCAP states that there is no schema
-                    data=wanted[1].encode(),
+                    encoding="" if wanted[1] is None else SCHEMA_ENCODING,  # "": there is none
+                    data=(wanted[1] or "").encode(),
                 )
             records.append(
                 Channel(

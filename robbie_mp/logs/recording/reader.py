@@ -3,6 +3,7 @@
 A channel can be selected by its name. Logs from other programs state no versions; this finds them.
 """
 
+import contextlib
 import re
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -11,11 +12,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from mcap.records import Channel
+from mcap.records import Channel, Schema
 
 from robbie_mp.logs.recording.contents import Contents
 from robbie_mp.logs.recording.errors import NotALog
 from robbie_mp.logs.recording.format import (
+    BAG_METADATA,
+    BAG_PART_NAME,
     CARRIED_KEY,
     LATCHED_KEY,
     MESSAGE_ENCODING,
@@ -30,9 +33,11 @@ from robbie_mp.logs.recording.format import (
 from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.part import LogPart
 from robbie_mp.messages import Message, TFMessage, message_type_from_schema
-from robbie_mp.messages.errors import MessageError
+from robbie_mp.messages.errors import MessageError, SchemaError
+from robbie_mp.messages.message import fields_of
 from robbie_mp.messages.registry import TypeRegistry, full_name
 from robbie_mp.messages.schema import layout
+from robbie_mp.messages.service_events import event_schema, is_event_type
 from robbie_mp.messages.stock.registry import stock_registry
 
 FIXED_TRANSFORMS = "tf_static"
@@ -53,7 +58,7 @@ class LogChannel:
         version: version of the type; for a foreign channel see `version_of_foreign`.
         topic: Robbie's topic; in a log from another program, that program's topic without the leading slash.
         sender: the module that published the messages; "" if it is not known.
-        schema: the ros2msg text of the type; "" if the log has none.
+        schema: the ros2msg text of the type, which is "" for a type without fields; None if the log has none.
         encoding: encoding of the messages: "cdr", unless another program wrote the log.
         is_foreign: whether another program wrote the log; such logs have no versions and senders.
         is_latched: whether a subscriber that comes later gets its newest message.
@@ -64,7 +69,7 @@ class LogChannel:
     version: int
     topic: str
     sender: str
-    schema: str
+    schema: str | None
     encoding: str = MESSAGE_ENCODING
     is_foreign: bool = False
     is_latched: bool = False
@@ -312,7 +317,8 @@ def select(channels: Iterable[LogChannel], patterns: Sequence[str]) -> tuple[lis
 def part_files(path: Path) -> list[Path]:
     """Return the files of a log, in order; of a repaired part, only the repaired file.
 
-    Empty files are left out if there are others: a logger was killed just when it began such a part.
+    Empty files are left out if there are others: a logger was killed just when it began such a part. rosbag2
+    numbers the parts of a bag without leading zeros.
 
     Raises:
         NotALog: it is a folder that holds no log or several.
@@ -322,7 +328,8 @@ def part_files(path: Path) -> list[Path]:
     found = sorted(path.glob("*.mcap"), key=_is_repaired)
     found = [file for file in found if file.stat().st_size] or found
     files = {_original_stem(file): file for file in found}
-    parts = {stem: PART_NAME.fullmatch(f"{stem}.mcap") for stem in files}
+    pattern = BAG_PART_NAME if _is_bag(path, files) else PART_NAME
+    parts = {stem: pattern.fullmatch(f"{stem}.mcap") for stem in files}
     names = {match["name"] if match else stem for stem, match in parts.items()}
     if not names:
         raise NotALog(f"the folder {path} has no parts of a log (files NAME_0000.mcap, NAME_0001.mcap, …)")
@@ -330,6 +337,12 @@ def part_files(path: Path) -> list[Path]:
         raise NotALog(f"the folder {path} has several logs ({', '.join(sorted(names))}); name a file")
     numbers = {stem: int(match["number"]) if match else -1 for stem, match in parts.items()}
     return [files[stem] for stem in sorted(files, key=numbers.__getitem__)]
+
+
+def _is_bag(folder: Path, stems: Iterable[str]) -> bool:
+    """Whether rosbag2 has named the files; other files with short numbers may be logs of their own."""
+    names = {f"{folder.resolve().name}_{stem.rpartition('_')[2]}" for stem in stems}
+    return (folder / BAG_METADATA).exists() or names == set(stems) or any(one.endswith("_0") for one in stems)
 
 
 def _is_repaired(file: Path) -> bool:
@@ -344,7 +357,7 @@ def _log_channel(contents: Contents, channel: Channel, stock: TypeRegistry) -> L
     """Describe a channel, without its id for now."""
     schema = contents.schemas.get(channel.schema_id)
     type_name = full_name(schema.name) if schema else ""
-    text = schema.data.decode(errors="replace") if schema and schema.encoding == SCHEMA_ENCODING else ""
+    text = _schema_text(schema, stock) if schema else None
     about = channel.metadata
     version = about.get(VERSION_KEY, "")
     is_ours = version.isdecimal()
@@ -405,13 +418,26 @@ def _newest_in(
         ids.difference_update([id_ for id_ in ids if _latched_as(channels[id_]) in newest])
 
 
-def _foreign_version(type_name: str, schema: str, stock: TypeRegistry) -> int:
-    return version_of_foreign(stock.get(type_name), schema) if schema and type_name in stock else 1
+def _schema_text(schema: Schema, stock: TypeRegistry) -> str | None:
+    """Return the ros2msg text of a type; None if the log has none."""
+    name = full_name(schema.name)
+    if is_event_type(name):
+        with contextlib.suppress(SchemaError, UnicodeDecodeError):
+            return event_schema(name, schema.data.decode())
+    if schema.encoding != SCHEMA_ENCODING:
+        return None
+    if not schema.data and name in stock and fields_of(stock.get(name)):
+        return None  # some writers leave out the text of a type that they do not find
+    return schema.data.decode(errors="replace")
 
 
-def version_of_foreign(ours: type[Message], schema: str) -> int:
+def _foreign_version(type_name: str, schema: str | None, stock: TypeRegistry) -> int:
+    return version_of_foreign(stock.get(type_name), schema) if type_name in stock else 1
+
+
+def version_of_foreign(ours: type[Message], schema: str | None) -> int:
     """Return the version of a type with a ros2msg text: our class's if both have the same layout, else 1."""
-    return ours.version if has_layout(ours, schema) else 1
+    return ours.version if schema is not None and has_layout(ours, schema) else 1
 
 
 def has_layout(ours: type[Message], schema: str) -> bool:

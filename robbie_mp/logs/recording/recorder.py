@@ -58,12 +58,12 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="log writer", daemon=True)
         self._thread.start()
 
-    def channel(self, key: ChannelKey, schema: str, *, is_latched: bool = False) -> int:
+    def channel(self, key: ChannelKey, schema: str | None, *, is_latched: bool = False) -> int:
         """Return the number of a channel, a new one if the channel is new.
 
         Args:
             key: what identifies it.
-            schema: the ros2msg text of its type; '' if it is not known.
+            schema: the ros2msg text of its type; None if it is not known.
             is_latched: whether each part of the log begins with a copy of its newest message.
         """
         found = self._ids.get((key, is_latched))

@@ -10,8 +10,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from robbie_mp.cli import main
-from robbie_mp.logs.recording.bag_metadata import BAG_METADATA, write_bag_metadata
+from robbie_mp.logs.recording.bag_metadata import write_bag_metadata
 from robbie_mp.logs.recording.chunk import Compression
+from robbie_mp.logs.recording.format import BAG_METADATA
 from robbie_mp.logs.recording.log_writer import Split
 from tests.logs.recording._support.recording import CHANNELS, START_NS, STEP_NS, chunk_of, message, writer
 

@@ -1,4 +1,4 @@
-"""Every file of MCAP's conformance suite is complete, is read with its records, and repaired without a loss."""
+"""Every file of MCAP's conformance suite is complete, has its records, and is repaired without a loss."""
 
 import hashlib
 from pathlib import Path

@@ -151,7 +151,7 @@ def test_type_with_another_layout_keeps_its_definition(tmp_path: Path) -> None:
         writer.write(connection, START_NS, types.serialize_cdr(types.types[kind](1.5), kind))
     import_rosbag(tmp_path / "bag", tmp_path / "a.mcap", Balance(), progress=unwatched)
     (logged,) = read(tmp_path / "a.mcap")
-    assert logged.channel.schema.strip() == "float32 x" and len(logged.data) == 8
+    assert logged.channel.schema == "float32 x\n" and len(logged.data) == 8
 
 
 def test_messages_that_contradict_their_definition_are_skipped_and_counted(tmp_path: Path) -> None:

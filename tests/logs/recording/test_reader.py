@@ -108,7 +108,7 @@ def test_schemas_are_those_of_the_log(tmp_path: Path) -> None:
     with open_log(write_log(tmp_path / "a.mcap")) as log:
         channel = log.channels[0]
         assert (channel.type_name, channel.version) == ("sensor_msgs/msg/LaserScan", LaserScan.version)
-        assert channel.schema.startswith("std_msgs/Header header\nfloat32 angle_min\n")
+        assert channel.schema and channel.schema.startswith("std_msgs/Header header\nfloat32 angle_min\n")
 
 
 def test_mcap_ros2_support_and_rosbags_read_the_same_fields(tmp_path: Path) -> None:
