@@ -132,8 +132,6 @@ def _export_bag(arguments: argparse.Namespace) -> int:
         bridge = bridge_of_log(log)
         with progress_bar(f"writing {folder}") as progress:
             export_bag(log, folder, chosen, bridge.map, balance, progress)
-        for line in log.damage:
-            warn(f"{line}; only the intact part was exported")
     exit_code = print_balance(folder, balance)
     if bridge.module:
         print(f"names as the module {one_line(bridge.module)} sends them to ROS 2")

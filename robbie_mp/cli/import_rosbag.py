@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.cli.log_files import add_strict_argument, print_balance, progress_bar
+from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.logs.recording.rosbag_import import import_rosbag as convert
 
@@ -23,7 +24,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "their definitions. This needs the library rosbags: pip install 'robbie-mp[ros]'.",
         ["robbie import-rosbag drive.bag drive.mcap", "robbie import-rosbag rosbag2_folder drive.mcap"],
     )
-    parser.add_argument("source", metavar="IN", type=Path, help="ROS 1 .bag file, or ROS 2 bag folder")
+    bags = "ROS 1 .bag file, or ROS 2 bag: its folder, or one .mcap or .db3 file"
+    parser.add_argument("source", metavar="IN", type=Path, help=bags)
     parser.add_argument("target", metavar="OUT", type=Path, help="new log, an MCAP file")
     add_strict_argument(parser)
     parser.set_defaults(command=import_rosbag)
@@ -33,5 +35,7 @@ def import_rosbag(arguments: argparse.Namespace) -> int:
     """Convert the bag."""
     balance = Balance(is_strict=arguments.strict)
     with progress_bar(f"importing {arguments.source.name}") as progress:
-        convert(arguments.source, arguments.target, balance, progress=progress)
+        notes = convert(arguments.source, arguments.target, balance, progress=progress)
+    for note in notes:
+        warn(note)
     return print_balance(arguments.target, balance)

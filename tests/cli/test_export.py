@@ -24,6 +24,10 @@ class Tricky(Message, name="team_msgs/msg/Tricky", version=1):
     file: float64
 
 
+class Go(Message, name="team_msgs/msg/Go", version=1):
+    """Says something by being sent."""
+
+
 @pytest.fixture
 def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
@@ -42,6 +46,19 @@ def test_csv_has_a_line_for_each_message_and_a_column_for_each_number(log: Path)
     assert json.loads(rows[1]["ranges"]) == [3.0] * 8
     with Path("out/odom.csv").open() as file:
         assert [row["child_frame_id"] for row in csv.DictReader(file)][:2] == ["base 1", "base 4"]
+
+
+def test_messages_without_fields_are_exported_with_their_times(log: Path) -> None:
+    with LogFile(Path("b.mcap")) as file:
+        for number in range(3):
+            file.add(Go(), "go", time_ns=START_NS + number)
+    for form, out in (("--csv", "a"), ("--npz", "b"), ("--rosbag2", "c")):
+        assert main(["export", "b.mcap", out, form]) == 0
+    lines = ["time_ns,sequence", *(f"{START_NS + number},{number + 1}" for number in range(3))]
+    assert Path("a/go.csv").read_text().splitlines() == lines
+    with np.load("b/go.npz") as arrays:
+        assert arrays["time_ns"].tolist() == [START_NS, START_NS + 1, START_NS + 2]
+    assert main(["diff", "b.mcap", "c"]) == 0
 
 
 def test_numpy_files_have_the_same_values(log: Path) -> None:

@@ -38,6 +38,7 @@ from robbie_mp.logs.recording.format import (
 from robbie_mp.logs.recording.reader import Log, LogChannel, LoggedMessage
 from robbie_mp.logs.recording.repair import Progress
 from robbie_mp.messages import TFMessage
+from robbie_mp.messages.service_events import is_event_type
 
 BRIDGE_CLASS = "robbie_mp.connect.ros2.module:Ros2Bridge"
 
@@ -169,6 +170,7 @@ def export_bag(
                     one.name, channel.type_name, channel.schema or "", channel.sender, channel.topic
                 )
                 made.add(new, about | _qos(one.quality), message.time_ns, message.data)
+            log.count_damage(balance)
         write_bag_metadata(folder)
     except OSError as error:
         _remove(folder)
@@ -192,7 +194,7 @@ def _problem(channel: LogChannel) -> str:
         return f"messages of {channel.topic!r}, whose encoding is {channel.encoding!r}, not CDR"
     if channel.schema is None:
         return f"messages of {channel.topic or channel.type_name!r}, whose type has no definition in the log"
-    if "/msg/" not in channel.type_name:
+    if "/msg/" not in channel.type_name and not is_event_type(channel.type_name):
         return f"messages of type {channel.type_name}: in ROS, they are no messages of a topic"
     return ""
 

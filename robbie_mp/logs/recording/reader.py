@@ -14,6 +14,7 @@ from typing import NamedTuple, Self
 
 from mcap.records import Channel, Schema
 
+from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.contents import Contents
 from robbie_mp.logs.recording.errors import NotALog
 from robbie_mp.logs.recording.format import (
@@ -160,6 +161,11 @@ class Log:
     def damage(self) -> list[str]:
         """The damage found so far: one line for each place."""
         return [f"{part.path}: {damage}" for part in self.parts for damage in part.contents.damage]
+
+    def count_damage(self, balance: Balance) -> None:
+        """Count the damage found so far in a balance; how many messages it has cost is not known."""
+        for line in self.damage:
+            balance.leave_out(f"what is damaged: {line}")
 
     @property
     def counts(self) -> dict[LogChannel, int]:

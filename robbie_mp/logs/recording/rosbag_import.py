@@ -1,15 +1,17 @@
-"""Converts a ROS 1 or ROS 2 bag to a log; the library rosbags reads the bag."""
+"""Converts a ROS 1 or ROS 2 bag to a log; the library rosbags reads the bags of ROS 1, and knows types."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.conversion import NewChannel, converted_log
-from robbie_mp.logs.recording.errors import BagUnreadable, LogError
+from robbie_mp.logs.recording.errors import BagUnreadable
 from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
-from robbie_mp.logs.recording.reader import has_layout, open_log
+from robbie_mp.logs.recording.reader import has_layout
 from robbie_mp.logs.recording.repair import Progress
+from robbie_mp.logs.recording.ros2_bag import BagTopic, Ros2Bag
+from robbie_mp.logs.recording.ros2_types import LITTLE_ENDIAN, Ros2Types
 from robbie_mp.messages import TypeRegistry, message_type_from_schema, schema_text, stock_registry
 from robbie_mp.messages.errors import SchemaError
 from robbie_mp.messages.frames import Rename, renamer, unchanged, without_slash
@@ -18,13 +20,12 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
-LITTLE_ENDIAN = b"\0\1"
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """ROS 2 names of types that have another name in ROS 1."""
 HEADER = "std_msgs/msg/Header"
 
 
-def import_rosbag(source: Path, target: Path, balance: Balance, *, progress: Progress) -> None:
+def import_rosbag(source: Path, target: Path, balance: Balance, *, progress: Progress) -> list[str]:
     """Write a log with the messages of a bag, published at the times at which the bag recorded them.
 
     A type that we have gets our schema if both have the same layout; other types keep their definitions.
@@ -36,23 +37,37 @@ def import_rosbag(source: Path, target: Path, balance: Balance, *, progress: Pro
         balance: counts messages.
         progress: counts messages.
 
+    Returns:
+        Where the bag contradicts itself without a loss, one line each.
+
     Raises:
         BagUnreadable: the source is not a bag, is damaged, or the library is missing.
         LogNotWritten: the target exists, or cannot be written.
         LeftOut: the balance allows no loss.
     """
-    with _Bag(source) as bag, converted_log(target, source, balance) as conversion:
-        for done, (connection, time_ns, data) in enumerate(bag.messages(), start=1):
+    bag: _Ros1Bag | _Ros2Bag = _Ros1Bag(source) if _is_ros1(source) else _Ros2Bag(source, balance)
+    with bag, converted_log(target, source, balance) as conversion:
+        messages: Iterator[tuple[Any, int, bytes]] = bag.messages()
+        for done, (connection, time_ns, data) in enumerate(messages, start=1):
             try:
                 channel = bag.channel(connection)
                 conversion.add(channel, bag.about(connection), time_ns, bag.cdr(connection, data))
             except BagUnreadable as error:
                 balance.leave_out(str(error))
             progress(done, bag.message_count)
+    return bag.notes
 
 
-class _Bag:
-    """An open bag; turns the library's errors into one error of ours."""
+def _is_ros1(source: Path) -> bool:
+    return source.suffix == ".bag" and not source.is_dir()
+
+
+class _Ros1Bag:
+    """An open bag of ROS 1; turns the library's errors into one error of ours.
+
+    Attributes:
+        notes: as `import_rosbag` returns.
+    """
 
     def __init__(self, path: Path):
         try:
@@ -64,15 +79,15 @@ class _Bag:
             ) from error
         self._path = path
         try:
-            self._reader: AnyReader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+            self._reader: AnyReader = AnyReader([path], default_typestore=get_typestore(Stores.ROS1_NOETIC))
             self._reader.open()
-            self._types: Typestore = self._reader.typestore if self._reader.is2 else self._ros2_types()
+            self._types: Typestore = self._ros2_types()
         except Exception as error:  # the library raises arbitrary errors for a damaged bag
             raise BagUnreadable(f"{path} cannot be read as a bag of ROS: {error!r}") from error
         self._stock = stock_registry()
         self._channels: dict[int, NewChannel] = {}
         self._renames: dict[int, Rename] = {}
-        self._robot_keys = _robot_keys(path) if self._reader.is2 else {}
+        self.notes: list[str] = []
 
     @property
     def message_count(self) -> int:
@@ -97,20 +112,15 @@ class _Bag:
 
     def about(self, connection: "Connection") -> dict[str, str]:
         """Return the metadata of the new channel for a connection."""
-        key = self._robot_keys.get(connection.topic)
-        return (key.metadata() if key else {}) | ({LATCHED_KEY: "1"} if _is_latched(connection) else {})
+        ext: Any = connection.ext
+        return {LATCHED_KEY: "1"} if ext.latching else {}
 
     def cdr(self, connection: "Connection", data: bytes) -> bytes:
         """Return a message as little-endian CDR."""
         name = connection.msgtype
         try:
-            if not self._reader.is2:
-                encoded = self._types.ros1_to_cdr(data, name)
-                return bytes(self._renames[connection.id](bytes(encoded)))
-            if data[:2] == LITTLE_ENDIAN:
-                return bytes(data)
-            message = self._types.deserialize_cdr(data, name)
-            return bytes(self._types.serialize_cdr(message, name, little_endian=True))
+            encoded = self._types.ros1_to_cdr(data, name)
+            return bytes(self._renames[connection.id](bytes(encoded)))
         except Exception as error:
             raise BagUnreadable(f"messages of {connection.topic} that are no {name}") from error
 
@@ -137,29 +147,51 @@ class _Bag:
         self._reader.close()
 
 
-def _is_latched(connection: "Connection") -> bool:
-    """Whether those who come later get the newest message."""
-    ext: Any = connection.ext
-    if hasattr(ext, "latching"):  # ROS 1
-        return bool(ext.latching)
-    return any(one.durability.name == "TRANSIENT_LOCAL" for one in ext.offered_qos_profiles)
+class _Ros2Bag(Ros2Bag):
+    """An open bag of ROS 2 with what the new log says about its topics."""
+
+    def __init__(self, path: Path, balance: Balance):
+        super().__init__(path, balance)
+        try:
+            self._types = Ros2Types(self.topics, self.distribution)
+        except BagUnreadable:
+            self.close()
+            raise
+        self._robot_keys = _robot_keys(self.topics)
+        self._channels: dict[BagTopic, NewChannel | BagUnreadable] = {}
+        self._stock = stock_registry()
+
+    def channel(self, topic: BagTopic) -> NewChannel:
+        """Return the new channel for a topic."""
+        if topic not in self._channels:
+            try:
+                schema = _our_schema(self._stock, topic.type_name, self._types.schema(topic))
+                self._channels[topic] = NewChannel(topic.name, topic.type_name, schema)
+            except BagUnreadable as error:
+                self._channels[topic] = error
+        found = self._channels[topic]
+        if isinstance(found, BagUnreadable):
+            raise found
+        return found
+
+    def about(self, topic: BagTopic) -> dict[str, str]:
+        """Return the metadata of the new channel for a topic."""
+        key = self._robot_keys.get(topic.name)
+        return (key.metadata() if key else {}) | ({LATCHED_KEY: "1"} if self.is_latched(topic) else {})
+
+    def cdr(self, topic: BagTopic, data: bytes) -> bytes:
+        """Return a message as little-endian CDR."""
+        return data if data[:2] == LITTLE_ENDIAN else self._types.little_endian(topic, data)
 
 
-def _robot_keys(path: Path) -> dict[str, ChannelKey]:
+def _robot_keys(topics: Iterable[BagTopic]) -> dict[str, ChannelKey]:
     """Return what the robot called the topics of a bag of `robbie export`, by their names there."""
     keys: dict[str, set[ChannelKey]] = {}
-    try:
-        with open_log(path) as log:
-            for part in log.parts:
-                for channel in part.contents.channels.values():
-                    about = channel.metadata
-                    if TOPIC_KEY in about and about.get(VERSION_KEY, "").isdecimal():
-                        schema = part.contents.schemas.get(channel.schema_id)
-                        version = int(about[VERSION_KEY])
-                        key = ChannelKey(schema.name if schema else "", version, about[TOPIC_KEY], "")
-                        keys.setdefault(channel.topic, set()).add(key)
-    except LogError:  # a bag in a database, or of ROS 2 before MCAP
-        return {}
+    for topic in topics:
+        about = dict(topic.about)
+        if TOPIC_KEY in about and about.get(VERSION_KEY, "").isdecimal():
+            key = ChannelKey(topic.type_name, int(about[VERSION_KEY]), about[TOPIC_KEY], "")
+            keys.setdefault(topic.name, set()).add(key)
     return {name: found.pop() for name, found in keys.items() if len(found) == 1}
 
 

@@ -25,6 +25,8 @@ from robbie_mp.logs.recording.mcap_records import (
 FIRST_PRIVATE_OPCODE = 0x80
 """First opcode of records that any program may add."""
 DATA_END_BYTES = 4
+LOST_DESCRIPTIONS = "whose description is lost"
+"""End of a line of `damage` that counts the messages of unknown channels."""
 ROW_BYTES = 1 << 22
 """Consecutive messages outside of chunks form one block up to this size."""
 WINDOW_BYTES = 1 << 20
@@ -102,9 +104,7 @@ class _Scan:
         """Note messages of unknown channels, and messages that the summary counts but the file lacks."""
         expected, count = self._known.message_count, self._found.message_count
         if self._strangers:
-            self._found.damage.append(
-                f"{self._strangers} messages belong to channels whose description is lost"
-            )
+            self._found.damage.append(f"{self._strangers} messages belong to channels {LOST_DESCRIPTIONS}")
         elif self._known.counts and expected != count and not self._found.damage:
             self._found.damage.append(f"the summary counts {expected} messages, but there are {count}")
 

@@ -10,7 +10,7 @@ from mcap.records import Attachment, Message, Metadata
 from robbie_mp.logs.recording.part import LogPart
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.logs.recording.repair import repair
-from tests.recording._support.conformance import PUBLISHED, Variant, variants, written
+from tests.logs.recording._support.conformance import PUBLISHED, Variant, variants, written
 
 VARIANTS = sorted(variants(), key=lambda variant: variant.name)
 PADDED = [variant for variant in VARIANTS if "pad" in variant.features]
