@@ -99,7 +99,8 @@ def test_undecodable_messages_are_reported(
     tmp_path: Path, encoding: str, schema: bytes, error: type[Exception], what: str
 ) -> None:
     with LogFile(tmp_path / "a.mcap") as file:
-        schema_id = file.writer.register_schema("team_msgs/msg/Charge", "ros2msg", schema)
+        form = "ros2msg" if schema else ""  # an empty text would describe a type without fields
+        schema_id = file.writer.register_schema("team_msgs/msg/Charge", form, schema)
         file.add_bytes(file.writer.register_channel("/t", encoding, schema_id), b"{}", START_NS)
     with open_log(tmp_path / "a.mcap") as log, pytest.raises(error, match=what):
         LogDecoder().decode(next(log.messages()))
