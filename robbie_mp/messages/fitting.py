@@ -5,6 +5,8 @@ Constructors handle the common cases themselves and call this for the others.
 
 from __future__ import annotations
 
+import math
+import operator
 import reprlib
 from struct import Struct
 from struct import error as StructError
@@ -53,38 +55,70 @@ def _fit_primitive(path: str, kind: Primitive, value: Any) -> bool | int | float
         if not isinstance(value, bool | np.bool_):
             raise wrong_type(path, "a bool", value)
         return bool(value)
+    is_float = kind.code in "fd"
+    try:
+        _check_scalar(value)
+        given = _float(value) if is_float else operator.index(value)
+    except OverflowError:
+        raise FieldValueError(f"{path}: {reprlib.repr(value)} is too large for {kind}") from None
+    except Exception as error:  # whatever a value's own __float__ or __index__ raises
+        raise wrong_type(path, str(kind), value) from error
     coding = Struct("<" + kind.code)
     try:
-        number: int | float = coding.unpack(coding.pack(value))[0]
-        return number
-    except (StructError, OverflowError) as error:
-        if kind.code not in "fd" and hasattr(value, "__index__"):
-            limits = np.iinfo(kind.dtype)
-            raise FieldValueError(f"{path}: {kind} is {limits.min} to {limits.max}, got {value}") from None
-        if isinstance(error, OverflowError):
+        number: int | float = coding.unpack(coding.pack(given))[0]
+    except (StructError, OverflowError):
+        if is_float:
             raise FieldValueError(f"{path}: {value} is too large for {kind}") from None
-        raise wrong_type(path, str(kind), value) from None
+        limits = np.iinfo(kind.dtype)
+        raise FieldValueError(f"{path}: {kind} is {limits.min} to {limits.max}, got {given}") from None
+    return number
+
+
+def _check_scalar(value: Any) -> None:
+    """Raise TypeError if a value of numpy is not one real number, although Python would convert it."""
+    if isinstance(value, np.generic | np.ndarray) and (
+        value.ndim or value.dtype.kind not in "bfiu" or np.ma.is_masked(value)
+    ):
+        raise TypeError
+
+
+def _float(value: Any) -> float:
+    """Return a value as a float.
+
+    Raises:
+        TypeError: it is no number; or whatever it raises itself.
+        OverflowError: it is finite and too large.
+    """
+    number = float(value) if hasattr(value, "__float__") else operator.index(value)
+    if math.isinf(number) and value != number:
+        raise OverflowError
+    return number
 
 
 def _fit_text(path: str, kind: Text, value: Any) -> str:
     if not isinstance(value, str):
         raise wrong_type(path, "a str", value)
-    if "\0" in value:
+    text = str.__str__(value)  # the value itself: `str` of an Enum may be its name
+    if "\0" in text:
         raise FieldValueError(
             f"{path}: NUL ends a string in CDR and cannot be inside, got {reprlib.repr(value)}"
         )
     try:
-        size = len(value.encode())
+        size = len(text.encode())
     except UnicodeEncodeError as error:
         raise FieldValueError(f"{path}: {reprlib.repr(value)} is not UTF-8: {error.reason}") from None
     _check_length(path, size, kind.max_length, "bytes")
-    return str(value)
+    return text
 
 
 def _fit_items(path: str, kind: Items, value: Any) -> list[Any]:
-    if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
+    try:
+        given = None if isinstance(value, str | bytes) else iter(value)
+    except TypeError:  # also of an array without a dimension
+        given = None
+    if given is None:
         raise wrong_type(path, f"a list for {kind}", value)
-    items = [fit(f"{path}[{index}]", kind.element, item) for index, item in enumerate(value)]
+    items = [fit(f"{path}[{index}]", kind.element, item) for index, item in enumerate(given)]
     if kind.length is not None and len(items) != kind.length:
         raise FieldValueError(f"{path}: expected {kind.length} elements, got {len(items)}")
     _check_length(path, len(items), kind.max_length, "elements")
@@ -110,6 +144,8 @@ def _as_array(path: str, kind: Numbers, value: Any) -> np.ndarray[Any, Any]:
         raise FieldTypeError(
             f"{path}: expected an array for {kind}, got {value!r} ({type(value).__name__}){hint}"
         )
+    if np.ma.is_masked(value):
+        raise FieldValueError(f"{path}: expected an array for {kind}, got one with masked elements")
     try:
         array = np.asarray(value)
     except ValueError as error:

@@ -4,12 +4,17 @@ import copy
 import inspect
 import math
 import pickle
+from decimal import Decimal
+from enum import Enum, IntEnum, StrEnum
+from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robbie_mp.messages import (
     CompressedImage,
+    FieldError,
     FieldTypeError,
     FieldValueError,
     Header,
@@ -142,6 +147,108 @@ def test_a_wrong_value_is_refused(message_type: type[Message], fields: dict[str,
         message_type(**fields)
     assert message_type.type_name in str(caught.value) and said in str(caught.value)
     assert isinstance(caught.value, ValueError)
+
+
+class Mode(str, Enum):  # noqa: UP042 (whose text is not its value)
+    """Its text is `Mode.AUTO`."""
+
+    AUTO = "auto"
+
+
+class Colour(StrEnum):
+    RED = "red"
+
+
+class Plain(Enum):
+    RED = "red"
+
+
+class Word(str):
+    def __str__(self) -> str:
+        return "another text"
+
+
+class Half(float, Enum):
+    VALUE = 0.5
+
+
+class Level(IntEnum):
+    HIGH = 3
+
+
+class Angry:
+    """Something that cannot say its value."""
+
+    def __index__(self) -> int:
+        raise RuntimeError("no")
+
+    __float__ = __index__
+
+
+TAKEN = [
+    (Header, "frame_id", Mode.AUTO, "auto"),
+    (Header, "frame_id", Colour.RED, "red"),
+    (Header, "frame_id", Word("word"), "word"),
+    (Header, "frame_id", np.str_("name"), "name"),
+    (JointState, "name", [Mode.AUTO, Word("word")], ["auto", "word"]),
+    (JointState, "name", np.array(["a", "b"]), ["a", "b"]),
+    (Time, "sec", Level.HIGH, 3),
+    (Time, "sec", np.array(3), 3),
+    (Time, "sec", np.uint64(3), 3),
+    (Time, "sec", True, 1),
+    (Vector3, "x", Half.VALUE, 0.5),
+    (Vector3, "x", Level.HIGH, 3.0),
+    (Vector3, "x", np.array(2.5), 2.5),
+    (Vector3, "x", np.float16(2.5), 2.5),
+    (Vector3, "x", Decimal("0.5"), 0.5),
+    (Vector3, "x", Decimal("inf"), math.inf),
+    (Vector3, "x", Fraction(1, 2), 0.5),
+    (PointCloud2, "is_dense", np.True_, True),
+]
+REFUSED = [
+    (Time, "sec", np.array([3])),
+    (Time, "sec", np.array(3.5)),
+    (Time, "sec", Decimal(3)),
+    (Time, "sec", Angry()),
+    (Time, "sec", np.ma.array(3, mask=True)),
+    (Vector3, "x", np.array([3.5])),
+    (Vector3, "x", np.complex64(3 + 1j)),
+    (Vector3, "x", np.array(3 + 1j)),
+    (Vector3, "x", np.str_("3")),
+    (Vector3, "x", np.array("3")),
+    (Vector3, "x", Decimal("1e400")),
+    (Vector3, "x", np.longdouble("1e400")),
+    (Vector3, "x", np.ma.masked),
+    (Vector3, "x", np.timedelta64(3, "s")),
+    (Vector3, "x", Angry()),
+    (Header, "frame_id", Path("map")),
+    (Header, "frame_id", b"map"),
+    (Header, "frame_id", np.bytes_(b"map")),
+    (Header, "frame_id", Plain.RED),
+    (JointState, "name", np.array("left")),
+    (JointState, "name", [b"left"]),
+    (LaserScan, "ranges", np.ma.array([3.0, 4.0], mask=[False, True])),
+    (LaserScan, "ranges", [Angry()]),
+    (LaserScan, "ranges", [3 + 1j]),
+    (PointCloud2, "is_dense", np.array([True])),
+]
+
+
+@pytest.mark.parametrize(("message_type", "field", "value", "held"), TAKEN)
+def test_a_value_of_another_class_is_held_as_what_it_is(
+    message_type: type[Message], field: str, value: object, held: object
+) -> None:
+    found = getattr(message_type(**{field: value}), field)
+    assert found == held and type(found) is type(held)
+    assert getattr(message_type.decode(message_type(**{field: value}).encode()), field) == held
+
+
+@pytest.mark.parametrize(("message_type", "field", "value"), REFUSED)
+def test_a_value_that_a_field_cannot_hold_is_refused_by_type_and_field(
+    message_type: type[Message], field: str, value: object
+) -> None:
+    with pytest.raises(FieldError, match=rf"{message_type.type_name}\.{field}"):
+        message_type(**{field: value})
 
 
 def test_an_unknown_field_is_refused() -> None:

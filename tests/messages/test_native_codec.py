@@ -6,7 +6,10 @@ import sys
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
-from enum import IntEnum
+from decimal import Decimal
+from enum import Enum, IntEnum
+from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -48,6 +51,30 @@ class Level(IntEnum):
     HIGH = 3
 
 
+class Mode(str, Enum):  # noqa: UP042 (whose text is not its value)
+    """Its text is `Mode.AUTO`."""
+
+    AUTO = "auto"
+
+
+class Half(float, Enum):
+    VALUE = 0.5
+
+
+class Renamed(str):
+    def __str__(self) -> str:
+        return "another text"
+
+
+class Angry:
+    """Something that cannot say its value."""
+
+    def __index__(self) -> int:
+        raise RuntimeError("no")
+
+    __float__ = __index__
+
+
 class Percent:
     """Something with a value, such as a quantity of a library."""
 
@@ -70,7 +97,15 @@ ODD: list[Any] = [
     np.zeros(0, np.uint8), np.zeros(0), np.ones(4, np.bool_), np.ones((2, 2)), np.ones(18)[::2], np.ones(6,
     np.float32)[::2], np.ones(3, ">f4"), np.arange(5, dtype=np.uint8), np.float64(2), np.array(7.0),
     np.zeros(3, "U1"), Time(sec=3), Header(frame_id="a"), [Time()], [Vector3()], np.zeros(3, np.int8),
-    np.array([1.5, 1e300, 3.0]), np.ones(1)[::2], Time, object(), ...,
+    np.array([1.5, 1e300, 3.0]), np.ones(1)[::2], Time, object(), ..., Mode.AUTO, Half.VALUE, Level.HIGH,
+    Renamed("x"), [Mode.AUTO, Renamed("x")], Angry(), [Angry()], Percent(7), Decimal(3), Decimal("0.5"),
+    Decimal("1e400"), Decimal("inf"), Fraction(1, 2), Path("a"), memoryview(b"a"), np.str_("n"),
+    np.bytes_(b"x"), np.array([3]), np.array(3), np.array([[3]]), np.array([3.5]), np.array(True),
+    np.array("x"), np.array("3"), np.array(["x", "y"]), np.array([1, None]), np.complex64(3),
+    np.complex128(3 + 1j), np.array(3 + 1j), np.longdouble(3), np.longdouble("1e400"), np.float16(2),
+    np.datetime64(3, "s"),
+    np.timedelta64(3, "s"), np.ma.masked, np.ma.array(3, mask=True), np.ma.array([3, 4], mask=[False, True]),
+    np.ma.array([3, 4]), np.array([3], ">i4"), [2**64 - 1, 1], [2**64], [2**63, -1], {"a"}, {1: 2},
 ]  # fmt: skip
 """Values that a field may be given: some fit some fields."""
 

@@ -52,9 +52,18 @@ static PyObject *rounded_to_float32(PyObject *value, double number)
     return PyFloat_FromDouble(rounded); /* also of a NaN, which equals nothing */
 }
 
-/* Whatever Python's struct takes for a float. */
+/* Whether a value is a real number: others also convert to a float, but may lose a part of themselves. */
+static bool is_real(PyObject *value)
+{
+    const char *name = Py_TYPE(value)->tp_name;
+    return PyFloat_Check(value) || PyLong_Check(value) || strcmp(name, "numpy.float32") == 0 ||
+           strncmp(name, "numpy.int", 9) == 0 || strncmp(name, "numpy.uint", 10) == 0;
+}
+
 static PyObject *fit_float(PyObject *value, char code)
 {
+    if (!is_real(value))
+        return NULL;
     double number = PyFloat_AsDouble(value);
     if (number == -1.0 && PyErr_Occurred())
         return NULL;
@@ -63,14 +72,14 @@ static PyObject *fit_float(PyObject *value, char code)
     return PyFloat_CheckExact(value) ? Py_NewRef(value) : PyFloat_FromDouble(number);
 }
 
-/* An integer that is exactly an `int`, of whatever Python's struct takes for one; NULL: of something else. */
+/* An integer that is exactly an `int`; NULL: Python has to look at the value. */
 static PyObject *exact_integer(PyObject *value)
 {
     if (PyLong_CheckExact(value))
         return Py_NewRef(value);
     if (PyLong_Check(value))
         return PyLong_Type.tp_as_number->nb_int(value);
-    PyObject *number = PyIndex_Check(value) ? PyNumber_Index(value) : NULL;
+    PyObject *number = is_real(value) && PyIndex_Check(value) ? PyNumber_Index(value) : NULL;
     if (number != NULL && !PyLong_CheckExact(number))
         Py_CLEAR(number);
     return number;

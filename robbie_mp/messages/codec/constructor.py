@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from struct import Struct
+from struct import error as StructError
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ import numpy as np
 from robbie_mp.messages.field_types import Field, FieldType, MessageLayout, Nested, Numbers, Primitive, Text
 from robbie_mp.messages.fitting import fit
 
+PLAIN = frozenset((int, float, bool, np.float64, np.float32))
+"""Types of numbers that `struct` packs as what they are; others may lose a part of themselves."""
 Values = dict[str, Any]
 Named = Iterable[tuple[str, Any]]
 
@@ -64,10 +67,13 @@ def _number_fitter(layout: MessageLayout, fields: Sequence[Field]) -> Callable[[
     pack, unpack = together.pack, together.unpack
 
     def fit_numbers(values: Values) -> Named:
+        given = [values[name] for name in names]
         try:
-            return zip(names, unpack(pack(*[values[name] for name in names])), strict=True)
-        except Exception:  # whatever a value's own __float__ raises, too: `fit` says which value it was
-            return [(field.name, _fitted(layout, field, values[field.name])) for field in fields]
+            if PLAIN.issuperset(map(type, given)):
+                return zip(names, unpack(pack(*given)), strict=True)
+        except (StructError, OverflowError):
+            pass
+        return [(field.name, _fitted(layout, field, values[field.name])) for field in fields]
 
     return fit_numbers if fields else lambda values: ()
 
