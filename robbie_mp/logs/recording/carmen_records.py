@@ -23,6 +23,8 @@ NO_RETURN_M = 81.0
 """The limit of the scanners of the older dialect, which report 81.83 m and more where nothing returned."""
 MAX_TIME_S = 2.0**31 - 1
 """Stamps have 31 bits for the seconds."""
+MAX_NUMBER = 1e30
+"""Messages have 32-bit floats."""
 MAX_BEAMS_DIGITS = 6
 
 
@@ -162,6 +164,8 @@ def beam_angles(beams: int) -> tuple[float, float]:
     same: 180 beams one degree apart, 360 half a degree. Dividing by N - 1 there would stretch each sweep by
     one step. With 401 or 400 beams it measures 100 degrees; the first bearing then is -50 degrees.
     """
+    if beams < 2:
+        raise ValueError("one beam alone has no angle between beams; at least 2 are needed")
     if beams in {400, 401}:
         return -math.radians(50), math.radians(0.25)
     steps = beams if beams % 2 == 0 else beams - 1
@@ -189,6 +193,8 @@ def numbers(texts: list[str]) -> list[float]:
             raise ValueError(f"{text[:40]!r} is not a number") from None
         if not math.isfinite(number):
             raise ValueError(f"{text[:40]!r} is not a finite number")
+        if abs(number) > MAX_NUMBER:
+            raise ValueError(f"{text[:40]!r} is too large")
         found.append(number)
     return found
 

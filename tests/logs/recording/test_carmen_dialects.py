@@ -24,6 +24,7 @@ FOREIGN = PROJECT.parent / "shared/data/foreign/carmen_robotlaser1.clf"
 CONFIG = [-1.5, 3.0, 0.75, 50.0, 0.01]
 RANGES = [1.0, 2.5, 3.25, 49.0, 50.0]
 ORIGIN = [0.0, 0.0, 0.0]
+PIECES = [b"", b"-", b" ", b"\n", b"\0", b"e300", b"nan", b"999999", b"\xff", b"#", b"ODOM "]
 numbers = st.floats(-1e3, 1e3).map(lambda value: round(value, 5))
 poses = st.tuples(numbers, numbers, st.floats(-3.1, 3.1).map(lambda value: round(value, 5)))
 
@@ -216,6 +217,8 @@ def test_what_has_no_message_is_counted_by_kind(tmp_path: Path) -> None:
         "RAWLASER1 0 -1.5 3 1 50 0.01 0 0 0 1000 h 1",
         "RAWLASER1 0 -1.5 3 1 50 0.01 0 3 1 -2 3 0 1000 h 1",
         "RAWLASER1",
+        "LASER3 1 2.5 1000 h 1",
+        "RAWLASER1 0 -1.5 3 1 50 0.01 0 2 1 1e300 0 1000 h 1",
         "ODOM 0 0 0 0 0 0 -5 h 1",
         "ODOM 0 0 0 0 0 0 1e300 h 1",
         "ODOM 0 0 0 0 0 0 1000 h 1e300",
@@ -283,3 +286,29 @@ def test_foreign_log_has_all_its_sweeps(tmp_path: Path) -> None:
             [-1.570796, 0.017453, 81.9]
         )
     assert [places(one)["laser"][0] for one in only(messages, "tf_static")] == [pytest.approx(0.1)]
+
+
+@given(
+    place=st.integers(0, 2000), cut=st.integers(0, 40), piece=st.sampled_from(PIECES) | st.binary(max_size=20)
+)
+def test_damage_anywhere_leaves_out_lines_and_breaks_nothing(
+    tmp_path_factory: pytest.TempPathFactory, place: int, cut: int, piece: bytes
+) -> None:
+    swept = carmen.sweep(CONFIG, RANGES, [1, 2, 3, 4, 5])
+    lines = [
+        carmen.parameter("robot_frontlaser_offset", 0.2),
+        carmen.odometry(ORIGIN, [0, 0], 1000.0, 0.0),
+        carmen.robot_laser(1, swept, [0.1, 0, 0], ORIGIN, [0, 0], 1000.0, 0.1),
+        carmen.raw_laser(2, swept, 1000.0, 0.2),
+        carmen.old_laser("RLASER", [1.0] * 5, ORIGIN, ORIGIN, 1000.0, 0.3),
+        carmen.gga(1, "4759.5 N", "00751.0 E", 4, 278.5, 48.1, 1000.0, 0.4),
+        carmen.imu([1, 2, 3], [1, 0, 0, 0], [1, 2, 3], [1, 2, 3], 1000.0, 0.5),
+        carmen.odometry(ORIGIN, [0, 0], 1000.0, 0.6),
+    ]
+    text = "".join(lines).encode()
+    at = place % len(text)
+    damaged = text[:at] + piece + text[at + cut :]
+    messages, balance = read(tmp_path_factory.mktemp("log"), damaged)
+    for one in messages:
+        assert one.message.decode(one.message.encode()) == one.message
+    assert len(messages) + balance.read >= 5
