@@ -9,7 +9,14 @@ from typing import BinaryIO
 import numpy as np
 from PIL import Image
 
-from robbie_robots.workers.maps.image_band import BAND_BYTES, Band, MapImage, MapImageError, check_size
+from robbie_robots.workers.maps.image_band import (
+    BAND_BYTES,
+    Band,
+    MapImage,
+    MapImageError,
+    check_size,
+    sum_of,
+)
 from robbie_robots.workers.maps.png_image import SIGNATURE, png_image
 from robbie_robots.workers.maps.pnm_image import KINDS, pnm_image
 
@@ -73,4 +80,4 @@ def _bands(picture: Image.Image) -> Iterator[Band]:
         if pixels.ndim == 2:
             yield Band(rows, slice(None), pixels)
         else:
-            yield Band(rows, slice(None), pixels[..., :3].sum(axis=2, dtype=np.uint32), pixels[..., 3] == 255)
+            yield Band(rows, slice(None), sum_of(pixels[..., :3]), pixels[..., 3] == 255)

@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from robbie_robots.workers.maps.image_band import BAND_BYTES, Band, MapImage, MapImageError, check_size
+from robbie_robots.workers.maps.image_band import (
+    BAND_BYTES,
+    Band,
+    MapImage,
+    MapImageError,
+    check_size,
+    sum_of,
+)
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 GREY, RGB, PALETTE, GREY_ALPHA, RGB_ALPHA = 0, 2, 3, 4, 6
@@ -263,7 +270,7 @@ def _levels(
     if header.colour == PALETTE:
         return _from_palette(form, samples[..., 0])
     colours = samples[..., : 3 if form.channels > 2 else 1]
-    levels = colours[..., 0] if form.channels <= 2 else colours.sum(axis=2, dtype=np.uint32)
+    levels = colours[..., 0] if form.channels <= 2 else sum_of(colours)
     if header.colour in (GREY_ALPHA, RGB_ALPHA):
         return levels, samples[..., -1] == 2**header.depth - 1
     if transparency:

@@ -8,7 +8,14 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.workers.maps.image_band import BAND_BYTES, Band, MapImage, MapImageError, check_size
+from robbie_robots.workers.maps.image_band import (
+    BAND_BYTES,
+    Band,
+    MapImage,
+    MapImageError,
+    check_size,
+    sum_of,
+)
 
 KINDS = {b"P1": "plain PBM", b"P2": "plain PGM", b"P3": "plain PPM", b"P4": "PBM", b"P5": "PGM", b"P6": "PPM"}
 MAX_HEADER = 65_536
@@ -60,7 +67,7 @@ def _bands(parts: Iterator[Levels], height: int, channels: int, largest: int) ->
         if values.max() > largest:  # a viewer may take it for white, which a robot would drive on
             raise MapImageError(f"it holds the value {values.max()}, but its largest value is {largest}")
         colours = values.reshape(len(values), -1, channels)
-        levels = values if channels == 1 else colours.sum(axis=2, dtype=np.uint32)
+        levels = values if channels == 1 else sum_of(colours)
         yield Band(slice(top, top + len(values)), slice(None), levels)
         top += len(values)
     if top < height:

@@ -10,10 +10,12 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from robbie_robots.workers.maps.navigation_grid import OCCUPIED_PERCENT
 
 BAND_CELLS = 1 << 18
+UNKNOWN_BYTE = 255
 STRAIGHT_CELLS = 0.01
 """A turn that moves no cell by more than this is none."""
 
@@ -41,7 +43,7 @@ def axis_aligned(
     if _is_straight(cells.shape, yaw_rad):
         return cells, resolution_m, corner
     low = _turned(_outline(cells.shape), yaw_rad).min(axis=0)
-    turned = np.full(turned_shape(cells.shape, yaw_rad), -1, np.int8)
+    turned = np.empty(turned_shape(cells.shape, yaw_rad), np.int8)
     _sample(cells, turned, low, yaw_rad)
     _keep_obstacles(cells, turned, low, yaw_rad)
     return turned, resolution_m, corner + low * resolution_m
@@ -72,14 +74,15 @@ def _sample(
     cells: NDArray[np.int8], turned: NDArray[np.int8], low: NDArray[np.float64], yaw_rad: float
 ) -> None:
     """Give each turned cell the value of the cell that its middle lies in."""
-    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
-    x = np.arange(turned.shape[1]) + 0.5 + low[0]
+    bytes_of = np.ascontiguousarray(cells).view(np.uint8)
+    image = Image.frombuffer("L", cells.shape[::-1], bytes_of, "raw", "L", 0, 1)
+    (a, d), (b, e) = _turned(np.eye(2), -yaw_rad)
     for rows in _bands(turned.shape):
-        y = (np.arange(rows.start, rows.stop) + 0.5 + low[1])[:, None]
-        column = np.floor(cosine * x + sine * y).astype(np.int64)
-        row = np.floor(cosine * y - sine * x).astype(np.int64)
-        inside = (row >= 0) & (row < cells.shape[0]) & (column >= 0) & (column < cells.shape[1])
-        turned[rows][inside] = cells[row[inside], column[inside]]
+        c, f = _turned(low + [0, rows.start], -yaw_rad)
+        size = turned.shape[1], rows.stop - rows.start
+        # Ten times as fast as NumPy or SciPy; its coefficients have 16 bits for the fraction.
+        part = image.transform(size, Image.Transform.AFFINE, (a, b, c, d, e, f), fillcolor=UNKNOWN_BYTE)
+        turned[rows] = np.asarray(part).view(np.int8)
 
 
 def _keep_obstacles(
