@@ -113,10 +113,10 @@ class MapMerger(Module):
 
     def on_map(self, message: OccupancyGrid) -> None:
         """Keep the newest map of each robot."""
-        info, topic = message.info, self.envelope.topic
-        if not len(message.data) or info.origin.orientation.yaw:
+        topic = self.envelope.topic
+        if not len(message.data):
             self.refused += 1
-            self.log.warning("a map on %s is empty, or is turned; it is ignored", topic)
+            self.log.warning("a map on %s is empty; it is ignored", topic)
             return
         grid = map_cells(message)
         kept = GridMap(grid.cells.copy(), grid.resolution_m, grid.corner_xy_m)

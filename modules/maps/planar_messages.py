@@ -19,6 +19,7 @@ from robbie_mp.messages import (
 )
 from robbie_robots.workers.exploration.frontiers import Frontier
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.maps.turned_grid import axis_aligned
 
 LASER = "laser"
 """Frame of the robot's laser, or of the one that looks ahead."""
@@ -57,10 +58,14 @@ def pose_stamped(pose: ArrayLike, header: Header) -> PoseStamped:
 
 
 def map_cells(grid: GridMessage) -> MapCells:
-    """Return a map's cells and their position."""
-    corner = grid.info.origin.position
+    """Return a map's cells and their position.
+
+    All modules get the cells of maps here, so here a map with a turned origin becomes one along the axes.
+    """
+    x_m, y_m, yaw_rad = planar(grid.info.origin)
     cells = grid.data.reshape(grid.info.height, grid.info.width)
-    return MapCells(cells, grid.info.resolution, (corner.x, corner.y))
+    cells, resolution_m, corner = axis_aligned(cells, grid.info.resolution, (x_m, y_m), yaw_rad)
+    return MapCells(cells, resolution_m, (float(corner[0]), float(corner[1])))
 
 
 def frontiers_message(frontiers: Sequence[Frontier], header: Header) -> Frontiers:

@@ -5,7 +5,7 @@ import math
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, OccupancyGrid, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from robbie_robots.modules.maps.planar_messages import sweep_of
+from robbie_robots.modules.maps.planar_messages import map_cells, sweep_of
 from robbie_robots.workers.exploration.explorer import Explorer
 from robbie_robots.workers.exploration.explorer_states import ExplorerSettings
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard
@@ -49,11 +49,8 @@ class Exploration(Module):
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Pass a new map to the explorer."""
-        if self.explorer is None:
-            return
-        corner = grid.info.origin.position
-        cells = grid.data.reshape(grid.info.height, grid.info.width)
-        self.explorer.see_map(cells, grid.info.resolution, (corner.x, corner.y))
+        if self.explorer is not None:
+            self.explorer.see_map(*map_cells(grid))
 
     def on_pose(self, pose: PoseStamped) -> None:
         """Pass the robot's pose to the explorer."""

@@ -59,6 +59,10 @@ def at(x: float) -> Pose:
     return Pose(position=Point(x=x))
 
 
+def turned(yaw: float) -> Pose:
+    return Pose(orientation=Quaternion.from_yaw(yaw))
+
+
 def grid(cells: int, **info: object) -> OccupancyGrid:
     sizes = {"width": 3, "height": 2, "resolution": 0.05} | info
     return OccupancyGrid(info=MapMetaData(**sizes), data=np.zeros(cells, np.int8))  # type: ignore[arg-type]
@@ -93,6 +97,8 @@ ILL_FORMED = [
     (grid(6, width=0), "data"),
     (grid(6, resolution=0.0), "info.resolution"),
     (grid(6, resolution=NAN), "info.resolution"),
+    (grid(6, origin=Pose(orientation=Quaternion(x=1.0, w=0.0))), "info.origin.orientation"),
+    (grid(90_000, width=90_000, height=1, origin=turned(0.8)), "info.origin.orientation"),
     (grid(6, origin=at(NAN)), "info.origin.position.x"),
     (Costmap(metadata=CostmapMetaData(size_x=2, size_y=1, resolution=0.1)), "data"),
     (Costmap(metadata=CostmapMetaData(size_x=2, size_y=1), data=np.zeros(2, np.uint8)),
@@ -142,6 +148,8 @@ def test_ill_formed_message_is_refused_with_its_field(message: Message, field: s
     [
         PoseStamped(pose=Pose(orientation=Quaternion(w=0.0))),
         grid(0, width=0, height=0, resolution=0.0),
+        grid(6, origin=turned(0.8)),
+        grid(90_000, width=90_000, height=1, origin=turned(math.pi / 2)),
         grid(6, origin=Pose(orientation=Quaternion.from_yaw(0.5))),
         Image(),
         picture("h264", step=0, size=7),

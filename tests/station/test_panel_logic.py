@@ -1,5 +1,6 @@
 """How panels process their data: the trace, messages as trees, goals and paths."""
 
+import math
 from collections import deque
 from unittest.mock import Mock
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from robbie_mp.attached.views.message_text import FieldPath
-from robbie_mp.messages import Costmap, CostmapMetaData, LaserScan, Path, Point, Pose, PoseStamped
+from robbie_mp.messages import Costmap, CostmapMetaData, LaserScan, Path, Point, Pose, PoseStamped, Quaternion
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.run.trace.entry import Entry
@@ -110,6 +111,13 @@ def test_costmap_is_drawn_as_cells_and_one_of_a_wrong_size_is_not() -> None:
     assert cost_cells(newest, Cost.OBSTACLE, Cost.OBSTACLE).middles.tolist() == [[-0.75, 2.75]]
     newest.message = Costmap(metadata=metadata, data=costs[:5])
     assert len(cost_cells(newest, 1, Cost.AVOIDED).middles) == 0
+
+
+def test_turned_costmap_is_drawn_where_it_lies() -> None:
+    origin = Pose(position=Point(x=-1.0, y=2.0), orientation=Quaternion.from_yaw(math.pi / 2))
+    metadata = CostmapMetaData(resolution=0.5, size_x=3, size_y=1, origin=origin)
+    newest = Mock(message=Costmap(metadata=metadata, data=np.array([0, 0, 252], np.uint8)), count=7)
+    assert cost_cells(newest, 1, Cost.AVOIDED).middles[0] == pytest.approx([-1.25, 3.25])
 
 
 def test_goal_without_a_heading_has_none() -> None:

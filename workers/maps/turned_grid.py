@@ -78,7 +78,7 @@ def _sample(
     image = Image.frombuffer("L", cells.shape[::-1], bytes_of, "raw", "L", 0, 1)
     (a, d), (b, e) = _turned(np.eye(2), -yaw_rad)
     for rows in _bands(turned.shape):
-        c, f = _turned(low + [0, rows.start], -yaw_rad)
+        c, f = _turned(low + np.array([0, rows.start]), -yaw_rad)
         size = turned.shape[1], rows.stop - rows.start
         # Ten times as fast as NumPy or SciPy; its coefficients have 16 bits for the fraction.
         part = image.transform(size, Image.Transform.AFFINE, (a, b, c, d, e, f), fillcolor=UNKNOWN_BYTE)

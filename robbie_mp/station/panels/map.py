@@ -331,8 +331,10 @@ def cost_cells(newest: Latest[Costmap], least: int, greatest: int) -> CellMarks:
     rows, columns = np.divmod(
         np.flatnonzero((costmap.data >= least) & (costmap.data <= greatest)), max(1, info.size_x)
     )
-    corner = info.origin.position
-    x_m, y_m = corner.x + (columns + 0.5) * info.resolution, corner.y + (rows + 0.5) * info.resolution
+    corner, yaw = info.origin.position, info.origin.orientation.yaw
+    along, up = (columns + 0.5) * info.resolution, (rows + 0.5) * info.resolution
+    x_m = corner.x + math.cos(yaw) * along - math.sin(yaw) * up
+    y_m = corner.y + math.sin(yaw) * along + math.cos(yaw) * up
     return CellMarks(newest.count, np.column_stack([x_m, y_m]), info.resolution)
 
 

@@ -1,5 +1,6 @@
 """The module of localisation, with a simulated robot in a building it has a map of."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,7 +24,9 @@ from robbie_mp.messages import (
 from robbie_robots.hw.pose import Pose as PlanarPose
 from robbie_robots.hw.simulation.random_rooms import drawn_map
 from robbie_robots.modules.maps.localization import MonteCarloLocalization
+from robbie_robots.modules.maps.planar_messages import planar
 from robbie_robots.workers.maps.map_file import write_map
+from robbie_robots.workers.maps.turned_grid import axis_aligned
 from tests._support.present import present
 from tools.trials.driving.localization import RESOLUTION_M, Conditions, DrivenRobot
 
@@ -95,6 +98,36 @@ def test_robot_is_localized_anew_when_time_jumps(drive: DrivenRobot, map_file: P
         assert present(harness.module.localizer).pose is None
         *_, truth = along(drive, harness, 0.3)
         assert off_m(harness.take(PoseStamped, "map_pose_guess")[-1], truth) < 0.5
+
+
+def turned(drive: DrivenRobot, yaw_rad: float) -> OccupancyGrid:
+    """Return the map of the building as a grid with a turned origin."""
+    cells, corner = drawn_map(drive.arena, RESOLUTION_M)
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    x, y = np.asarray(corner, float)
+    there = axis_aligned(cells, RESOLUTION_M, (c * x + s * y, c * y - s * x), -yaw_rad)
+    cells, (x, y) = there[0], there[2]
+    origin = pose_of(c * x - s * y, s * x + c * y, yaw_rad)
+    info = MapMetaData(resolution=RESOLUTION_M, width=cells.shape[1], height=cells.shape[0], origin=origin)
+    return OccupancyGrid(info=info, data=cells.ravel())
+
+
+@pytest.mark.parametrize("is_file", [True, False])
+def test_robot_is_localized_on_a_map_with_a_turned_origin(
+    drive: DrivenRobot, tmp_path: Path, is_file: bool
+) -> None:
+    grid = turned(drive, 0.6)
+    x_m, y_m, yaw_rad = planar(grid.info.origin)
+    write_map(tmp_path / "map.yaml", grid.data.reshape(grid.info.height, -1), RESOLUTION_M, (x_m, y_m))
+    text = (tmp_path / "map.yaml").read_text().replace("- 0.0\nnegate", f"- {yaw_rad}\nnegate")
+    (tmp_path / "map.yaml").write_text(text)
+    settings = {"map_file": str(tmp_path / "map.yaml")} if is_file else {}
+    with ModuleHarness(MonteCarloLocalization, settings) as harness:
+        if not is_file:
+            harness.send(grid)
+        harness.send(PoseStamped(pose=pose_of(*drive.arena.start)), topic="initial_pose")
+        *_, truth = along(drive, harness, 0.5)
+        assert off_m(harness.take(PoseStamped)[-1], truth) < 0.15
 
 
 def test_map_and_first_pose_can_be_messages(drive: DrivenRobot) -> None:

@@ -1,5 +1,6 @@
 """The map of a team."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from robbie_robots.modules.rescue.mission import RescueMission
 from robbie_robots.modules.rescue.team_messages import MapAlignment
 from robbie_robots.modules.rescue.victims import Victims
 from robbie_robots.workers.maps.map_alignment import GridMap
+from tests._support.present import present
 from tests.workers._support.known_room import draw
 from tests.workers.maps.test_map_alignment import BLUE, RED, TRUE, off
 
@@ -133,15 +135,24 @@ def test_modules_use_the_map_that_the_profile_names_and_no_other(module: type[Mo
         assert getattr(harness.module, kept) is not None
 
 
-def test_turned_or_empty_map_is_ignored() -> None:
+def test_empty_map_is_ignored() -> None:
     with ModuleHarness(MapMerger, {"robots": ["blue"]}) as harness:
-        turned = Pose(orientation=Quaternion.from_yaw(0.3))
-        info = MapMetaData(resolution=0.05, width=3, height=3, origin=turned)
-        harness.send(OccupancyGrid(info=info, data=np.zeros(9, np.int8)), topic="blue/own")
         harness.send(OccupancyGrid(), topic="blue/own")
         harness.advance(1.1)
-        assert harness.module.refused == 2
+        assert harness.module.refused == 1
         assert harness.module.status == "waiting for this robot's map"
+
+
+def test_turned_map_is_used_along_the_axes() -> None:
+    cells = np.array([[0, 0, 100]], np.int8)
+    origin = Pose(position=Point(x=1.0, y=2.0), orientation=Quaternion.from_yaw(math.pi / 2))
+    info = MapMetaData(resolution=0.5, width=3, height=1, origin=origin)
+    with ModuleHarness(MapMerger, {"robots": ["blue"]}) as harness:
+        harness.send(OccupancyGrid(info=info, data=cells.ravel()), topic="own")
+        harness.advance(1.1)
+        own = present(harness.module.own)
+        assert own.cells.tolist() == [[0], [0], [100]]
+        assert own.corner_xy_m == pytest.approx((0.5, 2.0))
 
 
 @pytest.mark.parametrize(
