@@ -43,6 +43,7 @@ __all__ = ["MapFile", "MapFileError", "describe_map", "read_map", "write_large_m
 
 OCCUPIED_SHADE, UNKNOWN_SHADE, FREE_SHADE = 0, 205, 254
 OCCUPIED_FROM, FREE_TO = 0.65, 0.196
+BAND_ROWS = 64
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,9 @@ def write_map(path: Path, cells: NDArray[np.int8], resolution_m: float, corner_x
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
     """
-    write_large_map(path, cells.shape, [cells], resolution_m, corner_xy_m, lambda file: file.open("wb"))
+    tops = range(len(cells), 0, -BAND_ROWS)
+    bands = (cells[max(top - BAND_ROWS, 0) : top] for top in tops)
+    write_large_map(path, cells.shape, bands, resolution_m, corner_xy_m, lambda file: file.open("wb"))
 
 
 def write_large_map(
