@@ -45,7 +45,7 @@ class RunObserver:
         run_id: the run.
 
     Raises:
-        SegmentMissing: the run does not exist.
+        SegmentMissing: the run does not exist, or is just being made.
     """
 
     def __init__(self, run_id: str):

@@ -17,6 +17,7 @@ from typing import NamedTuple, Self
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.layout import NAME_WORDS
 from robbie_mp.bus.transport.records import ANY_VERSION, MessageHandling, Outbound
+from robbie_mp.bus.transport.shared_folder import SegmentMissing
 from robbie_mp.bus.transport.words import Words, new_fence, read_text, write_text
 
 _DIED_TWICE = (1 << layout.DEADLY_BITS) - 1
@@ -400,20 +401,29 @@ class CoreTables:
     @classmethod
     def create(cls, words: Words, sizes: TableSizes) -> "CoreTables":
         """Write the sizes into a fresh segment, so that `attach` finds the tables."""
-        words[layout.CORE_SLOTS] = sizes.slots
         words[layout.CORE_CHANNELS] = sizes.channels
         words[layout.CORE_SUBSCRIPTIONS] = sizes.subscriptions
         words[layout.CORE_HANDLES] = sizes.handles
         words[layout.CORE_REFERENCES] = sizes.references
+        new_fence()()  # the number of slots tells others that the rest is there
+        words[layout.CORE_SLOTS] = sizes.slots
         return cls(words, sizes)
 
     @classmethod
     def attach(cls, words: Words) -> "CoreTables":
-        """Find the tables of an existing segment."""
+        """Find the tables of an existing segment.
+
+        Raises:
+            SegmentMissing: they are still being made; without their sizes they would seem empty for ever.
+        """
+        slots = words[layout.CORE_SLOTS]
+        if not slots:
+            raise SegmentMissing("the tables of the run's core are just being made; try again")
+        new_fence()()
         return cls(
             words,
             TableSizes(
-                words[layout.CORE_SLOTS],
+                slots,
                 words[layout.CORE_CHANNELS],
                 words[layout.CORE_SUBSCRIPTIONS],
                 words[layout.CORE_HANDLES],

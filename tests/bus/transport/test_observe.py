@@ -1,6 +1,7 @@
 """Watching a run whose modules have written over their own memory."""
 
 import os
+from array import array
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -12,7 +13,7 @@ from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.board import Board, SlotState, Totals
 from robbie_mp.bus.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.bus.transport.segment import Segment
-from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, SegmentMissing, make_folder, remove_names
 from robbie_mp.bus.transport.tables import CoreTables, TableSizes
 from robbie_mp.bus.transport.words import WORD_MAX, write_text
 
@@ -37,6 +38,48 @@ def camera() -> Iterator[Segment]:
     for segment in segments:
         segment.close()
     remove_names(RUN)
+
+
+class Stores(array):  # type: ignore[type-arg] # not subscriptable when it runs
+    """Words that note each store, in order."""
+
+    made: list[int]
+
+    def __setitem__(self, at: int, value: int) -> None:  # type: ignore[override]
+        self.made = [*getattr(self, "made", []), at]
+        super().__setitem__(at, value)
+
+
+def test_observer_that_comes_while_the_tables_are_made_does_not_take_them_for_empty() -> None:
+    """All channels read 0 for ever, to a tool that came between two stores of the supervisor."""
+    sizes = TableSizes(slots=2, channels=2, subscriptions=2, handles=2, references=2)
+    full = Stores("Q", bytes(8 * sizes.words))
+    CoreTables.create(full, sizes)
+    for stored in range(len(full.made) + 1):
+        words = array("Q", bytes(8 * sizes.words))
+        for at in full.made[:stored]:
+            words[at] = full[at]
+        if stored == len(full.made):
+            assert CoreTables.attach(words).sizes == sizes
+            return
+        with pytest.raises(SegmentMissing, match="just being made"):
+            CoreTables.attach(words)
+
+
+def test_observer_of_a_run_that_is_just_being_made_says_so() -> None:
+    make_folder(RUN)
+    sizes = TableSizes(slots=2, channels=2, subscriptions=2, handles=2, references=2)
+    try:
+        with (
+            closing(Segment.create(names.board(RUN), layout.board_words(3), SegmentKind.BOARD)),
+            closing(Segment.create(names.core(RUN), sizes.words, SegmentKind.CORE)) as core,
+        ):
+            with pytest.raises(SegmentMissing, match="just being made"):
+                RunObserver(RUN)
+            CoreTables.create(core.words, sizes)
+            RunObserver(RUN).close()
+    finally:
+        remove_names(RUN)
 
 
 def test_garbage_in_a_modules_own_words_is_shown_as_it_is(camera: Segment) -> None:
