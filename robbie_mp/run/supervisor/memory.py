@@ -216,6 +216,7 @@ class RunMemory:
             published=row.past.published + words[layout.OUT_PUBLISHED],
             refused=row.past.refused + words[layout.OUT_REFUSED],
             handled=row.past.handled + words[layout.OUT_HANDLED],
+            checkpoints=row.past.checkpoints + words[layout.OUT_CHECKPOINTS],
         )
         self.board.write(slot, replace(row, pid=0, past=past))
         self._dying[slot] = was_ordered
@@ -318,13 +319,18 @@ class RunMemory:
 
     def data_files(self) -> Files:
         """Return the data segments of all live modules and tools."""
-        folder = SHARED_MEMORY / names.folder(self._run_id)
-        found: dict[Path, Owner | None] = {}
-        for slot, (incarnation, _) in self._incarnations.items():
-            if slot not in self._dying:
-                prefix = (SHARED_MEMORY / names.data_prefix(self._run_id, slot, incarnation)).name
-                files = folder.glob(f"{prefix}*")
-                found |= dict.fromkeys(files, self._owner(slot, incarnation))
+        # No glob: Python would keep a pattern for each incarnation.
+        owners = {
+            names.data_prefix(self._run_id, slot, incarnation): self._owner(slot, incarnation)
+            for slot, (incarnation, _) in self._incarnations.items()
+            if slot not in self._dying
+        }
+        folder, found = names.folder(self._run_id), {}
+        with contextlib.suppress(FileNotFoundError):
+            for file in os.listdir(SHARED_MEMORY / folder):
+                prefix = f"{folder}/{file[: file.rfind('-') + 1]}"
+                if prefix in owners:
+                    found[SHARED_MEMORY / folder / file] = owners[prefix]
         return found
 
     def _owner(self, slot: int, incarnation: int) -> Owner | None:

@@ -110,7 +110,7 @@ def test_supervisor_and_core_hold_no_more_after_many_restarts(
     assert quick_run(on_change, run_ids.append).reason == "SIGINT"
     gc.unfreeze()
     grown = {what: late.least[what] - count for what, count in early.least.items()}
-    assert grown.pop("blocks") < MORE - WARM, "more than one a restart"
+    assert grown.pop("blocks") < (MORE - WARM) / 2, "not even every other restart may leave an object"
     assert max(grown.values()) <= 4 * MODULES, grown  # as many may be starting or ending at a look
 
 
