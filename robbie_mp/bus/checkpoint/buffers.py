@@ -31,13 +31,16 @@ class CheckpointBuffers:
     Args:
         run_id, slot, incarnation: identify the module's incarnation.
         limit_bytes: maximum size of one checkpoint.
+        is_expected: whether an earlier incarnation has saved a checkpoint.
 
     Attributes:
         found: the newest valid checkpoint of earlier incarnations; None if there is none.
         damaged: what was wrong with newer checkpoints; empty if `found` is the last one that was completed.
     """
 
-    def __init__(self, run_id: str, slot: int, incarnation: int, limit_bytes: int):
+    def __init__(
+        self, run_id: str, slot: int, incarnation: int, limit_bytes: int, *, is_expected: bool = False
+    ):
         self._name = names.checkpoint(run_id, slot, 0), names.checkpoint(run_id, slot, 1)
         self._owner = slot, incarnation
         self._limit_bytes = limit_bytes
@@ -50,6 +53,8 @@ class CheckpointBuffers:
         self._newest = 0
         self._sequence = 0
         self._read_newest(unreadable)
+        if is_expected and self.found is None and not self.damaged:
+            self.damaged.append("this run has saved checkpoints of the module, and none is left")
         keep_from_forks(self)
 
     def disown(self) -> None:

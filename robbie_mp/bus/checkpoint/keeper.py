@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -52,6 +53,7 @@ class CheckpointKeeper:
         buffers: the shared memory.
         disk: None: nothing is kept on disk.
         log: receives messages about checkpoints found, refused or damaged.
+        on_saved: called when a checkpoint is complete.
 
     Attributes:
         restored: the state to continue from; None for a fresh start.
@@ -59,8 +61,14 @@ class CheckpointKeeper:
         refused: number of checkpoints for which there was no memory.
     """
 
-    def __init__(self, buffers: CheckpointBuffers, disk: DiskPolicy | None, log: logging.Logger):
-        self._buffers = buffers
+    def __init__(
+        self,
+        buffers: CheckpointBuffers,
+        disk: DiskPolicy | None,
+        log: logging.Logger,
+        on_saved: Callable[[], None] = lambda: None,
+    ):
+        self._buffers, self._on_saved = buffers, on_saved
         self._log = log
         self.refused = 0
         self.lost = len(buffers.damaged)
@@ -91,6 +99,7 @@ class CheckpointKeeper:
             if self.refused.bit_count() == 1:  # the 1st, 2nd, 4th, 8th …
                 self._log.warning("%d checkpoints refused; the last one stays: %s", self.refused, error)
             return False
+        self._on_saved()
         if self._disk is not None:
             self._disk.write_soon()
         return True

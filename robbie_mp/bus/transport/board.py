@@ -20,6 +20,8 @@ class Totals:
     refused: int = 0
     handled: int = 0
     cpu_ns: int = 0
+    checkpoints: int = 0
+    """Saved; if there are any, the next incarnation must find one."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,7 @@ class Board:
         words[at + layout.SLOT_PAST_REFUSED] = min(row.past.refused, WORD_MAX)
         words[at + layout.SLOT_PAST_HANDLED] = min(row.past.handled, WORD_MAX)
         words[at + layout.SLOT_PAST_CPU_NS] = row.past.cpu_ns
+        words[at + layout.SLOT_PAST_CHECKPOINTS] = min(row.past.checkpoints, WORD_MAX)
         write_text(words, at + layout.SLOT_LAST_END, LINE_WORDS, row.last_end)
         words[at + layout.SLOT_LAST_END_NS] = row.last_end_ns
 
@@ -151,6 +154,7 @@ class Board:
                 words[at + layout.SLOT_PAST_REFUSED],
                 words[at + layout.SLOT_PAST_HANDLED],
                 words[at + layout.SLOT_PAST_CPU_NS],
+                words[at + layout.SLOT_PAST_CHECKPOINTS],
             ),
             last_end=read_text(words, at + layout.SLOT_LAST_END, LINE_WORDS),
             last_end_ns=words[at + layout.SLOT_LAST_END_NS],

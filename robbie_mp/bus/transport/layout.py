@@ -72,6 +72,7 @@ SLOT_LAST_END_NS = SLOT_LAST_END + LINE_WORDS
 SLOT_QUEUE_MESSAGES = SLOT_LAST_END_NS + 1  # limits of the profile, written once
 SLOT_QUEUE_BYTES = SLOT_LAST_END_NS + 2
 SLOT_MEMORY_BYTES = SLOT_LAST_END_NS + 3
+SLOT_PAST_CHECKPOINTS = SLOT_LAST_END_NS + 4
 SLOT_WORDS = 96
 
 # core: its counters, then five tables, whose sizes the profile sets.
@@ -191,7 +192,8 @@ OUT_ASLEEP = HEADER_WORDS + 24  # whether it sleeps until a post; see wakeup.py
 OUT_STATUS = HEADER_WORDS + 25
 OUT_STATES = OUT_STATUS + LINE_WORDS  # states of its state machines, a text like the status line
 OUT_HEALTH = OUT_STATES + LINE_WORDS  # why the module is DEGRADED, such a text, too; '': it is OK
-OUT_DECLARATIONS = OUT_HEALTH + LINE_WORDS + 4
+OUT_CHECKPOINTS = OUT_HEALTH + LINE_WORDS  # checkpoints that this incarnation has saved
+OUT_DECLARATIONS = OUT_CHECKPOINTS + 4
 DECLARATION_COUNT = 256
 MAX_PATTERNS = 32  # subscriptions by patterns of a module: the core looks at each for every new channel
 DECLARATION_KIND = 0

@@ -58,7 +58,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
-    checkpoints = open_checkpoints(plan, slot, incarnation)
+    checkpoints = open_checkpoints(plan, place, slot, incarnation)
     clock = run_clock(plan, name, module_class, place.memory)
     settings_file = SettingsFile(run_folder, name)
     bus = SharedMemoryBus(place, blocks, make_views(plan.run_id, native), clock, wiring)
@@ -175,12 +175,23 @@ def read_settings(
     return check_settings(module_class, planned.settings, folder=workspace, folder_of=planned.folder_of)
 
 
-def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:
+def open_checkpoints(plan: RunPlan, place: Membership, slot: int, incarnation: int) -> CheckpointKeeper:
     """Find the checkpoint of an earlier incarnation or run, and prepare to write new ones."""
     planned = plan.modules[slot - 1]
     disk = None
     if planned.checkpoint.persist:
         path = checkpoint_file(Path(plan.workspace), plan.profile_name, planned.name)
         disk = DiskPolicy(path, planned.checkpoint.persist_every_s)
-    buffers = CheckpointBuffers(plan.run_id, slot, incarnation, planned.memory.checkpoint_bytes)
-    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name))
+    buffers = CheckpointBuffers(
+        plan.run_id,
+        slot,
+        incarnation,
+        planned.memory.checkpoint_bytes,
+        is_expected=place.board.read(slot).past.checkpoints > 0,
+    )
+    words = place.words
+
+    def count() -> None:
+        words[layout.OUT_CHECKPOINTS] = words[layout.OUT_CHECKPOINTS] + 1
+
+    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name), count)

@@ -18,10 +18,11 @@ class SlotOfARun:
         self._open: list[CheckpointBuffers] = []
         make_folder(RUN)
 
-    def start(self, limit_bytes: int = 1 << 20) -> CheckpointBuffers:
+    def start(self, limit_bytes: int = 1 << 20, *, is_expected: bool = False) -> CheckpointBuffers:
         """A new incarnation; those before have ended."""
         self.end()
-        self._open.append(CheckpointBuffers(RUN, SLOT, len(self._open) + 1, limit_bytes))
+        made = CheckpointBuffers(RUN, SLOT, len(self._open) + 1, limit_bytes, is_expected=is_expected)
+        self._open.append(made)
         return self._open[-1]
 
     def end(self) -> None:

@@ -16,6 +16,7 @@ from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge, UnsupportedState
 from robbie_mp.bus.checkpoint.file import read_file, write_file
 from robbie_mp.bus.checkpoint.image import encode
 from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper, DiskPolicy
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from tests.bus.checkpoint.conftest import SlotOfARun
 
 NEVER_S = 1e6
@@ -94,6 +95,26 @@ def test_module_is_told_that_the_newest_checkpoint_was_damaged(
     again = start(every_s=None)
     assert (again.restored, again.lost) == ([1], 1)
     assert "the newest checkpoint is lost" in caplog.text
+
+
+@pytest.mark.parametrize("how", ["removed", "zeroed"])
+def test_run_that_has_saved_checkpoints_and_finds_none_has_lost_them(
+    start: Starter, slot: SlotOfARun, caplog: pytest.LogCaptureFixture, how: str
+) -> None:
+    saved: list[int] = []
+    keeper = CheckpointKeeper(slot.start(), None, logging.getLogger("module"), lambda: saved.append(1))
+    keeper.save([1])
+    keeper.save([2])
+    keeper.close()
+    assert len(saved) == 2
+    for number in (0, 1):
+        file = SHARED_MEMORY / slot.name(number)
+        file.unlink() if how == "removed" else slot.scribble(number, 0, bytes(file.stat().st_size))
+    again = CheckpointKeeper(slot.start(is_expected=bool(saved)), None, logging.getLogger("module"))
+    assert (again.restored, again.lost) == (None, 1)
+    assert "none is left" in caplog.text
+    again.save([3])
+    assert start(every_s=None).lost == 0
 
 
 def test_state_none_is_a_fresh_start(start: Starter) -> None:

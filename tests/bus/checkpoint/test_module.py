@@ -10,10 +10,24 @@ from robbie_mp import ModuleHarness
 from robbie_mp.bus.checkpoint.errors import UnsupportedState
 from robbie_mp.bus.checkpoint.file import read_file, write_file
 from robbie_mp.bus.checkpoint.image import encode
-from tests._support.robot import Robot
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from tests._support.robot import Robot, kill, wait_until
 from tests.bus.checkpoint._support import remembering
 from tests.bus.checkpoint._support.remembering import Remembering
 
+KEEPER = """
+from robbie_mp import Module
+
+class Keeper(Module):
+    period_s = 0.01
+
+    def setup(self):
+        self.status = f"{self.restored} {self.checkpoint_lost}"
+
+    def tick(self):
+        self.checkpoint([1])
+"""
 PROFILE = """
 modules:
   memory:
@@ -103,3 +117,22 @@ def test_damaged_file_does_not_prevent_the_robot_from_starting(robot: Robot, con
     assert ended.exit_code == 0, ended.stderr
     assert "starts fresh" in (robot.output / "log" / "memory.jsonl").read_text()
     assert journal(robot) == ["begins at 0, life 1", "ends at 3, life 1"]
+
+
+@pytest.mark.parametrize("how", ["removed", "zeroed"])
+def test_module_whose_checkpoints_are_all_gone_is_told_that_its_state_is_lost(robot: Robot, how: str) -> None:
+    """It began as if the run had just started: a base forgot its emergency stop."""
+    (robot.folder / "keeper.py").write_text(KEEPER)
+    robot.write_profile("modules:\n  keeper: {class: 'keeper:Keeper', restart: {backoff_s: 0.001}}\n")
+    robot.start()
+    robot.until(lambda modules: modules["keeper"]["state"] == "RUNNING")
+    files = [SHARED_MEMORY / names.checkpoint(robot.known_run().run_id, 1, number) for number in (0, 1)]
+    wait_until(lambda: all(file.exists() for file in files))
+    for restarts, status in ((1, "None True"), (2, "[1] False")):
+        for file in files if restarts == 1 else ():
+            file.unlink() if how == "removed" else file.write_bytes(bytes(file.stat().st_size))
+        kill(robot.top()["keeper"]["pid"])
+        robot.until(lambda modules: modules["keeper"]["restarts"] == restarts)  # noqa: B023
+        robot.until(lambda modules: modules["keeper"]["status"] == status)  # noqa: B023
+        wait_until(lambda: all(file.exists() for file in files))
+    assert "none is left" in robot.log("keeper")
