@@ -44,7 +44,7 @@ CONTROL_TOPIC = "control"
 PLANE = (0, 1, 5)
 
 
-LOST = "nobody knows what was kept before a restart: the newest checkpoint was damaged"
+LOST = "nobody knows what was kept before a restart: the newest checkpoint was damaged or is gone"
 WARN_PERIOD_S = 5.0
 """Of refused commands, no more is logged than one in this time."""
 
@@ -60,7 +60,7 @@ class CommandedBase(Module):
     A command is followed until it expires, or until what it rests on is older than `max_age_s`. Where
     `guard_topics` names lasers, commands by hand are slowed as what these see requires.
 
-    Where the newest checkpoint was damaged, the base starts with the emergency stop engaged.
+    Where the newest checkpoint was damaged or is gone, the base starts with the emergency stop engaged.
 
     A subclass creates `drive` in `setup`, calls `obey` there, and calls `look_after_control` in `tick`.
     `confirm` publishes `EmergencyStop` on `emergency_stop_state`.
@@ -174,9 +174,11 @@ class CommandedBase(Module):
         memory = self.control.memory()
         if memory == self.told_control:
             return
-        self.told_control = memory
-        self.log.info("%s: %s", self.control.mode.name, self.control.reason)
+        told, self.told_control = self.told_control, memory
         self.confirm()
+        if told is not None and told | {"driver": ""} == memory | {"driver": ""}:
+            return
+        self.log.info("%s: %s", self.control.mode.name, self.control.reason)
         self.publish(
             ControlState(
                 header=Header(stamp=self.now(), frame_id="base_link"),

@@ -111,6 +111,22 @@ def test_restarted_base_knows_who_was_in_control(robot: Robot, mode: ControlMode
     assert (again.mode, again.who, again.reason) == (mode, "page", robot.control.reason)
 
 
+def test_module_that_drove_keeps_control_when_the_base_is_restarted(robot: Robot) -> None:
+    robot.control.order(AUTO, "page", "test")
+    assert not robot.control.refuses_module("navigation", True, robot.now_s)
+    again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
+    assert "navigation drives" in again.refuses_module("exploration", True, robot.now_s + 0.1)
+    assert not again.refuses_module("navigation", True, robot.now_s + 0.2)
+    robot.now_s += 0.8
+    assert not again.refuses_module("exploration", True, robot.now_s)
+
+
+def test_restarted_base_that_nobody_drove_follows_the_first_module_at_once(robot: Robot) -> None:
+    robot.control.order(AUTO, "page", "test")
+    again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
+    assert not again.refuses_module("exploration", True, robot.now_s)
+
+
 def test_restarted_base_still_asks_for_the_release(robot: Robot) -> None:
     robot.control.see_stop(True, "page", "button")
     again = DriveControl(lambda: robot.now_s, before=robot.control.memory())

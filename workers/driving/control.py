@@ -72,13 +72,19 @@ class DriveControl:
             "reason": self.reason,
             "stop": self._stop,
             "must_let_go": sorted(self._must_let_go),
+            "driver": self.driver,
         }
 
     def _remember(self, before: dict[str, Any]) -> None:
-        """Go on from `memory`; but an operator who drove must take hold of the control again."""
+        """Go on from `memory`; but an operator who drove must take hold of the control again.
+
+        The module that drove keeps control for the let-go time.
+        """
         self.mode = ControlMode(before["mode"])
         self.who, self.reason, self._stop = before["who"], before["reason"], before["stop"]
         self._moved_s = dict.fromkeys(before["must_let_go"], self._clock())
+        if before["driver"]:
+            self.driver, self._driven_s = before["driver"], self._clock()
         if self.mode is ControlMode.MANUAL:
             self._moved_s[self.who] = self._clock()
             self._go(ControlMode.HOLD, self.who, "the base was restarted while an operator drove")
