@@ -8,6 +8,8 @@ LET_GO_S = 0.5
 """A sender has let go when no command of it has come for this time."""
 STANDS_PER_S = 0.02
 """A joint that is slower stands; it may press, as a gripper that holds something."""
+SETTLES_S = 0.1
+"""A joint that still does not move this long after it got its goal presses."""
 NEAR = 0.1
 """Commands this near to where the joints were stopped, in rad or m, begin there: their sender knows of it."""
 
@@ -40,6 +42,9 @@ class JointControl:
         self._clock = clock
         self._at: dict[str, tuple[float, float]] = {}
         self._goals: dict[str, float] = {}
+        self._wanted_s: dict[str, float] = {}
+        """Since when each joint has had its goal."""
+        self._direction: dict[str, float] = {}
         self._sent_s: dict[JointSource, float] = {}
         self._must_let_go: set[JointSource] = set()
         self._mover: JointSource | None = None
@@ -96,8 +101,21 @@ class JointControl:
         if source.by_hand and source != self._mover:
             self._must_let_go |= self._sent_s.keys() - {source}
         self._mover = source
-        self._goals |= wanted
+        self._want(wanted)
         return dict(wanted)
+
+    def direct(self, wanted: Mapping[str, float]) -> None:
+        """Take positions that a module has ordered once, and that do not expire; the newest count."""
+        self._direction = dict(wanted)
+
+    def due_direction(self) -> dict[str, float]:
+        """Return the positions of `direct`, once, as soon as modules may move the joints; before, nothing."""
+        if self.is_stopped or self.holds or self._is_moved_by_hand or not self._direction:
+            return {}
+        due, self._direction = self._direction, {}
+        self._mover, self.until_s = None, math.inf
+        self._want(due)
+        return due
 
     @property
     def mover(self) -> str:
@@ -109,6 +127,12 @@ class JointControl:
     @property
     def _is_moved_by_hand(self) -> bool:
         return self._mover is not None and self._mover.by_hand and self._clock() < self.until_s
+
+    def _want(self, goals: Mapping[str, float]) -> None:
+        for name, goal in goals.items():
+            if self._goals.get(name) != goal:
+                self._wanted_s[name] = self._clock()
+        self._goals |= goals
 
     def _note(self, source: JointSource, wanted: Mapping[str, float], sent_s: float) -> None:
         """Note whether a source may move the joints, and when it has sent something."""
@@ -144,5 +168,7 @@ class JointControl:
 
     def _kept(self, name: str, position: float, speed: float) -> float:
         """Return the goal of a joint that stands and may press, or where it is."""
-        is_commanded = self._clock() < self.until_s
-        return self._goals.get(name, position) if is_commanded and abs(speed) < STANDS_PER_S else position
+        now_s = self._clock()
+        is_settled = now_s - self._wanted_s.get(name, -math.inf) >= SETTLES_S
+        presses = now_s < self.until_s and is_settled and abs(speed) < STANDS_PER_S
+        return self._goals.get(name, position) if presses else position

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp import REQUIRED, CallError, Header, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp import REQUIRED, CallError, Header, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     ControlSet,
     ControlState,
-    EmergencyStop,
     JointCommand,
     JointLimits,
     JointState,
@@ -23,6 +22,7 @@ from robbie_robots.hw.joints import Joint, JointCommandError, JointReading, Join
 from robbie_robots.hw.simulation.joints import SimulatedJoints
 from robbie_robots.modules.devices.command_age import MAX_AGE_S, StaleCommand, command_since, left_s
 from robbie_robots.modules.devices.joint_control import JointControl, JointSource
+from robbie_robots.modules.devices.joint_orders import JointOrders
 from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 PAN_TILT = ["pan", "tilt"]
@@ -39,8 +39,9 @@ class CommandedJoints(Module):
 
     While the base tells that the emergency stop is engaged, joints stay where they are, as long as commands
     come; so they do at commands of modules while the base does not tell AUTO. After it, a control that was
-    held must be let go first, or commands must begin where the joints were stopped. All this does not bind
-    a `PanTiltCommand`, nor does `ControlState` bind a pan-tilt unit, which only turns a camera.
+    held must be let go first, or commands must begin where the joints were stopped. The direction of a
+    `PanTiltCommand` is kept until modules may move the unit. A pan-tilt unit only turns a camera: the robot
+    does not hold because an operator moves it.
 
     Publishes `JointState` on a topic named after the module, and follows `JointCommand` on the same topic.
     There it also publishes `JointLimits`, which is latched.
@@ -80,18 +81,12 @@ class CommandedJoints(Module):
             latched=True,
         )
         self.control = JointControl(self.monotonic_s)
-        self.mode: int | None = None
+        self.orders = JointOrders(self, self.control, self._keep_joints)
         self.asks_to_hold = False
         self.refused = 0
         self.subscribe(JointCommand, self.on_joint_command, topic=self.name, optional=True)
-        if sorted(self.names) == PAN_TILT:
+        if self._is_pan_tilt:
             self.subscribe(PanTiltCommand, self.on_pan_tilt, optional=True)
-            return
-        newest = MessageHandling.KEEP_ONLY_NEWEST
-        self.subscribe(
-            EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state", optional=True
-        )
-        self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
 
     def on_joint_command(self, command: JointCommand) -> None:
         """Move the joints while the command is valid, and what it rests on is fresh."""
@@ -105,22 +100,6 @@ class CommandedJoints(Module):
             return
         self._move(dict(zip(command.name, command.position.tolist(), strict=True)), command)
 
-    def on_emergency_stop(self, state: EmergencyStop) -> None:
-        """Stop the joints at once, and keep them there, or let them follow new commands."""
-        if not state.engaged:
-            self.control.release()
-        elif not self.control.is_stopped:
-            self.control.stop()
-            self._keep_joints()
-
-    def on_control(self, state: ControlState) -> None:
-        """Keep the joints where they are while an operator drives or the robot holds, unless by hand."""
-        self.mode = state.mode
-        if state.mode == ControlState.AUTO:
-            self.control.go_on()
-        elif self.control.hold(hands_too=state.mode == ControlState.HOLD and state.who != self.name):
-            self._keep_joints()
-
     def _keep_joints(self) -> None:
         """Stop the joints where they are, as long as the last command is valid."""
         left_s = self.control.until_s - self.monotonic_s()
@@ -128,8 +107,18 @@ class CommandedJoints(Module):
             self.moved.command(self.control.kept, left_s)
 
     def on_pan_tilt(self, command: PanTiltCommand) -> None:
-        """Look in a direction."""
-        self._move({"pan": command.pan_rad, "tilt": command.tilt_rad}, command)
+        """Look in a direction, as soon as modules may move the unit."""
+        try:
+            left_s(self, command, self.max_age_s)
+        except StaleCommand as error:
+            self._log_invalid(error)
+            return
+        self.control.direct({"pan": command.pan_rad, "tilt": command.tilt_rad})
+        self._look()
+
+    def _look(self) -> None:
+        if goals := self.control.due_direction():
+            self.moved.command(goals, math.inf)
 
     def publish_state(self, reading: JointReading) -> None:
         """Publish where the joints are."""
@@ -145,9 +134,10 @@ class CommandedJoints(Module):
         )
 
     def see_joints(self, reading: JointReading) -> None:
-        """Know where the joints are when an emergency stop comes."""
+        """Know where the joints are when an emergency stop comes; look where modules want."""
         rows = zip(self.names, reading.positions_rad, reading.speeds_rad_per_s, strict=True)
         self.control.see({name: (at, speed) for name, at, speed in rows if math.isfinite(at)})
+        self._look()
 
     def limits(self, place: int) -> dict[str, float]:
         """Return the limits of one joint, as arguments of `Joint`."""
@@ -162,13 +152,10 @@ class CommandedJoints(Module):
         refused = f", {self.refused} refused commands" if self.refused else ""
         return f"{expired} expired commands{refused}"
 
-    def _move(self, positions_rad: dict[str, float], command: JointCommand | PanTiltCommand) -> None:
+    def _move(self, positions_rad: dict[str, float], command: JointCommand) -> None:
         judged_s = self.monotonic_s()
         try:
             fresh_s = left_s(self, command, self.max_age_s)
-            if isinstance(command, PanTiltCommand):
-                self.moved.command(positions_rad, math.inf)
-                return
             checked(self.moved.joints, positions_rad, fresh_s)
             source = JointSource(self.envelope.sender, command.by_hand)
             sent_s, until_s = self.envelope.published_ns / 1e9, judged_s + fresh_s
@@ -177,10 +164,17 @@ class CommandedJoints(Module):
                 self._refuse()
                 return
             command_since(self, judged_s, fresh_s, partial(self.moved.command, followed))
-            if command.by_hand and self.mode == ControlState.AUTO:
+            if command.by_hand and self.orders.mode == ControlState.AUTO and not self._is_pan_tilt:
                 self._ask_to_hold()
         except (JointCommandError, StaleCommand) as error:
-            self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
+            self._log_invalid(error)
+
+    def _log_invalid(self, error: ValueError) -> None:
+        self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
+
+    @property
+    def _is_pan_tilt(self) -> bool:
+        return sorted(self.names) == PAN_TILT
 
     def _refuse(self) -> None:
         """Count a command of a sender while another one moves the joints."""

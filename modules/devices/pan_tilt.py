@@ -1,6 +1,7 @@
 """The robot's pan-tilt unit."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -9,16 +10,22 @@ from robbie_mp.messages import JointCommand, JointLimits, JointState, PanTiltCom
 from robbie_robots.hw.pan_tilt import PanTiltError, PanTiltLimits, PanTiltUnit
 from robbie_robots.hw.simulation.pan_tilt import SimulatedPanTilt
 from robbie_robots.modules.devices.command_age import LOOK_AGE_S, StaleCommand, left_s
+from robbie_robots.modules.devices.joint_control import JointControl, JointSource
+from robbie_robots.modules.devices.joint_orders import JointOrders
 
 TOPIC = "pan_tilt"
 JOINTS = ["pan", "tilt"]
 
 
 class PanTiltByHand:
-    """Lets operators move a module's pan-tilt unit as they move other joints.
+    """Decides whom a module's pan-tilt unit follows, and lets operators move it as they move other joints.
 
-    The module follows `JointCommand` on the topic `pan_tilt`, besides `PanTiltCommand`; the newest counts.
-    When a `JointCommand` expires, the unit stops where it is.
+    The module follows `PanTiltCommand`, and `JointCommand` on the topic `pan_tilt`. When a `JointCommand`
+    expires, the unit stops where it is.
+
+    While the emergency stop is engaged, the unit stands. While the robot holds or an operator drives, no
+    module turns it; the newest `PanTiltCommand` is kept until modules may. The same holds while an operator
+    turns it. See `JointControl` for the rest.
 
     Args:
         module: the module.
@@ -30,8 +37,10 @@ class PanTiltByHand:
         self._module = module
         self._max_age_s = max_age_s
         self._unit = unit
-        self._until_ns: float = math.inf
         self._offered: PanTiltLimits | None = None
+        self._until_s = math.inf
+        self._control = JointControl(self._module.monotonic_s)
+        JointOrders(module, self._control, self._keep)
         module.subscribe(PanTiltCommand, self._on_direction, optional=True)
         module.subscribe(JointCommand, self._on_joints, topic=TOPIC, optional=True)
 
@@ -50,39 +59,55 @@ class PanTiltByHand:
             )
 
     def tick(self) -> None:
-        """Stop the unit if the last `JointCommand` has expired."""
-        if self._module.clock.monotonic_ns() >= self._until_ns:
-            self._until_ns = math.inf
-            now = self._unit.read()
-            self._unit.look(now.pan_rad, now.tilt_rad)
+        """Stop the unit if the last `JointCommand` has expired; turn it where modules want, if they may."""
+        now = self._unit.read()
+        self._control.see(
+            {"pan": (now.pan_rad, now.pan_rad_per_s), "tilt": (now.tilt_rad, now.tilt_rad_per_s)}
+        )
+        if self._module.monotonic_s() >= self._until_s:
+            self._look({}, math.inf)
+        self._look_where_modules_want()
+
+    def _keep(self) -> None:
+        self._look(self._control.kept, math.inf)
 
     def _on_direction(self, command: PanTiltCommand) -> None:
-        if self._look(command, command.pan_rad, command.tilt_rad) is not None:
-            self._until_ns = math.inf
+        try:
+            left_s(self._module, command, self._max_age_s)
+        except StaleCommand as error:
+            self._log_invalid(error)
+            return
+        self._control.direct({"pan": command.pan_rad, "tilt": command.tilt_rad})
+        self._look_where_modules_want()
+
+    def _look_where_modules_want(self) -> None:
+        if goals := self._control.due_direction():
+            self._look(goals, math.inf)
 
     def _on_joints(self, command: JointCommand) -> None:
         goals = dict(zip(command.name, command.position.tolist(), strict=False))
+        sender = self._module.envelope.sender
         if len(goals) != len(command.position) or not set(goals) <= set(JOINTS):
-            self._module.log.error(
-                "ignored a command from %s: its joints are not pan and tilt", self._module.envelope.sender
-            )
+            self._module.log.error("ignored a command from %s: its joints are not pan and tilt", sender)
             return
-        now = self._unit.read()
-        left = self._look(command, goals.get("pan", now.pan_rad), goals.get("tilt", now.tilt_rad))
-        if left is not None:
-            self._until_ns = self._module.clock.monotonic_ns() + round(left * 1e9)
-
-    def _look(self, command: JointCommand | PanTiltCommand, pan_rad: float, tilt_rad: float) -> float | None:
-        """Turn the unit; return how long the command lasts, s, or None if it is not followed."""
         try:
-            fresh_s = left_s(self._module, command, self._max_age_s)
-            self._unit.look(pan_rad, tilt_rad)
+            until_s = self._module.monotonic_s() + left_s(self._module, command, self._max_age_s)
+            sent_s = self._module.envelope.published_ns / 1e9
+            source = JointSource(sender, command.by_hand)
+            followed = self._control.followed(source, goals, sent_s, until_s)
+            if followed is not None:
+                self._look(followed, until_s)
         except (PanTiltError, StaleCommand) as error:
-            self._module.log.error(
-                "ignored an invalid command from %s: %s", self._module.envelope.sender, error
-            )
-            return None
-        return fresh_s
+            self._log_invalid(error)
+
+    def _look(self, goals: Mapping[str, float], until_s: float) -> None:
+        """Turn the joints that have a goal, and stop the other."""
+        now = self._unit.read()
+        self._unit.look(goals.get("pan", now.pan_rad), goals.get("tilt", now.tilt_rad))
+        self._until_s = until_s
+
+    def _log_invalid(self, error: ValueError) -> None:
+        self._module.log.error("ignored an invalid command from %s: %s", self._module.envelope.sender, error)
 
 
 class SimulatedPanTiltModule(Module):

@@ -180,6 +180,13 @@ def test_module_whose_arm_never_rests_goes_on_from_where_it_was_stopped(arm: Arm
     assert arm.module.simulated.expired_commands == 0
 
 
+def test_arm_does_not_begin_to_move_after_an_emergency_stop(arm: Arm) -> None:
+    """It went on to a goal that had come just before the stop, as if it pressed there."""
+    send(arm, 1.0)
+    stop(arm, True)
+    assert lift(arm, 1.0) == pytest.approx(0.0, abs=0.03)
+
+
 def test_gripper_goes_on_pressing_during_an_emergency_stop() -> None:
     with ModuleHarness(SimulatedJointsModule, {"names": ["elbow"]}, name="arm") as arm:
         arm.advance(10.0)
@@ -286,10 +293,20 @@ def test_arm_whose_command_has_expired_does_not_move_during_an_emergency_stop(ar
     assert lift(arm, 1.0) == pytest.approx(before, abs=0.03)
 
 
-def test_pan_tilt_unit_looks_around_while_the_robot_holds() -> None:
+def test_no_module_turns_a_pan_tilt_unit_while_the_robot_holds() -> None:
     with ModuleHarness(SimulatedJointsModule, {"names": ["pan", "tilt"]}, name="head") as head:
         head.advance(10.0)
-        head.send(ControlState(mode=ControlState.HOLD), topic="control")
+        control(head, ControlState.HOLD)
         head.send(fresh(head, command(pan=0.2)), topic="head", sender="mission")
+        head.send(fresh(head, PanTiltCommand(pan_rad=0.3)))
         head.advance(0.4)
-        assert head.take(JointState)[-1].position[0] == pytest.approx(0.2)
+        assert at(head) == 0.0
+        by_hand = replace(fresh(head, command(pan=-0.1)), by_hand=True)
+        head.send(by_hand, topic="head", sender="page")
+        head.advance(0.4)
+        assert at(head) == pytest.approx(-0.1)
+        head.advance(1.0)
+        control(head, ControlState.AUTO)
+        head.advance(0.6)
+        assert at(head) == pytest.approx(0.3)
+        assert not head.take(SetControl)

@@ -362,6 +362,97 @@ def test_pan_tilt_unit_is_moved_by_hand_and_stops_when_the_command_expires() -> 
         assert unit.take(JointState, "pan_tilt")[-1].position.tolist() == pytest.approx([-0.5, 0.3])
 
 
+Unit = ModuleHarness[SimulatedPanTiltModule]
+
+
+@pytest.fixture
+def unit() -> Iterator[Unit]:
+    with ModuleHarness(SimulatedPanTiltModule, name="pan_tilt") as harness:
+        harness.advance(10.0)
+        yield harness
+
+
+def look(unit: Unit, pan: float) -> None:
+    unit.send(fresh(unit, PanTiltCommand(pan_rad=pan)))
+
+
+def turn(unit: Unit, pan: float) -> float:
+    """Turn the unit by hand for a while; return where it is then."""
+    valid_for = Duration.from_seconds(0.17)
+    for _ in range(4):
+        by_hand = JointCommand(name=["pan"], position=np.array([pan]), valid_for=valid_for, by_hand=True)
+        unit.send(fresh(unit, by_hand), topic="pan_tilt", sender="page")
+        unit.advance(0.05)
+    return pan_of(unit)
+
+
+def pan_of(unit: Unit) -> float:
+    return float(unit.take(JointState, "pan_tilt")[-1].position[0])
+
+
+def tell_control(unit: Unit, mode: int) -> None:
+    unit.send(ControlState(mode=mode, who="page"), topic="control", sender="base")
+
+
+def tell_stop(unit: Unit, engaged: bool) -> None:
+    unit.send(EmergencyStop(engaged=engaged), topic="emergency_stop_state")
+
+
+@pytest.mark.parametrize("by", ["stop", "hold"])
+def test_pan_tilt_unit_stops_at_once_and_looks_where_a_module_wants_when_the_robot_goes_on(
+    unit: Unit, by: str
+) -> None:
+    look(unit, 2.0)
+    unit.advance(0.2)
+    if by == "stop":
+        tell_stop(unit, True)
+    tell_control(unit, ControlState.HOLD)
+    unit.advance(1.0)
+    stopped = pan_of(unit)
+    assert stopped < 0.7
+    look(unit, -1.0)
+    unit.advance(1.0)
+    tell_stop(unit, False)
+    unit.advance(1.0)
+    assert pan_of(unit) == pytest.approx(stopped)
+    tell_control(unit, ControlState.AUTO)
+    unit.advance(2.0)
+    assert pan_of(unit) == pytest.approx(-1.0)
+
+
+def test_operator_turns_the_pan_tilt_unit_while_the_robot_holds_but_not_during_an_emergency_stop(
+    unit: Unit,
+) -> None:
+    tell_control(unit, ControlState.HOLD)
+    assert turn(unit, 2.0) > 0.2
+    tell_stop(unit, True)
+    stopped = turn(unit, 2.0)
+    assert turn(unit, 2.0) == pytest.approx(stopped, abs=0.01)
+    tell_stop(unit, False)
+    assert turn(unit, 2.0) == pytest.approx(stopped, abs=0.01), "it was held since before the stop"
+    unit.advance(0.6)
+    assert turn(unit, 2.0) > stopped + 0.2
+
+
+def test_module_turns_the_pan_tilt_unit_back_when_the_operator_has_let_go(unit: Unit) -> None:
+    tell_control(unit, ControlState.AUTO)
+    look(unit, -1.0)
+    unit.advance(1.0)
+    turn(unit, 1.0)
+    look(unit, -0.9)
+    assert turn(unit, 1.0) > -0.4
+    assert not unit.take(SetControl), "the robot goes on while its operator looks around"
+    unit.advance(2.0)
+    assert pan_of(unit) == pytest.approx(-0.9)
+
+
+def test_pan_tilt_unit_does_not_begin_to_turn_after_a_stop(unit: Unit) -> None:
+    look(unit, 2.0)
+    tell_stop(unit, True)
+    unit.advance(1.0)
+    assert pan_of(unit) == pytest.approx(0.0, abs=0.01)
+
+
 HOUR = Duration(sec=3600)
 
 

@@ -1,0 +1,47 @@
+"""Stops joints, and lets them go on, as the base tells."""
+
+from collections.abc import Callable
+
+from robbie_mp import MessageHandling, Module
+from robbie_mp.messages import ControlState, EmergencyStop
+from robbie_robots.modules.devices.joint_control import JointControl
+
+
+class JointOrders:
+    """Binds the joints of a module to the emergency stop, and to who controls the robot.
+
+    Args:
+        module: the module of the joints.
+        control: decides whose commands they follow.
+        keep: keeps the joints where they are.
+
+    Attributes:
+        mode: who controls the robot, of `ControlState`; None: no base has told it.
+    """
+
+    def __init__(self, module: Module, control: JointControl, keep: Callable[[], None]):
+        self._module, self._control, self._keep = module, control, keep
+        self.mode: int | None = None
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        module.subscribe(
+            EmergencyStop, self._on_emergency_stop, newest, topic="emergency_stop_state", optional=True
+        )
+        module.subscribe(ControlState, self._on_control, newest, topic="control", optional=True)
+
+    def _on_emergency_stop(self, state: EmergencyStop) -> None:
+        """Stop the joints at once, and keep them there, or let them follow new commands."""
+        if not state.engaged:
+            self._control.release()
+        elif not self._control.is_stopped:
+            self._control.stop()
+            self._keep()
+
+    def _on_control(self, state: ControlState) -> None:
+        """Keep the joints where they are while an operator drives or the robot holds, unless by hand."""
+        self.mode = state.mode
+        if state.mode == ControlState.AUTO:
+            self._control.go_on()
+            return
+        hands_too = state.mode == ControlState.HOLD and state.who != self._module.name
+        if self._control.hold(hands_too=hands_too):
+            self._keep()
