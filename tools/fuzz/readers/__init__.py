@@ -1,0 +1,1 @@
+"""Reads damaged files and messages with every reader: see `__main__.py`."""
