@@ -23,13 +23,17 @@ settings.load_profile("robbie")
 HERE = Path(__file__).parent
 SLOW_FOLDERS = [HERE / "robot", HERE / "security" / "station", HERE / "tools"]
 """Campaigns and whole robots; in other folders, tests are marked one by one."""
+SLOW_TIMEOUT_S = 600
+"""Tests that try all kill points take 20 s, and ten times as long on a machine that does much else."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of the slow folders."""
+    """Mark the tests of the slow folders; give slow ones time where other programs use the processors."""
     for item in items:
         if any(item.path.is_relative_to(folder) for folder in SLOW_FOLDERS):
             item.add_marker(pytest.mark.slow)
+        if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
 
 
 def pytest_unconfigure() -> None:
