@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
+from collections.abc import Sequence
 from struct import Struct
 from struct import error as StructError
 from typing import Any
@@ -150,7 +151,24 @@ def _as_array(path: str, kind: Numbers, value: Any) -> np.ndarray[Any, Any]:
         array = np.asarray(value)
     except ValueError as error:
         raise FieldValueError(f"{path}: expected an array for {kind}: {error}") from None
+    if array.dtype.kind in "fO" and _has_only_integers(value):
+        return _large_integers(path, kind.element, value)
     return array if array.size or array.ndim != 1 else array.astype(kind.element.dtype)
+
+
+def _has_only_integers(value: Any) -> bool:
+    return isinstance(value, list | tuple) and bool(value) and all(type(one) is int for one in value)
+
+
+def _large_integers(path: str, element: Primitive, value: Sequence[int]) -> np.ndarray[Any, Any]:
+    """Return integers as an array that numpy would make floats, or has no type for: 1 and 2^64 - 1."""
+    if element.dtype.kind == "f":
+        try:
+            return np.array(value, np.float64)
+        except OverflowError:
+            raise FieldValueError(f"{path}: some numbers are too large for {element}") from None
+    _check_limits(path, element, min(value), max(value))
+    return np.array(value, element.dtype)
 
 
 ACCEPTED_KINDS = {"b": "b", "i": "iu", "u": "iu", "f": "fiu"}
@@ -164,15 +182,18 @@ def _cast(path: str, element: Primitive, array: np.ndarray[Any, Any]) -> np.ndar
     if array.dtype.kind not in ACCEPTED_KINDS[dtype.kind]:
         raise FieldTypeError(f"{path}: expected an array of {element}, got one of {array.dtype}")
     if dtype.kind in "iu" and array.size:
-        limits = np.iinfo(dtype)
-        low, high = int(array.min()), int(array.max())
-        if low < limits.min or high > limits.max:
-            raise FieldValueError(f"{path}: {element} is {limits.min} to {limits.max}, got {low} to {high}")
+        _check_limits(path, element, int(array.min()), int(array.max()))
     try:
         with np.errstate(over="raise"):
             return array.astype(dtype)
     except FloatingPointError:
         raise FieldValueError(f"{path}: some numbers are too large for {element}") from None
+
+
+def _check_limits(path: str, element: Primitive, low: int, high: int) -> None:
+    limits = np.iinfo(element.dtype)
+    if low < limits.min or high > limits.max:
+        raise FieldValueError(f"{path}: {element} is {limits.min} to {limits.max}, got {low} to {high}")
 
 
 def _check_length(path: str, length: int, limit: int | None, unit: str) -> None:

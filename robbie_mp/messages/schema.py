@@ -6,6 +6,7 @@ https://docs.ros.org/en/rolling/Concepts/Basic/About-Interfaces.html
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -99,8 +100,7 @@ def _literal(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace('"', '\\"')
-        return f'"{escaped}"'
+        return json.dumps(value, ensure_ascii=False)  # its escapes are also those of definitions
     if isinstance(value, np.ndarray):
         return _literal(value.tolist())
     if isinstance(value, list):

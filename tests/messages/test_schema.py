@@ -1,5 +1,7 @@
 """Types become ros2msg texts, and texts become types."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -117,3 +119,83 @@ def test_what_is_not_understood_is_said(text: str, said: str) -> None:
     with pytest.raises(SchemaError) as caught:
         message_type_from_schema("my_msgs/msg/Mine", text)
     assert said in str(caught.value) and "my_msgs/" in str(caught.value)
+
+
+KINDS = r"""
+# As in the interface tests of ROS 2: constants, defaults, bounds and arrays of every kind.
+bool TRUE=true
+byte BYTE=255
+char CHAR=100
+float32 FLOAT=1.125
+int64 LOWEST=-9223372036854775808
+uint64 HIGHEST=18446744073709551615
+int32 HEX=0x1f
+string GREETING="Hello world! # no comment"
+string BARE=Hello world!
+bool flag true
+byte octet 50
+char letter 100
+float32 ratio -1.125
+float64 small 1.5e-3
+int8 low -128
+uint64 high 18446744073709551615
+string first "Hello'world!"
+string second 'Hello"world!'
+string third 'Hello\'world!'
+string fourth "Hello\"world!"
+string fifth "tab\tback\\slash"
+string bare default of words
+string<=22 bounded "Hello world!"
+bool[3] flags [false, true, false]
+byte[3] octets [0, 1, 255]
+char[3] letters [0, 1, 127]
+int64[3] wide [0, 9223372036854775807, -9223372036854775808]
+uint64[3] widest [0, 1, 18446744073709551615]
+uint64[] widest_sequence [1, 18446744073709551615]
+uint64[<=3] widest_bounded [18446744073709551615]
+float32[3] ratios [1.125, 0.0, -1.125]
+float64[] whole [1, 2, 3]
+string[3] words ["", "max value", 'min "value"']
+string[<=3] few_words ["a", "b"]
+string<=5[<=2] short_words ["abc"]
+string[] any_words
+Inner inner
+Inner[2] two
+Inner[<=2] few
+Inner[] many
+================================================================================
+MSG: test_msgs/Inner
+uint64[] numbers [18446744073709551615, 0]
+"""
+
+
+def test_constants_and_defaults_of_every_kind_are_kept() -> None:
+    made = message_type_from_schema("test_msgs/msg/Kinds", KINDS)
+    for kind in (made, message_type_from_schema("test_msgs/msg/Kinds", schema_text(made))):
+        held: Any = kind()
+        assert (kind.TRUE, kind.BYTE, kind.CHAR, kind.FLOAT, kind.HEX) == (True, 255, 100, 1.125, 31)  # type: ignore[attr-defined]
+        assert (kind.LOWEST, kind.HIGHEST) == (-(2**63), 2**64 - 1)  # type: ignore[attr-defined]
+        assert (kind.GREETING, kind.BARE) == ("Hello world! # no comment", "Hello world!")  # type: ignore[attr-defined]
+        assert (held.flag, held.octet, held.letter, held.ratio, held.small) == (True, 50, 100, -1.125, 0.0015)
+        assert (held.low, held.high) == (-128, 2**64 - 1)
+        assert [held.first, held.second, held.third, held.fourth] == [
+            "Hello'world!", 'Hello"world!', "Hello'world!", 'Hello"world!']  # fmt: skip
+        assert (held.fifth, held.bare, held.bounded) == (
+            "tab\tback\\slash", "default of words", "Hello world!")  # fmt: skip
+        assert held.widest.dtype == np.uint64 and held.widest.tolist() == [0, 1, 2**64 - 1]
+        assert held.wide.tolist() == [0, 2**63 - 1, -(2**63)] and held.octets.tolist() == [0, 1, 255]
+        assert held.widest_sequence.tolist() == [1, 2**64 - 1] and held.widest_bounded.tolist() == [2**64 - 1]
+        assert held.whole.dtype == np.float64 and held.flags.tolist() == [False, True, False]
+        assert held.words == ["", "max value", 'min "value"'] and held.short_words == ["abc"]
+        assert held.few_words == ["a", "b"] and held.any_words == []
+        assert [one.numbers.tolist() for one in (held.inner, *held.two)] == [[2**64 - 1, 0]] * 3
+        assert kind.decode(held.encode()) == held
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [("uint64", -1), ("int64", 2**63), ("uint64", 2**64), ("int8", 2**64 - 1), ("float64", 10**400)],
+)
+def test_default_of_an_array_that_does_not_fit_is_refused(kind: str, value: int) -> None:
+    with pytest.raises(SchemaError, match=f"{kind}"):
+        message_type_from_schema("test_msgs/msg/A", f"{kind}[] a [1, {value}]")

@@ -1,5 +1,6 @@
 """Converts a ROS 1 or ROS 2 bag to a log; the library rosbags reads the bags of ROS 1, and knows types."""
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """ROS 2 names of types that have another name in ROS 1."""
+BYTE = re.compile(r"^byte\b", re.MULTILINE)
 HEADER = "std_msgs/msg/Header"
 
 
@@ -129,7 +131,9 @@ class _Ros1Bag:
             text, _ = self._types.generate_msgdef(connection.msgtype, ros_version=2)
         except Exception as error:
             raise BagUnreadable(f"messages of {connection.topic}, whose type is not known") from error
-        return _our_schema(self._stock, type_name, text)
+        schema = _our_schema(self._stock, type_name, text)
+        # In ROS 1 a byte is an int8, in ROS 2 an octet.
+        return BYTE.sub("int8", schema) if schema is text else schema
 
     def _ros2_types(self) -> "Typestore":
         """Return the bag's types with the ROS 2 header, to which rosbags converts the ROS 1 header."""

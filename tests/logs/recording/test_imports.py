@@ -224,3 +224,19 @@ def test_matrices_of_a_ros_1_camera_keep_their_places(tmp_path: Path) -> None:
     info = LogDecoder().decode(*read(tmp_path / "a.mcap"))
     assert isinstance(info, CameraInfo)
     assert [*info.d, *info.k, *info.r, *info.p] == list(range(30))
+
+
+def test_byte_of_ros1_keeps_its_sign(tmp_path: Path) -> None:
+    types = get_typestore(Stores.EMPTY)
+    kind = "team_msgs/msg/Old"
+    types.register(get_types_from_msg("byte LEAST=-1\nbyte level\nbyte[] levels\nchar letter", kind))
+    with Writer1(tmp_path / "a.bag") as writer:
+        connection = writer.add_connection("/old", kind, typestore=types)
+        message = types.types[kind](level=-2, levels=np.array([-3, 4], np.int8), letter=200)
+        writer.write(connection, START_NS, types.serialize_ros1(message, kind))
+    balance = Balance()
+    import_rosbag(tmp_path / "a.bag", tmp_path / "a.mcap", balance, progress=unwatched)
+    (logged,) = read(tmp_path / "a.mcap")
+    decoded: Any = LogDecoder().decode(logged)
+    assert (decoded.LEAST, decoded.level, decoded.levels.tolist()) == (-1, -2, [-3, 4])
+    assert decoded.letter == 200 and balance.left_out == {}
