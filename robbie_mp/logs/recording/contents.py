@@ -48,6 +48,7 @@ class Contents:
         start_ns: log time of the earliest message; 0 if there is none.
         end_ns: log time of the latest message; 0 if there is none.
         compressions: number of chunks by compression ("" for none).
+        strangers: messages of channels that are not described, if the whole file was read.
         damage: descriptions of the damage; empty for a file that was written to its end.
     """
 
@@ -61,6 +62,7 @@ class Contents:
     start_ns: int = 0
     end_ns: int = 0
     compressions: dict[str, int] = field(default_factory=dict)
+    strangers: int = 0
     damage: list[str] = field(default_factory=list)
     _description_bytes: int = 0
 

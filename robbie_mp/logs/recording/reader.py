@@ -33,6 +33,7 @@ from robbie_mp.logs.recording.format import (
 )
 from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.part import LogPart
+from robbie_mp.logs.recording.scan import LOST_DESCRIPTIONS
 from robbie_mp.messages import Message, TFMessage, message_type_from_schema
 from robbie_mp.messages.errors import MessageError, SchemaError
 from robbie_mp.messages.message import fields_of
@@ -45,6 +46,7 @@ FIXED_TRANSFORMS = "tf_static"
 """Last part of the topics whose newest messages hold, even in logs that do not mark them as latched."""
 TRANSIENT_LOCAL = re.compile(r"\bdurability: *(1|transient_local)\b")
 """In the quality of service of a channel that rosbag2 has recorded: latched."""
+NO_CHANNEL = "messages whose channel the file does not describe"
 REPAIRED_SUFFIX = ".repaired.mcap"
 """End of the name that `robbie log-repair` gives to the repaired copy of a .mcap file."""
 
@@ -163,9 +165,11 @@ class Log:
         return [f"{part.path}: {damage}" for part in self.parts for damage in part.contents.damage]
 
     def count_damage(self, balance: Balance) -> None:
-        """Count the damage found so far in a balance; how many messages it has cost is not known."""
+        """Count the damage found so far: messages of lost channels, and each damaged place as one."""
+        balance.leave_out(NO_CHANNEL, sum(part.contents.strangers for part in self.parts))
         for line in self.damage:
-            balance.leave_out(f"what is damaged: {line}")
+            if not line.endswith(LOST_DESCRIPTIONS):
+                balance.leave_out(f"what is damaged: {line}")
 
     @property
     def counts(self) -> dict[LogChannel, int]:

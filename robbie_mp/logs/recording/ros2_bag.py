@@ -27,7 +27,7 @@ from robbie_mp.logs.recording.format import (
 )
 from robbie_mp.logs.recording.limits import READ_LIMITS
 from robbie_mp.logs.recording.part import LogPart
-from robbie_mp.logs.recording.reader import REPAIRED_SUFFIX, TRANSIENT_LOCAL
+from robbie_mp.logs.recording.reader import NO_CHANNEL, REPAIRED_SUFFIX, TRANSIENT_LOCAL
 from robbie_mp.logs.recording.repair import repaired_name
 from robbie_mp.logs.recording.scan import LOST_DESCRIPTIONS
 from robbie_mp.messages.service_events import is_event_type
@@ -36,7 +36,6 @@ MCAP, SQLITE, ZSTD = ".mcap", ".db3", ".zstd"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """The start of a message that rosbag2 has compressed; CDR starts with a zero byte."""
 LAST_TIME_NS = 2**64 - 1
-NO_TOPIC = "messages whose topic the file does not describe"
 
 
 class BagTopic(NamedTuple):
@@ -109,7 +108,7 @@ class _McapStorage:
         for message in self._part.messages():
             topic = self._topics.get(message.channel_id)
             if topic is None:
-                balance.leave_out(NO_TOPIC)
+                balance.leave_out(NO_CHANNEL)
             else:
                 yield topic, message.time_ns, message.data
         for damage in self._part.contents.damage:
@@ -168,7 +167,7 @@ class _SqliteStorage:
                 done += 1
                 topic = self._topics.get(id_)
                 if topic is None:
-                    balance.leave_out(NO_TOPIC)
+                    balance.leave_out(NO_CHANNEL)
                 elif not isinstance(data, bytes) or not isinstance(time_ns, int):
                     balance.leave_out(f"messages of {topic.name} that are no bytes with a time")
                 else:

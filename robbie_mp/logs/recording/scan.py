@@ -71,8 +71,6 @@ class _Scan:
         self._row: list[Frame] = []
         """Messages outside of chunks since the last record of another kind."""
         self._row_tally = _Tally()
-        self._strangers = 0
-        """Messages of unknown channels."""
 
     def run(self) -> Contents:
         """Read the file."""
@@ -103,8 +101,10 @@ class _Scan:
     def _compare_counts(self) -> None:
         """Note messages of unknown channels, and messages that the summary counts but the file lacks."""
         expected, count = self._known.message_count, self._found.message_count
-        if self._strangers:
-            self._found.damage.append(f"{self._strangers} messages belong to channels {LOST_DESCRIPTIONS}")
+        if self._found.strangers:
+            self._found.damage.append(
+                f"{self._found.strangers} messages belong to channels {LOST_DESCRIPTIONS}"
+            )
         elif self._known.counts and expected != count and not self._found.damage:
             self._found.damage.append(f"the summary counts {expected} messages, but there are {count}")
 
@@ -177,7 +177,7 @@ class _Scan:
     def _add_block(self, frame: Frame, tally: "_Tally") -> None:
         found = self._found
         known = {id_: times for id_, times in tally.times.items() if id_ in found.channels}
-        self._strangers += sum(times[0] for id_, times in tally.times.items() if id_ not in known)
+        self._found.strangers += sum(times[0] for id_, times in tally.times.items() if id_ not in known)
         if not known:
             return
         start_ns, end_ns = (

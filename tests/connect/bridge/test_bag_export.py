@@ -152,6 +152,20 @@ def test_what_cannot_be_in_a_bag_is_counted(capsys: pytest.CaptureFixture[str]) 
     assert names_in(Path("bag")).keys() == {"/scan"}
 
 
+def test_balance_of_a_bag_is_what_the_log_holds(capsys: pytest.CaptureFixture[str]) -> None:
+    with LogFile(Path("a.mcap")) as log:
+        for number in range(20):
+            log.add(scan(number), "scan", time_ns=START_NS + number)
+        for number in range(10):
+            log.writer.add_message(99, START_NS + number, b"", START_NS + number)
+    assert main(["export", "a.mcap", "bag", "--rosbag2"]) == 1
+    shown = capsys.readouterr()
+    assert "bag: read 30 messages: 20 used, 10 left out" in shown.out
+    assert "left out 10: messages whose channel the file does not describe" in shown.err
+    assert main(["import-rosbag", "a.mcap", "b.mcap"]) == 1
+    assert "b.mcap: read 30 messages: 20 used, 10 left out" in capsys.readouterr().out
+
+
 def test_folder_that_exists_is_refused_and_kept(capsys: pytest.CaptureFixture[str]) -> None:
     write_log(Path("a.mcap"))
     Path("bag").mkdir()
