@@ -221,12 +221,12 @@ class Playback(ClockSource):
         player.play()
         if player.time.held and not self.outlet.is_empty():
             self.outlet.wake()
-        if player.ended and not player.time.paused and self.outlet.is_empty():
+        if self.strict and self.outlet.balance.left_out:
+            self.log.error("ended, because strict allows no loss: %s", *self.outlet.balance.left_out)
+            self.stop()
+        elif player.ended and not player.time.paused and self.outlet.is_empty():
             self._tell()
             self.log.info("the log has ended: %s", self.status)
-            self.stop()
-        elif self.strict and self.outlet.balance.left_out:
-            self.log.error("ended, because strict allows no loss: %s", *self.outlet.balance.left_out)
             self.stop()
         elif self.has_news or (self.lockstep is None and self.clock.monotonic_ns() >= self.next_news_ns):
             self._tell()
