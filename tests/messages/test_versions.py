@@ -77,7 +77,7 @@ def test_nested_messages_become_ours() -> None:
 
 
 def test_our_own_version_is_decoded_directly() -> None:
-    for schema in ("", schema_text(Battery), f"# said differently\n{schema_text(Battery)}"):
+    for schema in (None, schema_text(Battery), f"# said differently\n{schema_text(Battery)}"):
         assert decode_version(Battery, NOW.encode(), 3, schema) == NOW
 
 
