@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
+from os.path import isfile  # Path.is_file raises an error for a name that is too long
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -14,6 +15,8 @@ from robbie_mp.scene.xml_elements import Element, decoded, parse_xml, read_conte
 
 MOST_NAMED = 12
 """Things of one kind that a description names."""
+MOST_LETTERS = 300
+"""Of each."""
 
 
 def describe_urdf(file: Path) -> dict[str, str]:
@@ -92,10 +95,13 @@ def _meshes(robot: Element, folder: Path) -> Iterable[str]:
 
 def _trouble(name: str, folder: Path) -> str:
     """Return why a mesh is not found, in parentheses; '' if it is there."""
-    address = urlsplit(name)
+    try:
+        address = urlsplit(name)
+    except ValueError:
+        return " (no address)"
     if address.scheme not in ("", "file"):
         return "" if address.scheme == "package" else f" ({address.scheme}: is not looked up)"
-    return "" if (folder / unquote(address.path)).is_file() else " (missing)"
+    return "" if isfile(folder / unquote(address.path)) else " (missing)"
 
 
 def _counted(counts: Counter[str]) -> str:
@@ -105,4 +111,4 @@ def _counted(counts: Counter[str]) -> str:
 def _several(texts: Iterable[str]) -> str:
     every = list(texts)
     more = [f"and {len(every) - MOST_NAMED} more"] if len(every) > MOST_NAMED else []
-    return "; ".join([*every[:MOST_NAMED], *more])
+    return "; ".join([*(text[:MOST_LETTERS] for text in every[:MOST_NAMED]), *more])

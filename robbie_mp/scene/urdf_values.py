@@ -12,6 +12,8 @@ from robbie_mp.scene.xml_elements import Element
 _NUMBER = re.compile(
     r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE
 )
+MAX_NAME = 1000
+"""Most characters of a name or type."""
 KNOWN_VERSIONS = ((1, 0), (1, 1), (1, 2))
 
 
@@ -56,9 +58,12 @@ class UrdfValues:
 
     def attribute(self, element: Element, key: str) -> str:
         """Return a required attribute; if it is missing or empty, note the problem and return ''."""
-        if not element.attributes.get(key):
+        text = element.attributes.get(key, "")
+        if not text:
             self.wrong(element, f"<{element.tag}> has no {key}")
-        return element.attributes.get(key, "")
+        if len(text) > MAX_NAME:
+            self.wrong(element, f"<{element.tag}> {key}: longer than {MAX_NAME} characters")
+        return text[:MAX_NAME]
 
     def check_attributes(self, element: Element, known: Sequence[str]) -> None:
         """Note attributes that are not in the specification."""

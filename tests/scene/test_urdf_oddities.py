@@ -203,6 +203,20 @@ def test_description_names_meshes_and_what_is_left_out(tmp_path: Path) -> None:
     assert (told["robot"], told["URDF"], told["joints"]) == ("r", "version 1.2", "1 revolute")
 
 
+def test_meshes_with_impossible_names_are_described(tmp_path: Path) -> None:
+    names = ("http://[", "a" * 5000, "%00", "a/../" * 50)
+    shapes = "".join(f'<visual><geometry><mesh filename="{name}"/></geometry></visual>' for name in names)
+    file = write(tmp_path, f'<robot><link name="a">{shapes}</link></robot>', "robot.urdf")
+    first, long, null, up = describe_urdf(file)["meshes"].split("; ")
+    assert first == "http://[ (no address)" and null == "%00 (missing)" and up.endswith("(missing)")
+    assert len(long) == 300
+
+
+def test_long_names_are_refused(tmp_path: Path) -> None:
+    told = problems(write(tmp_path, f'<robot><link name="{"a" * 2000}"/></robot>', "robot.urdf"))
+    assert told == ["robot.urdf:1: <link> name: longer than 1000 characters"]
+
+
 XACRO = """\
 <robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:property name="reach" value="0.25"/>
