@@ -22,6 +22,11 @@ SERVICE_LINE = re.compile(r"\s*SRV:\s*\S+\s*\n")
 HALVES = re.compile(r"^---\s*$", re.MULTILINE)
 
 
+def describes_service(text: str) -> bool:
+    """Return whether a definition is that of a service, as rosbag2 writes it for its events."""
+    return SERVICE_LINE.search(text) is not None
+
+
 def is_event_type(type_name: str) -> bool:
     """Return whether messages of a type are events of a service."""
     return EVENT_NAME.fullmatch(type_name) is not None
@@ -38,7 +43,7 @@ def event_schema(type_name: str, text: str) -> str:
         SchemaError: it is no definition of a service.
     """
     name = EVENT_NAME.fullmatch(type_name)
-    _, service, *others = SEPARATOR_LINE.split(text) if SERVICE_LINE.search(text) else ("", "")
+    _, service, *others = SEPARATOR_LINE.split(text) if describes_service(text) else ("", "")
     halves = HALVES.split(SERVICE_LINE.sub("", service))
     if name is None or len(halves) != 2:
         raise SchemaError(f"{type_name}: its schema is no definition of a service: {text[:100]!r}")

@@ -432,6 +432,8 @@ def _schema_text(schema: Schema, stock: TypeRegistry) -> str | None:
     """Return the ros2msg text of a type; None if the log has none."""
     name = full_name(schema.name)
     if is_event_type(name):
+        if not schema.data:
+            return None
         with contextlib.suppress(SchemaError, UnicodeDecodeError):
             return event_schema(name, schema.data.decode())
     if schema.encoding != SCHEMA_ENCODING:

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 from robbie_mp.logs.recording.errors import BagUnreadable
 from robbie_mp.logs.recording.format import MESSAGE_ENCODING, SCHEMA_ENCODING
 from robbie_mp.logs.recording.ros2_bag import BagTopic
-from robbie_mp.messages.service_events import event_schema, is_event_type
+from robbie_mp.messages.service_events import describes_service, event_schema, is_event_type
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
 
 LITTLE_ENDIAN, BIG_ENDIAN = b"\0\1", b"\0\0"
-IDL_ENCODING = "ros2idl"
+IDL_ENCODINGS = ("ros2idl", "omgidl")
 IDL_SEPARATOR = f"{'=' * 80}\n"
 USUAL = "ros2_humble"
 """The distribution of a bag that does not say it: the last one whose bags may have no definitions."""
@@ -65,11 +65,13 @@ class Ros2Types:
             ) from error
 
     def _schema(self, topic: BagTopic) -> str:
-        if topic.definition is not None and is_event_type(topic.type_name):
-            return event_schema(topic.type_name, topic.definition)
-        if topic.form == SCHEMA_ENCODING and (topic.definition or not self._known(topic.type_name)):
-            return topic.definition or ""  # a type without fields, unless it is one that has some
-        if topic.form == IDL_ENCODING and topic.definition:
+        is_event = is_event_type(topic.type_name)
+        if is_event and describes_service(topic.definition or ""):
+            return event_schema(topic.type_name, topic.definition or "")
+        has_fields = is_event or self._known(topic.type_name) is not None
+        if topic.form == SCHEMA_ENCODING and (topic.definition or not has_fields):
+            return topic.definition or ""
+        if topic.form in IDL_ENCODINGS and topic.definition:
             return self._from_idl(topic.type_name, topic.definition)
         return self._schemas.get(topic.type_name) or self._stored(topic)
 

@@ -19,6 +19,7 @@ from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.errors import BagUnreadable
 from robbie_mp.logs.recording.reader import Log, open_log
 from robbie_mp.logs.recording.rosbag_import import import_rosbag
+from robbie_mp.messages.service_events import event_schema
 from tests.logs.recording._support.logs import START_NS
 from tests.logs.recording._support.ros2_bags import (
     LATCHED,
@@ -174,8 +175,11 @@ def test_no_change_of_the_metadata_loses_a_message(tmp_path: Path, seed: int) ->
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_service_events_are_kept_beside_the_other_topics(tmp_path: Path, storage: str) -> None:
-    bag = write_bag(tmp_path / "bag", [[*rows([CHAT], 3), (ADD_EVENT, START_NS + 5, REQUEST)]], storage)
+@pytest.mark.parametrize("form", ["unknown", "ros2msg", "of the event"])
+def test_service_events_are_kept_beside_the_other_topics(tmp_path: Path, storage: str, form: str) -> None:
+    definition = event_schema(ADD_EVENT.type_name, ADD) if form == "of the event" else ADD
+    topic = ADD_EVENT._replace(definition=definition, form="unknown" if form == "unknown" else "ros2msg")
+    bag = write_bag(tmp_path / "bag", [[*rows([CHAT], 3), (topic, START_NS + 5, REQUEST)]], storage)
     texts, balance, _ = imported(bag)
     assert texts[:3] == numbers(3) and (balance.used, balance.left_out) == (4, {})
     with open_log(tmp_path / "imported.mcap") as log:
@@ -203,6 +207,8 @@ def test_service_events_of_a_bag_are_shown_and_exported(tmp_path: Path) -> None:
         Topic("/bad", "team_msgs/msg/Unknown", None, ""),
         Topic("/bad", "team_msgs/msg/Unknown", "module {", "ros2idl"),
         Topic("/bad", "team_msgs/srv/Do_Event", "int64 a", "unknown"),
+        Topic("/bad", "team_msgs/srv/Do_Event", "", "unknown"),
+        Topic("/bad", "team_msgs/srv/Do_Event", "", "ros2msg"),
         Topic("/bad", encoding="cbor"),
     ],
 )
@@ -225,6 +231,7 @@ def test_topic_that_cannot_be_read_leaves_out_only_itself(
     "topic",
     [
         Topic("/t", "team_msgs/msg/Level", IDL, "ros2idl"),
+        Topic("/t", "team_msgs/msg/Level", IDL.partition("Level\n")[2], "omgidl"),
         Topic("/t", "team_msgs/msg/Level", "string data  # with a comment\nint32 MORE=3"),
         Topic("/t", "std_msgs/msg/String", None, ""),
         Topic("/t", "std_msgs/msg/String", "", "ros2msg"),
