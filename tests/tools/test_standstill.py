@@ -1,15 +1,22 @@
 """The judgement of `tools.standstill` on made-up motions, and one cell of it on a real robot."""
 
 import math
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests._support.robot import wait_until
+from tools.robot import Robot
 from tools.standstill.__main__ import measure_way
 from tools.standstill.failures import failures_of
 from tools.standstill.judgement import TrueMotion, judge
+from tools.standstill.scene import CoreSeen
 from tools.standstill.table import Cell, summary, table
 from tools.standstill.ways import WAYS
 
@@ -140,3 +147,36 @@ def test_robot_driven_by_hand_is_measured() -> None:
     assert stopped.motion.speed_m_per_s > 0.15
     assert 0.0 < stopped.motion.driven_m < 0.2
     assert stopped.keeps
+
+
+@dataclass
+class LookedAt:
+    """A run whose figures are those of a script, a look after the other; each look takes a while."""
+
+    looks: list[tuple[int, int, int]]
+    """Incarnation of the core, whether it has begun its work, and what the base has handled."""
+    started_ns: int = 0
+
+    def figures(self) -> dict[str, SimpleNamespace]:
+        time.sleep(0.03)
+        self.now = self.looks.pop(0) if len(self.looks) > 1 else self.looks[0]
+        incarnation, _, handled = self.now
+        core = SimpleNamespace(incarnation=incarnation, started_ns=self.started_ns + incarnation)
+        return {"core": core, "base": SimpleNamespace(handled=handled)}
+
+    @property
+    def observer(self) -> SimpleNamespace:
+        return SimpleNamespace(
+            core=lambda: SimpleNamespace(heartbeat_ns=self.started_ns + 1 + self.now[1] * 9)
+        )
+
+
+def test_new_core_gives_something_from_the_last_look_at_which_it_had_given_nothing() -> None:
+    """On a busy machine the robot seemed to move before the new core delivered."""
+    begun_s = time.monotonic()
+    robot = LookedAt([(1, 1, 5), (1, 1, 7), (2, 0, 8), (2, 1, 8), (2, 1, 9)], time.monotonic_ns())
+    seen = CoreSeen(cast(Robot, robot))
+    wait_until(lambda: math.isfinite(seen.first_after(0.0)))
+    seen.close()
+    # The fourth look began after three had ended, and the base had handled something by the fifth.
+    assert begun_s + 0.09 <= seen.first_after(0.0) <= time.monotonic() - 0.06

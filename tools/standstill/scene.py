@@ -15,6 +15,7 @@ from playwright.sync_api import Page
 
 from robbie_mp import RobbieError
 from robbie_mp.attached.tool.script import AttachedRun
+from robbie_mp.bus.observe import ModuleFigures
 from robbie_mp.messages import DriveCommand, LaserScan, Message, Odometry, PoseStamped
 from robbie_mp.run.run_directory import list_runs
 from tools.robot import Robot
@@ -76,13 +77,18 @@ class Seen:
 class CoreSeen:
     """Sees by the shared counters when another core than the present one delivers to the base.
 
+    A look takes long on a busy machine. The time is the earliest that it can have been: that of the last look
+    before the base handled something of the new core, but not before that core was started.
+
     Args:
         robot: the run.
     """
 
     def __init__(self, robot: Robot):
         self._robot = robot
-        self._before = robot.figures()["core"].incarnation
+        self._looked_s = time.monotonic()
+        figures = robot.figures()
+        self._before, self._handled = figures["core"].incarnation, figures["base"].handled
         self._fresh_s = math.inf
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
@@ -94,15 +100,19 @@ class CoreSeen:
         self._thread.join()
 
     def _look(self) -> None:
-        handled: int | None = None
         while not self._ended.wait(0.005):
+            now_s = time.monotonic()
             figures = self._robot.figures()
-            if figures["core"].incarnation == self._before:
-                continue
-            handled = figures["base"].handled if handled is None else handled
-            if figures["base"].handled > handled:
-                self._fresh_s = time.monotonic()
+            core, handled = figures["core"], figures["base"].handled
+            if core.incarnation != self._before and self._routes(core) and handled > self._handled:
+                self._fresh_s = max(self._looked_s, core.started_ns / 1e9)
                 return
+            self._looked_s, self._handled = now_s, handled
+
+    def _routes(self, core: ModuleFigures) -> bool:
+        """Whether a core has begun its own work."""
+        observer = self._robot.observer
+        return observer is not None and observer.core().heartbeat_ns > core.started_ns > 0
 
     def first_after(self, _time_s: float) -> float:
         """Return when it first did; infinite: never."""
