@@ -20,19 +20,19 @@ from tests._support.robot import robot_in
 from tests.bus.observe._support.top_evidence import (
     BURST,
     CLOCK_TICK_S,
-    COUNT,
     HEARERS,
     INTERVAL_S,
     KEPT,
     MODULES,
     PAIRS,
-    PERIOD_S,
     QUEUE,
     SLOW_S,
     Evidence,
     gathered,
 )
 
+BEHIND_S = 2.0
+"""How far the core may be behind the publishers on a busy machine."""
 LOAD = Path(__file__).parent / "_support" / "load_modules.py"
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -55,14 +55,14 @@ def recorded(evidence: Evidence, name: str, at: int, which: int) -> list[int]:
 
 def test_counters_are_those_of_the_modules_themselves(evidence: Evidence) -> None:
     for number in range(PAIRS):
-        assert evidence.module(f"talker{number}")["published"] == COUNT
-        assert evidence.books[f"talker{number}"]["sent"][-1][1] == COUNT
+        assert evidence.module(f"talker{number}")["published"] == evidence.sent(f"talker{number}") > 0
     for name in HEARERS:
         module, handled = evidence.module(name), len(evidence.books[name]["took_ns"])
         assert module["handled"] == handled
         (books,) = module["subscriptions"]
-        assert books["routed"] == COUNT == handled + books["dropped"]
-        assert module["dropped"] == (COUNT - handled if name == "slow" else 0)
+        count = evidence.sent(books["topic"])
+        assert books["routed"] == count == handled + books["dropped"]
+        assert module["dropped"] == (count - handled if name == "slow" else 0)
         assert module["status"] == f"{handled} scans"
         assert module["states"] == "ear: LISTEN"
         assert (module["waiting"], module["left"], module["lost"], module["refused"]) == (0, 0, 0, 0)
@@ -79,7 +79,8 @@ def test_channels_count_published_messages_and_bytes(evidence: Evidence) -> None
     found = [one for one in evidence.final["channels"] if one["type_name"] == LaserScan.type_name]
     assert len(found) == PAIRS
     for channel in found:
-        assert (channel["messages"], channel["bytes"]) == (COUNT, COUNT * size)
+        count = evidence.sent(channel["topic"])
+        assert (channel["messages"], channel["bytes"]) == (count, count * size)
         assert channel["publishers"] == [channel["topic"]]
         assert len(channel["subscribers"]) == 1
 
@@ -117,23 +118,33 @@ def test_handler_times_and_load_agree_with_the_modules_own_measurements(
         assert found["p50_s"] <= (1 + 2 * RELATIVE_ERROR) * quantile_s(own_ns, 0.5) + 0.002
 
 
+def sent_until(evidence: Evidence, number: int, at_s: float) -> int:
+    """Return how many scans a talker had noted at a time; it may have sent one burst more."""
+    notes = evidence.books[f"talker{number}"]["sent"]
+    return int(notes[bisect_right([note[0] for note in notes], at_s) - 1][1])
+
+
 def test_rates_under_load_agree_with_the_publishers(evidence: Evidence) -> None:
     loaded = evidence.loaded
     interval_s = loaded["interval_s"]
     end_s = datetime.fromisoformat(loaded["time"]).timestamp()
-    total = 0.0
-    tolerance_hz = 6 * BURST / interval_s  # a look takes its time, and notes are made after each burst
+    begin_s = end_s - interval_s
+    total_hz = 0.0
     for number in range(PAIRS):
-        notes = evidence.books[f"talker{number}"]["sent"]
-        times_s = [note[0] for note in notes]
-        first, last = (notes[bisect_right(times_s, at_s) - 1][1] for at_s in (end_s - interval_s, end_s))
-        expected_hz = (last - first) / interval_s
-        total += expected_hz
-        rates = evidence.module(f"talker{number}", "loaded")["rates"]
-        assert rates["out_hz"] == pytest.approx(expected_hz, abs=tolerance_hz)
+        module = evidence.module(f"talker{number}", "loaded")
         channel = next(one for one in loaded["channels"] if one["topic"] == f"talker{number}")
-        assert channel["hz"] == pytest.approx(expected_hz, abs=tolerance_hz)
-    assert loaded["routed_hz"] == pytest.approx(total + 1 / PERIOD_S, abs=PAIRS * tolerance_hz)
+        total_hz += channel["hz"]
+        # A look begins at its time, and takes a while; the core may be behind.
+        for after, hz, behind_s in (
+            (module["published"], module["rates"]["out_hz"], 0.0),
+            (channel["messages"], channel["hz"], BEHIND_S),
+        ):
+            before = after - hz * interval_s
+            least = sent_until(evidence, number, end_s - behind_s)
+            assert least <= after <= sent_until(evidence, number, evidence.loaded_until_s) + BURST
+            least = sent_until(evidence, number, begin_s - behind_s)
+            assert least - 1 <= before <= sent_until(evidence, number, end_s) + BURST + 1
+    assert loaded["routed_hz"] == pytest.approx(total_hz, rel=0.5)
     assert loaded["routed_hz"] > 200, "that was no load"
 
 
@@ -160,9 +171,8 @@ def test_processor_time_memory_and_threads_agree_with_psutil(evidence: Evidence)
         low, high = sorted((before["rss"], after["rss"]))
         assert 0.9 * low <= module["rss_bytes"] <= 1.1 * high
         assert module["threads"] in (before["threads"], after["threads"])
-        age_s = datetime.fromisoformat(evidence.loaded["time"]).timestamp() - before["start"]
-        early_s = 10.0 if module["name"] == "supervisor" else 3.0  # it imports much before it begins
-        assert age_s - early_s < module["uptime_s"] < age_s + 0.1
+        now_s = datetime.fromisoformat(evidence.loaded["time"]).timestamp()
+        assert now_s - evidence.begun.wall_time_s - 0.1 < module["uptime_s"] < now_s - before["start"] + 0.1
     for early_s, found_s, late_s in zip(
         evidence.processors[0], evidence.loaded["machine"]["cpu_busy_s"], evidence.processors[1], strict=True
     ):
@@ -180,7 +190,8 @@ def test_profiler_publishes_the_same_figures(evidence: Evidence) -> None:
         for topic, channel in now["channels"].items():
             more = channel["messages"] - before["channels"].get(topic, {"messages": 0})["messages"]
             assert channel["hz"] * now["interval_s"] == pytest.approx(more, rel=1e-5, abs=1e-3)
-    assert {channel["messages"] for channel in said[-1]["channels"].values()} == {COUNT}
+    messages = {topic: channel["messages"] for topic, channel in said[-1]["channels"].items()}
+    assert messages == {f"talker{number}": evidence.sent(f"talker{number}") for number in range(PAIRS)}
     pids = {module["name"]: module["pid"] for module in evidence.final["modules"]}
     assert {name: module["pid"] for name, module in said[2]["modules"].items()} == pids
     busiest = max(said, key=lambda one: one["modules"]["slow"]["in_hz"])["modules"]
@@ -198,7 +209,7 @@ def test_recording_has_a_line_for_each_process_and_interval_until_the_run_ends(e
     names = [module["name"] for module in evidence.final["modules"]]
     assert all([row["module"] for row in rows] == names for rows in by_time.values())
     last = {row["module"]: row for row in next(reversed(by_time.values()))}
-    assert last["talker0"]["published"] == str(COUNT)
+    assert last["talker0"]["published"] == str(evidence.sent("talker0"))
     assert last["core"]["restarts"] == "1"
     slow = [row["handler_p99_s"] for row in evidence.recorded if row["module"] == "slow"]
     assert min(float(text) for text in slow if text) > SLOW_S * (1 - 2 * RELATIVE_ERROR)

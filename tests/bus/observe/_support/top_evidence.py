@@ -23,7 +23,6 @@ from robbie_mp.messages import LaserScan
 from tests._support.robot import COMMAND, Robot, wait_until
 
 PAIRS = 9
-COUNT = 1680
 BURST = 12
 PERIOD_S = 0.05
 INTERVAL_S = 3.0
@@ -33,7 +32,7 @@ KEPT = 3
 CLOCK_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 MODULES = [
     *(
-        f"talker{number}: {{class: 'zoo.load:Talker', settings: {{count: {COUNT}, burst: {BURST}}}}}"
+        f"talker{number}: {{class: 'zoo.load:Talker', settings: {{burst: {BURST}}}}}"
         for number in range(PAIRS)
     ),
     *(
@@ -59,6 +58,8 @@ class Evidence:
     begun: RunReading
     loaded: dict[str, Any]
     """Output of `top --json` under load, with the figures of psutil before and after it."""
+    loaded_until_s: float
+    """When that command had ended, Unix time."""
     psutil_before: dict[int, dict[str, Any]]
     psutil_after: dict[int, dict[str, Any]]
     processors: list[list[float]]
@@ -75,6 +76,10 @@ class Evidence:
     recorded: list[dict[str, str]] = field(default_factory=list)
     """Output of `top --csv`, which ran from the load to the end of the run."""
     books: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def sent(self, topic: str) -> int:
+        """How many scans were published on a topic."""
+        return int(self.books[topic]["sent"][-1][1])
 
     def module(self, name: str, of: str = "final") -> dict[str, Any]:
         figures: dict[str, Any] = getattr(self, of)
@@ -95,8 +100,11 @@ def gathered(robot: Robot) -> Evidence:
         before = {pid: by_psutil(pid) for pid in pids}
         recorder = recording(robot, run_id)
         loaded = top(robot, run_id, interval_s=INTERVAL_S)
+        loaded_until_s = time.time()
         after = {pid: by_psutil(pid) for pid in pids}
         processors.append(busy_s())
+        wait_until(lambda: len(times_of_slow(robot)) > 3)
+        (robot.output / "enough").touch()
         wait_until(lambda: is_over(observer.read()))
         final = top(robot, run_id, interval_s=0.0)
         stat_bytes = {
@@ -114,7 +122,19 @@ def gathered(robot: Robot) -> Evidence:
     process.communicate(timeout=60)
     recorder.communicate(timeout=20)
     found = Evidence(
-        begun, loaded, before, after, processors, ended, final, stat_bytes, maps, hung, looks, calls
+        begun,
+        loaded,
+        loaded_until_s,
+        before,
+        after,
+        processors,
+        ended,
+        final,
+        stat_bytes,
+        maps,
+        hung,
+        looks,
+        calls,
     )
     found.recorder_exit_code = recorder.returncode
     with (robot.folder / "figures.csv").open(newline="") as file:
@@ -134,6 +154,13 @@ def top(robot: Robot, run_id: str, interval_s: float) -> dict[str, Any]:
 def recording(robot: Robot, run_id: str) -> "subprocess.Popen[bytes]":
     command = [*COMMAND, "top", "--csv", "figures.csv", "--interval", "0.5", "--run", run_id]
     return subprocess.Popen(command, cwd=robot.folder)
+
+
+def times_of_slow(robot: Robot) -> list[str]:
+    """Return the 99th percentiles of the slow module's handler in the recording so far."""
+    file = robot.folder / "figures.csv"
+    rows = list(csv.DictReader(file.read_text().splitlines())) if file.exists() else []
+    return [row["handler_p99_s"] for row in rows if row["module"] == "slow" and row["handler_p99_s"]]
 
 
 def by_psutil(pid: int) -> dict[str, Any]:
@@ -163,8 +190,9 @@ def read_between_messages(observer: RunObserver) -> RunReading:
 
 def is_over(now: RunReading) -> bool:
     """Whether the load is over, and everything handled."""
-    scans = [channel for channel in now.channels if channel.type_name == LaserScan.type_name]
-    done = all(channel.messages == COUNT for channel in scans)
+    scans = {one.topic: one.messages for one in now.channels if one.type_name == LaserScan.type_name}
+    said = {one.name: one.status for one in now.modules}
+    done = all(said[topic] == f"sent {messages}" for topic, messages in scans.items())
     return done and not any(books.waiting for name in HEARERS for books in subscriptions(now, name))
 
 
