@@ -10,6 +10,7 @@ from pathlib import Path
 
 import yaml
 
+from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.base.problem import ProfileError, SourcePlace, refuse
 
 TAG = "tag:yaml.org,2002:"
@@ -60,7 +61,8 @@ def read_file(file: Path) -> YamlNode:
             may not contain.
     """
     try:
-        content = file.read_bytes()
+        with open_regular(file) as opened:
+            content = opened.read()
     except OSError as error:
         raise refuse(f"cannot be read: {error.strerror}", SourcePlace(file, 1)) from None
     try:

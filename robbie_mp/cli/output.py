@@ -6,10 +6,12 @@ prints can control your terminal. Commands themselves set only colours, through 
 """
 
 import contextlib
+import errno
 import io
+import os
 import sys
 from collections.abc import Iterable, Iterator
-from typing import IO
+from typing import IO, cast
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
@@ -62,15 +64,103 @@ class PlainStream(io.TextIOBase):
         return str(getattr(self.below, "encoding", "utf-8"))
 
 
+class WatchedStream(io.TextIOBase):
+    """A stream that notes when something cannot be written; argparse, for one, tells nobody.
+
+    Args:
+        below: the stream it writes to; None if the process was started without it. What is written then is
+            lost, which is no error: a service goes on without anybody who reads.
+
+    Attributes:
+        problem: the first one; None if all was written.
+    """
+
+    def __init__(self, below: IO[str] | None):
+        self._below = below
+        self.problem: OSError | None = None
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        with self._watched():
+            if self._below is None:
+                self.problem = OSError(errno.EBADF, "it is closed")
+            else:
+                self._below.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream below."""
+        with self._watched():
+            if self._below is not None:
+                self._below.flush()
+
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.problem = self.problem or error
+            raise
+
+    def close(self) -> None:
+        """Leave the stream below open: this stream does not own it."""
+
+    def fileno(self) -> int:
+        """Return the file descriptor."""
+        if self._below is None:
+            raise io.UnsupportedOperation("this stream is closed")
+        return self._below.fileno()
+
+    def isatty(self) -> bool:
+        """Whether the stream is a terminal."""
+        return self._below is not None and self._below.isatty()
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """The encoding of the stream below."""
+        return str(getattr(self._below, "encoding", "utf-8"))
+
+
 @contextlib.contextmanager
 def plain_output() -> Iterator[None]:
     """Make everything printed on standard output and standard error plain."""
     with contextlib.ExitStack() as replaced:
-        if sys.stdout is not None:  # None if a service was started with closed descriptors
-            replaced.enter_context(contextlib.redirect_stdout(PlainStream(sys.stdout)))
-        if sys.stderr is not None:
-            replaced.enter_context(contextlib.redirect_stderr(PlainStream(sys.stderr)))
+        for redirect, stream in (
+            (contextlib.redirect_stdout, sys.stdout),
+            (contextlib.redirect_stderr, sys.stderr),
+        ):
+            replaced.enter_context(redirect(PlainStream(cast("IO[str]", WatchedStream(stream)))))
         yield
+
+
+def finish_output() -> bool:
+    """Flush standard output; return whether everything was written, and say why not.
+
+    If the reader has ended, as in `robbie profile show demo | head -1`, nobody needs to be told.
+    """
+    below = _below(sys.stdout)
+    if not isinstance(below, WatchedStream):  # of a test
+        return True
+    with contextlib.suppress(OSError):
+        below.flush()
+    problem, below.problem = below.problem, None
+    if problem is None:
+        return True
+    with contextlib.suppress(io.UnsupportedOperation):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), below.fileno())  # the interpreter flushes again at its end
+    if not isinstance(problem, BrokenPipeError):
+        say(f"standard output cannot be written: {problem.strerror}")
+    return False
+
+
+def say(text: str) -> None:
+    """Print an error on standard error, if that can be written."""
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
 
 
 class PlainConsole(Console):

@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.bus_error import surviving_truncation
@@ -15,7 +16,7 @@ from robbie_mp.base.version import installed_version
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.interrupts import interrupts_end_at_once
-from robbie_mp.cli.output import plain_output
+from robbie_mp.cli.output import finish_output, plain_output, say
 from robbie_mp.cli.parser import BAD_USAGE, Parser
 
 COMMANDS = (
@@ -67,10 +68,38 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     """
     with plain_output():
         try:
-            return _run_command(arguments)
-        except Exception:
-            traceback.print_exc()  # inside plain_output, which makes control characters visible
+            code = _outcome(arguments)
+        except SystemExit:  # argparse, after help or an error
+            if finish_output():
+                raise
             return FAILED
+        is_whole = finish_output()
+    return code or (0 if is_whole else FAILED)
+
+
+def _outcome(arguments: Sequence[str] | None) -> int:
+    """Run a command, and turn what ends it into text and an exit code."""
+    try:
+        return _run_command(arguments)
+    except RobbieError as error:
+        say(str(error))
+        return _exit_code(error)
+    except OSError as error:
+        if finish_output():  # else that was the reason
+            say(_of_place(error))
+        return FAILED
+    except Exception:
+        traceback.print_exc()  # inside plain_output, which makes control characters visible
+        return FAILED
+
+
+def _of_place(error: OSError) -> str:
+    """Say which file, or which place, the system refused."""
+    try:
+        Path.cwd()
+    except OSError:
+        return "the working directory does not exist any more; change to one that exists"
+    return f"{error.filename}: {error.strerror}" if error.filename else f"the system refused: {error}"
 
 
 def _run_command(arguments: Sequence[str] | None) -> int:
@@ -83,16 +112,8 @@ def _run_command(arguments: Sequence[str] | None) -> int:
         parser.print_help()
         return 0
     parsed = parser.parse_args(argv)
-    try:
-        with surviving_truncation(f"{SHARED_MEMORY / names.folder('')}"):  # of a run that it looks at
-            code: int = parsed.command(parsed)
-        sys.stdout.flush()
-    except BrokenPipeError:  # as in `robbie profile show demo | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
-    except RobbieError as error:
-        print(error, file=sys.stderr)
-        return _exit_code(error)
+    with surviving_truncation(f"{SHARED_MEMORY / names.folder('')}"):  # of a run that it looks at
+        code: int = parsed.command(parsed)
     return code
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
 
+from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.base.problem import Problem, SourcePlace
 from robbie_mp.scene.errors import SceneFileError
 
@@ -57,7 +58,7 @@ def read_content(file: Path, limit: int = MAX_BYTES) -> bytes:
         SceneFileError: it cannot be read, or is larger.
     """
     try:
-        with file.open("rb") as opened:
+        with open_regular(file) as opened:
             content = opened.read(limit + 1)
     except OSError as error:
         raise _refused(f"cannot be read: {error.strerror}", SourcePlace(file, 1)) from None

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import make_private_folder, ownership_problem, write_private
+from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.connect.link.header import ROBOT_NAME
 
@@ -304,7 +305,7 @@ def _library() -> Any:
 
 def _read_text(file: Path) -> str:
     try:
-        with file.open("rb") as opened:
+        with open_regular(file) as opened:
             content = opened.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise KeysError(f"cannot read {file}: {error.strerror}") from error

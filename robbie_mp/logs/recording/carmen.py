@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from robbie_mp.base.balance import Balance
+from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.base.utc import time_text
 from robbie_mp.logs.recording.carmen_messages import (
     PLACE_TOPIC,
@@ -146,7 +147,7 @@ class CarmenLog:
 
     def _lines(self, balance: Balance) -> Iterator[tuple[int, list[str]]]:
         """Read the words of each line that is no comment, and its number; count an end that is damaged."""
-        with Path(self.path).open("rb") as file, _text(file) as text:
+        with open_regular(Path(self.path)) as file, _text(file) as text:
             try:
                 for number, line in enumerate(iter(lambda: text.readline(MAX_LINE_CHARACTERS), ""), start=1):
                     self.bytes_read = file.tell()

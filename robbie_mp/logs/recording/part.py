@@ -8,6 +8,7 @@ from typing import BinaryIO, NamedTuple, Self
 from mcap.opcode import Opcode
 from mcap.records import Attachment
 
+from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.logs.recording.contents import Contents, MessageBlock
 from robbie_mp.logs.recording.errors import LogDamaged, LogLimitExceeded, LogUnreadable, NotALog
 from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
@@ -156,7 +157,7 @@ class LogPart:
 
 def _open(path: Path) -> BinaryIO:
     try:
-        return path.open("rb")
+        return open_regular(path)
     except OSError as error:
         raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
 
