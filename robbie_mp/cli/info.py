@@ -1,7 +1,9 @@
-"""`robbie info LOG...`: describes a log without reading all of it."""
+"""`robbie info FILE...`: describes a log without reading all of it, and other files by their readers."""
 
 import argparse
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +12,8 @@ from rich.text import Text
 from robbie_mp.attached.views import quantities
 from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.base.utc import time_text
+from robbie_mp.cli.file_kinds import LOG, kind_of
+from robbie_mp.cli.file_kinds import describe as describe_file
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
@@ -27,10 +31,16 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "info",
-        "show the contents of a log",
+        "show what is in a log, a bag, a map or a robot's description",
         "Show how long a log is, which run it is from, and which messages are in it. A truncated log is "
-        "read as far as it is intact; `robbie log-repair` repairs it.",
-        ["robbie info logs/monday", "robbie info logs/monday/monday_0000.mcap --json"],
+        "read as far as it is intact; `robbie log-repair` repairs it. Other files are known by their "
+        "content: bags of ROS 1 and 2, CARMEN logs, maps, URDF, xacro and scene files. It also shows what a "
+        "command that reads the file would leave out.",
+        [
+            "robbie info logs/monday",
+            "robbie info logs/monday/monday_0000.mcap --json",
+            "robbie info map.yaml",
+        ],
     )
     add_log_argument(parser, nargs="+")
     add_limit_argument(parser)
@@ -40,14 +50,40 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def info(arguments: argparse.Namespace) -> int:
     """Describe the logs."""
-    infos = [_describe(path, arguments.limits) for path in arguments.log]
+    infos = [_describe_any(path, arguments.limits) for path in arguments.log]
     if arguments.json:
         print(json.dumps([one.as_data() for one in infos], indent=2))
         return 0
     for number, one in enumerate(infos):
         print("\n" * (number > 0), end="")
-        _print(one)
+        if isinstance(one, LogInfo):
+            _print(one)
+        else:
+            _print_other(one)
     return 0
+
+
+@dataclass(frozen=True)
+class _OtherFile:
+    """A file that is no log, as its reader describes it."""
+
+    path: Path
+    kind: str
+    lines: dict[str, str]
+
+    def as_data(self) -> dict[str, str]:
+        """Return what `robbie info --json` prints."""
+        return {"path": str(self.path), "kind": self.kind, **self.lines}
+
+
+def _print_other(one: _OtherFile) -> None:
+    lines = ((label, Text(text)) for label, text in one.lines.items())
+    console().print(_table([("file", str(one.path)), ("kind", one.kind), *lines]))
+
+
+def _describe_any(path: Path, limits: ReadLimits) -> LogInfo | _OtherFile:
+    kind, file = kind_of(path)
+    return _describe(path, limits) if kind == LOG else _OtherFile(path, kind, describe_file(kind, file))
 
 
 def print_log(path: Path) -> None:
@@ -62,16 +98,20 @@ def _describe(path: Path, limits: ReadLimits) -> LogInfo:
 
 def _print(info: LogInfo) -> None:
     where = console()
-    table = PlainTable(header=False)
-    for name, value in _lines(info):
-        table.add_row(name, value)
-    where.print(table)
+    where.print(_table(_lines(info)))
     if info.channels:
         where.print()
         where.print(_channels(info))
     if len(info.parts) > 1:
         where.print()
         where.print(_parts(info))
+
+
+def _table(lines: Sequence[tuple[str, str | Text]]) -> PlainTable:
+    table = PlainTable(header=False)
+    for name, value in lines:
+        table.add_row(name, value)
+    return table
 
 
 def _lines(info: LogInfo) -> list[tuple[str, str | Text]]:
@@ -91,6 +131,9 @@ def _lines(info: LogInfo) -> list[tuple[str, str | Text]]:
         more = [f"and {info.more_time_jumps} more"] if info.more_time_jumps else []
         lines.append(("time jumps", Text("\n".join([*map(str, info.time_jumps), *more]), "yellow")))
     lines.append(("is", _state(info)))
+    if info.left_out:
+        lost = "\n".join(f"{count} {reason}" for reason, count in info.left_out.items())
+        lines.append(("left out", Text(lost, "bold red")))
     return lines
 
 

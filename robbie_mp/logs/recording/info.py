@@ -7,6 +7,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.base.balance import Balance
+from robbie_mp.logs.recording.decoding import logged_type
+from robbie_mp.logs.recording.errors import NotDecodable
 from robbie_mp.logs.recording.format import (
     CARRIED_KEY,
     COUNTS_METADATA,
@@ -20,6 +23,7 @@ from robbie_mp.logs.recording.part import LogPart
 from robbie_mp.logs.recording.reader import Log, LogChannel
 from robbie_mp.logs.recording.repair import REPAIR_METADATA
 from robbie_mp.logs.recording.time_jumps import LogTimeJump, time_jumps
+from robbie_mp.messages.errors import SchemaError
 
 MAX_JUMPS = 20
 """Shown of one log."""
@@ -72,6 +76,7 @@ class LogInfo:
         start_ns: time of the earliest message; 0 if there is none.
         end_ns: time of the latest message; 0 if there is none.
         damage: one line for each damaged place.
+        left_out: how many messages an export or a playback cannot read, by reason; damage is not counted.
         time_jumps: where its time jumps; the first of them.
         more_time_jumps: how many follow.
     """
@@ -84,6 +89,7 @@ class LogInfo:
     start_ns: int
     end_ns: int
     damage: list[str]
+    left_out: dict[str, int]
     time_jumps: list[LogTimeJump]
     more_time_jumps: int
 
@@ -116,9 +122,11 @@ class LogInfo:
         """Return what `robbie info --json` prints."""
         return {
             "path": str(self.path),
+            "kind": "log",
             "is_complete": not self.damage,
             "is_being_written": self.is_being_written,
             "damage": self.damage,
+            "left_out": self.left_out,
             "start_ns": self.start_ns,
             "end_ns": self.end_ns,
             "duration_s": self.duration_s,
@@ -166,7 +174,18 @@ def describe(log: Log) -> LogInfo:
         time_jumps=list(islice(jumps, MAX_JUMPS)),
         more_time_jumps=sum(1 for _ in jumps),
         damage=log.damage,
+        left_out=_left_out(log).left_out,
     )
+
+
+def _left_out(log: Log) -> Balance:
+    balance = Balance()
+    for channel, count in log.counts.items():
+        try:
+            logged_type(channel)
+        except (NotDecodable, SchemaError) as error:
+            balance.leave_out(str(error), count)
+    return balance
 
 
 def part_data(part: LogPart) -> dict[str, Any]:

@@ -1,11 +1,14 @@
 """Converts a ROS 1 or ROS 2 bag to a log; the library rosbags reads the bags of ROS 1, and knows types."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from robbie_mp.base.balance import Balance
+from robbie_mp.base.utc import time_text
 from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.errors import BagUnreadable
 from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
@@ -47,17 +50,70 @@ def import_rosbag(source: Path, target: Path, balance: Balance, *, progress: Pro
         LogNotWritten: the target exists, or cannot be written.
         LeftOut: the balance allows no loss.
     """
-    bag: _Ros1Bag | _Ros2Bag = _Ros1Bag(source) if _is_ros1(source) else _Ros2Bag(source, balance)
-    with bag, converted_log(target, source, balance) as conversion:
-        messages: Iterator[tuple[Any, int, bytes]] = bag.messages()
-        for done, (connection, time_ns, data) in enumerate(messages, start=1):
-            try:
-                channel = bag.channel(connection)
-                conversion.add(channel, bag.about(connection), time_ns, bag.cdr(connection, data))
-            except BagUnreadable as error:
-                balance.leave_out(str(error))
-            progress(done, bag.message_count)
+    with _opened(source, balance) as bag, converted_log(target, source, balance) as conversion:
+        for channel, about, time_ns, data in _converted(bag, balance, progress):
+            conversion.add(channel, about, time_ns, data)
     return bag.notes
+
+
+def describe_bag(source: Path) -> dict[str, str]:
+    """Return what a bag holds, and what an import leaves out, as labels with texts. All of it is read.
+
+    Raises:
+        BagUnreadable: as `import_rosbag`.
+    """
+    balance, counts, times = Balance(), Counter[tuple[str, str]](), TimeSpan()
+    with _opened(source, balance) as bag:
+        for channel, _, time_ns, _ in _converted(bag, balance, lambda _done, _all: None):
+            counts[channel.topic, channel.type_name] += 1
+            times.add(time_ns)
+            balance.use()
+    topics = (f"{topic}: {count} {type_name}" for (topic, type_name), count in counts.items())
+    left_out = (f"{count} {reason}" for reason, count in balance.left_out.items())
+    return {
+        "messages": str(balance.read),
+        "duration": f"{times.duration_s:.3f} s",
+        "from": f"{time_text(times.start_ns / 1e9)} to {time_text(times.end_ns / 1e9)}",
+        "topics": "\n".join(topics),
+        "import leaves out": "\n".join(left_out) or "nothing",
+    } | ({"contradicts itself": "\n".join(bag.notes)} if bag.notes else {})
+
+
+@dataclass
+class TimeSpan:
+    """The earliest and the latest of some times; 0 if there are none."""
+
+    start_ns: int = 0
+    end_ns: int = 0
+
+    def add(self, time_ns: int) -> None:
+        """Add a time."""
+        self.start_ns = min(self.start_ns or time_ns, time_ns)
+        self.end_ns = max(self.end_ns, time_ns)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the earliest to the latest."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+
+def _opened(source: Path, balance: Balance) -> "_Ros1Bag | _Ros2Bag":
+    return _Ros1Bag(source) if _is_ros1(source) else _Ros2Bag(source, balance)
+
+
+def _converted(
+    bag: "_Ros1Bag | _Ros2Bag", balance: Balance, progress: Progress
+) -> Iterator[tuple[NewChannel, dict[str, str], int, bytes]]:
+    """Yield the messages as they are in a log: channel, what it says about it, time in ns, and CDR."""
+    messages: Iterator[tuple[Any, int, bytes]] = bag.messages()
+    for done, (connection, time_ns, data) in enumerate(messages, start=1):
+        try:
+            converted = (bag.channel(connection), bag.about(connection), time_ns, bag.cdr(connection, data))
+        except BagUnreadable as error:
+            balance.leave_out(str(error))
+        else:
+            yield converted
+        progress(done, bag.message_count)
 
 
 def _is_ros1(source: Path) -> bool:
