@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TextIO
 
 from robbie_mp.base.balance import Balance
+from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import PlainConsole, warn
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
@@ -100,5 +101,5 @@ def print_balance(where: Path, balance: Balance, unit: str = "messages", file: T
     total, *reasons = balance.lines(unit)
     for reason in reasons:
         warn(reason)
-    print(f"{where}: {total}", file=file)
+    print(f"{one_line(str(where))}: {total}", file=file)
     return LEFT_OUT if balance.left_out else 0

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from robbie_mp import Message, float64
 from robbie_mp.cli import main
-from robbie_mp.cli.export import file_names
+from robbie_mp.cli.file_names import file_names
 from robbie_mp.logs.recording.reader import LogChannel
 from robbie_mp.messages import TFMessage, TransformStamped, schema_text
 from tests.logs.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
@@ -41,9 +41,9 @@ def test_csv_has_a_line_for_each_message_and_a_column_for_each_number(log: Path)
         rows = list(csv.DictReader(file))
     assert len(rows) == 10
     assert list(rows[0])[:5] == [
-        "time_ns", "sequence", "header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]  # fmt: skip
+        "time_ns", "sequence", "header.stamp.sec [s]", "header.stamp.nanosec", "header.frame_id"]  # fmt: skip
     assert (rows[1]["time_ns"], rows[1]["sequence"]) == (str(START_NS + 3 * STEP_NS), "4")
-    assert json.loads(rows[1]["ranges"]) == [3.0] * 8
+    assert json.loads(rows[1]["ranges [m]"]) == [3.0] * 8
     with Path("out/odom.csv").open() as file:
         assert [row["child_frame_id"] for row in csv.DictReader(file)][:2] == ["base 1", "base 4"]
 
@@ -113,8 +113,8 @@ def test_unreadable_messages_are_skipped_with_a_warning(
         file.add_bytes(odd, b"", 1)
     assert main(["export", "a.mcap", "out"]) == 1
     error = capsys.readouterr().err
-    assert "wstring is not supported; left out" in error
-    assert "out/tricky.csv: 1 messages cannot be read; left out" in error
+    assert "left out 1: " in error and "wstring is not supported" in error
+    assert "left out 1: messages of 'tricky' that do not encode their type" in error
     assert len(Path("out/tricky.csv").read_text().splitlines()) == 2
 
 
@@ -163,8 +163,8 @@ def test_intact_parts_of_damaged_logs_are_compared_and_exported(
     Path("cut.mcap").write_bytes(log.read_bytes()[:-6000])
     assert main(["diff", str(log), "cut.mcap"]) == 1
     assert "only the intact part was compared" in capsys.readouterr().err
-    assert main(["export", "cut.mcap", "out"]) == 0
-    assert "only the intact part was exported" in capsys.readouterr().err
+    assert main(["export", "cut.mcap", "out"]) == 1
+    assert "left out 1: what is damaged: cut.mcap: byte" in capsys.readouterr().err
 
 
 def test_imports_report_their_results(

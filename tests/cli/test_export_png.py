@@ -123,7 +123,7 @@ def test_what_is_no_image_is_left_out_with_its_reason(
     junk = CompressedImage(format="jpeg", data=np.frombuffer(b"no jpeg at all", np.uint8))
     assert exported(tmp_path, image("rgb9", RGB), short, code=1) == []
     said = capsys.readouterr().err
-    assert "left out 1: encoding 'rgb9' is not known" in said
+    assert "left out 1: messages of 'front/camera': encoding 'rgb9' is not known" in said
     assert "are no image of 99 x 4 pixels of rgb8" in said
     (tmp_path / "junk").mkdir()
     assert exported(tmp_path / "junk", junk, code=1) == []

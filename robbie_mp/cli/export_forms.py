@@ -1,0 +1,271 @@
+"""The forms in which `robbie export` writes messages, and the new files, of which a failure leaves none."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, TypeVar
+from zipfile import ZipFile
+
+import numpy as np
+
+from robbie_mp.attached.views.message_text import FieldPath, flat, to_csv
+from robbie_mp.base.balance import Balance
+from robbie_mp.cli.file_names import safe_name
+from robbie_mp.logs.recording.columns import Columns, columns
+from robbie_mp.logs.recording.errors import LogError, LogNotWritten
+from robbie_mp.logs.recording.ply import CLOUD_TYPES, ply
+from robbie_mp.logs.recording.png import IMAGE_TYPES, PngMaker
+from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name
+from robbie_mp.logs.recording.repair import Progress
+from robbie_mp.logs.recording.trajectory import (
+    TRAJECTORY_TYPES,
+    TUM_HEADING,
+    StampedPose,
+    poses,
+)
+from robbie_mp.messages import Message, Time, stock_registry
+from robbie_mp.messages.errors import DecodeError
+from robbie_mp.messages.units import units
+
+Made = TypeVar("Made")
+MAX_TRAJECTORIES = 200
+"""Pairs of frames of a channel, each with a file that is open."""
+
+
+class NewFiles:
+    """New files in a folder. `new_files` removes them if something fails."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self._made: list[Path] = []
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[BinaryIO]:
+        """Make a file; missing folders are made, too.
+
+        Raises:
+            LogNotWritten: it exists, or cannot be written.
+        """
+        path = self.folder / name
+        try:
+            self._make_folder(path.parent)
+            with path.open("xb") as file:
+                self._made.append(path)
+                yield file
+        except OSError as error:
+            if isinstance(error, LogError):
+                raise
+            raise LogNotWritten(f"{path} cannot be written: {error.strerror}") from error
+
+    def _make_folder(self, folder: Path) -> None:
+        missing = [one for one in (folder, *folder.parents) if not one.exists()]
+        for one in reversed(missing):
+            one.mkdir()
+            self._made.append(one)
+        folder.mkdir(exist_ok=True)  # refuses a file of that name
+
+    def make_folder(self, name: str) -> None:
+        """Make a folder.
+
+        Raises:
+            LogNotWritten: it exists, or cannot be made.
+        """
+        path = self.folder / name
+        try:
+            self._make_folder(path.parent)
+            path.mkdir()
+        except OSError as error:
+            raise LogNotWritten(f"{path} cannot be written: {error.strerror}") from error
+        self._made.append(path)
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a file of that name."""
+        return (self.folder / name).exists()
+
+    def remove(self) -> None:
+        """Remove what was made."""
+        for path in reversed(self._made):
+            with contextlib.suppress(OSError):
+                path.rmdir() if path.is_dir() else path.unlink()
+
+
+@contextmanager
+def new_files(folder: Path) -> Iterator[NewFiles]:
+    """Yield what makes new files in a folder, and remove them if the context ends with an error."""
+    files = NewFiles(folder)
+    try:
+        yield files
+    except BaseException:
+        files.remove()
+        raise
+
+
+class Rows:
+    """The messages of a channel: time in ns, sequence, message. Those that cannot be decoded are left out."""
+
+    def __init__(
+        self,
+        log: Log,
+        channel: LogChannel,
+        message_type: type[Message],
+        balance: Balance,
+        progress: Progress,
+    ):
+        self.message_type = message_type
+        self.channel = channel
+        self.name = repr(channel_name(channel))
+        self.balance = balance
+        self._log = log
+        self._progress = progress
+
+    def __iter__(self) -> Iterator[tuple[int, int, Message]]:
+        total = self._log.counts[self.channel]
+        for done, logged in enumerate(self._log.messages(channels=[self.channel]), start=1):
+            self._progress(done, total)
+            try:
+                message = self.message_type.decode(logged.data)
+            except DecodeError:
+                self.balance.leave_out(f"messages of {self.name} that do not encode their type")
+            else:
+                yield logged.time_ns, logged.sequence, message
+
+    def made(self, make: Callable[[Message, int], Made]) -> Iterator[tuple[int, int, Message, Made]]:
+        """Yield with each message what is made of it and its time; leave out messages of which that fails."""
+        for time_ns, sequence, message in self:
+            try:
+                found = make(message, time_ns)
+            except LogError as error:
+                self.balance.leave_out(f"messages of {self.name}: {error}")
+            else:
+                yield time_ns, sequence, message, found
+                self.balance.use()
+
+
+@dataclass(frozen=True)
+class Form:
+    """A form in which messages are written.
+
+    Attributes:
+        name: what is written.
+        suffix: of the file of a channel; '' for a folder.
+        write: writes the messages of a channel to new files; the last argument is the name.
+        types: the types that it can write; () for all.
+    """
+
+    name: str
+    suffix: str
+    write: Callable[[Rows, NewFiles, str], None]
+    types: tuple[str, ...] = ()
+
+    def takes(self, channel: LogChannel) -> bool:
+        """Return whether it can write messages of a channel."""
+        return not self.types or channel.type_name in self.types
+
+
+def _write_csv(rows: Rows, files: NewFiles, name: str) -> None:
+    whole = FieldPath(rows.message_type, "")
+    unit = units(rows.message_type, rows.channel.schema or "", stock_registry())
+    names = [name for name, _ in flat(whole.value(rows.message_type()))]
+    headings = ["time_ns", "sequence", *(f"{one} [{unit[one]}]" if one in unit else one for one in names)]
+    with files.open(name) as file:
+        file.write(f"{to_csv(headings)}\n".encode())
+        for time_ns, sequence, message in rows:
+            cells = [time_ns, sequence, *(cell for _, cell in flat(whole.value(message)))]
+            file.write(f"{to_csv(cells)}\n".encode())
+            rows.balance.use()
+
+
+def _write_npz(rows: Rows, files: NewFiles, name: str) -> None:
+    found = list(rows)
+    arrays: Columns = {
+        "time_ns": np.array([time_ns for time_ns, _, _ in found], np.int64),
+        "sequence": np.array([sequence for _, sequence, _ in found], np.uint32),
+        **columns(rows.message_type, (message for _, _, message in found)),
+    }
+    with files.open(name) as file, ZipFile(file, "w") as archive:
+        for column, array in arrays.items():  # not by numpy.savez, for a column may be called `file`
+            with archive.open(f"{column}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+    rows.balance.use(len(found))
+
+
+def pictures() -> Form:
+    """Return the form for images.
+
+    Raises:
+        NotPng: OpenCV is not installed.
+    """
+    maker = PngMaker()
+    return Form("images", "", lambda *where: _write_each(maker.make, ".png", *where), IMAGE_TYPES)
+
+
+def _write_each(
+    make: Callable[[Message], bytes], suffix: str, rows: Rows, files: NewFiles, folder: str
+) -> None:
+    """Write a file for each message into a folder that is new."""
+    files.make_folder(folder)
+    for time_ns, sequence, message, content in rows.made(lambda message, _: make(message)):
+        stem = f"{folder}/{_stamp(message, time_ns)}"
+        name = f"{stem}-{sequence}{suffix}" if files.has(stem + suffix) else stem + suffix
+        with files.open(name) as file:
+            file.write(content)
+
+
+def _stamp(message: Message, time_ns: int) -> str:
+    """Return the stamp of a message as a name that sorts by time; without a stamp, when it was published."""
+    stamp: Time = message.header.stamp  # type: ignore[attr-defined]
+    seconds, nanoseconds = stamp.sec, stamp.nanosec
+    if not seconds and not nanoseconds:
+        seconds, nanoseconds = divmod(time_ns, 10**9)
+    return f"{seconds:010}.{nanoseconds:09}"
+
+
+class _Trajectories:
+    """The files of the trajectories of a channel: one, or of transforms one for each pair of frames."""
+
+    def __init__(self, files: NewFiles, name: str, heading: str, opened: ExitStack):
+        self._files, self._name, self._heading, self._opened = files, name, heading, opened
+        self._of: dict[str, BinaryIO] = {}
+
+    def file(self, frames: str) -> BinaryIO:
+        """Return the file of a pair of frames."""
+        if frames not in self._of:
+            if len(self._of) == MAX_TRAJECTORIES:
+                raise LogError(f"more than {MAX_TRAJECTORIES} pairs of frames")
+            stem, _, suffix = self._name.rpartition(".")
+            name = f"{safe_name(f'{stem}-{frames}' if frames else stem)}.{suffix}"
+            self._of[frames] = self._opened.enter_context(self._files.open(name))
+            self._of[frames].write(self._heading.encode())
+        return self._of[frames]
+
+
+def _write_trajectories(
+    line: Callable[[StampedPose], str], heading: str, rows: Rows, files: NewFiles, name: str
+) -> None:
+    with ExitStack() as opened:
+        made = _Trajectories(files, name, heading, opened)
+
+        def lines(message: Message, time_ns: int) -> list[tuple[BinaryIO, str]]:
+            return [(made.file(pose.frames), line(pose)) for pose in list(poses(message, time_ns))]
+
+        for *_, found in rows.made(lines):
+            for file, text in found:
+                file.write(text.encode())
+
+
+CSV = Form("messages", ".csv", _write_csv)
+NPZ = Form("messages", ".npz", _write_npz)
+PLY = Form("point clouds or scans", "", lambda *where: _write_each(ply, ".ply", *where), CLOUD_TYPES)
+TRAJECTORIES = {
+    "tum": Form(
+        "poses",
+        ".tum",
+        lambda *where: _write_trajectories(StampedPose.tum, TUM_HEADING, *where),
+        TRAJECTORY_TYPES,
+    ),
+    "kitti": Form(
+        "poses", ".kitti", lambda *where: _write_trajectories(StampedPose.kitti, "", *where), TRAJECTORY_TYPES
+    ),
+}
