@@ -14,7 +14,15 @@ from robbie_mp.run.trace.kinds import Kind, read_recorded
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from tests._support.robot import Robot, wait_until
 from tests.logs.recording._support.logs import LogFile
-from tests.station._support.browser import LAPTOP, TABLET, browser, choose_layout, needs_chromium, page_of
+from tests.station._support.browser import (
+    HELD_MS,
+    LAPTOP,
+    TABLET,
+    browser,
+    choose_layout,
+    needs_chromium,
+    page_of,
+)
 from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of
 
@@ -204,6 +212,11 @@ def layout_is_changed_and_comes_back(page: Page) -> None:
     page.click("#layouts")
     page.click("#layout-reset")
     page.wait_for_selector("#tile-map", state="visible")
+    page.click("#layouts")
+    page.click("#layout-save-as")
+    page.fill("#layout-name", "Mine")
+    page.keyboard.press("Enter", delay=HELD_MS)
+    page.wait_for_selector("#layouts:has-text('Mine')")
     page.click("#layouts")
     page.click("[data-layout=Engineer]")
     page.wait_for_selector("#panel-system", state="visible")
@@ -397,7 +410,7 @@ def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
     page.wait_for_selector("#map-view[data-placing=place]")
     page.mouse.click(x, y)
     page.fill("#map-draw-name", "kitchen")
-    page.keyboard.press("Enter")
+    page.keyboard.press("Enter", delay=HELD_MS)
     page.wait_for_selector("#map-text:has-text('home; kitchen')")
     page.click("#map-draw")
     page.click("#map-drawings >> text=Go to kitchen")

@@ -21,7 +21,7 @@ from robbie_mp.station.panels.teaching import checked_box, pixels_of_box
 from robbie_mp.station.watch.cameras import CameraTopic
 from robbie_robots.workers.taught import Box
 from tests._support.robot import Robot
-from tests.station._support.browser import browser, needs_chromium, page_of
+from tests.station._support.browser import HELD_MS, browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 from tests.workers.objects._support.prints import HEIGHT_PX, TAUGHT_PX, WIDTH_PX, drawn_print, scene
 
@@ -87,7 +87,7 @@ def teach(page: Page, name: str, box: Box) -> None:
     page.mouse.move(left + scale[0] * box.width, top + scale[1] * box.height, steps=3)
     page.mouse.up()
     page.fill("#teach-name", name)
-    page.keyboard.press("Enter")
+    page.keyboard.press("Enter", delay=HELD_MS)
 
 
 def seen_at(seconds: float, *, name: str = "") -> Detection2DArray:

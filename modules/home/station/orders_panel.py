@@ -107,7 +107,7 @@ class OrderControls:
             if text := str(words.value or "").strip():
                 self._give(CarryOut(text=text[:MAX_ORDER_CHARACTERS]))
 
-        words.on("keydown.enter", say)
+        words.on("keyup.enter", say)
         self._status = HouseholdStatus()
         self._enable()
 

@@ -57,7 +57,7 @@ class MapDrawing:
         with ui.dialog() as self._dialog, ui.card():
             self._question = ui.label("")
             self._name = ui.input("Name").props(f"for=map-draw-name autofocus maxlength={MAX_NAME}")
-            self._name.on("keydown.enter", self._named)
+            self._name.on("keyup.enter", self._named)
             with ui.row():
                 ui.button("Save", on_click=self._named).props("id=map-draw-save")
                 ui.button("Cancel", on_click=self._dialog.close).props("flat")

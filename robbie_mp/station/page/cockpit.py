@@ -33,7 +33,7 @@ TILE_PATH = "/tile/"
 """Beginning of the path of a page that shows one panel, such as `/tile/map`."""
 LOOK_S = 0.5
 """Time between two looks whether a log plays."""
-POP_OUT = "() => window.open('{path}', '_blank', 'popup,width=900,height=700')"
+POP_OUT = "() => window.open(`${{window.path_prefix}}{path}`, '_blank', 'popup,width=900,height=700')"
 
 
 class Cockpit:
@@ -130,7 +130,7 @@ class Cockpit:
         with ui.dialog() as self._dialog, ui.card():
             ui.label("Save this layout under a name")
             self._field = ui.input("Name").props("id=layout-name maxlength=30 autofocus")
-            self._field.on("keydown.enter", self._save_as)
+            self._field.on("keyup.enter", self._save_as)
             with ui.row():
                 ui.button("Save", on_click=self._save_as).props("id=layout-save")
                 ui.button("Cancel", on_click=self._dialog.close).props("flat")

@@ -99,7 +99,7 @@ class SettingField:
             if page.role is Role.OPERATOR:
                 self._input = ui.input(name, value=inline(entry["value"])).classes("w-64")
                 self._input.props(f"for=input-{key} id=field-{key}")
-                self._input.on("keydown.enter", self._ask)
+                self._input.on("keyup.enter", self._ask)
                 ui.button("Set", on_click=self._ask).props(f"id=set-{key}").classes("q-mt-sm")
             with ui.column().classes("gap-0 q-pt-sm"):
                 ui.label(entry["description"])

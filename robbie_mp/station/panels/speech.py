@@ -65,7 +65,7 @@ class SpeechPanel(Panel):
                     self.say(page, said)
                     text.set_value("")
 
-            text.on("keydown.enter", say)
+            text.on("keyup.enter", say)
         for title, names in (("persons", self._settings.persons), ("objects", self._settings.objects)):
             _listed(title, names)
         heard = ui.column().classes("gap-0").props("id=speech-heard")

@@ -161,7 +161,7 @@ class TeachingTools:
             self._kind = ui.toggle({}).props("id=teach-kind")
             self._name = ui.input("Name", autocomplete=teaching.words)
             self._name.props(f"for=teach-name autofocus maxlength={MAX_NAME}")
-            self._name.on("keydown.enter", self._save)
+            self._name.on("keyup.enter", self._save)
             with ui.row():
                 ui.button("Save", on_click=self._save).props("id=teach-save")
                 ui.button("Cancel", on_click=self.end).props("flat")

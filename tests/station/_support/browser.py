@@ -14,6 +14,7 @@ from tools.operator.chromium import CHROMIUM, chromium
 
 __all__ = [
     "CHROMIUM",
+    "HELD_MS",
     "LAPTOP",
     "RECONNECTING",
     "TABLET",
@@ -37,6 +38,8 @@ COMPLAINTS = ("error", "warning")
 ATTEMPTS, ATTEMPT_MS = 5, 15_000
 MAX_SHOWN = 2000
 """Maximum number of characters that a failed test says of a page."""
+HELD_MS = 300
+"""A hand holds a key for a while. So what closes a dialog when the key goes down gets its release elsewhere."""
 RECONNECTING = (
     "WebSocket connection to",
     "WebSocket is already in CLOSING or CLOSED state",
