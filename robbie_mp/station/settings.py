@@ -11,6 +11,12 @@ class StationSettings:
 
     host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all addresses of this machine")
     port: int = setting(8080, "port to listen on; 0: any free port", minimum=0, maximum=65535)
+    public_address: str = setting(
+        "", "address at which a proxy serves the page, such as https://lab.example/robot1/; '': no proxy"
+    )
+    trusted_proxies: list[str] = setting(
+        [], "addresses or networks of proxies of which X-Forwarded-For and X-Forwarded-Proto are believed"
+    )
     operator_token: Secret | None = setting(
         None, "token of operators; null: a new one for each run, in the printed link"
     )

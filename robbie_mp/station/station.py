@@ -20,6 +20,7 @@ from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
 from robbie_mp.station.web.access import Access
 from robbie_mp.station.web.claim import StationClaim
 from robbie_mp.station.web.listening import AddressUnusable, listen
+from robbie_mp.station.web.proxy import AddressInvalid, check_proxies, public_address
 
 if TYPE_CHECKING:
     from robbie_mp.station.web.website import Website
@@ -65,6 +66,17 @@ def _check_panels(
         raise SettingError(str(error), "layouts") from None
 
 
+def _check_addresses(public: str, proxies: list[str]) -> None:
+    """Check the addresses of the page behind a proxy, and of the proxies."""
+    name = "public_address"
+    try:
+        public_address(public)
+        name = "trusted_proxies"
+        check_proxies(proxies)
+    except AddressInvalid as error:
+        raise SettingError(str(error), name) from None
+
+
 class OperatorStation(StationModule):
     """Serves the page of this robot.
 
@@ -81,6 +93,7 @@ class OperatorStation(StationModule):
         """Check that only authorized people can steer the robot, and that every tab is a panel."""
         tokens = {name: settings[name] for name in ("operator_token", "observer_token")}
         check_listening(settings["host"], "operator_token", **tokens)
+        _check_addresses(settings["public_address"], settings["trusted_proxies"])
         if len(settings["robot_size_m"]) != 3:
             raise SettingError("expected three numbers: length, width and height", "robot_size_m")
         model = settings["robot_model"]
@@ -110,10 +123,14 @@ class OperatorStation(StationModule):
         self._website = website(self, self.access, listener)
         self._website.start()
         self._port = listener.getsockname()[1]
-        self.address = f"http://{self.host}:{self._port}/"
+        own = f"http://{self.host}:{self._port}/"
+        public = str(public_address(self.public_address)) if self.public_address else ""
+        self.address = f"{public} (a proxy, to {own})" if public else own
         self._remember()
         self._claim.announce(self.address)
-        self.link = self.address if self.operator_token else f"{self.address}login?token={quote(token)}"
+        self.link = public or own
+        if not self.operator_token:
+            self.link += f"login?token={quote(token)}"
         write_link(folder, self.link)
         self.log.info("operator station: %s", self.address)
 
@@ -137,7 +154,9 @@ class OperatorStation(StationModule):
         self._website.tick()
         if self.access.sessions != self._remembered:
             self._remember()
-        self.status = f"{self.address}, {self._website.open_pages} pages open"
+        refused = self._website.foreign_requests
+        told = f", {refused} requests from pages of other sites refused" if refused else ""
+        self.status = f"{self.address}, {self._website.open_pages} pages open{told}"
 
     def teardown(self) -> None:
         """Stop the page server."""

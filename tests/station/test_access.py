@@ -20,8 +20,10 @@ from robbie_mp.station.web.gate import (
     SESSION_COOKIE,
     Gate,
     paced,
+    with_forwarded,
 )
 from robbie_mp.station.web.listening import AddressUnusable, listen
+from robbie_mp.station.web.proxy import public_address
 
 OPERATOR, OBSERVER = "correct-horse-battery", "only-looking-please"
 OWN_PANEL = "tests.station._support.own_panel"
@@ -40,15 +42,17 @@ class Transport:
 class Visitor:
     """Sends requests through a gate, behind which an application answers 200."""
 
-    def __init__(self, operator_token: str = OPERATOR, observer_token: str = ""):
+    def __init__(self, operator_token: str = OPERATOR, observer_token: str = "", public: str = ""):
         self.access = Access(operator_token, observer_token)
         self.connections = Connections()
         self.connections.enter(Transport())  # type: ignore[arg-type]
-        self.gate = Gate(self._behind, self.access, self.connections)
+        self.gate = Gate(self._behind, self.access, self.connections, public_address(public))
         self.reached = 0
+        self.headers: list[str] = []
 
     async def _behind(self, scope: Scope, receive: Any, send: Any) -> None:
         self.reached += 1
+        self.headers = [name.decode() for name, _ in scope["headers"]]
         await send({"type": "http.response.start", "status": 200, "headers": []})
         await send({"type": "http.response.body", "body": b""})
 
@@ -124,6 +128,71 @@ def test_requests_from_another_site_are_refused(caplog: pytest.LogCaptureFixture
     assert "evil.example" in caplog.text
 
 
+def test_refusal_says_what_to_set_and_is_told_once_and_counted(caplog: pytest.LogCaptureFixture) -> None:
+    visitor = Visitor()
+    for _ in range(3):
+        start, body = visitor.ask("/login", "POST", origin="https://lab.example", accept="text/html")
+        assert start["status"] == 403
+        assert b"\npublic_address: https://lab.example/\n" in body["body"]
+    assert b"&lt;b&gt;" in visitor.ask(origin="http://<b>", accept="text/html")[1]["body"]
+    assert visitor.gate.foreign == 4
+    assert caplog.text.count("from a page of 'https://lab.example'; if that is your proxy, set") == 1
+
+
+def test_page_behind_a_proxy_has_the_public_origin_and_every_other_is_refused() -> None:
+    visitor = Visitor(public="https://lab.example:443/robot1")
+    cookie = visitor.log_in(OPERATOR)
+    assert cookie is not None
+    assert visitor.status("/robot1/x", cookie=cookie, origin="https://lab.example") == 200
+    assert visitor.status("/x", cookie=cookie, origin="https://LAB.example") == 200
+    assert visitor.status(cookie=cookie, origin="http://127.0.0.1:8080") == 200
+    for other in (
+        "http://lab.example",
+        "https://lab.example:8443",
+        "https://lab.example.evil.example",
+        "null",
+    ):
+        assert visitor.status("/robot1/x", cookie=cookie, origin=other) == 403
+
+
+def test_cookie_is_only_sent_below_the_path_and_never_without_tls() -> None:
+    visitor = Visitor(public="https://lab.example/robot1/")
+    (answer, _) = visitor.ask("/login", "POST", body=f"token={OPERATOR}".encode())
+    headers = dict(answer["headers"])
+    assert b"Secure" in headers[b"set-cookie"]
+    assert b"path" not in headers[b"set-cookie"].lower()
+    assert headers[b"location"] == b"./"
+    plain = visitor.ask("/login", "POST", body=f"token={OPERATOR}".encode(), origin="http://127.0.0.1:8080")
+    assert b"Secure" not in dict(plain[0]["headers"])[b"set-cookie"]
+
+
+def test_forwarded_headers_count_only_from_trusted_proxies(caplog: pytest.LogCaptureFixture) -> None:
+    for proxies, expected in (([], PEER[0]), (["10.0.0.0/8"], PEER[0]), (["192.0.2.0/24"], "203.0.113.9")):
+        visitor = Visitor()
+        visitor.gate = with_forwarded(visitor.gate, proxies)  # type: ignore[assignment]
+        headers = {"x-forwarded-for": "198.51.100.1, 203.0.113.9", "x-forwarded-prefix": "/evil"}
+        visitor.ask("/login", "POST", body=b"token=wrong", **headers)
+        assert caplog.messages[-1] == f"wrong token from {expected}"
+        cookie = visitor.log_in(OPERATOR)
+        assert visitor.status(cookie=cookie or "", **headers) == 200, (
+            "its connection is not that of the proxy"
+        )
+        assert "x-forwarded-prefix" not in visitor.headers
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "/"),
+        ("http://robot.local", "http://robot.local/"),
+        ("HTTPS://Lab.Example:443/a/b", "https://lab.example/a/b/"),
+        ("http://[::1]:8081/", "http://[::1]:8081/"),
+    ],
+)
+def test_public_address_is_written_as_browsers_write_it(text: str, expected: str) -> None:
+    assert str(public_address(text)) == expected
+
+
 def test_sessions_are_bounded_and_the_least_recently_used_one_ends() -> None:
     access = Access(OPERATOR, OBSERVER)
     sessions = [access.log_in(OPERATOR) for _ in range(MAX_SESSIONS)]
@@ -152,6 +221,13 @@ def test_one_page_drives_until_another_one_takes_over_explicitly() -> None:
     [
         ({"host": "0.0.0.0"}, "set operator_token"),
         ({"operator_token": Secret("short")}, "at least 16 characters"),
+        ({"public_address": "lab.example/robot1"}, "expected an address such as https://"),
+        ({"public_address": "https://lab.example/?robot=1"}, "expected an address such as https://"),
+        ({"public_address": "https://lab.example:port/"}, "is no address"),
+        ({"public_address": "https://lab.example/a b/"}, "expected letters, digits"),
+        ({"public_address": "https://lab.example/../"}, "expected letters, digits"),
+        ({"public_address": "https://lab.example/live/"}, "the page has paths below /live itself"),
+        ({"trusted_proxies": ["lab.example"]}, "expected addresses such as 10.0.0.2"),
         ({"tabs": {"sistem": ""}}, "there is no panel 'sistem'"),
         ({"panels": ["map"]}, "expected package.module:Class; got 'map'"),
         ({"panels": [f"{OWN_PANEL}s:FriendsPanel"]}, "no Python module .*did you mean .*own_panel'"),

@@ -47,7 +47,7 @@ export default {
   },
   computed: {
     picture() {
-      return `/pictures/victim/${this.shown.id}?count=${this.shown.count}`;
+      return `${window.path_prefix}/pictures/victim/${this.shown.id}?count=${this.shown.count}`;
     },
     queue() {
       return this.questions.length > 1 ? ` (1 of ${this.questions.length})` : "";

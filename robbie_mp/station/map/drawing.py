@@ -61,6 +61,7 @@ class MapDrawing:
             with ui.row():
                 ui.button("Save", on_click=self._named).props("id=map-draw-save")
                 ui.button("Cancel", on_click=self._dialog.close).props("flat")
+        self._dialog.on_value_change(lambda event: None if event.value else self._forget_name())
 
     def tick(self) -> None:
         """List the areas and places, if they have changed."""
@@ -102,13 +103,17 @@ class MapDrawing:
 
     def _ask_name(self, question: str, keep: Callable[[str], None]) -> None:
         self._question.set_text(question)
-        self._name.set_value("")
         self._keep = keep
         self._dialog.open()
 
+    def _forget_name(self) -> None:
+        # Not when the dialog opens: the page may get that late, and would drop what has been typed since.
+        self._name.set_value("")
+
     def _named(self) -> None:
+        name = str(self._name.value or "").strip()
         self._dialog.close()
-        self._keep(str(self._name.value or "").strip())
+        self._keep(name)
 
     def _undo(self) -> None:
         self._page.ask(UndoMapAnnotation(), "the undo", "the last change of the map is taken back")

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nicegui import ui
+from nicegui import Client, ui
 
 from robbie_mp.station.page.cockpit import LAYOUT, TAB, Cockpit
 from robbie_mp.station.page.grid import STYLES
@@ -24,16 +24,37 @@ PRIMARY = "#00796b"
 POSITIVE, NEGATIVE = "#2e7d32", "#c62828"
 """Colours of notes. White text on them has contrasts of 5.1 and 5.6."""
 STYLE = Path(__file__).parent / "cockpit.css"
-LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
+LOG_OUT = """() => fetch(`${window.path_prefix}/logout`, {method: 'POST'})
+  .then(() => window.location.assign(`${window.path_prefix}/login`))"""
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
 """Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
+BEGIN = """<script>
+window.path_prefix = "{prefix}"; // as NiceGUI does later
+const browser_path = decodeURI(location.pathname), own_path = "{path}";
+if (browser_path !== window.path_prefix + own_path && browser_path.endsWith(own_path))
+  location.replace(browser_path.slice(0, -own_path.length) + "/login"); // which tells what is wrong
+// Asks the server without a WebSocket. Returns the status of its answer, and its text if it refuses the page.
+window.ask_server = async () => {
+  const question = { method: "POST", headers: { Accept: "text/plain" }, signal: AbortSignal.timeout(3000) };
+  const answer = await fetch(`${window.path_prefix}/emergency-stop`, question).catch(() => null);
+  return { status: answer?.status, refusal: answer?.status === 403 ? await answer.text() : "" };
+};
+</script>"""
+"""Let scripts know where the page is served, and leave a page whose address a proxy has changed."""
 LOAD_AGAIN = """<script>
 addEventListener("error", ({ target }) => {
   if (!["SCRIPT", "LINK"].includes(target.tagName)) return;
-  setTimeout(() => document.getElementById("app")?.childElementCount || location.reload(), 1000);
+  setTimeout(async () => {
+    if (document.getElementById("app")?.childElementCount) return;
+    const { refusal } = await window.ask_server();
+    if (!refusal) return location.reload();
+    const note = Object.assign(document.createElement("main"), { id: "link-refused", textContent: refusal });
+    note.style.whiteSpace = "pre-line";
+    document.body.replaceChildren(note);
+  }, 1000);
 }, true);
 </script>"""
-"""Load a page again that stays empty because a bad network has lost one of its scripts."""
+"""Load a page again that stays empty because its network has lost a script, or say that it is refused."""
 MAX_WAITING_PACKETS = 4
 """Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
 NAMESPACE = "/"
@@ -98,6 +119,7 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
         single: the only panel that the page shows; '': it has layouts.
     """
     client = ui.context.client
+    _add_paths(client)
     ui.add_head_html(LOAD_AGAIN)
     ui.run_javascript(RECONNECT)
     for style in (*STYLES, STYLE):
@@ -122,6 +144,13 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
     _add_keys(page, cockpit)
     Keyboard(page.keys)
     page.always(ENDS_PERIOD_S, page.show_ends)
+
+
+def _add_paths(client: Client) -> None:
+    if client.request is not None:
+        prefix, path = client.request.scope.get("root_path", ""), client.request.scope["path"]
+        own_path = path[len(prefix) :]
+        ui.add_head_html(BEGIN.replace("{prefix}", prefix).replace("{path}", own_path))
 
 
 def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 COOKIE = "robbie-look"
 DARK, LIGHT = "dark", "light"
-KEEP = "document.cookie = '{cookie}={look}; path=/; max-age=31536000; samesite=strict'"
+KEEP = "document.cookie = `{cookie}={look}; path=${{window.path_prefix}}/; max-age=31536000; samesite=strict`"
 """The browser keeps the cookie for a year, for this host and any port."""
 
 

@@ -18,7 +18,7 @@ export default {
       if (this.loading || !this.count || this.count === this.shown) return;
       this.loading = true;
       this.shown = this.count;
-      this.$el.src = `${this.address}?count=${this.count}`;
+      this.$el.src = `${window.path_prefix}${this.address}?count=${this.count}`;
     },
     loaded() {
       const { naturalWidth: width, naturalHeight: height, parentElement } = this.$el;

@@ -165,6 +165,7 @@ class TeachingTools:
             with ui.row():
                 ui.button("Save", on_click=self._save).props("id=teach-save")
                 ui.button("Cancel", on_click=self.end).props("flat")
+        self._dialog.on_value_change(lambda event: None if event.value else self._forget_name())
 
     def tick(self) -> None:
         """Show what has been taught, if that has changed."""
@@ -209,10 +210,13 @@ class TeachingTools:
         self._still.show("")
         self._moving.set_visibility(True)
 
+    def _forget_name(self) -> None:
+        # Not when the dialog opens: the page may get that late, and would drop what has been typed since.
+        self._name.set_value("")
+
     def _on_boxed(self, event: GenericEventArguments) -> None:
         self._box = checked_box(event.args)
         if self._box is not None:
-            self._name.set_value("")
             self._dialog.open()
 
     def _save(self) -> None:

@@ -4,7 +4,7 @@ export default {
   template: `<div><div class="teaching" v-if="address" id="teaching">
     <div class="camera-picture" ref="picture" :style="{ '--ratio': ratio }" @pointerdown="down" @pointermove="move" @pointerup="up"
       @pointercancel="box = null">
-      <img :src="address" alt="the picture to teach from" draggable="false" @load="loaded">
+      <img :src="source" alt="the picture to teach from" draggable="false" @load="loaded">
       <div v-if="box" class="teaching-box" :style="style"></div></div>
     <div class="teaching-hint" role="status"><span>This picture stands still. Drag a box around one object or one face.</span>
       <button type="button" id="teach-cancel" @click="$emit('cancelled')">Cancel</button></div></div></div>`,
@@ -19,6 +19,9 @@ export default {
     },
   },
   computed: {
+    source() {
+      return window.path_prefix + this.address;
+    },
     style() {
       const { left, top, width, height } = this.rectangle();
       return { left: `${100 * left}%`, top: `${100 * top}%`, width: `${100 * width}%`, height: `${100 * height}%` };

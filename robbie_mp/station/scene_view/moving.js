@@ -36,6 +36,9 @@ const PALETTES = {
   },
 };
 
+// Models and pictures in the scene are served below the path of the page.
+THREE.DefaultLoadingManager.setURLModifier((url) => (url.startsWith("/") ? window.path_prefix + url : url));
+
 // Holds a scene and draws what moves there: follows live parts, and moves the scene's nodes and camera.
 export default {
   template: `<div class="scene-moving" :data-placing="placing"><slot></slot></div>`,

@@ -9,7 +9,8 @@ export default {
       <div v-if="has_ended || is_lost || is_page_lost" id="link-lost" role="alert">
         <div v-if="has_ended" id="station-ended" class="is-end">No connection to the robot: its operator station has ended in
           order, as at the end of a run. What this page shows is its last state.</div>
-        <div v-else>No connection to the robot for {{ Math.max(lost_s, page_lost_s) }} s. What this page shows is old.</div>
+        <div v-else>No connection to the robot for {{ Math.max(lost_s, page_lost_s) }} s. What this page shows is old.
+          <div id="link-refused">{{ refusal }}</div></div>
       </div>
       <div class="emergency-stop">
         <div :class="shown.look">
@@ -24,7 +25,7 @@ export default {
     // now_ms and heard_ms are times of performance.now(): now, and of the last answered question.
     // page_ms: when the connection of the rest of the page was last open.
     const now_ms = performance.now();
-    return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, has_ended: false, kept: kept_press() };
+    return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, has_ended: false, refusal: "", kept: kept_press() };
   },
   mounted() {
     this.on_key = (event) => {
@@ -42,12 +43,14 @@ export default {
     window.navigation?.addEventListener("navigate", this.on_leave);
     this.open();
     this.timer = setInterval(() => this.beat(), BEAT_MS);
+    this.asker = setInterval(() => this.ask_why(), ASK_WHY_MS);
   },
   unmounted() {
     removeEventListener("keydown", this.on_key, { capture: true });
     document.removeEventListener("visibilitychange", this.on_sight);
     window.navigation?.removeEventListener("navigate", this.on_leave);
     clearInterval(this.timer);
+    clearInterval(this.asker);
     this.shut();
   },
   computed: {
@@ -112,7 +115,7 @@ export default {
     open() {
       this.shut();
       const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-      const socket = new WebSocket(`${scheme}//${location.host}/emergency-stop`);
+      const socket = new WebSocket(`${scheme}//${location.host}${address()}`);
       this.socket = Object.assign(socket, { made_ms: performance.now() });
       socket.onopen = () => {
         socket.opened_ms = performance.now();
@@ -130,6 +133,11 @@ export default {
       // Data that has not left this machine would only delay later questions.
       if (this.socket.bufferedAmount > MAX_UNSENT_BYTES) return;
       this.socket.send(JSON.stringify({ asked_ms: performance.now(), press: this.kept?.name ?? "" }));
+    },
+    // Says why a page that was loaded gets no connection: what the robot, or a proxy before it, answers otherwise.
+    async ask_why() {
+      const { status, refusal } = this.answer ? {} : await window.ask_server();
+      this.refusal = refusal || (status === 204 && !this.answer ? NO_SOCKETS : "");
     },
     async leave_when_answered() {
       if (this.is_leaving) return;
@@ -158,11 +166,19 @@ const BEAT_MS = 250;
 const LOST_MS = 1200; // after this time without an answer, the page gives the connection up and tries another
 const CONNECT_MS = 3000; // maximum time for opening a connection
 const RETRY_MS = 300;
+const ASK_WHY_MS = 5000;
 const STALE_S = 1; // a base tells its state several times a second
 const SOON_MS = 700; // a press that is settled within this is not worth a word
 const MAX_UNSENT_BYTES = 1000;
 const KEPT = "robbie-emergency-stop";
 const SETTLED = ["confirmed", "withdrawn"];
+
+const NO_SOCKETS = `The robot answers, but not on a WebSocket. A proxy must pass them on (nginx: proxy_http_version 1.1;
+proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection "upgrade";).`;
+
+function address() {
+  return `${window.path_prefix}/emergency-stop`;
+}
 
 function kept_press() {
   return JSON.parse(sessionStorage.getItem(KEPT) ?? "null");

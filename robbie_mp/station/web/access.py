@@ -92,6 +92,14 @@ def digest_of(session: str) -> str:
     return hashlib.sha256(session.encode("utf-8", "replace")).hexdigest()
 
 
-def is_own_origin(origin: str | None, host: str | None) -> bool:
-    """Return whether a request comes from our own page: its origin is the host to which it was sent."""
-    return origin is None or (host is not None and urlsplit(origin).netloc.lower() == host.lower())
+def is_own_origin(origin: str | None, host: str | None, public: str = "") -> bool:
+    """Return whether a request comes from our own page: its origin is the host to which it was sent.
+
+    Args:
+        origin: the origin that the browser names.
+        host: the host that it or a proxy names.
+        public: the origin of the page behind a proxy, which may name another host; '': none.
+    """
+    if origin is None or (public and origin.lower() == public):
+        return True
+    return host is not None and urlsplit(origin).netloc.lower() == host.lower()

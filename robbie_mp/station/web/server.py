@@ -65,7 +65,7 @@ class PageServer:
             h11_max_incomplete_event_size=MAX_HEADERS_BYTES,
             backlog=BACKLOG,
             headers=HEADERS,
-            # The client is the connected address; forwarding headers are ignored.
+            # Forwarding headers are read behind the count of connections, whose other end is the proxy.
             proxy_headers=False,
             # Large data is compressed already, and the event loop would compress it again for each page.
             ws_per_message_deflate=False,

@@ -27,9 +27,10 @@ from robbie_mp.station.page.state_strip import StateStrip
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panels_in_order
 from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
 from robbie_mp.station.web.connections import bounded_connections
-from robbie_mp.station.web.gate import SESSION, App, Gate
+from robbie_mp.station.web.gate import SESSION, App, Gate, below, with_forwarded
 from robbie_mp.station.web.page_events import PageEvents, with_known_packets
 from robbie_mp.station.web.page_limit import with_page_limit
+from robbie_mp.station.web.proxy import public_address
 from robbie_mp.station.web.server import PageServer
 
 if TYPE_CHECKING:
@@ -127,8 +128,11 @@ class Website:
         parts = self._parts([(panels[name], title or panels[name].title) for name, title in titles.items()])
         self._add_pages(parts, layouts_of(station, [*titles]))
         connections = bounded_connections()
-        behind = self._beside_pages(page_application())
-        self._server = PageServer(Gate(behind, access, connections), listener, connections)
+        public = public_address(station.settings.public_address)
+        behind = self._beside_pages(below(public.path, page_application()))
+        self._gate = Gate(behind, access, connections, public)
+        outside = with_forwarded(self._gate, station.settings.trusted_proxies)
+        self._server = PageServer(outside, listener, connections)
 
     def _parts(self, titled: Sequence[tuple[Panel, str]]) -> PageParts:
         station, strip = self._context, self._strip
@@ -175,6 +179,11 @@ class Website:
     def open_pages(self) -> int:
         """Number of open pages."""
         return len(self._context.operators.pages)
+
+    @property
+    def foreign_requests(self) -> int:
+        """Number of requests that were refused because they came from pages of other sites."""
+        return self._gate.foreign
 
     def start(self) -> None:
         """Start the server.

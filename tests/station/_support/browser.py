@@ -39,7 +39,7 @@ ATTEMPTS, ATTEMPT_MS = 5, 15_000
 MAX_SHOWN = 2000
 """Maximum number of characters that a failed test says of a page."""
 HELD_MS = 300
-"""A hand holds a key for a while. So what closes a dialog when the key goes down gets its release elsewhere."""
+"""A hand holds a key for a while. If a dialog closes when it goes down, its release gets elsewhere."""
 RECONNECTING = (
     "WebSocket connection to",
     "WebSocket is already in CLOSING or CLOSED state",

@@ -28,7 +28,7 @@ export class Live {
     // While the page itself is not connected, there is no server to connect to.
     if (!window.socket?.connected) return this.try_again();
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-    const socket = (this.socket = new WebSocket(`${scheme}//${location.host}/live/${this.groups}`));
+    const socket = (this.socket = new WebSocket(`${scheme}//${location.host}${window.path_prefix}/live/${this.groups}`));
     socket.binaryType = "arraybuffer";
     let drawn = Promise.resolve();
     socket.onmessage = (event) => {
