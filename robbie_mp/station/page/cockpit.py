@@ -129,7 +129,7 @@ class Cockpit:
         self._button.on_click(self._fill_menu)
         with ui.dialog() as self._dialog, ui.card():
             ui.label("Save this layout under a name")
-            self._field = ui.input("Name").props("id=layout-name maxlength=30 autofocus")
+            self._field = ui.input("Name").props("for=layout-name maxlength=30 autofocus")
             self._field.on("keyup.enter", self._save_as)
             with ui.row():
                 ui.button("Save", on_click=self._save_as).props("id=layout-save")

@@ -17,14 +17,13 @@ from typing import TYPE_CHECKING
 from starlette.types import Receive, Scope, Send
 
 from robbie_mp.station.stop.requests import MAX_NAME_LENGTH
+from robbie_mp.station.web.gate import STOP_PATH
 
 if TYPE_CHECKING:
     from robbie_mp.messages import EmergencyStop
     from robbie_mp.station.stop.requests import StopRequests
     from robbie_mp.station.watch.latest import Latest
     from robbie_mp.station.web.gate import App
-
-PATH = "/emergency-stop"
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class StopService:
         """Return an application that serves these connections, and passes other requests to another one."""
 
         async def answer(scope: Scope, receive: Receive, send: Send) -> None:
-            if scope["type"] == "websocket" and scope["path"] == PATH:
+            if scope["type"] == "websocket" and scope["path"] == STOP_PATH:
                 await _Connection(self, receive, send).serve()
             else:
                 await app(scope, receive, send)

@@ -16,7 +16,6 @@ from starlette.websockets import WebSocketClose
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from robbie_mp.base.token_bucket import TokenBucket
-from robbie_mp.station.stop.connection import PATH as STOP_PATH
 from robbie_mp.station.web.access import Access, is_own_origin
 from robbie_mp.station.web.connections import Connections, source_of
 from robbie_mp.station.web.proxy import PublicAddress
@@ -29,6 +28,7 @@ CONNECTION = "robbie.connection"
 """Key of the other end of a request's connection, which may be a proxy; the scope's client is the browser."""
 LOGIN_PATH = "/login"
 LOGOUT_PATH = "/logout"
+STOP_PATH = "/emergency-stop"
 MESSAGES_BURST = 200
 MESSAGES_PER_S = 100.0
 """Maximum rate from one page on one socket. A page that drives sends 10 a second; faster messages wait."""
