@@ -40,7 +40,7 @@ def test_station_without_a_token_makes_one_that_only_its_user_can_read(robot: Ro
 
     path = link.partition(f":{station.port}")[2]
     answer = stranger.ask(path)
-    assert (answer.status, answer.headers["location"]) == (303, "/")
+    assert (answer.status, answer.headers["location"]) == (303, "./")
     user = Attacker(station.port, answer.cookie)
     assert user.open().elements
     assert "HttpOnly" in answer.headers["set-cookie"]
