@@ -245,7 +245,7 @@ static int give_back(struct subscriber_object *self, PyObject *inbox, const stru
     PyObject *tuple = new_delivery(self->endpoint->delivery_type, delivery);
     if (tuple == NULL)
         return -1;
-    PyObject *result = PyObject_CallMethod(inbox, kind == OUTBOUND_DONE ? "done" : "release", "O", tuple);
+    PyObject *result = PyObject_CallMethod(inbox, kind == OUTBOUND_DONE ? "done" : "release", "(O)", tuple);
     Py_DECREF(tuple);
     Py_XDECREF(result);
     return result == NULL ? -1 : 1;

@@ -6,6 +6,7 @@ import logging
 import os
 import sys
 import threading
+import time
 import weakref
 from array import array
 from collections import deque
@@ -585,6 +586,37 @@ def test_handler_can_subscribe_publish_and_look_at_its_message(pair: Pair) -> No
     pair.outbox.publish(picture(8), "")
     pair.pass_on()
     assert seen == [1, -1, 3]
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_message_is_given_back_while_another_thread_sends(pair: Pair, keeps: bool) -> None:
+    lock, kept = pair.receiver.endpoint.lock, deque[Image](maxlen=1)
+    has_lock = threading.Event()
+
+    def send_slowly() -> None:
+        with lock:
+            has_lock.set()
+            time.sleep(0.05)  # a lock that is held cannot tell when somebody waits for it
+
+    sender = threading.Thread(target=send_slowly)
+
+    def begin(image: Image) -> None:
+        if keeps:
+            kept.append(image)
+        sender.start()
+        assert has_lock.wait(5.0)
+
+    pair.outbox.publish(picture(7), "")
+    pair.pass_on()  # the first one is always handled in Python
+    pair.on_image = begin
+    pair.outbox.publish(picture(8), "")
+    pair.run.run_core()
+    assert pair.inbox.handle_next()
+    sender.join()
+    kept.clear()
+    pair.inbox.release_unreferenced()
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
 
 
 def test_inbox_that_was_closed_handles_nothing(pair: Pair) -> None:

@@ -30,6 +30,7 @@ class Pair:
     def __init__(self, native: Native | None = None) -> None:
         self.run = SimulatedRun(queue_messages=5000, handles=5000)
         sender, receiver = self.run.start(1), self.run.start(2)
+        self.receiver = receiver
         self.sender_words, self.receiver_words = sender.out, receiver.out
         make_folder(RUN_ID)
         blocks = make_block_store(RUN_ID, 1, 1, segment_bytes=1 << 16, limit_bytes=1 << 21, native=native)
