@@ -67,7 +67,7 @@ def write_log(path: Path, source: Path, messages: list[LoggedMessage]) -> Path:
         for message in messages:
             channel = message.channel
             key = ChannelKey(channel.type_name, channel.version, channel.topic, channel.sender)
-            new = NewChannel(topics.of(key), channel.type_name, channel.schema)
+            new = NewChannel(topics.of(key), channel.type_name, channel.schema or "")
             log.add(new, key.metadata(), message.time_ns, message.data)
     return path
 
