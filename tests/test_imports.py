@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -24,8 +25,13 @@ def module_files() -> dict[str, Path]:
     return files
 
 
-def imported(source: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield each module that a program names in an import, and the names that it takes from it."""
+@cache
+def imported(program: Path) -> list[tuple[str, list[str]]]:
+    """Return each module that a program names in an import, and the names that it takes from it."""
+    return list(found_in(program.read_text()))
+
+
+def found_in(source: str) -> Iterator[tuple[str, list[str]]]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from ((name.name, []) for name in node.names)
@@ -36,7 +42,7 @@ def imported(source: str) -> Iterator[tuple[str, list[str]]]:
 def imports_of(path: Path, files: dict[str, Path]) -> set[str]:
     """Return the files that a file imports; of a package, those that it names in it."""
     found = set()
-    for module, names in imported(path.read_text()):
+    for module, names in imported(path):
         inside = {f"{module}.{name}" for name in names} & files.keys()
         found |= inside or {module} & files.keys()
     return found
@@ -84,7 +90,5 @@ def room_of(name: str) -> str:
 def test_stock_robots_are_imported_by_one_name() -> None:
     programs = [path for folder in (*FOLDERS, "tests") for path in (ROOT / folder).rglob("*.py")]
     assert len(programs) > 1500
-    bare = [
-        path for path in programs for name, _ in imported(path.read_text()) if name.split(".")[0] in LINKED
-    ]
+    bare = [path for path in programs for name, _ in imported(path) if name.split(".")[0] in LINKED]
     assert not bare, "import these from robbie_robots"
