@@ -18,8 +18,17 @@ pytestmark = [
     pytest.mark.timeout(240),
     pytest.mark.skipif(shutil.which("espeak-ng") is None, reason="espeak-ng is not installed"),
 ]
-SPOKEN = [(8.0, "this is the kitchen"), (8.0, "go to the kitchen"), (6.0, "yes"), (20.0, "")]
-"""How long it is silent, and what is said then. The robot answers in the silence."""
+SPOKEN = [
+    (8.0, "remember this place as the kitchen"),
+    (8.0, "please go to the kitchen"),
+    (6.0, "yes"),
+    (20.0, ""),
+]
+"""How long it is silent, and what is said then. The robot answers in the silence.
+
+Each was understood at 24 of 24 places between the recognizer's blocks. Of "go to the kitchen" it understands
+15 in this voice: whether it does depends on when the robot has started, and then each time alike.
+"""
 MAX_TEXTS = 16
 """Texts of the robot while the recording is played some four times."""
 
@@ -55,7 +64,7 @@ def test_robot_learns_a_place_by_name_and_is_sent_there_by_voice(robot: StockRob
     assert said[-1] == "I am at the kitchen.", said
     # It may understand only the second time what is said, and then goes nowhere the first time.
     goes = len(said) - 1 - said[::-1].index("I go to the kitchen.")
-    learnt, asked = said.index("This is the kitchen."), said.index("Did you say: go to the kitchen?")
+    learnt, asked = said.index("This is the kitchen."), said.index("Did you say: please go to the kitchen?")
     assert learnt < goes and asked < goes, said
     robot.close()
     with wave.open(str(robot.output / "recorded_loudspeaker.wav")) as opened:
