@@ -16,7 +16,7 @@ class JointOrders:
         keep: keeps the joints where they are.
 
     Attributes:
-        mode: who controls the robot, of `ControlState`; None: no base has told it.
+        mode: the last control mode that the base published (`ControlState`); None before the first.
     """
 
     def __init__(self, module: Module, control: JointControl, keep: Callable[[], None]):

@@ -122,7 +122,7 @@ class Manipulation(Module):
 
     def _restore(self, kept: dict[str, Any]) -> None:
         self.released, self.accepted_s, self.holds = kept["released"], kept["accepted_s"], kept["holds"]
-        self.holds |= self.checkpoint_lost  # until AUTO is told
+        self.holds |= self.checkpoint_lost  # until the base publishes AUTO
         if kept["goal"] is not None:
             self.active = self.resume_goal(GOALS[HandTask(kept["task"])], kept["goal"])
         self.work.remember(kept["work"])

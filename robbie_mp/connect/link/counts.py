@@ -85,7 +85,7 @@ class CountRow:
         self._words[self._place + column] += number
 
 
-class ChannelCounts(NamedTuple):
+class ExchangeCounts(NamedTuple):
     """The counts of one channel with one robot, over all sessions of this link."""
 
     is_sent: bool
@@ -198,7 +198,7 @@ class LinkCounts:
                 if received + refused + row[REPLACED] + row[DROPPED] <= row[TAKEN]:
                     row[RECEIVED], row[REFUSED] = received, refused
 
-    def channels(self) -> list[ChannelCounts]:
+    def channels(self) -> list[ExchangeCounts]:
         """Return the counts by robot, channel and class, over all sessions.
 
         Nothing of a session that has ended is under way any more: what is not accounted for is lost.
@@ -216,7 +216,7 @@ class LinkCounts:
             for column, count in enumerate(counts):
                 total[column] += count
         return [
-            ChannelCounts(is_sent, peer, TrafficClass(traffic), channel, *total)
+            ExchangeCounts(is_sent, peer, TrafficClass(traffic), channel, *total)
             for (is_sent, peer, traffic, channel), total in sums.items()
         ]
 

@@ -20,7 +20,7 @@ from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.connect.link.access import AccessError, LinkAccess, read_rules
-from robbie_mp.connect.link.counts import ChannelCounts, LinkCounts
+from robbie_mp.connect.link.counts import ExchangeCounts, LinkCounts
 from robbie_mp.connect.link.frames import prefixed
 from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.connect.link.keys import Keys, KeysError
@@ -680,7 +680,7 @@ def schema_hash(types: KnownTypes, type_name: str, version: int) -> int:
     return int.from_bytes(hashlib.sha256(described.schema.encode()).digest()[:8], "little")
 
 
-def describe(account: ChannelCounts) -> str:
+def describe(account: ExchangeCounts) -> str:
     """Return the counts of a channel as a line of text.
 
     Args:

@@ -14,8 +14,8 @@ from robbie_mp.connect.link.counts import (
     RECEIVED,
     REFUSED,
     TAKEN,
-    ChannelCounts,
     CountKey,
+    ExchangeCounts,
     LinkCounts,
 )
 from robbie_mp.connect.link.traffic import TrafficClass
@@ -46,7 +46,7 @@ def send(counts: LinkCounts) -> None:
     row.add(RECEIVED)
 
 
-def figures(counts: LinkCounts) -> dict[tuple[bool, str], ChannelCounts]:
+def figures(counts: LinkCounts) -> dict[tuple[bool, str], ExchangeCounts]:
     return {(one.is_sent, one.channel.topic): one for one in counts.channels()}
 
 

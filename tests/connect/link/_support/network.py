@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
-from robbie_mp.connect.link.counts import ChannelCounts, LinkCounts
+from robbie_mp.connect.link.counts import ExchangeCounts, LinkCounts
 from robbie_mp.connect.link.header import Beat, ChannelId, DataHeader, ReceiverReport, pack
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate
@@ -181,7 +181,7 @@ class Robot:
         """What its modules have received on a channel, in order."""
         return [message.data for _, message in self.journal if message.name == name]
 
-    def account(self, name: ChannelId, *, is_sent: bool = True) -> ChannelCounts:
+    def account(self, name: ChannelId, *, is_sent: bool = True) -> ExchangeCounts:
         """The counts of a channel with the other robot."""
         (found,) = (one for one in self.counts.channels() if one.channel == name and one.is_sent == is_sent)
         return found
