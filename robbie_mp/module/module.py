@@ -103,7 +103,7 @@ class Module:
                     self.publish(DriveCommand())
     """
 
-    period_s: float | None = None
+    period_s: Any = None  # a float, or None; were it said here, no subclass could declare it as float only
     """Time between ticks, in s; None for a passive module.
 
     A class that defines `tick` must set it. Write `period_s = None` if the ticks begin later, when a handler

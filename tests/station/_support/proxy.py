@@ -73,6 +73,7 @@ def nginx(folder: Path, port: int, location: str, *, tls: bool = False) -> Itera
             yield
         finally:
             process.terminate()
+            print((folder / "said").read_text())
 
 
 def make_certificate(folder: Path) -> None:
