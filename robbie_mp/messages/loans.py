@@ -70,7 +70,11 @@ class PythonLayout(Generic[_Message]):
         self._outline.encode_into(buffer, offset)
         if not self.loaned:
             return self._outline
-        return replace(self._outline, **{name: getattr(self._outline, name).array for name in self.loaned})
+        lent = {name: getattr(self._outline, name) for name in self.loaned}
+        message = replace(self._outline, **{name: one.array for name, one in lent.items()})
+        for one in lent.values():
+            one.array = None  # the layout keeps no array, so that the arrays go when their user lets them go
+        return message
 
 
 def lay_out_in_python(message_type: type[_Message], fields: Mapping[str, object]) -> PythonLayout[_Message]:

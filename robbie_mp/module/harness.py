@@ -1,5 +1,6 @@
 """Runs a module inside a test, without a process or shared memory; the test controls the time."""
 
+import weakref
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -9,7 +10,6 @@ from shutil import rmtree
 from tempfile import mkdtemp
 from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
-from weakref import finalize
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from robbie_mp.module.calls.errors import CallError, CallRefused
 from robbie_mp.module.calls.peers import Server, service_topic
 from robbie_mp.module.clock import ManualClock
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
+from robbie_mp.module.lent_memory import CopiedLoans, freeze_named_arrays
 from robbie_mp.module.loop import ModuleLoop
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.setting_changes import SettingChanges
@@ -117,7 +118,7 @@ class ModuleHarness(Generic[ModuleClass]):
         module_class.check(checked)
         if output_directory is None:
             output_directory = Path(mkdtemp(prefix="robbie-harness-"))
-            finalize(self, rmtree, output_directory, ignore_errors=True)
+            weakref.finalize(self, rmtree, output_directory, ignore_errors=True)
         self.module = module_class(
             ModuleContext(
                 name=name,
@@ -460,6 +461,7 @@ class HarnessBus(CopyingBus):
         self.published: list[Published] = []
         self.published_encoded: list[PublishedEncoded] = []
         self.stopped = False
+        self.copied_loans = CopiedLoans(self._log)
         self.latched: dict[ChannelName, bytes] = {}
         """The newest message of each latched channel."""
 
@@ -557,9 +559,14 @@ class HarnessBus(CopyingBus):
         check_message_type(message_type, "loan")
         plan = lay_out(message_type, fields)
         buffer = bytearray(plan.size)
-        message = plan.write(memoryview(buffer))
+        whole = np.frombuffer(buffer, np.uint8)
+        message = plan.write(whole.data)
         yield message
         message.forget_arrays()
+        holds = weakref.ref(whole)
+        del whole
+        if (held := holds()) is not None and not freeze_named_arrays(held, plan):
+            self.copied_loans.add(message_type.type_name)
         self.publish(message_type.decode(bytes(buffer)), topic, latched)
 
     def wake_after_freed(self, messages: int) -> None:

@@ -413,8 +413,9 @@ class Module:
             with self.loan(Image, height=480, width=640, encoding="mono8", step=640, data=480 * 640) as image:
                 camera.read_into(image.data)
 
-        If the block raises an exception, the message is not published. If your code still refers to one of
-        the arrays at the end of the block, the message is copied and a warning is logged.
+        If the block raises an exception, the message is not published. You may give arrays names, as in
+        `pixels = image.data.reshape(480, 640)`: after the block they can only be read. If your code keeps an
+        array anywhere else, the message is copied and a warning is logged.
 
         Args:
             message_type: the class of the message.

@@ -4,7 +4,7 @@ import logging
 import time
 import weakref
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Generic
 
 import numpy as np
@@ -24,6 +24,7 @@ from robbie_mp.messages.well_formed import check_well_formed, find_flaw, ill_for
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.envelope import EncodedMessage, MessageType
+from robbie_mp.module.lent_memory import CopiedLoans, freeze_named_arrays
 from robbie_mp.module.wiring import UNCHANGED, Wiring
 
 MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
@@ -74,9 +75,13 @@ class Outbox:
         """The same by own name, with types that have no class in this program."""
         self._latched: set[ChannelName] = set()
         """Channels whose newest message the core keeps, by own name."""
-        self._unreferenced: deque[int] = deque()
-        """Blocks of loans whose arrays were still referred to at the end; filled by finalizers."""
         self._held: dict[int, weakref.ref[Any]] = {}
+        """The memory of loans whose arrays were still referred to at the end, by block."""
+        self._unreferenced: deque[int] = deque()
+        """Those whose arrays are gone; filled by finalizers."""
+        self._read: set[int] = set()
+        """Those that the core has, too: of messages that were not copied, as their arrays are read-only."""
+        self.copied_loans = CopiedLoans(self._log)
         self._published_when_asked = -1
         """Number of messages published when `outstanding` was last read."""
         self._refused = 0
@@ -91,7 +96,7 @@ class Outbox:
         """Publishes what is of the common form; None, or its answer None: Python does it."""
         if native is not None and clock.monotonic_ns is time.monotonic_ns:
             self._native = native.Publisher(
-                endpoint.native, blocks.blocks, words, self._declarations, self._unreferenced
+                endpoint.native, blocks.blocks, words, self._declarations, self._held
             )
         keep_from_forks(self)
 
@@ -134,11 +139,12 @@ class Outbox:
         with self._lock:
             freed = self._endpoint.freed()
             if freed:
-                self._blocks.free(freed)
+                self._free(freed)
             while self._unreferenced:
                 number = self._unreferenced.popleft()
                 del self._held[number]
-                self._blocks.free([number])
+                if number not in self._read:
+                    self._blocks.free([number])
 
     def advertise(self, message_type: type[Message], topic: str) -> None:
         """Open a channel before the first message."""
@@ -239,19 +245,20 @@ class Outbox:
         self,
         declaration: int,
         block: Block | None,
-        size: int,
+        plan: Layout[Any],
         name: tuple[type[Message], str],
         holds: "weakref.ref[Any]",
     ) -> None:
-        """Pass a filled block to the core, unless something still refers to it: then pass a copy.
+        """Pass a filled block to the core, unless something may still write into it: then pass a copy.
 
         Args:
             declaration: the channel's number.
             block: the block; None: memory was full.
-            size: of the message.
+            plan: the message's layout.
             name: the message's class and topic.
             holds: refers to the lent memory.
         """
+        size = plan.size
         if block is not None and self._native is not None and holds() is None:
             done = self._native.hand_over(declaration, block, size)
             if done is True or self._is_done(done):
@@ -260,7 +267,11 @@ class Outbox:
         with self._lock:
             if block is None:
                 self._refuse_for_memory(size, message_type.type_name, topic)
-            elif holds() is None:
+            elif (held := holds()) is None:
+                self._hand_over(declaration, block, size, message_type.type_name, topic)
+            elif freeze_named_arrays(held, plan):
+                self._read.add(block.number)
+                self.give_up(block, holds)
                 self._hand_over(declaration, block, size, message_type.type_name, topic)
             else:
                 self._hand_over_copy(declaration, block, size, message_type.type_name, topic)
@@ -359,8 +370,15 @@ class Outbox:
         if self._endpoint.publish(declaration, block, size, self._monotonic_ns()):
             self._note_published(size)
             return True
-        self._blocks.free([block.number])
+        self._free([block.number])
         return self._refuse(type_name, topic)
+
+    def _free(self, numbers: Sequence[int]) -> None:
+        """Free blocks that the core no longer has, but later if arrays of a loan still refer to them."""
+        if self._held:
+            self._read.difference_update(numbers)
+            numbers = [number for number in numbers if number not in self._held]
+        self._blocks.free(numbers)
 
     def _note_published(self, size: int) -> None:
         """Count a message, and prepare the next block."""
@@ -407,11 +425,7 @@ class Outbox:
         return self._refuse(type_name, topic)
 
     def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:
-        self._log.warning(
-            "an array of a loaned %s is still referred to at the end of the loan; the message was copied. "
-            "Delete your references to the array before the with block ends",
-            type_name,
-        )
+        self.copied_loans.add(type_name)
         copy = self._allocate(size, self._blocks.reuse(size))
         if copy is None:
             self._refuse_for_memory(size, type_name, topic)
@@ -423,6 +437,7 @@ class Outbox:
         """Reuse a block as soon as nothing refers to the loaned memory."""
         held = holds()
         if held is None:
+            self._read.discard(block.number)
             self._blocks.free([block.number])
             return
         unreferenced, number = self._unreferenced, block.number
@@ -451,7 +466,7 @@ class Loan(Generic[MessageType]):
         "_message",
         "_name",
         "_outbox",
-        "_size",
+        "_plan",
         "_wanted",
         "_whole",
     )
@@ -470,7 +485,7 @@ class Loan(Generic[MessageType]):
 
     def __enter__(self) -> MessageType:
         self._declaration, block, plan = self._outbox.begin_loan(*self._name, *self._wanted)
-        self._block, self._size = block, plan.size
+        self._block, self._plan = block, plan
         start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
         self._whole = np.frombuffer(start, np.uint8)
         self._holds = weakref.ref(self._whole)
@@ -482,7 +497,7 @@ class Loan(Generic[MessageType]):
         self._message.forget_arrays()
         del self._whole
         if error is None and flaw is None:
-            self._outbox.end_loan(self._declaration, self._block, self._size, self._name, self._holds)
+            self._outbox.end_loan(self._declaration, self._block, self._plan, self._name, self._holds)
         elif self._block is not None:
             self._outbox.give_up(self._block, self._holds)
         if flaw is not None:

@@ -85,6 +85,22 @@ def test_camera_fills_images_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
         assert np.unique(image.data).tolist() == [7]
 
 
+def test_cameras_of_the_pages_copy_no_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Device:
+        def read_into(self, data: Any) -> None:
+            data[:] = 7
+
+    add_device(monkeypatch, "my_camera", open_camera=Device)
+    for page, mark in (
+        ("docs/how-to.md", "camera"),
+        ("docs/camera-robot.md", "file modules/camera.py"),
+    ):
+        camera = run(mark, page=page)["Camera"]
+        with ModuleHarness(camera) as harness:
+            harness.advance(66 * harness.module.period_s - 0.001)
+            assert (harness.bus.copied_loans.count, len(harness.take(Image))) == (0, 66)
+
+
 def test_task_with_a_state_machine_ends_by_a_scan_or_by_its_time_out() -> None:
     names = run("machine")
     near, docking = LaserScan(ranges=np.array([0.1], np.float32)), names["Docking"]

@@ -191,6 +191,9 @@ def test_robot_with_a_camera_works_as_written(reader: Reader) -> None:
     assert len(steps) > 15
     for step in steps:
         reader.do(step)
+    logs = [*(reader.folder / "output").glob("*/*/log/camera.jsonl")]
+    assert logs
+    assert not any("was copied" in log.read_text() for log in logs)
 
 
 def test_different_output_is_detected(reader: Reader) -> None:

@@ -3,6 +3,7 @@
 What is declared here is listed in `Native` of `choice.py` as well.
 """
 
+import weakref
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, MutableSequence
 from typing import Any
@@ -152,7 +153,7 @@ class Publisher:
         blocks: KeptBlocks,
         words: Words,
         declarations: dict[tuple[type[Any], str], int],
-        unreferenced: deque[int],
+        held: dict[int, weakref.ref[Any]],
     ) -> None: ...
     def publish(self, message: object, topic: str, /) -> int | None: ...
     def publish_encoded(self, declaration: int, data: memoryview, /) -> int | None: ...

@@ -12,16 +12,16 @@ struct publisher_object {
     struct kept_blocks_object *blocks;
     struct held_words words;
     PyObject *declarations; /* dict: numbers of the channels, by message class and topic */
-    PyObject *unreferenced; /* deque: blocks of loans that nothing refers to any more */
+    PyObject *held; /* dict: blocks of loans whose arrays are referred to after its end; Python frees them */
     uint64_t published_when_asked; /* messages published when `outstanding` was last called */
 };
 
 static PyObject *publisher_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
-    static char *names[] = {"endpoint", "blocks", "words", "declarations", "unreferenced", NULL};
-    PyObject *endpoint, *blocks, *words, *declarations, *unreferenced;
-    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O!O!OO!O", names, &endpoint_type, &endpoint, &kept_blocks_type,
-                                     &blocks, &words, &PyDict_Type, &declarations, &unreferenced))
+    static char *names[] = {"endpoint", "blocks", "words", "declarations", "held", NULL};
+    PyObject *endpoint, *blocks, *words, *declarations, *held;
+    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O!O!OO!O!", names, &endpoint_type, &endpoint, &kept_blocks_type,
+                                     &blocks, &words, &PyDict_Type, &declarations, &PyDict_Type, &held))
         return NULL;
     struct publisher_object *self = (struct publisher_object *)type->tp_alloc(type, 0);
     if (self == NULL)
@@ -29,7 +29,7 @@ static PyObject *publisher_new(PyTypeObject *type, PyObject *args, PyObject *key
     self->endpoint = (struct endpoint_object *)Py_NewRef(endpoint);
     self->blocks = (struct kept_blocks_object *)Py_NewRef(blocks);
     self->declarations = Py_NewRef(declarations);
-    self->unreferenced = Py_NewRef(unreferenced);
+    self->held = Py_NewRef(held);
     self->published_when_asked = UINT64_MAX;
     if (hold_words(&self->words, words, true) != 0) {
         Py_DECREF(self);
@@ -48,7 +48,7 @@ static int publisher_traverse(struct publisher_object *self, visitproc visit, vo
     Py_VISIT(self->endpoint);
     Py_VISIT(self->blocks);
     Py_VISIT(self->declarations);
-    Py_VISIT(self->unreferenced);
+    Py_VISIT(self->held);
     return 0;
 }
 
@@ -59,7 +59,7 @@ static void publisher_dealloc(struct publisher_object *self)
     Py_XDECREF(self->endpoint);
     Py_XDECREF(self->blocks);
     Py_XDECREF(self->declarations);
-    Py_XDECREF(self->unreferenced);
+    Py_XDECREF(self->held);
     Py_TYPE(self)->tp_free(self);
 }
 
@@ -82,7 +82,7 @@ static int collect_freed(struct publisher_object *self)
 {
     struct ring_reader *freed = self->endpoint->endpoint.freed;
     const uint64_t count = ring_waiting(freed);
-    if (count > freed->place.capacity || PyObject_Size(self->unreferenced) != 0)
+    if (count > freed->place.capacity || PyDict_GET_SIZE(self->held) != 0)
         return 0;
     /* They are taken before they are freed: freeing may make a list, hence run a garbage collection, hence any
      * Python code, which may collect the freed blocks as well. */

@@ -225,21 +225,101 @@ def test_loan_is_filled_in_place_and_published_at_its_end(pair: Pair) -> None:
     assert seen == [bytes(range(6))]
 
 
+def test_array_that_still_has_a_name_cannot_change_the_message_and_costs_no_copy(pair: Pair) -> None:
+    seen: list[list[list[int]]] = []
+    pair.on_image = lambda image: seen.append(image.data.reshape(2, 3).tolist())
+    with pair.outbox.loan(Image, "", {"data": 6}) as image:
+        pixels = image.data.reshape(2, 3)
+        for row in pixels:
+            row[:] = 1
+        corner = pixels[:1, :1].view(np.uint8)
+    for named in (pixels, row, corner):
+        with pytest.raises(ValueError, match="read-only"):
+            named[...] = 2
+    pair.pass_on()
+    assert seen == [[[1, 1, 1], [1, 1, 1]]]
+    assert pair.outbox.copied_loans.count == 0
+
+
+def test_block_of_a_loan_is_used_again_when_its_arrays_are_gone_and_it_was_read(pair: Pair) -> None:
+    def publish(data: int, then: Callable[[], None]) -> None:
+        with pair.outbox.loan(Image, "", {"data": 4}) as image:
+            pixels = image.data
+            pixels[:] = data
+        then()
+        assert pixels.tolist() == [data] * 4
+
+    def read_and_publish_others() -> None:
+        pair.pass_on()
+        for _ in range(3):
+            publish(9, pair.pass_on)
+        assert pair.outbox.outstanding == 1
+
+    publish(1, read_and_publish_others)
+    assert pair.outbox.outstanding == 0
+    publish(2, lambda: None)
+    assert pair.outbox.outstanding == 1
+    pair.pass_on()
+    assert pair.outbox.outstanding == 0
+
+
+def test_refused_loan_with_a_named_array_leaks_nothing(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pair.outbox._endpoint, "publish", lambda *_: False)
+
+    def publish() -> None:
+        with pair.outbox.loan(Image, "", {"data": 4}) as image:
+            kept = image.data
+        assert pair.sender_words[layout.OUT_REFUSED] == 1
+        assert pair.outbox.outstanding == 1
+        del kept
+
+    publish()
+    assert pair.outbox.outstanding == 0
+
+
+@pytest.mark.parametrize(
+    "keep",
+    [
+        lambda array: array,
+        lambda array: array.reshape(2, 2),
+        lambda array: array[1:].view(np.int8),
+        memoryview,
+        lambda array: np.asarray(memoryview(array)[:2]),
+        iter,
+    ],
+)
+@pytest.mark.parametrize("has_name", [False, True])
 def test_array_kept_beyond_its_loan_cannot_change_the_message(
-    pair: Pair, caplog: pytest.LogCaptureFixture
+    pair: Pair, keep: Callable[[Any], Any], has_name: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     seen: list[list[int]] = []
     pair.on_image = lambda image: seen.append(image.data.tolist())
     with pair.outbox.loan(Image, "", {"data": 4}) as image:
-        kept = image.data
-        kept[:] = 1
-    kept[:] = 2
+        image.data[:] = 1
+        kept = [keep(image.data)]
+        name = image.data.reshape(2, 2) if has_name else None
+        del image
+    if isinstance(kept[0], np.ndarray) and kept[0].flags.writeable:
+        kept[0][...] = 2
     pair.pass_on()
     assert seen == [[1] * 4]
-    assert "still referred to" in caplog.text
+    assert "is kept beyond its with block, so the message was copied (1 in all)" in caplog.text
     assert pair.outbox.outstanding == 1  # its block is not used again as long as it is held
-    del kept
+    kept.clear()
+    del name
+    _ = sys._getframe().f_locals  # a frame may keep its locals
     assert pair.outbox.outstanding == 0
+
+
+def test_copies_of_kept_arrays_are_warned_of_less_and_less_often(
+    pair: Pair, caplog: pytest.LogCaptureFixture
+) -> None:
+    kept = []
+    for _ in range(66):
+        with pair.outbox.loan(Image, "", {"data": 4}) as image:
+            kept.append(image.data)
+    assert pair.outbox.copied_loans.count == 66
+    assert caplog.text.count("was copied") == 7  # the 1st, 2nd, 4th, …, 64th
 
 
 def test_exception_takes_a_loan_back(pair: Pair) -> None:
