@@ -16,7 +16,7 @@ from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import RunObserver
 from robbie_mp.bus.observe.declarations import ObservedDeclaration, read_declarations
 from robbie_mp.bus.observe.latched import latched_bytes
-from robbie_mp.bus.transport.segment import SegmentMissing
+from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.addresses import add_address_argument, endpoints_of
 from robbie_mp.cli.output import console
@@ -36,6 +36,7 @@ PAST = "past_publishers"
 RENAMED = "renamed"
 LATCHED, KEPT = "latched", "latched_bytes"
 """Keys of a topic: whether it is latched, and the size of the message that the core keeps of it."""
+NO_STATES = "starting, or of another version of Robbie-MP"
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -243,7 +244,7 @@ def _list_runs(as_json: bool) -> int:
         table.add_column(heading, left_out=left_out, shrinks=heading == "modules", no_wrap=place < 4)
     for run, states in runs:
         record = run.record
-        shown = ", ".join(f"{name} {state}" for name, state in states.items()) or "starting"
+        shown = ", ".join(f"{name} {state}" for name, state in states.items()) or NO_STATES
         if record is not None:
             since = f"{record.started_at[:19]}Z"
             table.add_row(run.run_id, record.profile, str(record.supervisor_pid), since, shown)
@@ -252,10 +253,10 @@ def _list_runs(as_json: bool) -> int:
 
 
 def _states(run: KnownRun) -> dict[str, str]:
-    """Return states by module name; empty if the run has no shared memory yet, or none any more."""
+    """Return states by module name; empty if the run has no shared memory yet, or of another version."""
     try:
         observer = RunObserver(run.run_id)
-    except SegmentMissing:
+    except (SegmentMissing, SegmentMismatch):
         return {}
     states = {module.name: state_name(module) for module in observer.modules()[1:]}
     observer.close()

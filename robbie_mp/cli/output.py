@@ -22,6 +22,7 @@ from robbie_mp.base.visible_text import one_line, visible
 FILE_WIDTH = 160
 """Columns when the output is not a terminal and has no width."""
 ERASE_LINE = "\r\x1b[K"
+LAST_STANDARD_DESCRIPTOR = 2
 
 
 class PlainStream(io.TextIOBase):
@@ -135,6 +136,18 @@ def plain_output() -> Iterator[None]:
         ):
             replaced.enter_context(redirect(PlainStream(cast("IO[str]", WatchedStream(stream)))))
         yield
+
+
+def fill_standard_descriptors() -> None:
+    """Open /dev/null in place of standard streams that are closed.
+
+    Otherwise the next file gets such a number, a segment or a log, and what a library or a child of this
+    process prints goes into it.
+    """
+    with contextlib.suppress(OSError):
+        while (fd := os.open(os.devnull, os.O_RDWR)) <= LAST_STANDARD_DESCRIPTOR:
+            os.set_inheritable(fd, True)
+        os.close(fd)
 
 
 def finish_output() -> bool:

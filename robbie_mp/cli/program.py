@@ -16,7 +16,7 @@ from robbie_mp.base.version import installed_version
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.interrupts import interrupts_end_at_once
-from robbie_mp.cli.output import finish_output, plain_output, say
+from robbie_mp.cli.output import fill_standard_descriptors, finish_output, plain_output, say
 from robbie_mp.cli.parser import BAD_USAGE, Parser
 
 COMMANDS = (
@@ -66,6 +66,7 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     Raises:
         KeyboardInterrupt: the user pressed Ctrl-C.
     """
+    fill_standard_descriptors()
     with plain_output():
         try:
             code = _outcome(arguments)

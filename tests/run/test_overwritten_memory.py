@@ -11,7 +11,7 @@ import pytest
 
 from robbie_mp.base.linux.bus_error import surviving_truncation
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
-from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot
+from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot, kill
 
 PROFILE = """
 modules:
@@ -29,6 +29,16 @@ Figures = dict[str, dict[str, Any]]
 @pytest.fixture(params=["0", "1"], ids=["c", "python"])
 def pure_python(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBBIE_PURE_PYTHON", request.param)
+
+
+def cut(path: Path) -> None:
+    os.truncate(path, 0)
+
+
+def replace_by_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+    (path / "file").touch()
 
 
 def check_end(robot: Robot, process: Any, pids: dict[str, int]) -> None:
@@ -127,13 +137,13 @@ def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("pure_python")
-@pytest.mark.parametrize("damage", [lambda path: os.truncate(path, 0), Path.unlink], ids=["cut", "removed"])
+@pytest.mark.parametrize("damage", [cut, Path.unlink, replace_by_folder])
 @pytest.mark.parametrize("kind", ["out", "in", "wakeup", "data"])
 def test_module_whose_memory_is_damaged_is_killed_alone(
     robot: Robot, kind: str, damage: Callable[[Path], None]
 ) -> None:
     """A subscriber that read a message just then got SIGBUS from its publisher's memory, and the operator
-    station got it from the figures of any module."""
+    station got it from the figures of any module. The supervisor, which could not remove a folder, ended."""
     profile = PROFILE.format(wild="Scribbler", settings='{only: "nothing"}', restarts=2)
     robot.write_profile(profile.replace("Viewing", "Watching"))
     process = robot.start()
@@ -144,6 +154,7 @@ def test_module_whose_memory_is_damaged_is_killed_alone(
     with surviving_truncation(f"{SHARED_MEMORY}/robbie-"):  # this process looks, too
         for path in Path(f"{SHARED_MEMORY}/robbie-{run.run_id}").glob(f"{kind}-4-1*"):
             damage(path)
-        if kind != "data" or damage is not Path.unlink:  # those that know the segment have mapped it
-            robot.until(lambda top: top["wild"]["incarnation"] == 2 and top["wild"]["state"] == "RUNNING")
+        if kind == "data" and damage is not cut:  # those that know the segment have mapped it
+            kill(figures["wild"]["pid"])
+        robot.until(lambda top: top["wild"]["incarnation"] == 2 and top["wild"]["state"] == "RUNNING")
         check_end(robot, process, pids)

@@ -13,7 +13,9 @@ import psutil
 import pytest
 
 from robbie_mp.bus._hot.choice import PURE_PYTHON, why_not
+from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.bus.transport.words import WORD_BYTES
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.run.trace.reader import last_entries
 from tests._support.debugger import held_by_debugger
@@ -355,6 +357,18 @@ def test_list_shows_the_run_and_its_modules(robot: Robot) -> None:
     table = robot.command("top", "--once").stdout
     assert "one" in table
     assert "RUNNING" in table
+
+
+def test_list_shows_also_a_run_of_another_version(robot: Robot) -> None:
+    """After an update, the list of all runs failed until the last run of the old version had ended."""
+    robot.write_profile(ENDLESS)
+    robot.start()
+    robot.until(lambda modules: modules["two"]["state"] == "RUNNING")
+    with (SHARED_MEMORY / names.board(robot.known_run().run_id)).open("r+b") as board:
+        board.seek(layout.HEADER_VERSION * WORD_BYTES)
+        board.write((layout.LAYOUT_VERSION - 1).to_bytes(WORD_BYTES, "little"))
+    assert [run["modules"] for run in json.loads(robot.command("list", "--json").stdout)] == [{}]
+    assert "another version" in " ".join(robot.command("list").stdout.split())
 
 
 def test_terminated_run_leaves_no_name_behind(robot: Robot) -> None:

@@ -65,7 +65,7 @@ static PyObject *write_in_python(struct message_layout *layout, PyObject *buffer
         PyObject_CallFunctionObjArgs(layout->python, layout->codec->message_type, layout->fields, NULL);
     if (again == NULL)
         return NULL;
-    PyObject *message = offset == NULL ? PyObject_CallMethod(again, "write", "O", buffer)
+    PyObject *message = offset == NULL ? PyObject_CallMethod(again, "write", "(O)", buffer)
                                        : PyObject_CallMethod(again, "write", "OO", buffer, offset);
     Py_DECREF(again);
     return message;

@@ -176,7 +176,7 @@ static PyObject *decode(struct handled_message *message)
     if (PyErr_Occurred())
         return NULL;
     PyObject *view = PyMemoryView_FromObject((PyObject *)message->bytes);
-    PyObject *decoded = view == NULL ? NULL : PyObject_CallMethod(decoder, "decode", "O", view);
+    PyObject *decoded = view == NULL ? NULL : PyObject_CallMethod(decoder, "decode", "(O)", view);
     Py_XDECREF(view);
     return decoded;
 }
@@ -187,7 +187,7 @@ static int tell_lost(PyObject *inbox)
     PyObject *type, *error, *trace;
     PyErr_Fetch(&type, &error, &trace);
     PyErr_NormalizeException(&type, &error, &trace);
-    PyObject *result = PyObject_CallMethod(inbox, "tell_lost", "O", error);
+    PyObject *result = PyObject_CallMethod(inbox, "tell_lost", "(O)", error);
     Py_XDECREF(type);
     Py_XDECREF(error);
     Py_XDECREF(trace);

@@ -20,6 +20,7 @@ from robbie_mp.bus.transport.shared_folder import (
     SegmentMismatch,
     SegmentMissing,
     opened_folder,
+    remove_file,
 )
 from robbie_mp.bus.transport.words import WORD_BYTES, Words, check_machine, new_fence
 
@@ -213,8 +214,8 @@ class Segment:
 def unlink_segment(name: str) -> None:
     """Remove a segment's name if it is there."""
     folder, _, file = name.partition("/")
-    with contextlib.suppress(FileNotFoundError, ForeignMemory), opened_folder(folder) as folder_fd:
-        os.unlink(file, dir_fd=folder_fd)
+    with contextlib.suppress(OSError, ForeignMemory), opened_folder(folder) as folder_fd:
+        remove_file(file, folder_fd)
 
 
 def _open(name: str, access: int) -> int:

@@ -89,7 +89,7 @@ def remove_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
     ):
         for file in sorted(os.listdir(fd)):
             with contextlib.suppress(OSError):
-                _remove(file, fd)
+                remove_file(file, fd)
                 removed.append(f"{names.folder(run_id)}/{file}")
         with contextlib.suppress(OSError):
             os.rmdir(shared_memory / names.folder(run_id))
@@ -97,8 +97,8 @@ def remove_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
     return removed
 
 
-def _remove(file: str, folder_fd: int) -> None:
-    """Remove a file, or a folder that some module has made there."""
+def remove_file(file: str, folder_fd: int) -> None:
+    """Remove a file, or a folder that some module has made in its place."""
     try:
         os.unlink(file, dir_fd=folder_fd)
     except IsADirectoryError:

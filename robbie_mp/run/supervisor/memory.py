@@ -22,6 +22,7 @@ from robbie_mp.bus.transport.shared_folder import (
     ForeignMemory,
     SegmentMissing,
     opened_folder,
+    remove_file,
     remove_names,
 )
 from robbie_mp.bus.transport.tables import CoreTables, TableSizes
@@ -326,7 +327,7 @@ class RunMemory:
             if slot not in self._dying
         }
         folder, found = names.folder(self._run_id), {}
-        with contextlib.suppress(FileNotFoundError):
+        with contextlib.suppress(OSError):  # that nothing is there any more, `files` shows
             for file in os.listdir(SHARED_MEMORY / folder):
                 prefix = f"{folder}/{file[: file.rfind('-') + 1]}"
                 if prefix in owners:
@@ -378,5 +379,5 @@ def unlink_data_segments(run_id: str, slot: int, incarnation: int) -> None:
     with contextlib.suppress(SegmentMissing, ForeignMemory), opened_folder(folder) as fd:
         for file in os.listdir(fd):
             if file.startswith(prefix):
-                with contextlib.suppress(FileNotFoundError):
-                    os.unlink(file, dir_fd=fd)
+                with contextlib.suppress(OSError):
+                    remove_file(file, fd)

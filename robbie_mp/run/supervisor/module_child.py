@@ -18,7 +18,7 @@ from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.layout import LINE_WORDS, HotPath
 from robbie_mp.bus.transport.run_memory import IncarnationMemory, make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
-from robbie_mp.bus.transport.words import write_text
+from robbie_mp.bus.transport.words import WORD_MAX, write_text
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.handler_times import HandlerTimes, recorded_times
 from robbie_mp.module.inbox import Inbox
@@ -192,6 +192,6 @@ def open_checkpoints(plan: RunPlan, place: Membership, slot: int, incarnation: i
     words = place.words
 
     def count() -> None:
-        words[layout.OUT_CHECKPOINTS] = words[layout.OUT_CHECKPOINTS] + 1
+        words[layout.OUT_CHECKPOINTS] = words[layout.OUT_CHECKPOINTS] + 1 & WORD_MAX
 
     return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name), count)

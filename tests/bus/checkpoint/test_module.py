@@ -10,8 +10,9 @@ from robbie_mp import ModuleHarness
 from robbie_mp.bus.checkpoint.errors import UnsupportedState
 from robbie_mp.bus.checkpoint.file import read_file, write_file
 from robbie_mp.bus.checkpoint.image import encode
-from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.bus.transport.words import WORD_BYTES, WORD_MAX
 from tests._support.robot import Robot, kill, wait_until
 from tests.bus.checkpoint._support import remembering
 from tests.bus.checkpoint._support.remembering import Remembering
@@ -136,3 +137,26 @@ def test_module_whose_checkpoints_are_all_gone_is_told_that_its_state_is_lost(ro
         robot.until(lambda modules: modules["keeper"]["status"] == status)  # noqa: B023
         wait_until(lambda: all(file.exists() for file in files))
     assert "none is left" in robot.log("keeper")
+
+
+def test_module_that_wrote_over_its_count_of_checkpoints_goes_on(robot: Robot) -> None:
+    """It ended by a ValueError at its next checkpoint."""
+    (robot.folder / "keeper.py").write_text(KEEPER)
+    robot.write_profile("modules:\n  keeper: {class: 'keeper:Keeper', restart: {backoff_s: 0.001}}\n")
+    robot.start()
+    robot.until(lambda modules: modules["keeper"]["state"] == "RUNNING")
+    own = SHARED_MEMORY / names.outbound(robot.known_run().run_id, 1, 1)
+    with own.open("r+b", buffering=0) as words:
+
+        def count(value: int | None = None) -> int:
+            words.seek(layout.OUT_CHECKPOINTS * WORD_BYTES)
+            if value is not None:
+                return words.write(value.to_bytes(WORD_BYTES, "little"))
+            return int.from_bytes(words.read(WORD_BYTES), "little")
+
+        wait_until(lambda: count() > 0)
+        count(WORD_MAX)
+        wait_until(lambda: 0 < count() < WORD_MAX)
+    assert robot.top()["keeper"]["restarts"] == 0
+    kill(robot.top()["keeper"]["pid"])
+    robot.until(lambda modules: modules["keeper"]["status"] == "[1] False")

@@ -33,6 +33,12 @@ def test_words_are_stored_in_one_place_only(path: Path) -> None:
         assert len(re.findall("atomic_store", code)) == len(re.findall("before_store", code)) - 2 == 1
 
 
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
+def test_single_argument_of_a_call_is_in_parentheses(path: Path) -> None:
+    """With a format of "O" alone, a tuple is taken apart and its items become the arguments."""
+    assert not re.findall(r'PyObject_Call(?:Method|Function)\([^;]*"[NOSU]"[^;]*;', without_comments(path))
+
+
 @pytest.mark.parametrize("statement", ["*place = 1;", "place[1] = 1;", "*place += 1;", "(*place)++;"])
 def test_assignment_to_a_word_does_not_compile(
     statement: str, compiler_command: list[str], tmp_path: Path

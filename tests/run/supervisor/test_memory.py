@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.bus.transport.shared_folder import make_folder
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import ModuleSpec, Profile
 from robbie_mp.run.supervisor.memory import RunMemory
@@ -22,3 +23,19 @@ def memory() -> Iterator[RunMemory]:
     made = RunMemory(PLAN)
     yield made
     made.close()
+
+
+@pytest.mark.parametrize("instead", ["nothing", "a file"])
+def test_supervisor_goes_on_where_a_module_has_moved_the_folder(memory: RunMemory, instead: str) -> None:
+    """It reports the files that are gone; it ended where it could not look for more."""
+    (SHARED_MEMORY / names.data(RUN_ID, 0, 1, 1)).touch()
+    assert memory.data_files()
+    folder = SHARED_MEMORY / names.folder(RUN_ID)
+    moved = folder.rename(folder.with_name(f"{folder.name}-moved"))
+    try:
+        if instead == "a file":
+            folder.touch()
+        assert memory.data_files() == {}
+    finally:
+        folder.unlink(missing_ok=True)
+        moved.rename(folder)
