@@ -183,11 +183,11 @@ class Playback(ClockSource):
             end_ns = min(end_ns, log.start_ns + round(self.end_s * 1e9))
         if log.end_ns > LATEST_NS:
             self.log.warning("messages cannot express all times of the log; the clock stays in January 2038")
-        tape = Tape(log, channels, self._begin_ns, end_ns)
+        gap_ns = None if self.longest_gap_s is None else round(self.longest_gap_s * 1e9)
+        tape = Tape(log, channels, self._begin_ns, end_ns, gap_ns)
         if self.restored:
             tape.restore(state["sought_ns"], state["taken"])
-        gap_ns = None if self.longest_gap_s is None else round(self.longest_gap_s * 1e9)
-        player = Player(tape, time, outlet, machine_ns, log.start_ns, loop=self.loop, gap_ns=gap_ns)
+        player = Player(tape, time, outlet, machine_ns, log.start_ns, loop=self.loop)
         player.played, player.jumps = state["played"], state["jumps"]
         return player
 

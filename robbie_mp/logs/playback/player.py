@@ -9,9 +9,10 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.logs.playback.log_time import LATEST_NS, LogTime
 from robbie_mp.logs.playback.tape import Tape
 from robbie_mp.logs.recording.reader import LoggedMessage
+from robbie_mp.logs.recording.time_jumps import LogTimeJump
 
 GAP = "gap"
-"""Reason of a jump over a stretch of the log's time without messages."""
+"""Reason of a jump of the log's own time."""
 LONGEST_TURN_NS = 20_000_000
 """Longest time that it publishes without looking for control requests."""
 
@@ -73,7 +74,6 @@ class Player:
         monotonic_ns: returns real time.
         origin_ns: the moment from which seek positions are counted.
         loop: start again at the end.
-        gap_ns: if the next message is farther away, forwards or backwards, the time jumps to it; None: never.
 
     Attributes:
         played: number of messages sent so far, without those that are given again after a jump.
@@ -90,7 +90,6 @@ class Player:
         origin_ns: int,
         *,
         loop: bool = False,
-        gap_ns: int | None = None,
     ):
         self.tape = tape
         self.time = time
@@ -101,9 +100,6 @@ class Player:
         self._monotonic_ns = monotonic_ns
         self._origin_ns = origin_ns
         self._steps = 0
-        self._gap_ns = gap_ns
-        self._last_ns = time.position_ns
-        """The log's time of the last message, or of the last jump."""
         self._jump: tuple[int, str] | None = None
         """The target of a jump and its reason, to be carried out once everything sent has been handled."""
 
@@ -170,44 +166,50 @@ class Player:
 
     def _play_one(self) -> bool:
         """Send one message, grant a tick, or jump; False if there is nothing to do now."""
-        message = self.tape.next
+        event = self.tape.next
         goes_on = not self.time.paused or self._steps > 0 or self.tape.gives > 0
-        if message is None and self._jump is None and self._begins_again and goes_on:
+        if event is None and self._jump is None and self._begins_again and goes_on:
             self._jump = self.tape.begin_ns, "loop"
-        free = self._outlet.next_free() if message is None or self._jump is not None else None
+        free = self._outlet.next_free() if event is None or self._jump is not None else None
         if free is not None and (goes_on or self._jump is not None):
             return self._send_tick(free)  # what waits for busy modules is handled before the end and a jump
         if self._jump is not None:
             return self._make_jump(*self._jump)
-        if message is None or not goes_on:
-            self.time.held = message is None
+        if event is None or not goes_on:
+            self.time.held = event is None
             return False
-        return self._play_next(message)
+        return self._play_next(event)
 
-    def _play_next(self, message: LoggedMessage) -> bool:
-        """Send the next message, or a tick that is due before it; False if that is impossible now."""
-        if self.tape.gives:
-            return self._give(message)
-        if self._gap_ns is not None and abs(message.time_ns - self._last_ns) > self._gap_ns:
-            return self._leap(message.time_ns)
-        if not self._is_due(self._at_ns(message, self._tick_until(_shown(message.time_ns)))):
+    def _play_next(self, event: LoggedMessage | LogTimeJump) -> bool:
+        """Play what is next on the tape, or a tick that is due before it; False if that is impossible now."""
+        if isinstance(event, LogTimeJump):
+            at_ns, size = _shown(event.before_ns), 0
+        elif self.tape.gives:
+            return self._give(event)
+        else:
+            at_ns, size = _shown(event.time_ns), len(event.data)
+        tick = self._tick_until(at_ns)
+        if not self._is_due(tick.due_ns if tick else at_ns):
             self.time.held = False
             return False
-        if not self._outlet.has_room(len(message.data)):
+        if not self._outlet.has_room(size):
             self.time.held = True
             return False
         # Again: in lockstep, only now is it certain which modules are busy, and which want ticks.
-        tick = self._tick_until(_shown(message.time_ns))
-        if not self._is_due(self._at_ns(message, tick)):
+        tick = self._tick_until(at_ns)
+        if not self._is_due(tick.due_ns if tick else at_ns):
             return False
-        return self._send_tick(tick) if tick else self._send(message)
+        if tick:
+            return self._send_tick(tick)
+        return self._leap(event) if isinstance(event, LogTimeJump) else self._send(event)
 
-    def _leap(self, to_ns: int) -> bool:
-        """Have the time jump to the next message, if the clock can show that."""
-        if _shown(to_ns) == self.time.position_ns:
-            self._last_ns = to_ns
+    def _leap(self, jump: LogTimeJump) -> bool:
+        """Have the time jump, if the clock can show that."""
+        self.time.advance_to(_shown(jump.before_ns))
+        if _shown(jump.after_ns) == self.time.position_ns:
+            self.tape.take()
         else:
-            self._jump = to_ns, GAP
+            self._jump = jump.after_ns, GAP
         return True
 
     def _send(self, message: LoggedMessage) -> bool:
@@ -216,7 +218,6 @@ class Player:
         self.time.held = not is_sent
         if is_sent:
             self.tape.take()
-            self._last_ns = message.time_ns
             self.played += 1
             self._steps = max(0, self._steps - 1)
         return is_sent
@@ -239,12 +240,8 @@ class Player:
         self.time.held = not is_sent
         return is_sent
 
-    @staticmethod
-    def _at_ns(message: LoggedMessage, tick: DueTick | None) -> int:
-        return tick.due_ns if tick else _shown(message.time_ns)
-
     def _tick_until(self, until_ns: int) -> DueTick | None:
-        """Return the next tick to grant, if it is due before the next message."""
+        """Return the next tick to grant, if it is due by then."""
         ticks = [tick for tick in (self._outlet.next_free(), self._outlet.next_tick()) if tick]
         tick = min(ticks, key=attrgetter("due_ns"), default=None)
         return tick if tick and tick.due_ns <= until_ns else None
@@ -258,9 +255,10 @@ class Player:
             return False
         self._jump = None
         before_ns = self.time.position_ns
-        if reason != GAP:
+        if reason == GAP:
+            self.tape.take()
+        else:
             self.tape.seek(to_ns)
-        self._last_ns = to_ns
         self.time.jump(_shown(to_ns))
         self.time.held = False
         self.jumps += 1

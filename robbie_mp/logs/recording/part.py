@@ -1,7 +1,7 @@
 """One file of a log."""
 
 import fcntl
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
@@ -30,6 +30,14 @@ class PartMessage(NamedTuple):
     time_ns: int
     publish_time_ns: int
     data: bytes
+
+
+class Stretch(NamedTuple):
+    """Consecutive messages: the times of all of them, and those that are wanted."""
+
+    start_ns: int
+    end_ns: int
+    messages: Iterable[PartMessage]
 
 
 class LogPart:
@@ -97,22 +105,44 @@ class LogPart:
         """Yield messages in file order; see `Log.messages`. Damaged ones are left out and noted."""
         wanted = None if channel_ids is None else frozenset(channel_ids)
         for block in self.contents.blocks:
-            if _may_have(block, start_ns, end_ns, wanted):
-                for message in self._messages_of(block):
-                    if (
-                        (start_ns is None or message.time_ns >= start_ns)
-                        and (end_ns is None or message.time_ns < end_ns)
-                        and (wanted is None or message.channel_id in wanted)
-                    ):
-                        yield message
+            yield from self._chosen(block, start_ns, end_ns, wanted)
 
-    def time_spans(self, most_ns: int) -> Iterator[tuple[int, int]]:
-        """Yield the earliest and the latest log time in each chunk; of each message where it spans more."""
+    def stretches(
+        self,
+        longest_ns: int,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        channel_ids: Collection[int] | None = None,
+    ) -> Iterator[Stretch]:
+        """Yield the same messages by chunk, with the time that all channels span; a chunk without any, too.
+
+        Args:
+            longest_ns: a chunk that spans more is read, and each message in it is a stretch.
+            start_ns: as for `messages`.
+            end_ns: likewise.
+            channel_ids: likewise.
+        """
+        wanted = None if channel_ids is None else frozenset(channel_ids)
         for block in self.contents.blocks:
-            if block.end_ns - block.start_ns <= most_ns:
-                yield block.start_ns, block.end_ns
-            else:
-                yield from ((message.time_ns, message.time_ns) for message in self._messages_of(block))
+            if block.end_ns - block.start_ns > longest_ns:
+                for one in self._chosen(block, start_ns, end_ns, None):
+                    chosen = [one] if wanted is None or one.channel_id in wanted else []
+                    yield Stretch(one.time_ns, one.time_ns, chosen)
+            elif _may_have(block, start_ns, end_ns, None):
+                chosen_in = self._chosen(block, start_ns, end_ns, wanted)
+                yield Stretch(block.start_ns, block.end_ns, chosen_in)
+
+    def _chosen(
+        self, block: MessageBlock, start_ns: int | None, end_ns: int | None, wanted: frozenset[int] | None
+    ) -> Iterator[PartMessage]:
+        if _may_have(block, start_ns, end_ns, wanted):
+            for message in self._messages_of(block):
+                if (
+                    (start_ns is None or message.time_ns >= start_ns)
+                    and (end_ns is None or message.time_ns < end_ns)
+                    and (wanted is None or message.channel_id in wanted)
+                ):
+                    yield message
 
     def blocks_backwards(self, channel_ids: Collection[int], end_ns: int) -> Iterator[list[PartMessage]]:
         """Yield the messages of each chunk, in file order, but the last chunk first. Damage is noted.

@@ -32,7 +32,7 @@ from robbie_mp.logs.recording.format import (
     ChannelKey,
 )
 from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
-from robbie_mp.logs.recording.part import LogPart
+from robbie_mp.logs.recording.part import LogPart, PartMessage
 from robbie_mp.logs.recording.scan import LOST_DESCRIPTIONS
 from robbie_mp.messages import Message, TFMessage, message_type_from_schema
 from robbie_mp.messages.errors import MessageError, SchemaError
@@ -227,12 +227,32 @@ class Log:
             end_ns: leave out messages published at this time or later.
             channels: yield messages of these channels only.
         """
+        for part, known, ids in self._files_with(channels):
+            yield from _logged(part.messages(start_ns, end_ns, ids), known)
+
+    def stretches(
+        self,
+        longest_ns: int,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        channels: Iterable[LogChannel] | None = None,
+    ) -> Iterator[tuple[int, int, Iterator[LoggedMessage]]]:
+        """Yield the same messages by stretches of the log: see `LogPart.stretches`."""
+        for part, known, ids in self._files_with(channels):
+            for first_ns, last_ns, messages in part.stretches(longest_ns, start_ns, end_ns, ids):
+                yield first_ns, last_ns, _logged(messages, known)
+
+    def _files_with(
+        self, channels: Iterable[LogChannel] | None
+    ) -> Iterator[tuple[LogPart, dict[int, LogChannel], set[int] | None]]:
+        """Yield each part with its channels, and the ids there of those that are wanted."""
         wanted = None if channels is None else {channel.id for channel in channels}
         for part, known in self.files():
-            ids = None if wanted is None else {id_ for id_, channel in known.items() if channel.id in wanted}
-            for message in part.messages(start_ns, end_ns, ids):
-                if channel := known.get(message.channel_id):
-                    yield LoggedMessage(channel, message.sequence, message.time_ns, message.data)
+            yield (
+                part,
+                known,
+                None if wanted is None else {id_ for id_, channel in known.items() if channel.id in wanted},
+            )
 
     def newest_latched(
         self, before_ns: int, channels: Iterable[LogChannel] | None = None
@@ -401,6 +421,12 @@ def _has_fixed_transforms(channel: LogChannel) -> bool:
 def _latched_as(channel: LogChannel) -> ChannelKey:
     """Return the same key for channels of which only the newest message holds."""
     return channel.key if _has_fixed_transforms(channel) else channel.key._replace(sender="")
+
+
+def _logged(messages: Iterable[PartMessage], known: Mapping[int, LogChannel]) -> Iterator[LoggedMessage]:
+    for message in messages:
+        if channel := known.get(message.channel_id):
+            yield LoggedMessage(channel, message.sequence, message.time_ns, message.data)
 
 
 def _newest_in(

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from robbie_mp.logs.playback.log_time import LATEST_NS
 from robbie_mp.logs.playback.player import DueTick, PlaybackRefused
+from robbie_mp.logs.playback.tape import Tape
 from robbie_mp.logs.recording.reader import Log, open_log
 from tests.logs.playback._support.jumps import (
     BEGINNING,
@@ -18,6 +20,7 @@ from tests.logs.playback._support.jumps import (
     SET_BACK,
     WITHOUT_BATTERY,
     jumping_log,
+    log_of_topics,
 )
 from tests.logs.playback._support.recorder import SECOND_NS, TICK_NS, PlayerRig
 from tests.logs.recording._support.logs import START_NS, STEP_NS, write_log
@@ -190,7 +193,7 @@ def test_step_at_the_end_is_refused(log: Log) -> None:
         rig.player.control("step", 0)
 
 
-def with_ticks(log: Log, rate: float | None, **options: bool) -> PlayerRig:
+def with_ticks(log: Log, rate: float | None, **options: Any) -> PlayerRig:
     rig = PlayerRig(log, rate, lockstep=True, **options)
     rig.outlet.ticks = [DueTick(START_NS, "mapping"), DueTick(START_NS + TICK_NS // 2, "base")]
     return rig
@@ -305,6 +308,38 @@ def test_jump_backwards_is_skipped_and_announced(tmp_path: Path) -> None:
         assert rig.outlet.numbers == [1, 2, 3, 4]
         assert [after_ns for _, after_ns, _ in rig.outlet.jumps] == [BEGINNING, SECOND]
         assert [at_ns for _, at_ns in rig.outlet.sent] == pytest.approx(SET_BACK, abs=SECOND // 50)
+
+
+@pytest.mark.parametrize("chunk_size", [1, 1 << 20])
+@pytest.mark.parametrize("rate", [100.0, None])
+def test_only_jumps_of_the_whole_log_are_skipped_on_a_rare_topic(
+    tmp_path: Path, rate: float | None, chunk_size: int
+) -> None:
+    often = [("often", at * 100 * SECOND) for at in range(1, 21)]
+    after = [("often", BEGINNING), ("rare", BEGINNING + 50 * SECOND), ("often", 0)]
+    messages = [("rare", 0), *often[:7], ("rare", 700 * SECOND), *often[7:], *after]
+    path = log_of_topics(tmp_path / "log.mcap", messages, chunk_size=chunk_size)
+    with open_log(path) as log:
+        rig = PlayerRig(log, rate, gap_ns=GAP_NS, topics=["rare"])
+        rig.run(22.0)
+        played = [(number, messages[number - 1][1]) for number, _ in rig.outlet.sent]
+        assert played == [(1, 0), (9, 700 * SECOND), (24, BEGINNING + 50 * SECOND)]
+        late_ns = [at_ns - due_ns for (_, at_ns), (_, due_ns) in zip(rig.outlet.sent, played, strict=True)]
+        assert all(0 <= late < 2 * SECOND for late in late_ns)
+        ((before_ns, after_ns, reason),) = rig.outlet.jumps
+        assert (after_ns, reason) == (BEGINNING, "gap") and rig.player.ended
+        assert 0 <= before_ns - 2000 * SECOND < 2 * SECOND
+
+
+def test_killed_playback_continues_on_either_side_of_a_jump(tmp_path: Path) -> None:
+    with open_log(jumping_log(tmp_path / "log.mcap", WITHOUT_BATTERY)) as log:
+        tape = Tape(log, log.channels, log.start_ns, log.end_ns, GAP_NS)
+        while tape.next is not None:
+            again = Tape(log, log.channels, log.start_ns, log.end_ns, GAP_NS)
+            again.restore(tape.sought_ns, tape.taken)
+            assert again.next == tape.next
+            tape.take()
+        assert tape.taken == len(WITHOUT_BATTERY) + 1
 
 
 def test_jump_that_is_kept_is_waited_for(tmp_path: Path) -> None:

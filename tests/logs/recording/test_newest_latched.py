@@ -16,7 +16,7 @@ from robbie_mp.logs.recording.info import describe
 from robbie_mp.logs.recording.log_writer import LogWriter, Split
 from robbie_mp.logs.recording.newest import KeepLimits, NewestMessages
 from robbie_mp.logs.recording.part_writer import RecordedChannel
-from robbie_mp.logs.recording.reader import Log, open_log
+from robbie_mp.logs.recording.reader import Log, LoggedMessage, open_log
 from robbie_mp.logs.recording.recorder import Recorder
 from robbie_mp.messages import Header, Odometry, TFMessage, Transform, TransformStamped, schema_text
 from tests.logs.playback._support.recorder import SECOND_NS, PlayerRig
@@ -303,7 +303,7 @@ def test_killed_playback_gives_each_latched_message_once(recording: Path) -> Non
         again = Tape(log, log.channels, log.start_ns, log.end_ns)
         again.restore(tape.sought_ns, tape.taken)
         assert again.gives == 0
-        assert again.next is not None
+        assert isinstance(again.next, LoggedMessage)
         assert again.next.sequence == 10
 
 

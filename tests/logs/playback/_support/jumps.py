@@ -20,7 +20,12 @@ FAR = [BEGINNING, BEGINNING + SECOND, (1 << 64) - 2, (1 << 64) - 1]
 
 def jumping_log(path: Path, times_ns: Sequence[int], **options: Any) -> Path:
     """Write a log with one message at each time; it tells its number."""
+    return log_of_topics(path, [("s", time_ns) for time_ns in times_ns], **options)
+
+
+def log_of_topics(path: Path, messages: Sequence[tuple[str, int]], **options: Any) -> Path:
+    """Write a log with one message for each topic and time; it tells its number."""
     with LogFile(path, **options) as log:
-        for number, time_ns in enumerate(times_ns, start=1):
-            log.add(String(data=str(number)), "s", time_ns=time_ns)
+        for number, (topic, time_ns) in enumerate(messages, start=1):
+            log.add(String(data=str(number)), topic, time_ns=time_ns)
     return path

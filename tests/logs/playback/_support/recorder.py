@@ -1,9 +1,11 @@
 """Replacements for the objects that a player uses. They record all calls."""
 
+from collections.abc import Sequence
+
 from robbie_mp.logs.playback.log_time import LogTime
 from robbie_mp.logs.playback.player import DueTick, Player
 from robbie_mp.logs.playback.tape import Tape
-from robbie_mp.logs.recording.reader import Log, LoggedMessage
+from robbie_mp.logs.recording.reader import Log, LoggedMessage, select
 from robbie_mp.module.clock import ManualClock
 
 SECOND_NS = 1_000_000_000
@@ -107,11 +109,13 @@ class PlayerRig:
         paused: bool = False,
         lockstep: bool = False,
         gap_ns: int | None = None,
+        topics: Sequence[str] = (),
     ):
         self.real = ManualClock()
         self.clock = RunClockRecorder(self.real)
         self.outlet = OutletRecorder(self.clock, self.real)
-        self.tape = Tape(log, log.channels, log.start_ns, log.end_ns)
+        chosen, _ = select(log.channels, topics)
+        self.tape = Tape(log, chosen, log.start_ns, log.end_ns, gap_ns)
         self.time = LogTime(
             self.clock, self.real.monotonic_ns, log.start_ns, rate, paused=paused, lockstep=lockstep
         )
@@ -122,7 +126,6 @@ class PlayerRig:
             self.real.monotonic_ns,
             log.start_ns,
             loop=loop,
-            gap_ns=gap_ns,
         )
 
     def run(self, seconds: float, period_s: float = 0.01) -> None:
