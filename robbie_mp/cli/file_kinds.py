@@ -82,11 +82,10 @@ def kind_of(path: Path) -> tuple[str, Path]:
         return MAP, _map_of(path)
     if is_xml(head):
         return URDF, path
-    keys = _yaml_keys(path)
-    kind = next((kind for kind, wanted in KEYS if wanted <= keys), "")
-    if kind:
+    keys = _yaml(path).keys()
+    if kind := next((kind for kind, wanted in KEYS if wanted <= keys), ""):
         return kind, path.parent if kind == BAG_2 else path
-    # whose reader says best what is wrong: also an empty file is a log that was begun
+    # The kind whose reader says best what is wrong. An empty file is a log that was begun.
     return (LOG if not head or path.suffix == ".mcap" else CARMEN), path
 
 
@@ -114,10 +113,6 @@ def _head(path: Path) -> bytes:
             return file.read(HEAD_BYTES)
     except OSError as error:
         raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
-
-
-def _yaml_keys(path: Path) -> set[Any]:
-    return set(_yaml(path))
 
 
 def _yaml(path: Path) -> dict[Any, Any]:

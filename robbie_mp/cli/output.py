@@ -11,7 +11,7 @@ import io
 import os
 import sys
 from collections.abc import Iterable, Iterator
-from typing import IO, cast
+from typing import IO, Any, cast
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
@@ -25,20 +25,15 @@ ERASE_LINE = "\r\x1b[K"
 LAST_STANDARD_DESCRIPTOR = 2
 
 
-class PlainStream(io.TextIOBase):
-    """A text stream that passes nothing on that a terminal would obey.
+class _Layer(io.TextIOBase):
+    """A text stream above another one.
 
     Args:
-        below: the stream it writes to.
+        below: the stream it writes to; None if the process was started without it.
     """
 
-    def __init__(self, below: IO[str]):
-        self.below = below
-
-    def write(self, text: str) -> int:
-        """Write a text with its control characters made visible."""
-        self.below.write(visible(text))
-        return len(text)
+    def __init__(self, below: IO[str] | None):
+        self.below: Any = below
 
     def flush(self) -> None:
         """Flush the stream below."""
@@ -49,11 +44,13 @@ class PlainStream(io.TextIOBase):
 
     def fileno(self) -> int:
         """Return the file descriptor."""
-        return self.below.fileno()
+        if self.below is None:
+            raise io.UnsupportedOperation("this stream is closed")
+        return int(self.below.fileno())
 
     def isatty(self) -> bool:
         """Whether the stream is a terminal."""
-        return self.below.isatty()
+        return self.below is not None and bool(self.below.isatty())
 
     def writable(self) -> bool:
         """Return True."""
@@ -65,35 +62,40 @@ class PlainStream(io.TextIOBase):
         return str(getattr(self.below, "encoding", "utf-8"))
 
 
-class WatchedStream(io.TextIOBase):
-    """A stream that notes when something cannot be written; argparse, for one, tells nobody.
+class PlainStream(_Layer):
+    """A text stream that passes nothing on that a terminal would obey."""
 
-    Args:
-        below: the stream it writes to; None if the process was started without it. What is written then is
-            lost, which is no error: a service goes on without anybody who reads.
+    def write(self, text: str) -> int:
+        """Write a text with its control characters made visible."""
+        self.below.write(visible(text))
+        return len(text)
+
+
+class WatchedStream(_Layer):
+    """A stream that notes when something cannot be written; argparse, for one, does not report it.
+
+    Without a stream below, what is written is lost. That alone ends nothing: a service needs no reader.
 
     Attributes:
         problem: the first one; None if all was written.
     """
 
-    def __init__(self, below: IO[str] | None):
-        self._below = below
-        self.problem: OSError | None = None
+    problem: OSError | None = None
 
     def write(self, text: str) -> int:
         """Write a text."""
         with self._watched():
-            if self._below is None:
+            if self.below is None:
                 self.problem = OSError(errno.EBADF, "it is closed")
             else:
-                self._below.write(text)
+                self.below.write(text)
         return len(text)
 
     def flush(self) -> None:
         """Flush the stream below."""
         with self._watched():
-            if self._below is not None:
-                self._below.flush()
+            if self.below is not None:
+                self.below.flush()
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
@@ -102,28 +104,6 @@ class WatchedStream(io.TextIOBase):
         except OSError as error:
             self.problem = self.problem or error
             raise
-
-    def close(self) -> None:
-        """Leave the stream below open: this stream does not own it."""
-
-    def fileno(self) -> int:
-        """Return the file descriptor."""
-        if self._below is None:
-            raise io.UnsupportedOperation("this stream is closed")
-        return self._below.fileno()
-
-    def isatty(self) -> bool:
-        """Whether the stream is a terminal."""
-        return self._below is not None and self._below.isatty()
-
-    def writable(self) -> bool:
-        """Return True."""
-        return True
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        """The encoding of the stream below."""
-        return str(getattr(self._below, "encoding", "utf-8"))
 
 
 @contextlib.contextmanager
@@ -153,7 +133,7 @@ def fill_standard_descriptors() -> None:
 def finish_output() -> bool:
     """Flush standard output; return whether everything was written, and say why not.
 
-    If the reader has ended, as in `robbie profile show demo | head -1`, nobody needs to be told.
+    If the reader has ended, as in `robbie profile show demo | head -1`, that is no failure.
     """
     below = _below(sys.stdout)
     if not isinstance(below, WatchedStream):  # of a test

@@ -188,7 +188,7 @@ def _handler_times(given: str) -> Path:
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the playback settings given on the command line."""
     given = {name: getattr(arguments, option) for option, name in SETTINGS.items()}
-    settings = {name: value for name, value in given.items() if value is not None}
+    settings = {name: value for name, value in given.items() if value is not None and value is not False}
     settings["file"] = str(arguments.file.absolute())
     if arguments.limits != READ_LIMITS:
         settings["max_chunk_mib"] = arguments.limits.chunk_bytes // MEGABYTE
@@ -196,7 +196,6 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
         settings["rate"] = None if math.isinf(arguments.rate) else arguments.rate
     if arguments.gaps is not None:
         settings["longest_gap_s"] = None if math.isinf(arguments.gaps) else arguments.gaps
-    settings = {name: value for name, value in settings.items() if name != "strict" or value}
     return settings
 
 
