@@ -62,7 +62,6 @@ class ReaderResult:
         refused: inputs that were refused with an error of ours.
         failures: how often each other error came, a hang or a death, with the number of the first input.
         slowest_s: the longest time for one input.
-        slowest: the number of that input.
         peak_bytes: most memory that the process had beyond what it began with.
         lost: processes that hung or died.
     """
@@ -73,7 +72,6 @@ class ReaderResult:
     refused: int = 0
     failures: dict[str, list[int]] = field(default_factory=dict)
     slowest_s: float = 0.0
-    slowest: int = 0
     peak_bytes: int = 0
     lost: int = 0
 
@@ -150,15 +148,15 @@ def _follow(connection: Connection, number: int, result: ReaderResult) -> int:
         try:
             if not connection.poll(limit_s):
                 return _lost(f"hangs: no answer for {limit_s:g} s", number, result)
-            told = connection.recv()
+            answer = connection.recv()
         except (EOFError, OSError):
             return _lost("the process died", number, result)
-        if told is None:
+        if answer is None:
             return number
-        if isinstance(told, str):
-            raise RuntimeError(told)
+        if isinstance(answer, str):
+            raise RuntimeError(answer)
         limit_s = HANG_S
-        outcome = _Outcome(*told)
+        outcome = _Outcome(*answer)
         _note(outcome, result)
         number = outcome.number + 1
 
@@ -170,16 +168,15 @@ def _lost(what: str, number: int, result: ReaderResult) -> int:
     return number + 1
 
 
-def _note(told: _Outcome, result: ReaderResult) -> None:
+def _note(outcome: _Outcome, result: ReaderResult) -> None:
     result.inputs += 1
-    result.damaged_bytes += told.size
-    result.accepted += told.is_accepted
-    result.refused += not told.is_accepted and told.failure is None
-    result.peak_bytes = max(result.peak_bytes, told.peak_bytes)
-    if told.seconds > result.slowest_s:
-        result.slowest_s, result.slowest = told.seconds, told.number
-    if told.failure is not None:
-        result.fail(told.failure, told.number)
+    result.damaged_bytes += outcome.size
+    result.accepted += outcome.is_accepted
+    result.refused += not outcome.is_accepted and outcome.failure is None
+    result.peak_bytes = max(result.peak_bytes, outcome.peak_bytes)
+    result.slowest_s = max(result.slowest_s, outcome.seconds)
+    if outcome.failure is not None:
+        result.fail(outcome.failure, outcome.number)
 
 
 def serve(task: Task, connection: Connection) -> None:

@@ -4,6 +4,7 @@ import functools
 import io
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -87,19 +88,16 @@ def _logs() -> list[Files]:
 
 
 def _read_log(folder: Path) -> None:
+    _read_file(folder / "log.mcap")
+
+
+def _read_file(path: Path) -> None:
     decoder = LogDecoder()
-    with open_log(folder / "log.mcap") as log:
+    with open_log(path) as log:
         describe(log)
         for logged in log.messages():
-            _decoded(decoder.decode, logged)
-
-
-def _decoded(decode: Callable[[Any], object], data: Any) -> None:
-    """Decode one message; one that is refused does not end a log."""
-    try:
-        decode(data)
-    except RobbieError:
-        return
+            with suppress(RobbieError):  # a message that is refused does not end a log
+                decoder.decode(logged)
 
 
 def _repair(folder: Path) -> None:
@@ -120,14 +118,7 @@ RAWLASER1 0 -1.57 3.14 1.57 20 0.01 0 3 1.0 2.0 3.0 0 976052857.5 nohost 0.6
 
 def _import(make: Callable[..., object], source: str, folder: Path) -> None:
     make(folder / source, folder / "new.mcap", Balance(), progress=_unwatched)
-    _read_log_file(folder / "new.mcap")
-
-
-def _read_log_file(path: Path) -> None:
-    decoder = LogDecoder()
-    with open_log(path) as log:
-        for logged in log.messages():
-            _decoded(decoder.decode, logged)
+    _read_file(folder / "new.mcap")
 
 
 def _bag1() -> list[Files]:
@@ -186,12 +177,11 @@ def _maps() -> list[Files]:
         b"Png": _png(Image.fromarray(np.dstack([cells] * 4), "RGBA")),
     }
     plain = b"P2\n30 20\n100\n" + b" ".join(b"%d" % (cell * 100 // 255) for cell in cells.ravel())
-    made = [
+    return [
         {"map.yaml": MAP % (suffix, mode, yaw), f"map.{suffix.decode()}": image}
         for suffix, image in (*images.items(), (b"pgm", plain))
         for mode, yaw in ((b"trinary", b"0"), (b"scale", b"0.3"), (b"raw", b"0.0"))
     ]
-    return made
 
 
 def _png(image: Image.Image) -> bytes:
@@ -232,7 +222,7 @@ URDF_TOKENS = (
 
 
 def _urdfs() -> list[Files]:
-    shapes = b"".join((ROOT / "hw/robots/home.urdf").read_bytes().partition(b"<joint")[:1])
+    shapes = (ROOT / "hw/robots/home.urdf").read_bytes().partition(b"<joint")[0]
     return [{"robot.urdf": text} for text in (ODD_URDF, shapes + b"</robot>")]
 
 
