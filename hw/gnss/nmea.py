@@ -30,7 +30,7 @@ class Sentence(NamedTuple):
 
 
 NO_DILUTION = 99.0
-"""From here on, a dilution of precision means that there is none."""
+"""A dilution of precision from this value on means that it is unknown."""
 
 
 class FixQuality(IntEnum):
@@ -47,9 +47,9 @@ class FixQuality(IntEnum):
     MANUAL = 7
     """Typed in."""
     SIMULATION = 8
-    """Made up by the receiver, to test what is behind it."""
+    """Made up by the receiver, to test the devices that use it."""
     SBAS = 9
-    """With corrections from satellites (WAAS, EGNOS), as NovAtel's receivers tell; others use 2."""
+    """With corrections from satellites (WAAS, EGNOS), as NovAtel's receivers report; others use 2."""
 
     @property
     def is_measured(self) -> bool:

@@ -18,12 +18,12 @@ _MARKER = re.compile(rb"\xff+([^\x00\xff])")
 
 @dataclass(frozen=True)
 class JpegLayout:
-    """What the head of a JPEG image tells.
+    """The contents of a JPEG image's frame header.
 
     Attributes:
         width: columns.
         height: rows.
-        least_scan_bytes: at least this long is what is coded; 0 if unknown.
+        least_scan_bytes: least length of the coded data; 0 if unknown.
     """
 
     width: int

@@ -29,7 +29,7 @@ class SceneNotes:
 
     Attributes:
         balance: the elements of the files that are used, and those that are left out by reason.
-        warnings: those that change what the robot is: a limit that is none, a joint of another type.
+        warnings: those that change the robot: an invalid limit, a joint of another type.
     """
 
     def __init__(self, *, is_strict: bool = False) -> None:
@@ -65,7 +65,7 @@ class Description:
         Args:
             text: what and why, without names, so that a text stands for all of its kind.
             place: where it is.
-            is_warning: the robot is another one without it.
+            is_warning: the robot differs without it.
             count: how often.
         """
         if text not in self.remarks and len(self.remarks) >= MAX_REASONS:

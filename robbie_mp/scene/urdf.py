@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from robbie_mp.scene.described import Description
-from robbie_mp.scene.node import Joint, Node
+from robbie_mp.scene.node import Node
 from robbie_mp.scene.scene_file import check
 from robbie_mp.scene.urdf_tree import describe_robot, read_robot
 from robbie_mp.scene.xacro import expand, needs_xacro
@@ -69,15 +69,9 @@ def _expanded(robot: Element, file: Path) -> str:
 def _mimics(nodes: list[Node]) -> Iterable[str]:
     for node in nodes:
         joint = node.joint
-        if joint is not None and joint.mimic is not None:
-            yield _mimic(joint)
-
-
-def _mimic(joint: Joint) -> str:
-    mimic = joint.mimic
-    assert mimic is not None
-    offset = f" {mimic.offset:+g}" if mimic.offset else ""
-    return f"{joint.name} = {mimic.multiplier:g} {mimic.joint}{offset}"
+        if joint is not None and (mimic := joint.mimic) is not None:
+            offset = f" {mimic.offset:+g}" if mimic.offset else ""
+            yield f"{joint.name} = {mimic.multiplier:g} {mimic.joint}{offset}"
 
 
 def _shapes(robot: Element) -> Iterable[Element]:

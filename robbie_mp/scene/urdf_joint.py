@@ -16,12 +16,13 @@ from robbie_mp.scene.xml_elements import Element
 PLANAR = "planar"
 TYPES = (*JOINT_TYPES, PLANAR)
 QUATERNION_SINCE = (1, 1)
+UNUSED_LIMITS = ("effort", "acceleration", "deceleration", "jerk")
 ATTRIBUTES = {
     "parent": ("link",),
     "child": ("link",),
     "origin": ("xyz", "rpy", "quat_xyzw"),
     "axis": ("xyz",),
-    "limit": ("lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk"),
+    "limit": ("lower", "upper", "velocity", *UNUSED_LIMITS),
     "mimic": ("joint", "multiplier", "offset"),
 }
 """The elements of a joint that are read, with their attributes."""
@@ -30,8 +31,6 @@ UNUSED = {
     "safety_controller": "soft limits are not used",
     "calibration": "the joint's driver knows its reference positions",
 }
-UNUSED_LIMITS = ("effort", "acceleration", "deceleration", "jerk")
-"""Of these, a scene graph needs none."""
 Triple = tuple[float, float, float]
 
 
@@ -105,8 +104,7 @@ class JointReader:
             return self._turned(origin, xyz)
         if "quat_xyzw" in origin.attributes:
             self._values.doubt(
-                origin,
-                'quat_xyzw without <robot version="1.1"> or later: it is left out, as in ROS',
+                origin, 'quat_xyzw without <robot version="1.1"> or later: it is left out, as in ROS'
             )
         return RigidTransform.from_rpy(xyz, rpy)
 
@@ -130,7 +128,7 @@ class JointReader:
         if limit is None:
             self._values.wrong(joint, f"joint {name!r} is {kind}, so it needs a <limit lower=… upper=…>")
             return None
-        lower, upper = (self._values.limit(limit, key, 0.0) for key in ("lower", "upper"))
+        lower, upper = (self._values.limit(limit, key) for key in ("lower", "upper"))
         if not lower <= upper:
             self._values.doubt(limit, "lower and upper that are no range; the limits count as unknown")
         return (lower, upper) if lower <= upper and lower < math.inf and upper > -math.inf else None
@@ -143,14 +141,14 @@ class JointReader:
         for key in UNUSED_LIMITS:
             if key in limit.attributes and not self._is_no_limit(limit, key):
                 self._values.leave_out(limit, f"<limit {key}=…>: a scene graph needs no {key}")
-        speed = self._values.limit(limit, "velocity", 0.0)
         if "velocity" not in limit.attributes or self._is_no_limit(limit, "velocity"):
             return None
+        speed = self._values.limit(limit, "velocity")
         return speed if math.isfinite(speed) else None
 
     def _is_no_limit(self, limit: Element, key: str) -> bool:
         """Return whether a value that must be greater than 0 is not, and note it."""
-        value = self._values.limit(limit, key, 0.0)
+        value = self._values.limit(limit, key)
         # 0 is what exporters write for an effort that they do not know
         if value > 0 or (value == 0 and key != "velocity"):
             return False

@@ -25,7 +25,7 @@ class UrdfValues:
         robot: the root element.
 
     Attributes:
-        version: of the specification; (1, 0) if the file does not tell.
+        version: of the specification; (1, 0) if the file does not say.
     """
 
     def __init__(self, description: Description, robot: Element) -> None:
@@ -88,10 +88,10 @@ class UrdfValues:
         """Return a finite number."""
         return self.numbers(element, key, f"{default}")[0]
 
-    def limit(self, element: Element, key: str, default: float) -> float:
-        """Return a number that may be infinite or NaN."""
-        text = element.attributes.get(key, f"{default}").strip()
-        return _number(text) if _NUMBER.fullmatch(text) else self.number(element, key, default)
+    def limit(self, element: Element, key: str) -> float:
+        """Return a number that may be infinite or NaN; 0 if the attribute is missing."""
+        text = element.attributes.get(key, "0").strip()
+        return _number(text) if _NUMBER.fullmatch(text) else self.number(element, key, 0.0)
 
 
 def _number(word: str) -> float:

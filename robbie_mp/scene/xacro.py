@@ -8,9 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from robbie_mp.base.problem import Problem, SourcePlace
-from robbie_mp.scene.errors import SceneFileError
-from robbie_mp.scene.xml_elements import MAX_BYTES, Element
+from robbie_mp.scene.xml_elements import MAX_BYTES, Element, refused
 
 TIMEOUT_S = 20.0
 MEMORY_BYTES = 4 << 30
@@ -44,10 +42,10 @@ def expand(file: Path) -> bytes:
     here = str(Path(sys.executable).parent)
     program = shutil.which("xacro") or shutil.which("xacro", path=here)
     if program is None:
-        raise _refused(
-            file,
+        raise refused(
             "this file has xacro macros, and xacro is not installed: `pip install xacro` or source your ROS, "
             f"or expand it elsewhere with `xacro {file.name} > {file.stem}.urdf`",
+            file,
         )
     with TemporaryFile() as output, TemporaryFile() as errors:
         command = [program, str(file.absolute())]
@@ -57,9 +55,9 @@ def expand(file: Path) -> bytes:
         errors.seek(0)
         if process.returncode == 0:
             return output.read(MAX_BYTES)
-        told = errors.read(1 << 16).decode(errors="replace").strip().splitlines()
-    reason = " ".join(told[-2:])[:400] or f"it ended with {process.returncode}"
-    raise _refused(file, f"xacro refuses it: {reason}")
+        lines = errors.read(1 << 16).decode(errors="replace").strip().splitlines()
+    reason = " ".join(lines[-2:])[:400] or f"it ended with {process.returncode}"
+    raise refused(f"xacro refuses it: {reason}", file)
 
 
 def _wait(process: "subprocess.Popen[bytes]", file: Path) -> None:
@@ -70,12 +68,8 @@ def _wait(process: "subprocess.Popen[bytes]", file: Path) -> None:
             resource.prlimit(process.pid, resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
         process.wait(TIMEOUT_S)
     except subprocess.TimeoutExpired:
-        raise _refused(file, f"xacro did not end within {TIMEOUT_S:g} s") from None
+        raise refused(f"xacro did not end within {TIMEOUT_S:g} s", file) from None
     finally:
         if process.poll() is None:
             process.kill()
             process.wait()
-
-
-def _refused(file: Path, text: str) -> SceneFileError:
-    return SceneFileError([Problem(text, SourcePlace(file, 1))])

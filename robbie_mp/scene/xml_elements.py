@@ -61,9 +61,9 @@ def read_content(file: Path, limit: int = MAX_BYTES) -> bytes:
         with open_regular(file) as opened:
             content = opened.read(limit + 1)
     except OSError as error:
-        raise _refused(f"cannot be read: {error.strerror}", SourcePlace(file, 1)) from None
+        raise refused(f"cannot be read: {error.strerror}", file) from None
     if len(content) > limit:
-        raise _refused(f"larger than {limit >> 20} MiB", SourcePlace(file, 1))
+        raise refused(f"larger than {limit >> 20} MiB", file)
     return content
 
 
@@ -78,7 +78,7 @@ def decoded(content: bytes, file: Path) -> str:
     try:
         return content.decode(name or (declared[1].decode() if declared else "utf-8"))
     except (LookupError, ValueError) as error:
-        raise _refused(f"cannot be decoded: {error}", SourcePlace(file, 1)) from None
+        raise refused(f"cannot be decoded: {error}", file) from None
 
 
 def parse_xml(content: bytes, file: Path) -> Element:
@@ -96,16 +96,17 @@ def parse_xml(content: bytes, file: Path) -> Element:
         reader.parse(content)
     except expat.ExpatError as error:
         text = f"not XML: {expat.ErrorString(error.code)}"
-        raise _refused(text, SourcePlace(file, error.lineno)) from None
+        raise refused(text, file, error.lineno) from None
     except SceneFileError:
         raise
     except (LookupError, ValueError) as error:  # Python's errors for an unknown encoding
-        raise _refused(f"not XML: {error}", SourcePlace(file, 1)) from None
+        raise refused(f"not XML: {error}", file) from None
     return reader.root
 
 
-def _refused(text: str, place: SourcePlace) -> SceneFileError:
-    return SceneFileError([Problem(text, place)])
+def refused(text: str, file: Path, line: int = 1) -> SceneFileError:
+    """Return the error of a file with one problem."""
+    return SceneFileError([Problem(text, SourcePlace(file, line))])
 
 
 class _Reader:
@@ -134,7 +135,7 @@ class _Reader:
         self.parser.StartDoctypeDeclHandler = self._refuse_doctype
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, self._place())
+        element = Element(tag, attributes, SourcePlace(self.file, self.parser.CurrentLineNumber))
         self._elements += 1
         if self._elements > MAX_ELEMENTS:
             self._refuse(f"more than {MAX_ELEMENTS} elements")
@@ -153,7 +154,4 @@ class _Reader:
         self._refuse("a document type (<!DOCTYPE …>) with its entities is not allowed; remove it")
 
     def _refuse(self, text: str) -> NoReturn:
-        raise _refused(text, self._place())
-
-    def _place(self) -> SourcePlace:
-        return SourcePlace(self.file, self.parser.CurrentLineNumber)
+        raise refused(text, self.file, self.parser.CurrentLineNumber)

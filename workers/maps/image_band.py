@@ -12,7 +12,7 @@ BAND_BYTES = 1 << 20
 
 
 class MapImageError(ValueError):
-    """An image that cannot be read; the message tells why."""
+    """An image that cannot be read; the message says why."""
 
 
 class Band(NamedTuple):
