@@ -151,7 +151,7 @@ def _as_array(path: str, kind: Numbers, value: Any) -> np.ndarray[Any, Any]:
         array = np.asarray(value)
     except ValueError as error:
         raise FieldValueError(f"{path}: expected an array for {kind}: {error}") from None
-    if array.dtype.kind in "fO" and _has_only_integers(value):
+    if array.dtype.kind in ("f", "O") and _has_only_integers(value):
         return _large_integers(path, kind.element, value)
     return array if array.size or array.ndim != 1 else array.astype(kind.element.dtype)
 
