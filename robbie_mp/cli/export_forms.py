@@ -24,8 +24,9 @@ from robbie_mp.logs.recording.trajectory import (
     TUM_HEADING,
     StampedPose,
     poses,
+    stamp_ns,
 )
-from robbie_mp.messages import Message, Time, stock_registry
+from robbie_mp.messages import Message, stock_registry
 from robbie_mp.messages.errors import DecodeError
 from robbie_mp.messages.units import units
 
@@ -215,10 +216,7 @@ def _write_each(
 
 def _stamp(message: Message, time_ns: int) -> str:
     """Return the stamp of a message as a name that sorts by time; without a stamp, when it was published."""
-    stamp: Time = message.header.stamp  # type: ignore[attr-defined]
-    seconds, nanoseconds = stamp.sec, stamp.nanosec
-    if not seconds and not nanoseconds:
-        seconds, nanoseconds = divmod(time_ns, 10**9)
+    seconds, nanoseconds = divmod(stamp_ns(message, time_ns), 10**9)
     return f"{seconds:010}.{nanoseconds:09}"
 
 

@@ -1,4 +1,4 @@
-"""Types of service events: messages that tell who called a service, and what it answered.
+"""Types of service events: messages that say who called a service, and what it answered.
 
 rosbag2 describes such a type by the definition of its service. Source: rosidl's service introspection,
 https://github.com/ros-infrastructure/rep/pull/360, and rosbag2_cpp's `local_message_definition_source.cpp`.

@@ -151,8 +151,9 @@ def export_bag(
         LeftOut: the balance allows no loss.
     """
     chosen = list(channels)
-    known = {channel: None if _problem(channel) else _record(channel) for channel in chosen}
-    named = bag_channels([channel for channel in chosen if not _problem(channel)], names)
+    problems = {channel: problem for channel in chosen if (problem := _problem(channel))}
+    named = bag_channels([channel for channel in chosen if channel not in problems], names)
+    written = {channel: _written(channel, one) for channel, one in named.items()}
     _make(folder)
     target = part_path(folder, 0)
     try:
@@ -160,16 +161,10 @@ def export_bag(
             total = log.message_count
             for done, message in enumerate(_messages(log, chosen), start=1):
                 progress(done, total)
-                channel = message.channel
-                about = known[channel]
-                if about is None:
-                    balance.leave_out(_problem(channel))
-                    continue
-                one = named[channel]
-                new = NewChannel(
-                    one.name, channel.type_name, channel.schema or "", channel.sender, channel.topic
-                )
-                made.add(new, about | _qos(one.quality), message.time_ns, message.data)
+                if message.channel in problems:
+                    balance.leave_out(problems[message.channel])
+                else:
+                    made.add(*written[message.channel], message.time_ns, message.data)
             log.count_damage(balance)
         write_bag_metadata(folder)
     except OSError as error:
@@ -199,14 +194,13 @@ def _problem(channel: LogChannel) -> str:
     return ""
 
 
-def _record(channel: LogChannel) -> dict[str, str]:
-    """Return what the bag says about a channel for Robbie-MP."""
-    return {} if channel.is_foreign else channel.key.metadata()
-
-
-def _qos(quality: Quality) -> dict[str, str]:
+def _written(channel: LogChannel, one: BagChannel) -> tuple[NewChannel, dict[str, str]]:
+    """Return a channel as it is written, with its metadata, also those by which Robbie-MP knows it again."""
+    new = NewChannel(one.name, channel.type_name, channel.schema or "", channel.sender, channel.topic)
+    about = {} if channel.is_foreign else channel.key.metadata()
+    quality = one.quality
     text = offered_qos(is_reliable=quality.is_reliable, is_latched=quality.is_latched, depth=quality.depth)
-    return {QOS_KEY: text} | ({LATCHED_KEY: "1"} if quality.is_latched else {})
+    return new, about | {QOS_KEY: text} | ({LATCHED_KEY: "1"} if quality.is_latched else {})
 
 
 def _make(folder: Path) -> None:

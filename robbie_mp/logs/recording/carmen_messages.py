@@ -54,7 +54,7 @@ SAME_M, SAME_RAD = 0.005, 0.01
 
 
 class Survey(NamedTuple):
-    """What is in a log, for its reader to know beforehand.
+    """What a log contains; the reader needs it before the first record.
 
     Attributes:
         kinds: number of lines by their first words, without comments; "" for all that name no record.

@@ -47,7 +47,7 @@ class BagTopic(NamedTuple):
         encoding: of its messages.
         form: how its type is defined: `ros2msg`, `ros2idl`, or anything else.
         definition: the definition; None if there is none.
-        is_latched: whether those who come later get the newest message.
+        is_latched: whether late subscribers get the newest message.
         about: what the file says about its channel.
     """
 
@@ -225,7 +225,6 @@ class Ros2Bag:
         self.notes: list[str] = []
         self._metadata = _metadata(path, self.notes) if path.is_dir() else {}
         self.distribution = str(self._metadata.get("ros_distro") or "")
-        self._opened = ExitStack()
         with ExitStack() as stack:
             self._storages = self._open(path, _files(path, self._metadata, self.notes), stack)
             self._opened = stack.pop_all()
@@ -261,7 +260,7 @@ class Ros2Bag:
         return 1
 
     def is_latched(self, topic: BagTopic) -> bool:
-        """Return whether those who come later get the newest message of a topic."""
+        """Return whether late subscribers get the newest message of a topic."""
         return topic.is_latched or topic.name in self._latched
 
     def messages(self) -> Iterator[BagMessage]:

@@ -1,6 +1,7 @@
 """The definitions of the types in a bag of ROS 2; the library rosbags knows those that a bag leaves out."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from robbie_mp.logs.recording.errors import BagUnreadable
@@ -19,6 +20,15 @@ USUAL = "ros2_humble"
 """The distribution of a bag that does not say it: the last one whose bags may have no definitions."""
 
 
+@contextmanager
+def needing_rosbags() -> Iterator[None]:
+    """Say how to install the library if an import in this context fails."""
+    try:
+        yield
+    except ImportError as error:
+        raise BagUnreadable("reading bags needs the library rosbags: pip install 'robbie-mp[ros]'") from error
+
+
 class Ros2Types:
     """The types of a bag.
 
@@ -31,12 +41,8 @@ class Ros2Types:
     """
 
     def __init__(self, topics: Iterable[BagTopic], distribution: str):
-        try:
+        with needing_rosbags():
             from rosbags import typesys  # noqa: PLC0415 - an extra
-        except ImportError as error:
-            raise BagUnreadable(
-                "reading bags needs the library rosbags: pip install 'robbie-mp[ros]'"
-            ) from error
         self._typesys = typesys
         self._distribution = f"ros2_{distribution}"
         self._stores: dict[BagTopic, Typestore] = {}

@@ -3,7 +3,6 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,8 +14,8 @@ from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY,
 from robbie_mp.logs.recording.reader import has_layout
 from robbie_mp.logs.recording.repair import Progress
 from robbie_mp.logs.recording.ros2_bag import BagTopic, Ros2Bag
-from robbie_mp.logs.recording.ros2_types import LITTLE_ENDIAN, Ros2Types
-from robbie_mp.messages import TypeRegistry, message_type_from_schema, schema_text, stock_registry
+from robbie_mp.logs.recording.ros2_types import LITTLE_ENDIAN, Ros2Types, needing_rosbags
+from robbie_mp.messages import Header, TypeRegistry, message_type_from_schema, schema_text, stock_registry
 from robbie_mp.messages.errors import SchemaError
 from robbie_mp.messages.frames import Rename, renamer, unchanged, without_slash
 
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """ROS 2 names of types that have another name in ROS 1."""
 BYTE = re.compile(r"^byte\b", re.MULTILINE)
-HEADER = "std_msgs/msg/Header"
 
 
 def import_rosbag(source: Path, target: Path, balance: Balance, *, progress: Progress) -> list[str]:
@@ -62,39 +60,22 @@ def describe_bag(source: Path) -> dict[str, str]:
     Raises:
         BagUnreadable: as `import_rosbag`.
     """
-    balance, counts, times = Balance(), Counter[tuple[str, str]](), TimeSpan()
+    balance, counts = Balance(), Counter[tuple[str, str]]()
+    start_ns = end_ns = 0
     with _opened(source, balance) as bag:
         for channel, _, time_ns, _ in _converted(bag, balance, lambda _done, _all: None):
             counts[channel.topic, channel.type_name] += 1
-            times.add(time_ns)
+            start_ns, end_ns = min(start_ns or time_ns, time_ns), max(end_ns, time_ns)
             balance.use()
     topics = (f"{topic}: {count} {type_name}" for (topic, type_name), count in counts.items())
     left_out = (f"{count} {reason}" for reason, count in balance.left_out.items())
     return {
         "messages": str(balance.read),
-        "duration": f"{times.duration_s:.3f} s",
-        "from": f"{time_text(times.start_ns / 1e9)} to {time_text(times.end_ns / 1e9)}",
+        "duration": f"{(end_ns - start_ns) / 1e9:.3f} s",
+        "from": f"{time_text(start_ns / 1e9)} to {time_text(end_ns / 1e9)}",
         "topics": "\n".join(topics),
         "import leaves out": "\n".join(left_out) or "nothing",
     } | ({"contradicts itself": "\n".join(bag.notes)} if bag.notes else {})
-
-
-@dataclass
-class TimeSpan:
-    """The earliest and the latest of some times; 0 if there are none."""
-
-    start_ns: int = 0
-    end_ns: int = 0
-
-    def add(self, time_ns: int) -> None:
-        """Add a time."""
-        self.start_ns = min(self.start_ns or time_ns, time_ns)
-        self.end_ns = max(self.end_ns, time_ns)
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the earliest to the latest."""
-        return (self.end_ns - self.start_ns) / 1e9
 
 
 def _opened(source: Path, balance: Balance) -> "_Ros1Bag | _Ros2Bag":
@@ -128,13 +109,9 @@ class _Ros1Bag:
     """
 
     def __init__(self, path: Path):
-        try:
+        with needing_rosbags():
             from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
             from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
-        except ImportError as error:
-            raise BagUnreadable(
-                "reading bags needs the library rosbags: pip install 'robbie-mp[ros]'"
-            ) from error
         self._path = path
         try:
             self._reader: AnyReader = AnyReader([path], default_typestore=get_typestore(Stores.ROS1_NOETIC))
@@ -195,9 +172,9 @@ class _Ros1Bag:
         """Return the bag's types with the ROS 2 header, to which rosbags converts the ROS 1 header."""
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
-        header = get_typestore(Stores.ROS2_HUMBLE).fielddefs[HEADER]
+        header = get_typestore(Stores.ROS2_HUMBLE).fielddefs[Header.type_name]
         types = get_typestore(Stores.EMPTY)
-        types.register({**self._reader.typestore.fielddefs, HEADER: header})
+        types.register({**self._reader.typestore.fielddefs, Header.type_name: header})
         return types
 
     def __enter__(self) -> Self:
@@ -256,10 +233,10 @@ def _robot_keys(topics: Iterable[BagTopic]) -> dict[str, ChannelKey]:
 
 
 def _without_slashes(type_name: str, schema: str) -> Rename:
-    """Return what takes away the slash that ROS 1 puts before names of frames."""
+    """Return the function that removes the slash that ROS 1 puts before names of frames."""
     try:
         message_type = message_type_from_schema(type_name, schema, 1)
-    except SchemaError:  # such messages are kept as they are; nobody here can read them
+    except SchemaError:  # such messages stay as they are
         return unchanged
     return renamer(message_type, without_slash, is_only_slash=True)
 

@@ -9,10 +9,9 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from robbie_mp.logs.recording.errors import LogError
-from robbie_mp.messages import Message
+from robbie_mp.messages import Message, TFMessage
+from robbie_mp.scene.rigid_transform import RigidTransform
 
 POSE_OF = {
     "nav_msgs/msg/Odometry": "pose.pose",
@@ -21,8 +20,7 @@ POSE_OF = {
     "geometry_msgs/msg/TransformStamped": "transform",
 }
 """Where a type has its pose."""
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
-TRAJECTORY_TYPES = (*POSE_OF, TRANSFORMS)
+TRAJECTORY_TYPES = (*POSE_OF, TFMessage.type_name)
 TUM_HEADING = "# timestamp tx ty tz qx qy qz qw\n"
 
 
@@ -30,7 +28,7 @@ class NoPose(LogError, ValueError):
     """A message has no pose that can be written.
 
     Example scenarios:
-      - a quaternion of zeros, as in a message that nobody has filled
+      - a quaternion of zeros, as in a message with default values
       - a position that is not a number
     """
 
@@ -54,16 +52,8 @@ class StampedPose(NamedTuple):
 
     def kitti(self) -> str:
         """Return the line of KITTI's format, which has no time."""
-        x, y, z, w = self.turn
-        rows = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        matrix = np.column_stack([rows, self.position])
-        return " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n"
+        matrix = RigidTransform(*self.position, *self.turn).matrix
+        return " ".join(f"{number:.9g}" for number in matrix[:3].ravel()) + "\n"
 
 
 def poses(message: Message, published_ns: int) -> Iterator[StampedPose]:
@@ -76,7 +66,7 @@ def poses(message: Message, published_ns: int) -> Iterator[StampedPose]:
     Raises:
         NoPose: a pose is not one.
     """
-    if message.type_name != TRANSFORMS:
+    if message.type_name != TFMessage.type_name:
         yield _pose(message, POSE_OF[message.type_name], published_ns, "")
         return
     for one in message.transforms:  # type: ignore[attr-defined]
@@ -91,9 +81,13 @@ def _pose(message: Any, path: str, published_ns: int, frames: str) -> StampedPos
     place, turn = (
         (pose.translation, pose.rotation) if path == "transform" else (pose.position, pose.orientation)
     )
-    stamp = message.header.stamp
-    time_ns = stamp.sec * 10**9 + stamp.nanosec or published_ns
-    return StampedPose(frames, time_ns, _position(place), _unit(turn))
+    return StampedPose(frames, stamp_ns(message, published_ns), _position(place), _unit(turn))
+
+
+def stamp_ns(message: Any, published_ns: int) -> int:
+    """Return the stamp in a message's header; if that is 0, the time at which it was published."""
+    stamp = message.header.stamp  # of a type that may be made from a schema, so without our class's methods
+    return stamp.sec * 10**9 + stamp.nanosec or published_ns
 
 
 def _position(place: Any) -> tuple[float, float, float]:
