@@ -67,9 +67,16 @@ def _decoded(file: BinaryIO) -> tuple[str, Image.Image]:
                 picture = picture.convert("L" if is_grey else "RGBA")
             picture.load()
             return kind, picture
+    except MapImageError:
+        raise
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        limit = f"{Image.MAX_IMAGE_PIXELS:,}"
+        raise MapImageError(
+            f"it has more than {limit} pixels; save it as PNG, for its format is decoded as a whole"
+        ) from error
     except Exception as error:  # damaged images raise nearly all there is, struct.error and KeyError too
         known = ", ".join(("PNG", "PBM, PGM, PPM", *OTHER_FORMATS))
-        raise MapImageError(f"it is damaged, too large, or none of {known}: {error}") from error
+        raise MapImageError(f"it is damaged, or none of {known}: {error}") from error
 
 
 def _bands(picture: Image.Image) -> Iterator[Band]:

@@ -106,7 +106,14 @@ def png_of(width: int, height: int, data: bytes) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
 
+def bmp_of(edge: int) -> bytes:
+    return b"BM" + struct.pack("<IHHIIiiHHIIiiII", 54, 0, 0, 54, 40, edge, edge, 1, 24, 0, 0, 0, 0, 0, 0)
+
+
 BOMBS = {
+    "bmp": (bmp_of(10_000), "more than 89,478,485 pixels; save it as PNG"),
+    "huge bmp": (bmp_of(30_000), "more than 89,478,485 pixels; save it as PNG"),
+    "long bmp": (bmp_of(200_000), "more than"),
     "huge": (png_of(2**31 - 1, 2**31 - 1, b""), "more than"),
     "long": (png_of(2**31 - 1, 1, b""), "more than"),
     "nothing": (png_of(0, 5, b""), "no image"),
