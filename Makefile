@@ -2,6 +2,8 @@
 # `make test-all` adds the slow ones: campaigns, browsers, real peers, exhaustive and long tests.
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
+# It says what it does: an installation may take a minute.
+PIP_INSTALL := .venv/bin/pip install --disable-pip-version-check
 
 # A worker that dies ends the run; with another one in its place, the run may hang.
 # Many tests wait for a robot, so three at a time fill two processors.
@@ -59,26 +61,26 @@ bench: .venv/bench
 
 .venv/robot: $(INSTALLED)
 	$(PYTHON) -m venv .venv
-	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot]'
+	$(PIP_INSTALL) -e '.[robot]'
 	touch $@
 
 .venv/team: .venv/robot
-	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,vision,link]'
+	$(PIP_INSTALL) -e '.[robot,vision,link]'
 	touch $@
 
 .venv/dev: .venv/robot
-	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,dev]'
+	$(PIP_INSTALL) -e '.[robot,dev]'
 	# The tests need its network only; what it requires would bring in a second OpenCV.
-	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps 'rapidocr>=3.0,<3.8'
+	$(PIP_INSTALL) --no-deps 'rapidocr>=3.0,<3.8'
 	touch $@
 
 .venv/docs: $(INSTALLED)
 	test -x .venv/bin/python || $(PYTHON) -m venv .venv
-	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[docs]'
+	$(PIP_INSTALL) -e '.[docs]'
 	touch $@
 
 .venv/bench: .venv/robot
-	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,bench]'
+	$(PIP_INSTALL) -e '.[robot,bench]'
 	touch $@
 
 clean:

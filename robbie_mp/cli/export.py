@@ -1,13 +1,15 @@
 """`robbie export FILE OUT`: the messages of a log in formats of others, or as a bag of ROS 2."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli.export_forms import CSV, NPZ, PLY, TRAJECTORIES, Form, Rows, new_files, pictures
+from robbie_mp.cli.export_size import is_wanted, sizes
 from robbie_mp.cli.file_names import file_names
 from robbie_mp.cli.log_files import (
     LEFT_OUT,
@@ -25,6 +27,7 @@ from robbie_mp.connect.bridge.bag_export import bridge_of_log, export_bag
 from robbie_mp.logs.recording.decoding import logged_type
 from robbie_mp.logs.recording.errors import NotDecodable
 from robbie_mp.logs.recording.reader import Log, LogChannel, open_log, select
+from robbie_mp.messages import Message
 from robbie_mp.messages.errors import SchemaError
 
 if TYPE_CHECKING:
@@ -38,10 +41,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "export",
         "write the messages of a log as tables, pictures, clouds or trajectories, or as a ROS 2 bag",
         "Write one file per channel of a log into a folder. Each message is a row: its publishing time, its "
-        "sequence number, and a column for each number and text in it. In CSV, a list is one column of JSON; "
-        "in numpy files, the lists of all messages are one array, which NAME.lengths splits again. With "
-        "--png and --ply, each image or cloud is a file, named after its stamp, in its channel's folder. "
-        "With --rosbag2, OUT is a bag of ROS 2 with the names that the robot's bridge gives.",
+        "sequence number, and a column for each number and text in it. The arrays of all messages are one "
+        "numpy array, which NAME.lengths splits again. With --png and --ply, each image or cloud is a file, "
+        "named after its stamp, in its channel's folder. With --rosbag2, OUT is a bag of ROS 2 with the "
+        "names that the robot's bridge gives. The command asks before it writes more than 1 GB.",
         [
             "robbie export logs/monday tables",
             "robbie export monday.mcap arrays --npz --topics odom 'laser/*'",
@@ -55,7 +58,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "folder", metavar="OUT", type=Path, help="folder to write to; created if it does not exist"
     )
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--csv", action="store_true", help="write CSV files (the default)")
+    form.add_argument("--csv", action="store_true", help="write CSV files, and arrays as .npy (the default)")
     form.add_argument("--npz", action="store_true", help="write numpy .npz files")
     form.add_argument("--png", action="store_true", help="write images as PNG files, and nothing else")
     form.add_argument("--ply", action="store_true", help="write point clouds and scans as PLY files, only")
@@ -63,6 +66,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "--trajectory", choices=("tum", "kitti"), help="write poses as trajectories of TUM or KITTI, only"
     )
     form.add_argument("--rosbag2", action="store_true", help="write a bag of ROS 2 (MCAP and metadata.yaml)")
+    parser.add_argument("--yes", "-y", action="store_true", help="do not ask before writing more than 1 GB")
     add_topics_argument(parser)
     add_limit_argument(parser)
     add_strict_argument(parser)
@@ -80,17 +84,28 @@ def export(arguments: argparse.Namespace) -> int:
         if form.types and not chosen:
             warn(f"{arguments.log} has no {form.name}" + " on these topics" * bool(arguments.topics))
             return LEFT_OUT
-        for channel, name in file_names(chosen).items():
-            try:
-                message_type = logged_type(channel)
-            except (NotDecodable, SchemaError) as error:
-                balance.leave_out(str(error), log.counts[channel])
-                continue
-            with progress_bar(f"writing {arguments.folder / name}{form.suffix}") as progress:
-                rows = Rows(log, channel, message_type, balance, progress)
+        types = _types(log, chosen, balance)
+        if not is_wanted(arguments.folder, sizes(log, types, form), yes=arguments.yes):
+            print("nothing was written")
+            return LEFT_OUT
+        with progress_bar(f"writing {arguments.folder}") as progress:
+            done, total = count(1), sum(log.counts[channel] for channel in types)
+            for channel, name in file_names(list(types)).items():
+                rows = Rows(log, channel, types[channel], balance, lambda: progress(next(done), total))
                 form.write(rows, files, name + form.suffix)
         log.count_damage(balance)
     return print_balance(arguments.folder, balance)
+
+
+def _types(log: Log, channels: Iterable[LogChannel], balance: Balance) -> dict[LogChannel, type[Message]]:
+    """Return the types of the channels that can be decoded."""
+    types = {}
+    for channel in channels:
+        try:
+            types[channel] = logged_type(channel)
+        except (NotDecodable, SchemaError) as error:
+            balance.leave_out(str(error), log.counts[channel])
+    return types
 
 
 def _form(arguments: argparse.Namespace) -> Form:

@@ -4,21 +4,23 @@ import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 from zipfile import ZipFile
 
 import numpy as np
 
-from robbie_mp.attached.views.message_text import FieldPath, flat, to_csv
+from robbie_mp.attached.views.message_text import to_csv
 from robbie_mp.base.balance import Balance
+from robbie_mp.cli.export_table import Table
 from robbie_mp.cli.file_names import safe_name
 from robbie_mp.logs.recording.columns import Columns, columns
 from robbie_mp.logs.recording.errors import LogError, LogNotWritten
 from robbie_mp.logs.recording.ply import CLOUD_TYPES, ply
 from robbie_mp.logs.recording.png import IMAGE_TYPES, PngMaker
 from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name
-from robbie_mp.logs.recording.repair import Progress
 from robbie_mp.logs.recording.trajectory import (
     TRAJECTORY_TYPES,
     TUM_HEADING,
@@ -31,6 +33,8 @@ from robbie_mp.messages.errors import DecodeError
 from robbie_mp.messages.units import units
 
 Made = TypeVar("Made")
+ARRAYS_SUFFIX = ".arrays"
+"""Of the folder beside a table, in which its arrays are."""
 MAX_TRAJECTORIES = 200
 """Pairs of frames of a channel, each with a file that is open."""
 
@@ -92,6 +96,33 @@ class NewFiles:
                 path.rmdir() if path.is_dir() else path.unlink()
 
 
+class MeasuredFiles(NewFiles):
+    """Files that are only measured.
+
+    Attributes:
+        size: bytes in all of them.
+    """
+
+    size = 0
+
+    def __init__(self) -> None:
+        super().__init__(Path())
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[BinaryIO]:
+        """Yield a file in memory."""
+        file = BytesIO()
+        yield file
+        self.size += file.getbuffer().nbytes
+
+    def make_folder(self, name: str) -> None:
+        """Make none."""
+
+    def has(self, name: str) -> bool:
+        """Return False."""
+        return False
+
+
 @contextmanager
 def new_files(folder: Path) -> Iterator[NewFiles]:
     """Yield what makes new files in a folder, and remove them if the context ends with an error."""
@@ -104,7 +135,16 @@ def new_files(folder: Path) -> Iterator[NewFiles]:
 
 
 class Rows:
-    """The messages of a channel: time in ns, sequence, message. Those that cannot be decoded are left out."""
+    """The messages of a channel: time in ns, sequence, message. Those that cannot be decoded are left out.
+
+    Args:
+        log: the log.
+        channel: the channel.
+        message_type: of its messages.
+        balance: counts what is left out; who writes a message counts it as used.
+        progress: called for each message.
+        most: read the first ones only; None: all.
+    """
 
     def __init__(
         self,
@@ -112,7 +152,8 @@ class Rows:
         channel: LogChannel,
         message_type: type[Message],
         balance: Balance,
-        progress: Progress,
+        progress: Callable[[], None],
+        most: int | None = None,
     ):
         self.message_type = message_type
         self.channel = channel
@@ -120,11 +161,11 @@ class Rows:
         self.balance = balance
         self._log = log
         self._progress = progress
+        self._most = most
 
     def __iter__(self) -> Iterator[tuple[int, int, Message]]:
-        total = self._log.counts[self.channel]
-        for done, logged in enumerate(self._log.messages(channels=[self.channel]), start=1):
-            self._progress(done, total)
+        for logged in islice(self._log.messages(channels=[self.channel]), self._most):
+            self._progress()
             try:
                 message = self.message_type.decode(logged.data)
             except DecodeError:
@@ -166,16 +207,21 @@ class Form:
 
 
 def _write_csv(rows: Rows, files: NewFiles, name: str) -> None:
-    whole = FieldPath(rows.message_type, "")
     unit = units(rows.message_type, rows.channel.schema or "", stock_registry())
-    names = [name for name, _ in flat(whole.value(rows.message_type()))]
-    headings = ["time_ns", "sequence", *(f"{one} [{unit[one]}]" if one in unit else one for one in names)]
-    with files.open(name) as file:
-        file.write(f"{to_csv(headings)}\n".encode())
+    folder = name.removesuffix(".csv") + ARRAYS_SUFFIX
+    with ExitStack() as opened:
+        file = opened.enter_context(files.open(name))
+
+        def open_array(field: str) -> BinaryIO:
+            return opened.enter_context(files.open(f"{folder}/{safe_name(field)}.npy"))
+
+        table = Table(rows.message_type, open_array)
+        headings = [f"{one} [{unit[field]}]" if field in unit else one for one, field in table.names]
+        file.write(f"{to_csv(['time_ns', 'sequence', *headings])}\n".encode())
         for time_ns, sequence, message in rows:
-            cells = [time_ns, sequence, *(cell for _, cell in flat(whole.value(message)))]
-            file.write(f"{to_csv(cells)}\n".encode())
+            file.write(f"{to_csv([time_ns, sequence, *table.row(message)])}\n".encode())
             rows.balance.use()
+        table.finish()
 
 
 def _write_npz(rows: Rows, files: NewFiles, name: str) -> None:

@@ -14,6 +14,7 @@ import yaml
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.logs.recording.errors import LogError, LogUnreadable, NotALog
+from robbie_mp.logs.recording.repair import Progress, unwatched
 from robbie_mp.scene.xml_elements import is_xml
 
 LOG = "log"
@@ -32,6 +33,8 @@ DESCRIBED_BY = {
     SCENE: "robbie_mp.scene.scene_summary:describe_scene",
 }
 """For each kind but logs, the function that describes such a file: labels with texts."""
+LARGE = (BAG_1, BAG_2, CARMEN)
+"""Those whose functions show their progress."""
 KNOWN = (
     "logs (MCAP: a file or a folder), bags of ROS 1 and ROS 2, CARMEN logs, maps (their YAML file or image), "
     "URDF and xacro, scene files (YAML)"
@@ -89,15 +92,21 @@ def kind_of(path: Path) -> tuple[str, Path]:
     return (LOG if not head or path.suffix == ".mcap" else CARMEN), path
 
 
-def describe(kind: str, path: Path) -> dict[str, str]:
+def describe(kind: str, path: Path, progress: Progress = unwatched) -> dict[str, str]:
     """Return what a file holds and what its reader leaves out, as labels with texts.
+
+    Args:
+        kind: of the file.
+        path: the file.
+        progress: shows how much of it is read, if that may take long.
 
     Raises:
         RobbieError: its reader refuses it.
     """
     module, _, function = DESCRIBED_BY[kind].partition(":")
     try:
-        described: dict[str, str] = getattr(import_module(module), function)(path)
+        describes = getattr(import_module(module), function)
+        described: dict[str, str] = describes(path, progress) if kind in LARGE else describes(path)
     except NotALog:
         raise UnknownKind(f"{path} is none of the files that can be described: {KNOWN}") from None
     except LogError:

@@ -14,7 +14,7 @@ from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.base.utc import time_text
 from robbie_mp.cli.file_kinds import LOG, kind_of
 from robbie_mp.cli.file_kinds import describe as describe_file
-from robbie_mp.cli.log_files import add_limit_argument, add_log_argument
+from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.logs.recording.info import LogInfo, describe, part_data
@@ -83,7 +83,10 @@ def _print_other(one: _OtherFile) -> None:
 
 def _describe_any(path: Path, limits: ReadLimits) -> LogInfo | _OtherFile:
     kind, file = kind_of(path)
-    return _describe(path, limits) if kind == LOG else _OtherFile(path, kind, describe_file(kind, file))
+    with progress_bar(f"reading {path}") as progress:
+        if kind == LOG:
+            return _describe(path, limits)
+        return _OtherFile(path, kind, describe_file(kind, file, progress))
 
 
 def print_log(path: Path) -> None:

@@ -2,9 +2,11 @@
 
 import argparse
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Timer
 from typing import TextIO
 
 from robbie_mp.base.balance import Balance
@@ -13,8 +15,11 @@ from robbie_mp.cli import completers
 from robbie_mp.cli.output import PlainConsole, warn
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.reader import LogChannel, channel_name, select
-from robbie_mp.logs.recording.repair import Progress
+from robbie_mp.logs.recording.repair import Progress, unwatched
 
+SHOWN_AFTER_S = 1.0
+"""A command that takes less shows no progress bar."""
+REFRESH_S = 0.1
 LEFT_OUT = 1
 """Exit code of a command that left something out."""
 
@@ -47,19 +52,40 @@ def _mebibytes(text: str) -> ReadLimits:
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Progress]:
-    """Show a progress bar on a terminal; yield the function that updates it.
+    """Show on a terminal how far a command is and how long the rest takes; yield what updates it.
 
     Args:
         text: a description of the command's activity.
     """
     if not sys.stderr.isatty():
-        yield lambda _done, _all: None
+        yield unwatched
         return
     from rich.progress import Progress as ProgressBar  # noqa: PLC0415
 
-    with ProgressBar(console=PlainConsole(sys.stderr), transient=True) as bar:
-        task = bar.add_task(text)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    bar = ProgressBar(console=PlainConsole(sys.stderr), transient=True)
+    task = bar.add_task(text, total=None)
+    begin = Timer(SHOWN_AFTER_S, bar.start)
+    begin.start()
+    try:
+        yield _seldom(lambda done, total: bar.update(task, completed=done, total=total))
+    finally:
+        begin.cancel()
+        begin.join()
+        if bar.live.is_started:
+            bar.stop()
+
+
+def _seldom(update: Progress) -> Progress:
+    """Return what updates a bar as often as one can see it: an update takes longer than some messages."""
+    next_s = 0.0
+
+    def update_seldom(done: int, total: int) -> None:
+        nonlocal next_s
+        if (now_s := time.monotonic()) >= next_s:
+            next_s = now_s + REFRESH_S
+            update(done, total)
+
+    return update_seldom
 
 
 def add_topics_argument(parser: argparse.ArgumentParser) -> None:

@@ -4,24 +4,35 @@ import csv
 import json
 import os
 import pty
+import re
+import select
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp import Message, float64
-from robbie_mp.cli import main
+from robbie_mp import Array, Message, float64, int64
+from robbie_mp.cli import export, main
 from robbie_mp.cli.file_names import file_names
+from robbie_mp.cli.log_files import progress_bar
 from robbie_mp.logs.recording.reader import LogChannel
-from robbie_mp.messages import TFMessage, TransformStamped, schema_text
+from robbie_mp.messages import Odometry, TFMessage, TransformStamped, schema_text
 from tests.logs.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
 from tests.logs.recording.test_imports import CARMEN, write_bag
 
 
 class Tricky(Message, name="team_msgs/msg/Tricky", version=1):
     file: float64
+
+
+class Long(Message, name="team_msgs/msg/Long", version=1):
+    rows: Array[int64, Literal[70]]
+    short: Array[int64, Literal[2]]
 
 
 class Go(Message, name="team_msgs/msg/Go", version=1):
@@ -36,16 +47,88 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_csv_has_a_line_for_each_message_and_a_column_for_each_number(log: Path) -> None:
     assert main(["export", str(log), "out"]) == 0
-    assert {path.name for path in Path("out").iterdir()} == {"laser_front.csv", "odom.csv", "LaserScan.csv"}
+    tables = {"laser_front.csv", "laser_front.arrays", "odom.csv", "LaserScan.csv", "LaserScan.arrays"}
+    assert {path.name for path in Path("out").iterdir()} == tables
     with Path("out/laser_front.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 10
     assert list(rows[0])[:5] == [
         "time_ns", "sequence", "header.stamp.sec [s]", "header.stamp.nanosec", "header.frame_id"]  # fmt: skip
     assert (rows[1]["time_ns"], rows[1]["sequence"]) == (str(START_NS + 3 * STEP_NS), "4")
-    assert json.loads(rows[1]["ranges [m]"]) == [3.0] * 8
     with Path("out/odom.csv").open() as file:
         assert [row["child_frame_id"] for row in csv.DictReader(file)][:2] == ["base 1", "base 4"]
+
+
+def test_arrays_of_tables_are_numpy_files(log: Path) -> None:
+    with LogFile(Path("b.mcap")) as file:
+        for number in range(4):
+            file.add(scan(number, rays=number), "scan", time_ns=START_NS + number)
+            file.add(
+                Long(rows=np.arange(number, number + 70, dtype=np.int64), short=np.array([1, number])), "long"
+            )
+            file.add(TFMessage(transforms=[TransformStamped(child_frame_id=f"f{number}")] * number), "tf")
+    assert main(["export", "b.mcap", "out"]) == 0
+    scans = columns_of(Path("out/scan.csv"))
+    ranges = np.load("out/scan.arrays/ranges.npy", mmap_mode="r")
+    lengths = np.array(scans["ranges.lengths"], int)
+    assert lengths.tolist() == [0, 1, 2, 3] and ranges.dtype == np.float32
+    parts = np.split(ranges, np.cumsum(lengths)[:-1])
+    assert [part.tolist() for part in parts] == [[], [1], [2, 2], [3, 3, 3]]
+    assert np.load("out/scan.arrays/intensities.npy").shape == (0,)
+    assert np.load("out/long.arrays/rows.npy")[2].tolist() == list(range(2, 72))
+    long = columns_of(Path("out/long.csv"))
+    assert long["short[1]"] == ["0", "1", "2", "3"] and list(long) == ["time_ns", "sequence", *long][-4:]
+    transforms = columns_of(Path("out/tf.csv"))["transforms"]
+    assert [one["child_frame_id"] for one in json.loads(transforms[2])] == ["f2", "f2"]
+
+
+def columns_of(path: Path) -> dict[str, list[str]]:
+    with path.open() as file:
+        names, *rows = csv.reader(file)
+    return {name: [row[index] for row in rows] for index, name in enumerate(names)}
+
+
+@pytest.mark.parametrize("form", ["--csv", "--npz", "--ply", "--trajectory=tum"])
+def test_size_of_an_export_is_estimated(log: Path, form: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with LogFile(Path("b.mcap")) as file:
+        for number in range(200):
+            file.add(scan(number, rays=500), "scan", time_ns=START_NS + number)
+            file.add(Odometry(), "odom", time_ns=START_NS + number)
+    found: dict[LogChannel, int] = {}
+    monkeypatch.setattr(export, "is_wanted", lambda _folder, sizes, yes: found.update(sizes) or True)
+    assert main(["export", "b.mcap", "out", form]) == 0
+    written = sum(path.stat().st_size for path in Path("out").rglob("*") if path.is_file())
+    assert sum(found.values()) == pytest.approx(written, rel=0.1)
+
+
+def test_large_export_is_refused_without_a_terminal_and_written_with_yes(
+    log: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robbie_mp.cli.export_size.ASKED_BYTES", 100)
+    assert main(["export", str(log), "out"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "out will take about" in error and "; --yes writes it" in error
+    assert "laser/front" in error and "are free" in error and not Path("out").exists()
+    assert main(["export", str(log), "out", "--yes"]) == 0
+    assert Path("out/odom.csv").exists()
+
+
+@pytest.mark.parametrize(("answer", "is_written"), [("y", True), ("n", False), ("", False)])
+def test_large_export_is_asked_for_on_a_terminal(
+    log: Path, monkeypatch: pytest.MonkeyPatch, answer: str, *, is_written: bool
+) -> None:
+    monkeypatch.setattr("robbie_mp.cli.export_size.ASKED_BYTES", 100)
+    controller, terminal = pty.openpty()
+    with os.fdopen(terminal, "r+b", buffering=0), os.fdopen(controller, "r+b", buffering=0) as user:
+        with open(terminal, "w", closefd=False) as stderr, open(terminal, closefd=False) as stdin:
+            monkeypatch.setattr("sys.stderr", stderr)
+            monkeypatch.setattr("sys.stdin", stdin)
+            user.write(f"{answer}\n".encode())
+            assert main(["export", str(log), "out"]) == (0 if is_written else 1)
+        shown = b""
+        while b"Write it? [y/N]" not in shown:
+            shown += os.read(controller, 10_000)
+    assert Path("out").exists() == is_written
 
 
 def test_messages_without_fields_are_exported_with_their_times(log: Path) -> None:
@@ -186,14 +269,75 @@ def test_imports_report_their_results(
     assert json.loads(capsys.readouterr().out)[0]["messages"] == 3
 
 
-def test_progress_is_shown_on_a_terminal(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+STYLE = re.compile(rb"\x1b\[[0-9;]*m")
+LONG_COMMANDS = {
+    "export": "export log.mcap out",
+    "export --rosbag2": "export log.mcap out --rosbag2",
+    "info of a log": "info log.mcap",
+    "info of a bag": "info a.bag",
+    "info of a CARMEN log": "info a.clf",
+    "import-carmen": "import-carmen a.clf b.mcap",
+    "import-rosbag": "import-rosbag a.bag b.mcap",
+    "log-repair": "log-repair log.mcap",
+    "diff": "diff log.mcap log.mcap",
+    "log cut": "log cut log.mcap -o b.mcap --to 1",
+}
+
+
+@pytest.mark.parametrize("name", LONG_COMMANDS)
+def test_long_commands_show_their_progress_on_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("robbie_mp.cli.log_files.SHOWN_AFTER_S", 0.0)
+    monkeypatch.setattr("robbie_mp.cli.log_files.Timer", AtOnce)
+    write_log(tmp_path / "log.mcap", 30)
+    Path("a.clf").write_text(CARMEN)
+    write_bag(tmp_path, "ROS 1")
     controller, terminal = pty.openpty()
     with os.fdopen(terminal, "w") as stderr, os.fdopen(controller, "rb"):
         monkeypatch.setattr("sys.stderr", stderr)
-        assert main(["export", str(log), "out", "--topics", "odom"]) == 0
+        assert main(LONG_COMMANDS[name].split()) in (0, 1)
         shown = b""
-        while b"writing out/odom.csv" not in shown:  # a terminal passes on in parts what was written to it
+        while b"\xe2\x94\x81" not in shown:  # of the bar; a terminal passes its text on in parts
             shown += os.read(controller, 10_000)
+
+
+class AtOnce:
+    """A timer that ends when it starts."""
+
+    def __init__(self, _seconds: float, action: Callable[[], None]):
+        self.start = action
+
+    def cancel(self) -> None:
+        return
+
+    def join(self) -> None:
+        return
+
+
+def test_progress_bar_says_how_long_the_rest_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robbie_mp.cli.log_files.SHOWN_AFTER_S", 0.0)
+    controller, terminal = pty.openpty()
+    with os.fdopen(terminal, "w") as stderr, os.fdopen(controller, "rb"):
+        monkeypatch.setattr("sys.stderr", stderr)
+        shown, done = b"", 0
+        with progress_bar("reading") as progress:
+            while not re.search(rb"\d+% \d:\d\d:\d\d", STYLE.sub(b"", shown)):
+                time.sleep(0.05)
+                done += 1
+                progress(done, 10_000)
+                if select.select([controller], [], [], 0)[0]:
+                    shown = shown[-500:] + os.read(controller, 10_000)
+
+
+def test_quick_command_shows_no_progress_bar(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robbie_mp.cli.log_files.SHOWN_AFTER_S", 1000.0)
+    controller, terminal = pty.openpty()
+    with os.fdopen(terminal, "w") as stderr, os.fdopen(controller, "rb"):
+        monkeypatch.setattr("sys.stderr", stderr)
+        assert main(["export", str(log), "out"]) == 0
+        assert not select.select([controller], [], [], 0)[0]
 
 
 @pytest.mark.parametrize(
@@ -259,5 +403,5 @@ def test_topic_of_300_characters_is_exported(tmp_path: Path, monkeypatch: pytest
             log.add(scan(1), topic)
     assert main(["export", "long.mcap", "out"]) == 0
     written = sorted(path.name for path in Path("out").iterdir())
-    assert len(written) == 3 and written[-1] == "odom.csv"
-    assert all(len(name) <= 205 for name in written)
+    assert len(written) == 6 and written[-2:] == ["odom.arrays", "odom.csv"]
+    assert all(len(name) <= 210 for name in written)

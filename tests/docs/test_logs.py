@@ -70,7 +70,7 @@ def test_compare(monday: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_export_and_use_of_its_arrays(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("export") == [1, 1]  # the first part was cut
-    assert {path.suffix for path in Path("tables").iterdir()} == {".csv"}
+    assert {path.suffix for path in Path("tables").iterdir()} == {".csv", ".arrays"}
     ranges = python("part the scans")["ranges"]
     assert len(ranges) > 20 and {part.shape for part in ranges} == {(8,)}
 

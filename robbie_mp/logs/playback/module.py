@@ -13,6 +13,7 @@ from robbie_mp.logs.playback.log_time import LATEST_NS, LogTime
 from robbie_mp.logs.playback.outlet import LockstepOutlet, PacedOutlet
 from robbie_mp.logs.playback.player import Outlet, PlaybackRefused, Player
 from robbie_mp.logs.playback.tape import Tape
+from robbie_mp.logs.playback.time_left import TimeLeft
 from robbie_mp.logs.playback.translation import RunTypes, Translation, translation_of
 from robbie_mp.logs.recording.errors import LogError
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
@@ -135,6 +136,7 @@ class Playback(ClockSource):
         self.outlet = outlet
         self.request, self.error = 0, ""
         self.next_news_ns, self.has_news = 0, True
+        self.time_left = TimeLeft()
         self.subscribe(PlaybackControl, self.on_control, optional=True)
 
     def _plan(self) -> RunPlan:
@@ -260,9 +262,11 @@ class Playback(ClockSource):
         pace = "as fast as possible" if time.rate is None else f"rate {time.rate:g}"
         at_s, end_s = ((ns - self.log_file.start_ns) / 1e9 for ns in (position_ns, player.tape.end_ns))
         skipped = f", {self.outlet.skipped} left out" if self.outlet.skipped else ""
+        state, now_s = (time.paused, time.rate, player.jumps), self.clock.monotonic_ns() / 1e9
+        left = self.time_left.text(state, now_s, at_s, end_s)
         self.status = (
             f"{at_s:.1f} of {end_s:.1f} s, {player.played} messages{skipped}, "
-            f"{'paused' if time.paused else pace}"
+            f"{'paused' if time.paused else pace}" + f", {left}" * bool(left)
         )
 
     def _remember(self, sent: int = 0) -> None:

@@ -33,6 +33,7 @@ from robbie_mp.logs.recording.carmen_records import (
     reader_of,
 )
 from robbie_mp.logs.recording.errors import LogUnreadable, NotALog
+from robbie_mp.logs.recording.repair import Progress, unwatched
 from robbie_mp.messages import Message
 from robbie_mp.messages.well_formed import find_flaw
 
@@ -175,8 +176,12 @@ class CarmenLog:
         return None
 
 
-def describe_carmen(path: Path) -> dict[str, str]:
+def describe_carmen(path: Path, progress: Progress = unwatched) -> dict[str, str]:
     """Describe a CARMEN log: labels and texts.
+
+    Args:
+        path: the log.
+        progress: counts bytes.
 
     Raises:
         NotALog: the file is none.
@@ -184,7 +189,10 @@ def describe_carmen(path: Path) -> dict[str, str]:
     """
     log = CarmenLog(path)
     try:
-        messages = [(one.logger_time_s, one.ipc_time_s) for one in log.messages()]
+        size, messages = path.stat().st_size, []
+        for one in log.messages():
+            messages.append((one.logger_time_s, one.ipc_time_s))
+            progress(log.bytes_read, size)
     except OSError as error:
         raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
     logger_s, ipc_s = zip(*messages, strict=True)

@@ -11,6 +11,7 @@ from robbie_mp.logs.recording.alignment import align
 from robbie_mp.logs.recording.decoding import logged_type
 from robbie_mp.logs.recording.errors import NotDecodable
 from robbie_mp.logs.recording.reader import Log, LogChannel, LoggedMessage, select
+from robbie_mp.logs.recording.repair import Progress, unwatched
 from robbie_mp.messages import Header, Message
 from robbie_mp.messages.errors import MessageError
 from robbie_mp.messages.field_types import FieldType, Items, Nested
@@ -110,7 +111,7 @@ def compare(
     a: Log,
     b: Log,
     options: ComparisonOptions = COMPARE_ALL,
-    progress: Callable[[int, int], None] = lambda _done, _all: None,
+    progress: Progress = unwatched,
 ) -> list[ChannelComparison]:
     """Compare two logs.
 

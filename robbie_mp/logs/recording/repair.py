@@ -42,6 +42,10 @@ Progress = Callable[[int, int], None]
 """Called with the amount done and the total."""
 
 
+def unwatched(_done: int, _total: int) -> None:
+    """Show no progress."""
+
+
 def repaired_name(source: Path) -> Path:
     """Return the default path of the repaired log, at which `open_log` of its folder finds it."""
     return source.with_name(source.name.removesuffix(".mcap") + REPAIRED_SUFFIX)

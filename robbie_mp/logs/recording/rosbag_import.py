@@ -12,7 +12,7 @@ from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.errors import BagUnreadable
 from robbie_mp.logs.recording.format import LATCHED_KEY, TOPIC_KEY, VERSION_KEY, ChannelKey
 from robbie_mp.logs.recording.reader import has_layout
-from robbie_mp.logs.recording.repair import Progress
+from robbie_mp.logs.recording.repair import Progress, unwatched
 from robbie_mp.logs.recording.ros2_bag import BagTopic, Ros2Bag
 from robbie_mp.logs.recording.ros2_types import LITTLE_ENDIAN, Ros2Types, needing_rosbags
 from robbie_mp.messages import Header, TypeRegistry, message_type_from_schema, schema_text, stock_registry
@@ -54,7 +54,7 @@ def import_rosbag(source: Path, target: Path, balance: Balance, *, progress: Pro
     return bag.notes
 
 
-def describe_bag(source: Path) -> dict[str, str]:
+def describe_bag(source: Path, progress: Progress = unwatched) -> dict[str, str]:
     """Return what a bag holds, and what an import leaves out, as labels with texts. All of it is read.
 
     Raises:
@@ -63,7 +63,7 @@ def describe_bag(source: Path) -> dict[str, str]:
     balance, counts = Balance(), Counter[tuple[str, str]]()
     start_ns = end_ns = 0
     with _opened(source, balance) as bag:
-        for channel, _, time_ns, _ in _converted(bag, balance, lambda _done, _all: None):
+        for channel, _, time_ns, _ in _converted(bag, balance, progress):
             counts[channel.topic, channel.type_name] += 1
             start_ns, end_ns = min(start_ns or time_ns, time_ns), max(end_ns, time_ns)
             balance.use()

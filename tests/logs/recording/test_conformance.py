@@ -9,7 +9,7 @@ from mcap.records import Attachment, Message, Metadata
 
 from robbie_mp.logs.recording.part import LogPart
 from robbie_mp.logs.recording.reader import open_log
-from robbie_mp.logs.recording.repair import repair
+from robbie_mp.logs.recording.repair import repair, unwatched
 from tests.logs.recording._support.conformance import PUBLISHED, Variant, variants, written
 
 VARIANTS = sorted(variants(), key=lambda variant: variant.name)
@@ -94,7 +94,7 @@ def test_repair_loses_nothing(tmp_path: Path) -> None:
     path, target = tmp_path / "a.mcap", tmp_path / "b.mcap"
     for variant in VARIANTS:
         path.write_bytes(written(variant))
-        assert repair(path, target, lambda _done, _all: None).damage == [], variant.name
+        assert repair(path, target, unwatched).damage == [], variant.name
         with LogPart(target) as part:
             assert read(part) == in_suite(variant), variant.name
         target.unlink()
@@ -103,6 +103,6 @@ def test_repair_loses_nothing(tmp_path: Path) -> None:
 def test_repair_keeps_attachments_with_more_bytes(tmp_path: Path) -> None:
     variant = Variant("OneAttachment", frozenset({"pad"}))
     (tmp_path / "a.mcap").write_bytes(written(variant))
-    repair(tmp_path / "a.mcap", tmp_path / "b.mcap", lambda _done, _all: None)
+    repair(tmp_path / "a.mcap", tmp_path / "b.mcap", unwatched)
     with LogPart(tmp_path / "b.mcap") as part:
         assert read(part) == in_suite(variant)

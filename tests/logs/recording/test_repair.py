@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from robbie_mp.logs.recording.errors import LogError, LogNotWritten, NotALog, RepairFailed
 from robbie_mp.logs.recording.reader import open_log
-from robbie_mp.logs.recording.repair import Repair, repair, repaired_name
+from robbie_mp.logs.recording.repair import Repair, repair, repaired_name, unwatched
 from tests.logs.recording._support.logs import START_NS, write_log, write_small_log
 from tests.logs.recording.test_reader import FORMS
 
@@ -23,7 +23,7 @@ Told = list[tuple[str, int, int, int, bytes]]
 
 
 def repaired(source: Path, target: Path) -> Repair:
-    return repair(source, target, lambda _done, _all: None)
+    return repair(source, target, unwatched)
 
 
 def read_by_mcap(path: Path) -> Told:

@@ -18,6 +18,7 @@ from robbie_mp.cli import main
 from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.errors import BagUnreadable
 from robbie_mp.logs.recording.reader import Log, open_log
+from robbie_mp.logs.recording.repair import unwatched
 from robbie_mp.logs.recording.rosbag_import import import_rosbag
 from robbie_mp.messages.service_events import event_schema
 from tests.logs.recording._support.logs import START_NS
@@ -60,7 +61,7 @@ def imported(bag: Path, balance: Balance | None = None) -> tuple[list[str], Bala
     balance = balance or Balance()
     target = bag.parent / "imported.mcap"
     target.unlink(missing_ok=True)
-    notes = import_rosbag(bag, target, balance, progress=lambda _done, _all: None)
+    notes = import_rosbag(bag, target, balance, progress=unwatched)
     with open_log(target) as log:
         decoder = LogDecoder()
         found = [decoder.decode(message) for message in log.messages()]

@@ -18,7 +18,7 @@ from robbie_mp.logs.recording.carmen_import import import_carmen
 from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.info import describe
 from robbie_mp.logs.recording.reader import open_log
-from robbie_mp.logs.recording.repair import repair
+from robbie_mp.logs.recording.repair import repair, unwatched
 from robbie_mp.logs.recording.rosbag_import import import_rosbag
 from robbie_mp.messages import (
     Header,
@@ -101,11 +101,7 @@ def _read_file(path: Path) -> None:
 
 
 def _repair(folder: Path) -> None:
-    repair(folder / "log.mcap", folder / "repaired.mcap", _unwatched)
-
-
-def _unwatched(_done: int, _all: int) -> None:
-    return
+    repair(folder / "log.mcap", folder / "repaired.mcap", unwatched)
 
 
 CARMEN = b"""PARAM robot_frontlaser_offset 0.15 nohost 0
@@ -117,7 +113,7 @@ RAWLASER1 0 -1.57 3.14 1.57 20 0.01 0 3 1.0 2.0 3.0 0 976052857.5 nohost 0.6
 
 
 def _import(make: Callable[..., object], source: str, folder: Path) -> None:
-    make(folder / source, folder / "new.mcap", Balance(), progress=_unwatched)
+    make(folder / source, folder / "new.mcap", Balance(), progress=unwatched)
     _read_file(folder / "new.mcap")
 
 
