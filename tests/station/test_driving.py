@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
-from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of
+from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of, release
 from tests.station._support.cut_link import HERE as HERE_ADDRESS
 from tests.station._support.cut_link import cut_link, why_no_link
 from tests.station.test_page import address_of
@@ -200,9 +200,7 @@ def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> 
     page.wait_for_function("window.is_the_old_page === undefined")
     figures = robot.until(lambda modules: modules["operator"]["state"] == "RUNNING")
     assert (figures["operator"]["restarts"], figures["operator"]["pid"] != killed) == (1, True)
-    page.click("#release-emergency-stop")
-    page.click("#confirm-release")
-    page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+    release(page)
     stops(journal, page, lambda: page.keyboard.up("KeyW"))
 
 

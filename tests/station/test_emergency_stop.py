@@ -1,16 +1,25 @@
 """The emergency stop on the page is always reachable, and its shown state is never wrong."""
 
-import contextlib
 import os
 import signal
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import FloatRect, Page
-from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from tests._support.robot import Robot, kill
-from tests.station._support.browser import LAPTOP, RECONNECTING, TABLET, browser, needs_chromium, page_of
+from tests.station._support.browser import (
+    IS_CONNECTED,
+    LAPTOP,
+    RECONNECTING,
+    TABLET,
+    browser,
+    dialog_is_gone,
+    needs_chromium,
+    page_of,
+    press_until,
+    release,
+)
 from tests.station.test_page import address_of
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(600)]
@@ -27,8 +36,6 @@ WHAT_IS_AT = """([x, y]) => {
   const found = document.elementFromPoint(x, y).closest('button, [id]');
   return found.closest('#emergency-stop, #release-emergency-stop')?.id ?? found.id;
 }"""
-IS_CONNECTED = "window.did_handshake && window.socket.connected"
-"""The connection of all that is not the emergency stop; on a busy machine it comes later than that."""
 HAS_FOCUS_IN_DIALOG = "document.activeElement.closest('.q-dialog') !== null"
 
 
@@ -59,23 +66,6 @@ def box_of(page: Page, selector: str) -> FloatRect:
 def press(page: Page, box: FloatRect) -> None:
     """Press the mouse where the middle of the emergency stop was, whatever else may be there now."""
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-
-
-def release(page: Page) -> None:
-    page.wait_for_function(IS_CONNECTED)
-    click_until(page, "#release-emergency-stop", "#confirm-release")
-    page.click("#confirm-release")
-    page.wait_for_selector(f"{STATE}:text-is('ready')")
-
-
-def click_until(page: Page, button: str, wanted: str) -> None:
-    """Click again if nothing comes of it: the server drops a browser that is slow to answer."""
-    for _ in range(5):
-        page.click(button)
-        with contextlib.suppress(PlaywrightTimeout):
-            page.wait_for_selector(wanted, timeout=15_000)
-            return
-    raise AssertionError(f"{button} has no effect")
 
 
 def is_stopped(page: Page, robot: Robot) -> None:
@@ -110,11 +100,12 @@ def button_is_in_one_place_whatever_the_state(page: Page) -> None:
         for y in (0.05, 0.5, 0.95):
             place = [box["x"] + x * box["width"], box["y"] + y * box["height"]]
             assert page.evaluate(WHAT_IS_AT, place) == "emergency-stop"
-    click_until(page, "#release-emergency-stop", "#confirm-release")
+    press_until(page, "#release-emergency-stop", "#confirm-release")
     for other in (box_of(page, "#release-emergency-stop"), box_of(page, "#confirm-release")):
         assert other["x"] > box["x"] + box["width"] or other["y"] > box["y"] + box["height"]
-    page.click("#confirm-release")
-    page.wait_for_selector(f"{STATE}:text-is('ready')")
+    page.click("text=Keep it stopped")
+    dialog_is_gone(page)
+    release(page)
     assert box_of(page, "#emergency-stop") == box
 
 
@@ -144,7 +135,7 @@ def open_dialog(page: Page) -> None:
     row = page.locator("#panel-system tr:has(td:text-is('base'))")
     if row.locator(".q-checkbox[aria-checked=true]").count() == 0:
         row.locator(".q-checkbox").click()
-    click_until(page, "#order-restart", "#confirm-order")
+    press_until(page, "#order-restart", "#confirm-order")
     page.wait_for_function(HAS_FOCUS_IN_DIALOG)
 
 

@@ -5,7 +5,7 @@ from playwright.sync_api import Page
 
 from robbie_mp.run.operator_link import read_link
 from tests._support.robot import Ended, Robot
-from tests.station._support.browser import browser, needs_chromium, page_of
+from tests.station._support.browser import browser, dialog_is_gone, needs_chromium, page_of, release
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(180)]
 LOST = (
@@ -63,18 +63,13 @@ def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_la
         assert robot.top()["base"]["status"].startswith("STOPPED: stopped by hand")
         page.click("#release-emergency-stop")
         page.click("text=Keep it stopped")
+        dialog_is_gone(page)
         assert page.inner_text("#emergency-stop-state") == "STOPPED"
-        page.focus("#release-emergency-stop")
-        page.keyboard.press("Enter")
-        page.focus("#confirm-release")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+        release(page, lambda page, button: page.press(button, "Enter"))
         page.focus("#emergency-stop")
         page.keyboard.press("Enter")
         page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
-        page.click("#release-emergency-stop")
-        page.click("#confirm-release")
-        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+        release(page)
         # On the press, not on the release.
         page.hover("#emergency-stop")
         page.mouse.down()

@@ -11,7 +11,7 @@ from playwright.sync_api import Page
 
 from robbie_mp.run.operator_link import read_link
 from tests._support.robot import Robot
-from tests.station._support.browser import LAPTOP, browser, needs_chromium, page_of
+from tests.station._support.browser import LAPTOP, browser, needs_chromium, page_of, release
 from tests.station._support.proxy import (
     DOCUMENTED_STATION,
     documented_location,
@@ -84,9 +84,7 @@ def everything_works(page: Page, address: str) -> None:
     page.wait_for_function(MAP)
     page.click("#emergency-stop")
     page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
-    page.click("#release-emergency-stop")
-    page.click("#confirm-release")
-    page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+    release(page)
     second_window_has_the_same_session(page, address)
     page.click("#look")
     page.wait_for_function("document.cookie.includes('robbie-look=light')")

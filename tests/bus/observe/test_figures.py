@@ -119,9 +119,12 @@ def test_handler_times_and_load_agree_with_the_modules_own_measurements(
 
 
 def sent_until(evidence: Evidence, number: int, at_s: float) -> int:
-    """Return how many scans a talker had noted at a time; it may have sent one burst more."""
+    """Return how many scans a talker had noted at a time, 0 before its first note.
+
+    It may have sent one burst more.
+    """
     notes = evidence.books[f"talker{number}"]["sent"]
-    return int(notes[bisect_right([note[0] for note in notes], at_s) - 1][1])
+    return int(notes[max(0, bisect_right([note[0] for note in notes], at_s) - 1)][1])
 
 
 def test_rates_under_load_agree_with_the_publishers(evidence: Evidence) -> None:

@@ -1,6 +1,6 @@
 """A real Chromium without a window, in which tests look at the page and use it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -15,13 +15,17 @@ from tools.operator.chromium import CHROMIUM, chromium
 __all__ = [
     "CHROMIUM",
     "HELD_MS",
+    "IS_CONNECTED",
     "LAPTOP",
     "RECONNECTING",
     "TABLET",
     "browser",
     "choose_layout",
+    "dialog_is_gone",
     "needs_chromium",
     "page_of",
+    "press_until",
+    "release",
 ]
 browser = chromium
 needs_chromium = pytest.mark.skipif(
@@ -38,6 +42,11 @@ COMPLAINTS = ("error", "warning")
 ATTEMPTS, ATTEMPT_MS = 5, 15_000
 MAX_SHOWN = 2000
 """Maximum number of characters that a failed test says of a page."""
+IS_CONNECTED = "window.did_handshake && window.socket.connected"
+"""The connection of all that is not the emergency stop; on a busy machine it comes later than that."""
+CONNECTION = "window.socket.id"
+READY = "#emergency-stop-state:text-is('ready')"
+REFUSED = ".q-notification:has-text('it may have waited too long; give it again')"
 HELD_MS = 300
 """A hand holds a key for a while. If a dialog closes when it goes down, its release gets elsewhere."""
 RECONNECTING = (
@@ -89,9 +98,57 @@ def choose_layout(page: Page, number: int, name: str) -> None:
     raise AssertionError(f"the page does not show {name}")
 
 
+def press_until(
+    page: Page, button: str, wanted: str, press: Callable[[Page, str], None] = Page.click
+) -> None:
+    """Press again if nothing comes of it: the server drops a browser that is slow to answer."""
+    for _ in range(ATTEMPTS):
+        press(page, button)
+        with suppress(PlaywrightTimeout):
+            page.wait_for_selector(wanted, timeout=ATTEMPT_MS)
+            return
+    raise AssertionError(f"{button} has no effect")
+
+
+def dialog_is_gone(page: Page) -> None:
+    """Wait for it. While it is open it takes the focus; while it fades out, its buttons do not hear keys."""
+    page.wait_for_selector(".q-dialog__inner", state="detached")
+
+
+def release(page: Page, press: Callable[[Page, str], None] = Page.click) -> None:
+    """Release the emergency stop.
+
+    Release it again if the page says that the robot refused it because it came late, or if the connection was
+    lost, as on a busy machine.
+
+    Args:
+        page: the page of an operator.
+        press: presses a button.
+    """
+    for _ in range(ATTEMPTS):
+        page.wait_for_function(IS_CONNECTED)
+        connection = page.evaluate(CONNECTION)
+        if not page.is_visible("#confirm-release"):
+            press_until(page, "#release-emergency-stop", "#confirm-release", press)
+        press(page, "#confirm-release")
+        try:
+            answer = page.wait_for_selector(f"{READY}, {REFUSED}", timeout=ATTEMPT_MS)
+        except PlaywrightTimeout:
+            assert page.evaluate(CONNECTION) != connection, (
+                "a release had no effect, and the page says nothing"
+            )
+            continue
+        dialog_is_gone(page)
+        if answer and answer.get_attribute("id") == "emergency-stop-state":
+            return
+        page.wait_for_selector(REFUSED, state="detached")
+    raise AssertionError(f"the robot was not released by {ATTEMPTS} orders")
+
+
 def _shown(page: Page) -> str:
-    """Return the beginning of a page's text, or why there is none."""
+    """Return the beginning and the end of a page's text, or why there is none. Dialogs are at the end."""
     try:
-        return page.inner_text("body", timeout=1000)[:MAX_SHOWN]
+        text = page.inner_text("body", timeout=1000)
+        return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN // 2]} […] {text[-MAX_SHOWN // 2 :]}"
     except PlaywrightError as error:
         return f"nothing ({error})"
