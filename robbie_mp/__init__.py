@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from robbie_mp.module.synchronizer import CannotSynchronize as CannotSynchronize
     from robbie_mp.module.synchronizer import Input as Input
     from robbie_mp.module.synchronizer import Synchronizer as Synchronizer
+    from robbie_mp.module.timers import Timer as Timer
 
 _HOMES = {
     "robbie_mp.base.errors": ("RobbieError",),
@@ -96,6 +97,7 @@ _HOMES = {
     "robbie_mp.base.state_machine": ("IllegalTransition", "StateMachine", "TimeOut"),
     "robbie_mp.module.stamp_matcher": ("MatchCounts",),
     "robbie_mp.module.synchronizer": ("CannotSynchronize", "Input", "Synchronizer"),
+    "robbie_mp.module.timers": ("Timer",),
     "robbie_mp.attached.tool.script": ("AttachedRun", "attach"),
     "robbie_mp.bus.transport.records": ("MessageHandling",),
 }  # fmt: skip

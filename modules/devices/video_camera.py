@@ -70,7 +70,7 @@ class VideoCameraModule(ReconnectingDeviceModule[T]):
         assert isinstance(self.device, VideoSource)
         return self.device
 
-    def header(self, stamp_s: float) -> Header:
+    def header_at(self, stamp_s: float) -> Header:
         """Return the header of an image and of its `CameraInfo`."""
         stamp = Time.from_nanoseconds(round(stamp_s * 1e9))
         return Header(stamp=stamp, frame_id=f"{self.topic}_optical")
@@ -146,7 +146,7 @@ class OpenCvCameraModule(VideoCameraModule[CameraFrame]):
     def on_value(self, value: CameraFrame) -> None:
         """Publish an image."""
         height, width = value.pixels.shape[:2]
-        header = self.header(value.stamp_s)
+        header = self.header_at(value.stamp_s)
         self.publish_info(header, width, height)
         self.publish(
             Image(
@@ -173,7 +173,7 @@ class JpegCameraModule(VideoCameraModule[JpegFrame]):
 
     def on_value(self, value: JpegFrame) -> None:
         """Publish an image."""
-        header = self.header(value.stamp_s)
+        header = self.header_at(value.stamp_s)
         self.publish_info(header, value.width, value.height)
         self.publish(CompressedImage(header=header, format="jpeg", data=value.data), topic=self.topic)
 
@@ -193,7 +193,7 @@ class LeptonCameraModule(VideoCameraModule[CameraFrame]):
     def on_value(self, value: CameraFrame) -> None:
         """Publish an image."""
         height, width = value.pixels.shape
-        header = self.header(value.stamp_s)
+        header = self.header_at(value.stamp_s)
         self.publish_info(header, width, height)
         data = value.pixels.astype("<u2").view(np.uint8).ravel()
         self.publish(

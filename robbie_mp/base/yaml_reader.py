@@ -112,6 +112,10 @@ def _syntax_error(error: yaml.MarkedYAMLError, source: Path | str) -> ProfileErr
     text = " ".join(part for part in (error.context, error.problem) if part)
     if "'\\t'" in text:
         text += "; indent with spaces, not with tabs"
+    elif "mapping values are not allowed" in text:
+        text += "; quote a text with a colon in it, or check the indentation"
+    elif "expected <block end>" in text:
+        text += "; indent all keys of a map alike"
     if mark and "${" in (mark.get_snippet() or ""):
         text += '; inside { } and [ ], quote variables: "${name}"'
     return refuse(f"YAML: {text}", _at(source, mark.line + 1 if mark else 1))

@@ -38,15 +38,17 @@ def own_types() -> list[TypeDescription]:
     return [TypeDescription.of(one) for one in own_classes()]
 
 
-def own_classes() -> list[type[Message]]:
-    """Return all message classes that this process has declared so far, except the stock types."""
+def own_classes(*, all_of_a_name: bool = False) -> list[type[Message]]:
+    """Return all message classes that this process has declared so far, except the stock types.
+
+    Args:
+        all_of_a_name: also those whose name has been declared again later.
+    """
     stock = set(stock_registry())
-    own = {
-        one.type_name: one
-        for one in _subclasses(Message)
-        if one not in stock and one.__module__ != schema_parser.__name__
-    }
-    return [one for _, one in sorted(own.items())]
+    own = [
+        one for one in _subclasses(Message) if one not in stock and one.__module__ != schema_parser.__name__
+    ]
+    return own if all_of_a_name else [one for _, one in sorted({one.type_name: one for one in own}.items())]
 
 
 def _subclasses(message_type: type[Message]) -> Iterator[type[Message]]:

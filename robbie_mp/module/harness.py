@@ -43,7 +43,7 @@ from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.ticks import TimedTicks
-from robbie_mp.module.wiring import UNCHANGED, Wiring
+from robbie_mp.module.wiring import UNCHANGED, Wiring, check_topic
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
 GoalType = TypeVar("GoalType", bound=Goal[Any, Any])
@@ -513,6 +513,7 @@ class HarnessBus(CopyingBus):
     def advertise(self, message_type: type[Message], topic: str) -> None:
         """Check the type; there is nobody to tell."""
         check_message_type(message_type, "advertise")
+        check_topic(topic)
 
     def publish(self, message: Message | EncodedMessage, topic: str, latched: bool = False) -> bool:
         """Collect a message."""
@@ -521,6 +522,7 @@ class HarnessBus(CopyingBus):
             check_encapsulation(message.type_name, message.data.cast("B"))
         else:
             check_message(message, "publish")
+            check_topic(topic)
             if message.is_checked:
                 check_well_formed(message)
         if self.stopped:
@@ -557,6 +559,7 @@ class HarnessBus(CopyingBus):
     ) -> Iterator[MessageType]:
         """Collect a message that is filled in place."""
         check_message_type(message_type, "loan")
+        check_topic(topic)
         plan = lay_out(message_type, fields)
         buffer = bytearray(plan.size)
         whole = np.frombuffer(buffer, np.uint8)

@@ -36,6 +36,7 @@ class ModuleLoop:
         self._mail = mail
         self._calls = calls_of(module)
         self._ticks = ticks
+        self._calls.timers.count = ticks.count
         self._changes = changes
 
     @property

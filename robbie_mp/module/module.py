@@ -26,6 +26,7 @@ from robbie_mp.messages.calls import (
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.messages.stock.builtin_interfaces import Time
+from robbie_mp.messages.stock.std_msgs import Header
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.client import SentGoal
@@ -34,8 +35,10 @@ from robbie_mp.module.calls.server import ActiveGoal
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.deadlines import check_deadline
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
+from robbie_mp.module.handlers import check_handler
 from robbie_mp.module.health import Health
 from robbie_mp.module.settings import apply_settings, setting
+from robbie_mp.module.timers import Timer
 
 if TYPE_CHECKING:
     from robbie_mp.messages.descriptions import TypeDescription
@@ -258,11 +261,15 @@ class Module:
 
         Raises:
             NotAMessage: `message_type` is not a class of messages.
+            InvalidHandler: `handler` cannot be called with a message, or is `async`.
+            InvalidTopic: the topic's name has characters that not everything carries.
             InvalidDeadline: `deadline_s` is not a positive time, or there is only an `on_late`.
             SubscribedTwice: the module has already subscribed to this type and topic.
             TooManyDeclarations: the module subscribes and publishes too much.
         """
         check_deadline(deadline_s, on_late)
+        if on_late is not None:
+            check_handler("subscribe", on_late)
         subscriptions = self._bus.subscriptions
         name = subscriptions.subscribe(message_type, handler, handling, topic, optional=optional)
         if deadline_s is not None:
@@ -354,6 +361,41 @@ class Module:
         """Return the run's monotonic time in s, to measure how long something takes. It never goes back."""
         return self.clock.monotonic_ns() / 1e9
 
+    def header(self, frame_id: str = "") -> Header:
+        """Return a header with the run's time: `LaserScan(header=self.header("laser"), …)`.
+
+        Args:
+            frame_id: the frame of what the message holds.
+        """
+        return Header(stamp=self.now(), frame_id=frame_id)
+
+    def every(self, period_s: float, action: Callable[[], object]) -> Timer:
+        """Call a function periodically, as `tick()` is called every `period_s`; there may be several.
+
+            def setup(self) -> None:
+                self.every(0.02, self.steer)
+                self.every(1.0, self.report)
+
+        The first call comes when all modules are ready, or at once if they are. It runs between two messages
+        or ticks, in the same thread. Calls that were missed altogether are skipped. `robbie top` counts calls
+        as ticks. In lockstep, calls come exactly in their periods if these have a common divisor of at least
+        a tenth of the shortest one; otherwise they are late by at most that tenth.
+
+        Args:
+            period_s: time between two calls by the module's clock, in s.
+            action: what to call, without arguments.
+
+        Returns:
+            The timer; its `stop()` ends the calls.
+
+        Raises:
+            InvalidTimer: the period is not a positive time.
+            InvalidHandler: there is no function, or it needs arguments, or is `async`.
+            WrongThread: this is not the module's main thread.
+        """
+        self._calls.check_thread()
+        return self._calls.timers.add(period_s, action)
+
     def advertise(self, message_type: type[Message], *, topic: str = "") -> None:
         """Announce that this module may publish messages of a type, before it publishes the first.
 
@@ -396,6 +438,7 @@ class Module:
 
         Raises:
             NotAMessage: `message` is not a message, but for example a dict.
+            InvalidTopic: as for `subscribe`.
             FieldError: a field has the wrong type or shape.
             IllFormed: the message moves something, and is not well formed; see `Message.flaw`.
             MessageTooLarge: the message is larger than this module's memory.
@@ -456,12 +499,14 @@ class Module:
             topic: the name of this service, if several modules serve the same type.
 
         Raises:
+            InvalidHandler: `handler` cannot be called with a request, or is `async`.
             ServedTwice: this module already serves this type and topic. If another module does, the one that
                 is started later ends with this error when all modules are ready.
             DeclarationError: the class of the requests does not name a class of replies.
             CannotServe: this module runs as a tool.
         """
         self._calls.check_thread()
+        check_handler("serve", handler, f"request: {getattr(request_type, '__name__', request_type)}")
         self._calls.server.serve(cast("type[Request[Any]]", request_type), handler, topic)
 
     def call(
@@ -537,9 +582,12 @@ class Module:
             topic: as for `serve`.
 
         Raises:
-            ServedTwice, DeclarationError, CannotServe: as for `serve`.
+            InvalidHandler, ServedTwice, DeclarationError, CannotServe: as for `serve`.
         """
         self._calls.check_thread()
+        check_handler("serve_goals", on_goal, "active: ActiveGoal")
+        if on_cancel is not None:
+            check_handler("serve_goals", on_cancel, "active: ActiveGoal", "reason: str")
         self._calls.server.serve_goals(cast("type[Goal[Any, Any]]", goal_type), on_goal, on_cancel, topic)
 
     def resume_goal(

@@ -25,7 +25,7 @@ from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.envelope import EncodedMessage, MessageType
 from robbie_mp.module.lent_memory import CopiedLoans, freeze_named_arrays
-from robbie_mp.module.wiring import UNCHANGED, Wiring
+from robbie_mp.module.wiring import UNCHANGED, Wiring, check_topic
 
 MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
 _TARGET_IN_FLIGHT = layout.MAX_OUTSTANDING * 3 // 4
@@ -298,6 +298,7 @@ class Outbox:
         return size is not None
 
     def _declare(self, message_type: type[Message], topic: str) -> int:
+        check_topic(topic)
         name = _name_of(message_type, topic)
         if message_type.is_latched:
             self._latch(name)

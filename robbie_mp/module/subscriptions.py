@@ -12,7 +12,8 @@ from robbie_mp.messages.message import Message, check_message_type
 from robbie_mp.messages.refusals import Refusals
 from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.envelope import EncodedMessage, MessageType
-from robbie_mp.module.wiring import UNCHANGED, TopicsMeet, Wiring
+from robbie_mp.module.handlers import check_handler
+from robbie_mp.module.wiring import UNCHANGED, TopicsMeet, Wiring, check_topic
 
 ANSWERED = (Request, Goal, Reply, Result)
 """Messages for which somebody waits: server and client check them."""
@@ -120,11 +121,15 @@ class Subscriptions:
             The name of the subscription.
 
         Raises:
-            NotAMessageType: `message_type` is not a class of messages.
+            NotAMessage: `message_type` is not a class of messages.
+            InvalidHandler: `handler` cannot be called with a message.
+            InvalidTopic: not everything could carry the topic's name.
             SubscribedTwice: the module has already subscribed to them.
             TopicsMeet: it has, on another topic to which the profile gives the same name.
         """
         check_message_type(message_type, "subscribe")
+        check_topic(topic)
+        check_handler("subscribe", handler, f"message: {message_type.__name__}")
         type_name = message_type.type_name
         name = ChannelName(type_name, message_type.version, self._wiring.subscribed(type_name, topic))
         handler = self._checked(message_type, handler)
@@ -166,9 +171,11 @@ class Subscriptions:
         Raises:
             SubscribedTwice: the module has already subscribed with the same patterns.
             EmptyPattern: the pattern for the type is empty.
+            InvalidHandler: `handler` cannot be called with a message.
         """
         if not type_pattern:
             raise EmptyPattern
+        check_handler("subscribe_encoded", handler, "message: EncodedMessage")
         name = ChannelName(type_pattern, version, self._wiring.subscribed(type_pattern, topic_pattern))
         self._add(Subscription(name, handling, self._as_bytes, handler, own_topic=topic_pattern))
 

@@ -101,11 +101,27 @@ class TimedTicks:
         """Tick, and set when the next tick is due."""
         late_ns, begun_ns = self._now_ns() - self.times.due_ns, time.monotonic_ns()
         self._module.tick()
+        self.count(late_ns, begun_ns)
+        self.schedule()
+
+    def count(self, late_ns: int, begun_ns: int, missed: int = 0) -> None:
+        """Count a tick, or the call of a timer, that has just ended.
+
+        Args:
+            late_ns: how late it began.
+            begun_ns: when, by the machine's clock.
+            missed: the number of calls that are skipped.
+        """
         if self._figures is not None:
             self._figures.record(late_ns, time.monotonic_ns() - begun_ns)
         self.times.ticks += 1
         self._show(layout.OUT_TICKS, self.times.ticks)
-        self.schedule()
+        if missed:
+            self._miss(missed)
+
+    def _miss(self, missed: int) -> None:
+        self.times.missed += missed
+        self._show(layout.OUT_TICKS_MISSED, self.times.missed)
 
     def _show(self, at: int, count: int) -> None:
         if self._words is not None:
@@ -122,8 +138,7 @@ class TimedTicks:
         if behind_ns > period_ns:
             missed = behind_ns // period_ns
             times.due_ns += missed * period_ns
-            times.missed += missed
-            self._show(layout.OUT_TICKS_MISSED, times.missed)
+            self._miss(missed)
 
 
 class GrantedTicks:
@@ -151,6 +166,8 @@ class GrantedTicks:
         self._now_ns = now_ns
         self._charge = charge
         self._ticks = 0
+        self._due_ns = 0
+        """When the next tick is due, if there are grants between ticks."""
         self._calls = calls_of(module)
         self._calls.is_granted = True
         # A busy module skips ticks, as it does without lockstep.
@@ -161,14 +178,19 @@ class GrantedTicks:
     def begin(self) -> None:
         """Show the period of the ticks; any handler may have changed it.
 
-        A module without a period gets ticks, too, if it has subscriptions with a deadline, and while calls of
-        it have not ended: they may time out.
+        A module without a period gets ticks, too, if it has timers or subscriptions with a deadline, and
+        while calls of it have not ended: they may time out.
         """
-        period_s = self._module.period_s
-        period_ns = 0 if period_s is None else round(period_s * 1e9)
+        period_ns = self._period_ns()
+        if len(self._calls.timers):
+            period_ns = self._calls.timers.step_ns(period_ns)
         if not period_ns and (len(self._calls.client) or len(self._calls.deadlines)):
             period_ns = CALL_TICK_PERIOD_NS
         self._words[layout.OUT_TICK_PERIOD_NS] = period_ns
+
+    def _period_ns(self) -> int:
+        period_s = self._module.period_s
+        return 0 if period_s is None else round(period_s * 1e9)
 
     def _end_handling(self) -> None:
         """Show what other processes must know once they see that a message was handled."""
@@ -182,10 +204,23 @@ class GrantedTicks:
 
     def _on_tick(self, _tick: Tick) -> None:
         self._calls.run_granted()
-        if self._module.period_s is not None:
+        if self._module.period_s is not None and self._is_due():
             self._module.tick()
-            self._ticks += 1
-            self._words[layout.OUT_TICKS] = self._ticks
+            self.count()
+
+    def _is_due(self) -> bool:
+        """Whether this grant is one for a tick, rather than one for the timers alone."""
+        now_ns, period_ns = self._now_ns(), self._period_ns()
+        if now_ns < self._due_ns <= now_ns + period_ns and len(self._calls.timers):
+            return False
+        is_on_time = now_ns - period_ns < self._due_ns <= now_ns
+        self._due_ns = (self._due_ns if is_on_time else now_ns) + period_ns
+        return True
+
+    def count(self, _late_ns: int = 0, _begun_ns: int = 0, _missed: int = 0) -> None:
+        """Count a tick, or the call of a timer: none is late in lockstep."""
+        self._ticks += 1
+        self._words[layout.OUT_TICKS] = self._ticks
 
     def expedite(self) -> None:
         """Do nothing: a tick runs when it is granted."""

@@ -3,6 +3,7 @@
 A name is looked up once, when the module subscribes or first publishes. It costs nothing per message.
 """
 
+import re
 from collections.abc import Mapping
 
 from robbie_mp.base.errors import RobbieError
@@ -24,6 +25,20 @@ RUN_WIDE_TYPES = frozenset(
 """Messages about the run, which is one even with several robots in it: their topics keep their names."""
 
 
+_CARRIED = re.compile(r"/?[\w.~-]+(/[\w.~-]+)*", re.ASCII)
+"""Names that ROS, Zenoh, MQTT, logs and command lines carry as they are."""
+
+
+class InvalidTopic(RobbieError, ValueError):
+    """A topic has a name that other programs cannot carry, or none.
+
+    Example scenarios:
+      - it has a space or another special character
+      - it ends with a slash, or has an empty part, as in "front//left"
+      - it is None or a number
+    """
+
+
 class TopicsMeet(RobbieError, ValueError):
     """The profile gives two topics of a module the same name, and the module subscribes to both."""
 
@@ -32,6 +47,24 @@ class TopicsMeet(RobbieError, ValueError):
             f"the profile calls both '{other}' and '{own}' of this module '{actual}', and it subscribes to "
             f"{type_name} on both; give them different names under `topics:`"
         )
+
+
+def check_topic(topic: object) -> None:
+    """Check the name of a topic that a module publishes on or subscribes to.
+
+    Raises:
+        InvalidTopic: not everything could carry it.
+    """
+    if topic != "" and not (isinstance(topic, str) and _CARRIED.fullmatch(topic)):
+        raise InvalidTopic(
+            f"{topic!r:.60} is no name of a topic: use letters, digits, _ - . ~ and single slashes, as in "
+            f"{_suggestion(topic)!r}; leave it out for messages without a topic"
+        )
+
+
+def _suggestion(topic: object) -> str:
+    parts = re.sub(r"[^\w.~/-]+", "_", str(topic), flags=re.ASCII).split("/")
+    return "/".join(part.strip("_") for part in parts if part.strip("_")) or "front"
 
 
 class Wiring:

@@ -101,6 +101,13 @@ def test_cameras_of_the_pages_copy_no_image(monkeypatch: pytest.MonkeyPatch) -> 
             assert (harness.bus.copied_loans.count, len(harness.take(Image))) == (0, 66)
 
 
+def test_module_does_several_things_periodically() -> None:
+    with ModuleHarness(run("every")["Wanderer"]) as harness:
+        harness.advance(1.0)
+        assert len(harness.take(DriveCommand)) == 21
+        assert harness.module.status in ("20 commands", "21 commands")
+
+
 def test_task_with_a_state_machine_ends_by_a_scan_or_by_its_time_out() -> None:
     names = run("machine")
     near, docking = LaserScan(ranges=np.array([0.1], np.float32)), names["Docking"]

@@ -1,4 +1,4 @@
-"""All calls, services and deadlines of one module, and what is due for them."""
+"""All calls, services, deadlines and timers of one module, and what is due for them."""
 
 import logging
 import math
@@ -13,10 +13,11 @@ from robbie_mp.module.calls.server import ServiceCalls
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.deadlines import Deadlines
 from robbie_mp.module.health import Health
+from robbie_mp.module.timers import Timers
 
 
 class Calls:
-    """The calls, services and deadlines of one module.
+    """The calls, services, deadlines and timers of one module.
 
     Args:
         bus: the module's bus.
@@ -28,6 +29,7 @@ class Calls:
         client: the calls that it makes.
         server: the services that it offers.
         deadlines: of its subscriptions.
+        timers: the functions that it calls periodically.
         due: when `run` has something to do next; a module that has never called or served pays for no more
             than a look at it.
         is_granted: whether time passes only by granted ticks, as in lockstep; then `run_granted` does what
@@ -40,6 +42,7 @@ class Calls:
         self.client = ClientCalls(bus, clock, log, self.due)
         self.server = ServiceCalls(bus, log, self.due)
         self.deadlines = Deadlines(bus, clock, health or Health(log), self.due)
+        self.timers = Timers(bus, clock, self.due)
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._thread = threading.get_ident()
         self.is_granted = False
@@ -75,6 +78,7 @@ class Calls:
         if self.server.are_any:
             self.server.check_rivals()
         self.deadlines.begin()
+        self.timers.begin()
 
     def call_later(self, delay_s: float, action: Callable[[], None]) -> None:
         """Do something once, between two messages or ticks.
@@ -123,7 +127,8 @@ class Calls:
         later_ns = self._run_later() if self._later else NEVER_NS
         if not self.is_granted:
             self.deadlines.look()
-            later_ns = min(later_ns, self.deadlines.due_ns)
+            self.timers.run()
+            later_ns = min(later_ns, self.deadlines.due_ns, self.timers.due_ns)
         self.due.ns = min(client.due_ns(), server.due_ns(), later_ns)
 
     def run_granted(self) -> None:
@@ -132,6 +137,7 @@ class Calls:
             self.client.expire()
             self.client.report()
         self.deadlines.look()
+        self.timers.run()
 
     def end_handling(self) -> None:
         """Report errors before other processes can see that a message was handled."""

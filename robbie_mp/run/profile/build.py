@@ -11,6 +11,7 @@ from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.yaml_reader import YamlNode
 from robbie_mp.bus.transport.layout import NAME_BYTES
 from robbie_mp.module.value_check import NO_LIMITS, ValueMismatch, check_value
+from robbie_mp.module.wiring import InvalidTopic, check_topic
 from robbie_mp.run.profile.dependencies import read_dependencies
 from robbie_mp.run.profile.model import (
     CheckpointPolicy,
@@ -163,6 +164,8 @@ class _Builder:
             elif max(len(own.encode()), len(name.encode())) > NAME_BYTES:
                 text = f"{where}.topics.{own}: expected names of at most {NAME_BYTES} bytes"
                 self.report(node.place, text)
+            elif flaw := _topic_flaw(name):
+                self.report(node.place, f"{where}.topics.{own}: {flaw}")
             elif own == name:
                 self.report(node.place, f"{where}.topics.{own}: expected another name than {own!r}")
             else:
@@ -262,6 +265,14 @@ class _Builder:
 
     def report(self, place: SourcePlace, text: str) -> None:
         self.problems.append(Problem(text, place))
+
+
+def _topic_flaw(name: str) -> str:
+    try:
+        check_topic(name)
+    except InvalidTopic as error:
+        return str(error)
+    return ""
 
 
 def _origins(tree: YamlNode, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], SourcePlace]:

@@ -20,6 +20,7 @@ from robbie_mp.base.linux.prctl import die_with_parent
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.descriptions import TypeDescription, own_types
 from robbie_mp.module.settings import SettingError, examine_settings
+from robbie_mp.run.profile.code_check import CodeFlaw, class_flaws, import_flaw, type_flaws
 
 Class = TypeVar("Class")
 
@@ -74,10 +75,12 @@ def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[s
     errors: list[tuple[tuple[str, ...], str]] = []
     settings: dict[str, object] = {}
     further: list[TypeDescription] = []
+    flaws: list[CodeFlaw] = []
     failure = ""
     is_missing = False
     try:
         cls: type = load_class(module["class_path"], base)
+        flaws += class_flaws(cls)
         folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
         settings, found = examine_settings(cls, module["settings"], folder=workspace, folder_of=folder_of)
         errors += [(("settings", error.setting), str(error)) for error in found]
@@ -91,9 +94,18 @@ def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[s
     except BaseException as error:  # even sys.exit: the fault is in the code, not in the profile
         failure = traceback.format_exc()
         is_missing = isinstance(error, ImportError)
+        flaws += filter(None, [import_flaw(error)])
+    flaws += type_flaws()
     known = own_types()
     known += [one for one in further if one.name not in {declared.name for declared in known}]
-    return {"errors": errors, "settings": settings, "failure": failure, "missing": is_missing, "types": known}
+    return {
+        "errors": errors,
+        "flaws": flaws,
+        "settings": settings,
+        "failure": failure,
+        "missing": is_missing,
+        "types": known,
+    }
 
 
 def _hook(cls: type, name: str) -> Callable[..., Any]:

@@ -32,10 +32,10 @@ def check_events(
     """Run one checking process and yield its events.
 
     Yields:
-        For each module `{"begin": name}`, then `{"result": {"errors": [[key, text]…], "settings": {…},
-        "failure": traceback or "", "missing": whether that is an ImportError, "types": [[name, version,
-        schema]…]}}`; at last `{"end": True}`, or `{"broken": how it ended}`, or `{"useless": traceback}` if
-        the base class cannot be imported.
+        For each module `{"begin": name}`, then `{"result": {"errors": [[key, text]…], "flaws": [[file, line,
+        text]…], "settings": {…}, "failure": traceback or "", "missing": whether that is an ImportError,
+        "types": [[name, version, schema]…]}}`; at last `{"end": True}`, or `{"broken": how it ended}`, or
+        `{"useless": traceback}` if the base class cannot be imported.
     """
     request = {
         "asked_by": os.getpid(),

@@ -1,17 +1,21 @@
 """Checks the classes and settings of a profile before any process of the robot starts.
 
 A separate process (`robbie_mp.run.profile.check`) imports the classes, so that their code cannot harm the
-caller. A missing class or a wrong setting is an error of the profile. A run is not started either if a
-module cannot import something, such as a library that is not installed, unless the module is `optional`.
-Other code that raises, hangs or crashes is no error here: the supervisor starts it, and shows it as FAILED
-with its traceback.
+caller. A missing class or a wrong setting is an error of the profile, and so is code that is wrong wherever
+it runs, such as a syntax error or a handler that cannot be called (`code_check.py`). A run is not started
+either if a module cannot import something, such as a library that is not installed, unless the module is
+`optional`. Other code that raises, hangs or crashes is no error here: the supervisor starts it, and shows it
+as FAILED with its traceback.
 """
 
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
-from robbie_mp.base.problem import Problem, ProfileError
+from robbie_mp.base.problem import Problem, ProfileError, SourcePlace
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.run.profile.checking_process import PreflightError, check_events
 from robbie_mp.run.profile.model import ModuleSpec, Profile
@@ -53,11 +57,14 @@ def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BA
         base_class: Every class must be derived from this one, written as `package.module:Class`.
 
     Raises:
-        ProfileError: It lists every class that is not a module, and every wrong, unknown or missing setting.
+        ProfileError: It lists every class that is not a module, every wrong, unknown or missing setting, and
+            every mistake in the code that can be seen without running it.
         PreflightError: The checking process failed.
     """
     findings = Preflight()
     problems: list[Problem] = []
+    flaws: dict[Problem, None] = {}
+    """Mistakes in the code, each once, in order: several modules may import the same file."""
     # Services come last: they may need the message types that the robot's code declares.
     waiting = sorted(profile.modules, key=lambda module: module.class_path.startswith(OWN_CODE))
     while waiting:
@@ -70,13 +77,14 @@ def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BA
                     case {"result": result}:
                         waiting = [module for module in waiting if module.name != current]
                         problems += _problems(profile, current, result["errors"])
+                        flaws |= dict.fromkeys(_flaws(result.get("flaws", ())))
                         findings.add(current, result)
                     case {"broken": str(reason)}:
                         waiting = _without_crashed(waiting, current, reason, findings)
                     case {"useless": failure}:
                         raise PreflightError(f"modules cannot be checked; {base_class}:\n{failure}")
-    if problems:
-        raise ProfileError(problems)
+    if problems or flaws:
+        raise ProfileError([*problems, *flaws])
     return findings
 
 
@@ -94,8 +102,8 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
     problems = [
         Problem(
             f"modules.{module.name}.class: {module.class_path} cannot be imported: "
-            f"{last_line(findings.failures[module.name])}; install what is missing, or write `optional: "
-            "true` into the module to run without it",
+            f"{last_line(findings.failures[module.name])}{_last_place(findings.failures[module.name])}; "
+            "install what is missing, or write `optional: true` into the module to run without it",
             profile.place_of("modules", module.name, "class"),
         )
         for module in missing
@@ -123,6 +131,12 @@ def last_line(failure: str) -> str:
     return (failure.strip().splitlines() or [""])[-1]
 
 
+def _last_place(failure: str) -> str:
+    """Return in brackets the line of code that a traceback ends with; '' if it has none."""
+    places = re.findall(r'File "([^<"]+)", line (\d+)', failure)
+    return f" ({SourcePlace(Path(places[-1][0]), int(places[-1][1]))})" if places else ""
+
+
 def _without_crashed(
     waiting: list[ModuleSpec], crashed: str, reason: str, findings: Preflight
 ) -> list[ModuleSpec]:
@@ -143,3 +157,8 @@ def _problems(profile: Profile, module: str, errors: list[tuple[list[str], str]]
         Problem(f"modules.{module}.{key[0]}: {text}", profile.place_of("modules", module, *key))
         for key, text in errors
     ]
+
+
+def _flaws(found: Iterable[tuple[str, int, str]]) -> Iterator[Problem]:
+    """Yield the mistakes in a module's code, each with its place."""
+    return (Problem(text, SourcePlace(Path(file), line)) for file, line, text in found)

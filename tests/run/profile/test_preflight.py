@@ -163,7 +163,6 @@ def test_class_with_a_wrong_declaration_is_reported(robot: Robot) -> None:
         ("import no_such_thing", "ModuleNotFoundError: No module named 'no_such_thing'"),
         ("import mods.no_such_thing", "ModuleNotFoundError: No module named 'mods.no_such_thing'"),
         ("import sys; sys.exit(3)", "SystemExit: 3"),
-        ("def", "SyntaxError: invalid syntax"),
         ("raise KeyboardInterrupt", "KeyboardInterrupt"),
         ("import os; os._exit(0)", "mods.bad: ended with exit code 0 while it was imported"),
         ("import ctypes; ctypes.string_at(0)", "mods.bad: was killed by SIGSEGV while it was imported"),
@@ -188,6 +187,63 @@ def test_failing_code_is_left_to_the_supervisor(robot: Robot, code: str, failure
         "worse": failure,
     }
     assert findings.settings.keys() == {"before", "after"}  # {} must not be mistaken for checked settings
+
+
+def test_mistake_in_a_file_of_two_modules_is_reported_once_and_no_module_starts(robot: Robot) -> None:
+    robot.write_code("mods.bad", "def")
+    robot.write(
+        "demo",
+        f"""
+        modules:
+          before: {PLAIN}
+          bad: {{class: "mods.bad:Bad", optional: true}}
+          worse: {{class: "mods.bad:Worse"}}
+        """,
+    )
+    assert robot.preflight_problems() == ["mods/bad.py:1: SyntaxError: invalid syntax in `def`"]
+
+
+def test_constructors_and_methods_made_in_other_ways_are_no_mistakes(robot: Robot) -> None:
+    robot.write_code(
+        "mods.good",
+        """
+        from functools import partial
+        from robbie_mp import Module
+        from robbie_mp.messages import LaserScan
+
+        class Mixed:
+            def __init__(self, context):
+                super().__init__(context)
+
+            def on_scan(self, scan, extra=1): ...
+
+        class Good(Mixed, Module):
+            def setup(self, *_unused):
+                self.chosen = self.on_scan if self.name else self.on_other
+                self.subscribe(LaserScan, self.chosen, topic="front/left-1.5")
+                self.subscribe(LaserScan, self.make_handler(), topic="~/scan")
+                self.subscribe(LaserScan, self.on_other)
+                self.every(1.0, partial(self.on_other, None))
+                self.every(1.0, print)
+
+            def make_handler(self):
+                return self.on_scan
+
+            @staticmethod
+            def on_other(scan): ...
+
+        class Own(Module):
+            def subscribe(self, what, whom): ...
+
+            def setup(self):
+                self.subscribe("weather", None)
+
+        Made = type("Made", (Good,), {})
+        """,
+    )
+    lines = [f"  {name.lower()}: {{class: 'mods.good:{name}'}}" for name in ("Good", "Own", "Made")]
+    robot.write("demo", "modules:\n" + "\n".join(lines))
+    assert preflight(robot.load()).settings.keys() == {"good", "own", "made"}
 
 
 def test_bug_in_a_class_check_counts_as_failing_code(mapper: Robot) -> None:
@@ -307,8 +363,8 @@ def test_module_that_cannot_import_something_is_an_error_before_the_run(robot: R
         runnable(robot.load(), robot.preflight())
     assert str(caught.value) == (
         "profiles/demo.yaml:3: modules.camera.class: mods:Camera cannot be imported: ModuleNotFoundError: "
-        "No module named 'no_such_library'; install what is missing, or write `optional: true` into the "
-        "module to run without it"
+        "No module named 'no_such_library' (mods.py:1); install what is missing, or write `optional: true` "
+        "into the module to run without it"
     )
 
 

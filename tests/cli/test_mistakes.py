@@ -1,0 +1,399 @@
+"""Mistakes of somebody who is new to Robbie-MP: each ends with a line that says where, what, and what to do.
+
+Most are found before anything starts. No mistake shows a traceback.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from robbie_mp import Module, ModuleHarness, setting
+from robbie_mp.cli import main
+from robbie_mp.messages import DriveCommand, Image, LaserScan, OccupancyGrid
+from robbie_mp.messages.errors import FieldError, NotAMessage
+from robbie_mp.module.deadlines import InvalidDeadline
+from robbie_mp.module.handlers import InvalidHandler
+from robbie_mp.module.module import InvalidPeriod
+from robbie_mp.module.subscriptions import SubscribedTwice
+from robbie_mp.module.wiring import InvalidTopic
+from tests._support.own_runs import see_own_runs_only
+
+HEAD = "from robbie_mp import *\nfrom robbie_mp.messages import LaserScan\n\n\n"
+"""Code begins in line 5."""
+CODE = {
+    "constructor": (
+        "class M(Module):\n    def __init__(self):\n        self.x = 1",
+        "6: __init__ is called with the module's context; put what it does into `def setup(self)`",
+    ),
+    "constructor_alone": (
+        "class M(Module):\n    def __init__(self, context):\n        self.x = 1",
+        "6: __init__ does not call super().__init__(context); put what it does into `def setup(self)`",
+    ),
+    "colon": (
+        "class M(Module):\n    def tick(self)\n        pass",
+        "6: SyntaxError: expected ':' in `def tick(self)`",
+    ),
+    "indentation": (
+        "class M(Module):\n    def tick(self):\n    pass",
+        "7: IndentationError: expected an indented block after function definition on line 6 in `pass`",
+    ),
+    "base": ("class M(Modul): pass", "5: NameError: name 'Modul' is not defined; did you mean 'Module'?"),
+    "type_of_setting": (
+        "class M(Module):\n    rate: flaot = setting(1.0, 'x')",
+        "6: NameError: name 'flaot' is not defined; did you mean 'float'",
+    ),
+    "stock_message": (
+        "from robbie_mp.messages import LazerScan\nclass M(Module): pass",
+        "5: ImportError: cannot import name 'LazerScan' from 'robbie_mp.messages'; did you mean 'LaserScan'?",
+    ),
+    "own_message": (
+        "from modules.messages import ProcesorLoad\nclass M(Module): pass",
+        "5: ImportError: cannot import name 'ProcesorLoad' from 'modules.messages'; did you mean",
+    ),
+    "integer": (
+        "class S(Message, name='bot/msg/A'):\n    x: int\nclass M(Module): pass",
+        "5: DeclarationError: S.x: <class 'int'> has no encoding; say which integer: int8 to int64",
+    ),
+    "unnamed": (
+        "class S(Message):\n    x: float64\nclass M(Module): pass",
+        "5: DeclarationError: S: its ROS name is ''; write class S(Message, name=\"package_name/msg/S\")",
+    ),
+    "short_name": (
+        "class S(Message, name='S'):\n    x: float64\nclass M(Module): pass",
+        "5: DeclarationError: S: its ROS name is 'S'; write class S(Message, name=\"package_name/msg/S\")",
+    ),
+    "list_of_numbers": (
+        "class S(Message, name='bot/msg/B'):\n    x: list[float64]\nclass M(Module): pass",
+        "5: DeclarationError: S.x: write Array[float64] for a sequence of numbers",
+    ),
+    "dictionary": (
+        "class S(Message, name='bot/msg/C'):\n    x: dict\nclass M(Module): pass",
+        "5: DeclarationError: S.x: <class 'dict'> has no encoding; fields are primitives, bool, str",
+    ),
+    "default": (
+        "class S(Message, name='bot/msg/D'):\n    x: uint8 = 300\nclass M(Module): pass",
+        "5: FieldValueError: bot/msg/D.x: uint8 is 0 to 255, got 300",
+    ),
+    "heir": (
+        "class S(Message, name='bot/msg/E'):\n    x: float64\n"
+        "class T(S, name='bot/msg/F'):\n    y: float64\nclass M(Module): pass",
+        "7: DeclarationError: T: messages do not inherit from messages; nest one as a field",
+    ),
+    "two_of_a_name": (
+        "class Other(Message, name='bot/msg/ProcessorLoad'):\n    x: float64\nclass M(Module): pass",
+        "5: bot/msg/ProcessorLoad: modules.two_of_a_name.Other (version 1) is not "
+        "modules.messages.ProcessorLoad (version 1) of that name; give one of them another name",
+    ),
+    "stock_name": (
+        "class Scan(Message, name='sensor_msgs/msg/LaserScan'):\n    x: float64\nclass M(Module): pass",
+        "5: sensor_msgs/msg/LaserScan: modules.stock_name.Scan (version 1) is not "
+        "robbie_mp.messages.stock.sensor_msgs.LaserScan (version 1) of that name; give one of them another",
+    ),
+    "async_tick": (
+        "class M(Module):\n    period_s = 0.1\n    async def tick(self): pass",
+        "7: tick is an `async def`, which would never run; write `def tick`",
+    ),
+    "async_handler": (
+        "class M(Module):\n    def setup(self): self.subscribe(LaserScan, self.on_scan)\n"
+        "    async def on_scan(self, scan): pass",
+        "6: subscribe: on_scan is an `async def`, which would never run; write `def on_scan`",
+    ),
+    "no_handler": (
+        "class M(Module):\n    def setup(self):\n        self.subscribe(LaserScan, None)",
+        "7: subscribe: the handler is None; give a function by its name, without parentheses",
+    ),
+    "called_handler": (
+        "class M(Module):\n    def setup(self): self.subscribe(LaserScan, self.on_scan())\n"
+        "    def on_scan(self) -> None: pass",
+        "6: subscribe: self.on_scan() calls the handler at once; write self.on_scan, without parentheses",
+    ),
+    "handler_without_message": (
+        "class M(Module):\n    def setup(self): self.subscribe(LaserScan, self.on_scan)\n"
+        "    def on_scan(self): pass",
+        "6: subscribe: on_scan is called with one argument; write `def on_scan(self, message: LaserScan)`",
+    ),
+    "misspelled_handler": (
+        "class M(Module):\n    def setup(self): self.subscribe(LaserScan, self.on_scna)\n"
+        "    def on_scan(self, scan): pass",
+        "6: subscribe: M has no method 'on_scna'; did you mean 'on_scan'?",
+    ),
+    "topic": (
+        "class M(Module):\n    period_s = 0.1\n"
+        "    def tick(self): self.publish(LaserScan(), topic='my topic!')",
+        "7: publish: 'my topic!' is no name of a topic: use letters, digits, _ - . ~ and single slashes, as "
+        "in 'my_topic'",
+    ),
+    "setup": (
+        "class M(Module):\n    def setup(self, robot): pass",
+        "6: setup is called with no argument; write `def setup(self)`",
+    ),
+    "timer": (
+        "class M(Module):\n    def setup(self): self.every(0.1, self.steer)\n    def steer(self, dt): pass",
+        "6: every: steer is called with no argument; write `def steer(self)`",
+    ),
+}
+"""By name of the file in modules/: its code below HEAD, and the line that names it."""
+LISTED = {
+    "no_module": ("modules.lazer:M", "there is no Python module 'modules.lazer'"),
+    "no_class": ("modules.load_sensor:LoadSensr", "has no class 'LoadSensr'; did you mean 'LoadSensor'?"),
+    "no_heir": ("hw.processor:Processor", "is not derived from robbie_mp.module.module.Module"),
+}
+"""Classes that a profile names wrongly."""
+SENSOR = '{class: "modules.load_sensor:LoadSensor"'
+PROFILES = {
+    "misspelled": (f"modlues: {{a: {SENSOR}}}}}", "1: modlues: unknown key; did you mean 'modules'?"),
+    "classless": ("modules:\n  a: {}", "2: modules.a: has no class; expected package.module:Class"),
+    "dotted": ("modules:\n  a: {class: a.B}", "2: modules.a.class: expected package.module:Class; got 'a.B'"),
+    "tab": ("modules:\n\ta: 1", "2: YAML: .*; indent with spaces, not with tabs"),
+    "indented": ("modules:\n  a:\n    class: x:Y\n   b: 1", "4: YAML: .*; indent all keys of a map alike"),
+    "colon": ("description: a: b", "1: YAML: .*; quote a text with a colon in it, or check the indentation"),
+    "twice": ("modules:\n  a: {class: x:Y}\n  a: {class: x:Y}", "3: YAML: key 'a' is set twice"),
+    "parent": ("parents: [robbie:recordde]", "1: .*'robbie:recordde'; did you mean 'robbie:recorded'"),
+    "depends": (f"modules:\n  a: {SENSOR}, depends_on: [b]}}", "2: .*depends_on: there is no module 'b'"),
+    "name": ("modules:\n  my robot: {class: x:Y}", "2: modules.my robot: expected a name of at most"),
+    "key": (f"modules:\n  a: {SENSOR}, setings: {{}}}}", "2: modules.a.setings: .*did you mean 'settings'"),
+    "memory": (f"modules:\n  a: {SENSOR}, memory: {{limit_bytes: -5}}}}", "2: .*limit_bytes: expected"),
+    "list": ("modules: [a, b]", "1: modules: expected a map; got ['a', 'b']"),
+    "clock": (f"modules: {{a: {SENSOR}}}}}\nclock: {{source: tme}}", "2: .*: there is no module 'tme'"),
+    "topics": (f"modules:\n  a: {SENSOR}, topics: {{a: 'my topic!'}}}}", "2: .*'my topic!' is no name"),
+    "namespace": ("modules: {}\nnamespace: my robot", "2: namespace: expected letters, digits, _ and -"),
+    "setting": (
+        f"modules:\n  a: {SENSOR}, settings: {{perod_s: 1}}}}",
+        "2: modules.a.settings.*: LoadSensor has no setting 'perod_s'; did you mean 'period_s'?",
+    ),
+    "value": (
+        f"modules:\n  a: {SENSOR}, settings: {{period_s: fast}}}}",
+        "2: modules.a.settings.*: LoadSensor.period_s: expected float, at least 0.01; got 'fast' (str)",
+    ),
+    "limit": (
+        f"modules:\n  a: {SENSOR}, settings: {{period_s: 0}}}}",
+        "2: modules.a.settings.*: LoadSensor.period_s: expected float, at least 0.01; got 0",
+    ),
+}  # fmt: skip
+"""By name of the profile: its text, and the line that names it."""
+COMMANDS = {
+    "rnu": (2, "'rnu' is no command; did you mean 'run'?"),
+    "run": (2, "robbie run: the following arguments are required: profile; see `robbie run --help`"),
+    "run robt": (2, "there is no profile 'robt'; did you mean 'robot'?"),
+    "run robot --set nope=1": (2, "--set nope: expected MODULE.SETTING=VALUE"),
+    "run robot --set sensr.period_s=1": (2, "--set sensr.*: there is no module 'sensr'"),
+    "run robot --set sensor.period_s=fast": (2, "--set sensor.period_s: .*expected float, at least 0.01"),
+    "run robot --without nosuch": (2, "--without nosuch: there is no module 'nosuch'; modules: sensor"),
+    "run robot --var x=1": (2, "--var x: there is no variable 'x'; .*declare it under `variables:`"),
+    "echo scan": (1, "no run.*; start one with `robbie run PROFILE`"),
+    "stop": (1, "no run.*; start one with `robbie run PROFILE`"),
+    "info nofile.mcap": (2, "nofile.mcap cannot be read: No such file or directory"),
+    "info notes.txt": (2, "notes.txt is none of the files that can be described: logs (MCAP"),
+    "play nofile.mcap": (2, "expected path of an existing file or folder; there is no .*nofile.mcap"),
+    "play notes.txt robot": (2, "a profile that plays logs has `parents: [robbie:playback]`"),
+    "export notes.txt out": (2, "notes.txt is no MCAP file"),
+    "new .": (1, ". is not empty; name an empty folder or one that does not exist"),
+    "top --nosuch": (2, "unrecognized arguments: --nosuch; see `robbie --help`"),
+}
+"""By the words of the command: its exit code, and the line."""
+
+
+def pattern(line: str) -> str:
+    """A regular expression for a line, in which `.*` stands for anything."""
+    return ".*".join(map(re.escape, line.split(".*")))
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The new workspace of a beginner, with all mistakes."""
+    folder = tmp_path_factory.mktemp("mistakes") / "bot"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder.parent)
+        assert main(["new", "bot"]) == 0
+    (folder / "notes.txt").write_text("hello\n")
+    for name, (code, _) in CODE.items():
+        (folder / "modules" / f"{name}.py").write_text(f"{HEAD}{code}\n")
+    classes = {name: f"modules.{name}:M" for name in CODE} | {
+        name: path for name, (path, _) in LISTED.items()
+    }
+    lines = [f"  {name}: {{class: '{path}'}}\n" for name, path in classes.items()]
+    (folder / "profiles" / "code.yaml").write_text(f"modules:\n  sensor: {SENSOR}}}\n{''.join(lines)}")
+    for name, (text, _) in PROFILES.items():
+        (folder / "profiles" / f"{name}.yaml").write_text(f"{text}\n")
+    return folder
+
+
+class Ended(NamedTuple):
+    """What a command did."""
+
+    code: int
+    lines: list[str]
+
+
+@pytest.fixture
+def command(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., Ended]:
+    """Runs `robbie` in the workspace."""
+    monkeypatch.chdir(workspace)
+    see_own_runs_only()
+    (tmp_path / "runtime").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "runtime"))
+
+    def run(*words: str) -> Ended:
+        try:
+            code = main(words)
+        except SystemExit as end:
+            code = int(end.code or 0)
+        output = capsys.readouterr().err
+        assert "Traceback" not in output
+        return Ended(code, output.splitlines())
+
+    return run
+
+
+def test_mistakes_in_code_are_found_before_the_start_each_with_its_line(
+    command: Callable[..., Ended],
+) -> None:
+    ended = command("run", "code")
+    assert ended.code == 2
+    said = "\n".join(ended.lines)
+    missing = [
+        name
+        for name, (_, line) in CODE.items()
+        if not re.search(f"^modules/{name}.py:{pattern(line)}", said, re.MULTILINE)
+    ]
+    assert not missing, said
+    for name, (_, line) in LISTED.items():
+        assert re.search(
+            rf"^profiles/code.yaml:\d+: modules.{name}.class: .*{pattern(line)}", said, re.MULTILINE
+        )
+    assert len(ended.lines) == len(CODE) + len(LISTED), said
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_mistake_in_a_profile_is_named_with_its_line(command: Callable[..., Ended], name: str) -> None:
+    ended = command("run", name)
+    line = f"profiles/{name}.yaml:{PROFILES[name][1]}"
+    assert any(re.match(pattern(line), one) for one in ended.lines), ended.lines
+    assert ended.code == 2 and len(ended.lines) < 3
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_mistake_on_the_command_line_says_what_to_write(command: Callable[..., Ended], words: str) -> None:
+    code, line = COMMANDS[words]
+    ended = command(*words.split())
+    assert re.search(pattern(line), ended.lines[-1]), ended.lines
+    assert ended.code == code and len(ended.lines) == 1
+
+
+def test_missing_library_is_named_with_the_line_that_imports_it(command: Callable[..., Ended]) -> None:
+    Path("modules/needy.py").write_text(f"{HEAD}import numppy\nclass M(Module): pass\n")
+    Path("profiles/needy.yaml").write_text("modules:\n  a: {class: 'modules.needy:M'}\n")
+    ended = command("run", "needy")
+    assert ended.lines == [
+        "profiles/needy.yaml:2: modules.a.class: modules.needy:M cannot be imported: ModuleNotFoundError: "
+        "No module named 'numppy' (modules/needy.py:5); install what is missing, or write `optional: true` "
+        "into the module to run without it"
+    ]
+
+
+class Camera(Module):
+    """Does in `setup` or `tick` what a test wants."""
+
+    period_s: float = setting(0.1, "between images")
+
+    def on_scan(self, _scan: LaserScan) -> None:
+        pass
+
+
+def kept(module: Any) -> None:
+    with module.loan(Image, data=4) as image:
+        pixels = image.data
+    pixels[0] = 1
+
+
+WHILE_IT_RUNS: dict[str, tuple[Callable[[Any], object], type[Exception], str]] = {
+    "publish a dict": (
+        lambda module: module.publish({"ranges": [1.0]}),
+        NotAMessage,
+        "publish wants a message",
+    ),
+    "publish a class": (
+        lambda module: module.publish(LaserScan),
+        NotAMessage,
+        "the class itself; create a message: publish(LaserScan(...))",
+    ),
+    "subscribe to a name": (
+        lambda module: module.subscribe("scan", module.on_scan),
+        NotAMessage,
+        "subscribe wants a class of messages, such as LaserScan; got 'scan'; import the class",
+    ),
+    "wrong field": (
+        lambda _: LaserScan(range=[1.0]),  # type: ignore[call-arg]
+        TypeError,
+        "LaserScan.* got an unexpected keyword argument 'range'",
+    ),
+    "text for a number": (
+        lambda _: DriveCommand(linear_m_per_s="fast"),  # type: ignore[arg-type]
+        FieldError,
+        "linear_m_per_s",
+    ),
+    "image of two dimensions": (
+        lambda _: Image(data=np.zeros((2, 2), np.uint8)),
+        FieldError,
+        "data",
+    ),
+    "floats for bytes": (
+        lambda _: OccupancyGrid(data=np.full(4, 0.5)),
+        FieldError,
+        "data",
+    ),
+    "subscribe twice": (
+        lambda module: [module.subscribe(LaserScan, module.on_scan) for _ in range(2)],
+        SubscribedTwice,
+        "let one handler call the other",
+    ),
+    "handler of a lambda": (
+        lambda module: module.subscribe(LaserScan, lambda: None),
+        InvalidHandler,
+        "is called with one argument",
+    ),
+    "topic of a variable": (
+        lambda module: module.publish(LaserScan(), topic=f"laser {1}"),
+        InvalidTopic,
+        "as in 'laser_1'",
+    ),
+    "topic None": (
+        lambda module: module.publish(LaserScan(), topic=None),
+        InvalidTopic,
+        "leave it out for messages without a topic",
+    ),
+    "deadline of nothing": (
+        lambda module: module.subscribe(LaserScan, module.on_scan, deadline_s=0),
+        InvalidDeadline,
+        "deadline_s is 0; give a time greater than 0, in s",
+    ),
+    "write to a loan that has ended": (kept, ValueError, "read-only"),
+}
+"""What a module does wrong while it runs: its error, and what the line says."""
+
+
+@pytest.mark.parametrize("name", WHILE_IT_RUNS)
+def test_mistake_while_a_module_runs_is_explained(name: str) -> None:
+    do, error, line = WHILE_IT_RUNS[name]
+    with ModuleHarness(Camera) as harness, pytest.raises(error, match=pattern(line)) as raised:
+        do(harness.module)
+    assert "\n" not in str(raised.value)
+
+
+def test_tick_without_a_period_is_explained() -> None:
+    class Ticking(Module):
+        def tick(self) -> None:
+            pass
+
+    with pytest.raises(InvalidPeriod, match=r"write `period_s = 0\.1` in the class"):
+        ModuleHarness(Ticking).__enter__()
+
+
+def test_table_has_the_fifty_mistakes() -> None:
+    assert len(CODE) + len(LISTED) + len(PROFILES) + len(COMMANDS) + len(WHILE_IT_RUNS) >= 75
