@@ -65,6 +65,8 @@ from robbie_mp.messages.stock.link_msgs import (
     LinkPeer,
     LinkRefusal,
     LinkState,
+    LinkType,
+    LinkTypes,
     OperatorRequest,
     OperatorState,
 )
@@ -205,6 +207,8 @@ __all__ = [
     "LinkPeer",
     "LinkRefusal",
     "LinkState",
+    "LinkType",
+    "LinkTypes",
     "LocalizationState",
     "Log",
     "MapAnnotated",

@@ -21,6 +21,7 @@ from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.connect.link.access import AccessError, LinkAccess, read_rules
 from robbie_mp.connect.link.counts import ExchangeCounts, LinkCounts
+from robbie_mp.connect.link.described_types import TYPES_TOPIC, LinkedTypes
 from robbie_mp.connect.link.frames import prefixed
 from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId
 from robbie_mp.connect.link.keys import Keys, KeysError
@@ -50,6 +51,7 @@ from robbie_mp.messages import (
     LinkPeer,
     LinkRefusal,
     LinkState,
+    LinkTypes,
     Message,
     MessageError,
     OperatorRequest,
@@ -94,8 +96,8 @@ class LinkIncoming(NamedTuple):
 
     topic: str
     """On which they are published."""
-    is_request: bool
-    """Whether they are an operator's requests."""
+    is_for_link: bool
+    """Whether they are for the link alone: an operator's requests, and descriptions of types."""
     tells_driver: bool
     """Whether they tell who drives that robot."""
     commands: bool
@@ -231,16 +233,18 @@ class Link(Module):
         self._state_at_ns = 0
         self._observer: RunObserver | None = None
         self._links = {self.name}
-        folder, types, at_once = None, KnownTypes(), False
+        folder, at_once = None, False
+        self._types = LinkedTypes([], None, self.log)
         if self.run_id:
-            plan = RunPlan.load(next(run.folder for run in list_runs() if run.run_id == self.run_id))
+            run_folder = next(run.folder for run in list_runs() if run.run_id == self.run_id)
+            plan = RunPlan.load(run_folder)
             at_once, self.plays = not plan.clock.lockstep, plan.clock.source is not None
-            types = KnownTypes(TypeDescription(*one) for one in plan.types)
+            own_types = (TypeDescription(*one) for one in plan.types)
+            self._types = LinkedTypes(own_types, run_folder, self.log)
             own = {one.class_path for one in plan.modules if one.name == self.name} | {CLASS_PATH}
             self._links |= {one.name for one in plan.modules if one.class_path in own}
             folder = SHARED_MEMORY / names.folder(self.run_id)
             self._observer = RunObserver(self.run_id)
-        self._types = types
         self.counts = LinkCounts(folder, self.name, session)
         endpoints = Endpoints(
             self.mode, self.listen, self.connect, self.multicast, self.datagrams, self._tls()
@@ -250,8 +254,7 @@ class Link(Module):
         limits = SendLimits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
         settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes, self._may_exchange)
         self.node = LinkNode(self.robot, session, self.counts, settings, self.wire, self.on_arrived)
-        for robot in self.robots:
-            self.node.meet(robot)
+        self._meet_robots()
         self.advertise(LinkState)
         # A side that sends drive commands is an operator's; the robots at its other ends decide who drives.
         self._is_operators = any(
@@ -265,6 +268,14 @@ class Link(Module):
             self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
         # Not where this module must do nothing between its ticks: in lockstep and in tests.
         self._begins_at_once = at_once
+
+    def _meet_robots(self) -> None:
+        """Let messages wait for others, and first of all the types that they may not know."""
+        for robot in self.robots:
+            self.node.meet(robot)
+        described = self._types.describe(self.robot, [pair.type for pair, _ in self.rules])
+        if described.types:
+            self._offer(described, TYPES_TOPIC, TrafficClass.RELIABLE, is_latched=True)
 
     def _may_exchange(self, robot: str) -> bool:
         """Whether this link exchanges messages with a robot, as far as `others` says."""
@@ -369,7 +380,7 @@ class Link(Module):
         if known is None:
             if len(self._hashes) >= MAX_REMEMBERED:
                 self._hashes.clear()
-            known = self._hashes[key] = schema_hash(self._types, type_name, version)
+            known = self._hashes[key] = schema_hash(self._types.known, type_name, version)
         return known
 
     # -- from others to this robot -----------------------------------------------------------------------
@@ -414,8 +425,8 @@ class Link(Module):
             return Fate.REFUSED
         if (data := self._in_time(message)) is None:
             return Fate.REFUSED
-        if incoming.is_request:
-            return self._follow_encoded(message.robot, data)
+        if incoming.is_for_link:
+            return self._take_for_itself(message, data)
         is_wrong = incoming.tells_driver and not self._note_driver(message.robot, data)
         name = message.name
         if incoming.commands and name.type_name == DriveCommand.type_name and name.topic == MANUAL_TOPIC:
@@ -432,6 +443,16 @@ class Link(Module):
             self.log.warning("a message of %s cannot be published: %s", message.robot, error)
             return Fate.REFUSED
         return Fate.PUBLISHED if done else Fate.NO_ROOM
+
+    def _take_for_itself(self, message: Arrived, data: bytes) -> Fate:
+        if message.name.type_name == OperatorRequest.type_name:
+            return self._follow_encoded(message.robot, data)
+        is_taken = self._types.learn(
+            message.robot, data, lambda type_name: self.access.may_send(message.robot, type_name)
+        )
+        self._hashes.clear()
+        self._incoming.clear()
+        return Fate.PUBLISHED if is_taken else Fate.REFUSED
 
     def _is_well_formed(self, message: Arrived) -> bool:
         name = message.name
@@ -452,9 +473,8 @@ class Link(Module):
         They are refused one by one, so that each is counted.
         """
         name, robot = message.name, message.robot
-        if not self._is_about_operators(message) and not self.access.allows(
-            robot, name.type_name, name.topic
-        ):
+        needs_none = name.type_name == LinkTypes.type_name or self._is_about_operators(message)
+        if not needs_none and not self.access.allows(robot, name.type_name, name.topic):
             return None
         known = self._hash(name.type_name, name.version)
         if known and message.type_hash and known != message.type_hash:
@@ -465,7 +485,7 @@ class Link(Module):
             self._incoming.clear()
         found = self._incoming[robot, name, message.type_hash] = LinkIncoming(
             topic,
-            is_request=name.type_name == OperatorRequest.type_name,
+            is_for_link=name.type_name in (OperatorRequest.type_name, LinkTypes.type_name),
             tells_driver=name.type_name == OperatorState.type_name,
             commands=any(pair.matches(name.type_name, topic) for pair in self._commanding),
             framed=self._with_frames(name) if self.prefix_frames else None,
@@ -475,7 +495,7 @@ class Link(Module):
     def _with_frames(self, name: ChannelId) -> type[Message] | None:
         """Return the type of a channel's messages if they have frames and this robot knows that version."""
         # The hash is 0 if the type is not known in that version.
-        known = self._types.get(name.type_name) if self._hash(name.type_name, name.version) else None
+        known = self._types.known.get(name.type_name) if self._hash(name.type_name, name.version) else None
         return known if known is not None and has_frames(known) else None
 
     def _in_time(self, message: Arrived) -> bytes | None:

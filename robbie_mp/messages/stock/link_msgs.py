@@ -99,3 +99,18 @@ class OperatorState(Message, name="robbie_msgs/msg/OperatorState", version=1):
     since: Time = DEFAULT
     refused: uint64 = DEFAULT  # commands of other operators
     refused_operator: str = DEFAULT  # who sent the newest of them
+
+
+class LinkType(Message, name="robbie_msgs/msg/LinkType", version=1):
+    """A message type of a robot, for those who have no class of it."""
+
+    name: str = DEFAULT  # full, such as zoo/msg/Sample
+    version_number: uint32 = DEFAULT
+    schema: str = DEFAULT  # its ros2msg text, with the texts of the types in it
+
+
+class LinkTypes(Message, name="robbie_msgs/msg/LinkTypes", version=1):
+    """What a robot sends over its link besides the stock types; on the latched topic `link_types`."""
+
+    robot: str = DEFAULT
+    types: list[LinkType] = DEFAULT

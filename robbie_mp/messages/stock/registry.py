@@ -33,6 +33,7 @@ def stock_registry() -> TypeRegistry:
             geometry_msgs.TwistStamped,
             link_msgs.LinkRefusal,
             link_msgs.LinkState,
+            link_msgs.LinkTypes,
             link_msgs.OperatorRequest,
             link_msgs.OperatorState,
             nav2_msgs.Costmap,

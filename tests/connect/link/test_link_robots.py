@@ -1,7 +1,10 @@
 """Two robots, each a run of this machine, exchange messages over loopback."""
 
+import json
+
 import pytest
 
+from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import LinkState
 from tests._support.robot import Robot, kill, wait_until
 from tests.connect.link._support.pair import CLASSES, Pair
@@ -9,6 +12,12 @@ from tests.connect.link._support.pair import CLASSES, Pair
 COUNT = 60
 RED = f'  talker: {{class: "crew.modules:Talker", settings: {{count: {COUNT}}}}}'
 BLUE = '  listener: {class: "crew.modules:Listener"}'
+LAPTOP = """
+modules:
+  link:
+    class: robbie_mp.connect.link.module:Link
+    settings: {{robot: blue, listen: [], connect: [{address}], accept: {{red: ["*"]}}}}
+"""
 
 
 def test_messages_of_every_class_cross_in_order_and_the_books_balance(robot: Robot) -> None:
@@ -70,3 +79,20 @@ def counts(pair: Pair) -> list[tuple[str, int, int, int]]:
 def counted(pair: Pair) -> dict[str, int]:
     """How many messages of each topic blue has received, by red's counts."""
     return {topic: received for topic, _, received, _ in counts(pair) if topic in CLASSES}
+
+
+@pytest.mark.slow
+def test_own_types_of_a_robot_are_known_on_a_laptop_without_their_classes(robot: Robot) -> None:
+    pair = Pair(robot, '  sampler: {class: "crew.modules:Sampler"}', "", send='{state: ["*"]}')
+    robot.write_profile(LAPTOP.format(address=pair.address), "laptop")
+    pair.start("red", "laptop")
+    wait_until(lambda: len(live_runs()) == 2)
+    run = ("--run", next(one.run_id for one in live_runs() if one.record and one.record.profile == "laptop"))
+    wait_until(lambda: "crew/msg/Sample" in robot.command("list", "types", *run).stdout)
+    echoed = robot.command("echo", "soil", "--once", "--json", *run)
+    assert json.loads(echoed.stdout)["message"] == {"moisture_percent": 12.5}, echoed.stderr
+    done = robot.command("record", "--duration", "0.5", "-o", "recorded", *run)
+    assert done.returncode == 0, done.stderr
+    exported = robot.command("export", "recorded", "exported", "--topics", "soil")
+    assert exported.returncode == 0, exported.stderr
+    assert "12.5" in next((robot.folder / "exported").iterdir()).read_text()

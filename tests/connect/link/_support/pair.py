@@ -47,9 +47,10 @@ class Pair:
         robot: the workspace of both.
         red, blue: their modules besides the link, as lines of YAML.
         accept: what blue accepts.
+        send: what red sends.
     """
 
-    def __init__(self, robot: Robot, red: str, blue: str, accept: str = '{"*": ["*"]}'):
+    def __init__(self, robot: Robot, red: str, blue: str, accept: str = '{"*": ["*"]}', send: str = SEND):
         self.robot = robot
         crew = robot.folder / "crew"
         crew.mkdir()
@@ -57,7 +58,7 @@ class Pair:
         (crew / "modules.py").write_text(MODULES.read_text())
         self.address = f"tcp/127.0.0.1:{free_port()}"
         address = f"[{self.address}]"
-        self._write("red", red, address, "[]", SEND, "{}")
+        self._write("red", red, address, "[]", send, "{}")
         self._write("blue", blue, "[]", address, "{}", accept)
 
     def _write(self, name: str, modules: str, listen: str, connect: str, send: str, accept: str) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from robbie_mp import Duration, Header, Message, Module, Time, setting
-from robbie_mp.messages import DriveCommand, EmergencyStop, Image, LinkState, OccupancyGrid, String
+from robbie_mp.messages import DriveCommand, EmergencyStop, Image, LinkState, OccupancyGrid, String, float64
 
 CLASSES = ("command", "state", "reliable", "bulk", "urgent")
 
@@ -24,6 +24,21 @@ class Journal:
     def last(self) -> int:
         lines = self.path.read_text().split()
         return int(lines[-1]) if lines else 0
+
+
+class Sample(Message, name="crew/msg/Sample", version=3):
+    """A type of the robot's own."""
+
+    moisture_percent: float64 = 0.0
+
+
+class Sampler(Module):
+    """Publishes samples."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        self.publish(Sample(moisture_percent=12.5), topic="soil")
 
 
 class Talker(Module):
