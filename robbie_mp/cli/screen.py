@@ -9,6 +9,7 @@ import contextlib
 import io
 import os
 import queue
+import select
 import threading
 import time
 from typing import IO, cast
@@ -47,7 +48,10 @@ class Unbuffered(io.TextIOBase):
         """Write the whole text; blocks until that is done."""
         data = text.encode(errors="replace")
         while data:
-            data = data[os.write(self._fd, data) :]
+            try:
+                data = data[os.write(self._fd, data) :]
+            except BlockingIOError:  # another program has made this terminal or pipe non-blocking
+                select.select([], [self._fd], [])
         return len(text)
 
     def isatty(self) -> bool:

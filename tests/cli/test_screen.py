@@ -58,8 +58,11 @@ def test_quiet_screen_shows_only_failures() -> None:
     assert shown == ["laser: FAILED (exit code 1)", "[laser] Traceback", "[laser] boom"]
 
 
-def test_blocked_reader_blocks_nothing_and_missing_lines_are_counted() -> None:
+@pytest.mark.parametrize("is_blocking", [True, False], ids=["blocking", "non-blocking"])
+def test_blocked_reader_blocks_nothing_and_missing_lines_are_counted(is_blocking: bool) -> None:
+    """Where another program had made the terminal non-blocking, the run showed nothing more."""
     reader, writer = os.pipe()
+    os.set_blocking(writer, is_blocking)
     begin_s = time.monotonic()
     with RunScreen(quiet=False, fd=writer) as screen:
         for _ in range(LINES):

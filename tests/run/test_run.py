@@ -472,3 +472,29 @@ def test_folder_for_results_that_others_can_write_to_is_refused(robot: Robot) ->
     assert ended.exit_code == 1
     assert "others must not be able to write to it; choose another one with --output" in ended.stderr
     assert not (robot.folder / "precious.txt").exists()
+
+
+def test_module_that_closes_or_replaces_its_streams_ends_in_order(robot: Robot) -> None:
+    """It was killed at its deadline if it left a thread running, and results were said to be missing."""
+    ways = {
+        "closed": "sys.stdout.close()",
+        "missing": "sys.stderr = None",
+        "full": "sys.stdout = open('/dev/full', 'w'); print(1)",
+        "exits": "sys.exit((1 << 40) + 3)",
+    }
+    lines = ["import sys, threading, robbie_mp"]
+    for name, way in ways.items():
+        lines += [f"class {name.title()}(robbie_mp.Module):", "    def setup(self):"]
+        lines += ["        threading.Thread(target=threading.Event().wait).start()", f"        {way}"]
+    (robot.folder / "streams.py").write_text("\n".join(lines))
+    modules = [f"  {name}: {{class: 'streams:{name.title()}', restart: {{policy: never}}}}" for name in ways]
+    robot.write_profile("\n".join(["modules:", *modules]))
+    process = robot.start()
+    running = ("closed", "missing", "full")
+    robot.until(lambda top: all(top[name]["state"] == "RUNNING" for name in running))
+    figures = robot.until(lambda top: top["exits"]["state"] == "FAILED")
+    assert "exit code 3" in figures["exits"]["last_end"]
+    process.send_signal(signal.SIGINT)
+    Ended.wait_for(process)
+    for name in running:
+        assert "RUNNING → STOPPED: exit code 0" in robot.log(name)

@@ -3,6 +3,7 @@
 The core and the modules need different imports, so each is imported only when it is needed.
 """
 
+import contextlib
 import faulthandler
 import io
 import logging
@@ -16,7 +17,7 @@ from typing import NoReturn
 from robbie_mp.base.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.run.supervisor.leftovers import MARKER
-from robbie_mp.run.trace.channel import log_to_supervisor
+from robbie_mp.run.trace.channel import ChannelHandler, log_to_supervisor
 from robbie_mp.run.trace.kinds import follow_level
 
 
@@ -56,7 +57,19 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
             )  # printing an undecodable file name must not end the process
     channel = log_to_supervisor()
     follow_level(run_folder, name)
-    code = 0
+    code = 1
+    try:
+        code = _outcome(run_folder, plan, name, incarnation, channel, own_pid)
+    finally:  # also if it cannot be reported
+        _flush()
+        # Threads, pools and finalizers that a module leaves running must not delay a stop or a restart.
+        os._exit(code & 0xFF)
+
+
+def _outcome(
+    run_folder: Path, plan: RunPlan, name: str, incarnation: int, channel: ChannelHandler | None, own_pid: int
+) -> int:
+    """Run the core or a module, report the exception that ended it, and return the exit code."""
     try:
         if name == CORE:
             from robbie_mp.run.supervisor.core_child import run_core  # noqa: PLC0415
@@ -67,9 +80,9 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
 
             run_module(run_folder, plan, name, incarnation)
     except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else int(end.code is not None)
         if isinstance(end.code, str):
             logging.getLogger(name).error("%s", end.code)
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
     except BaseException as error:  # every exception is logged, then the process ends
         if os.getpid() != own_pid:
             _end_fork(name, error)
@@ -77,12 +90,17 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
         logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, limit, exc_info=True)
         if channel is None or channel.dropped:
             traceback.print_exc()
-        code = 1
-    sys.stdout.flush()
-    sys.stderr.flush()
-    logging.shutdown()
-    # Threads, pools and finalizers that a module leaves running must not delay a stop or a restart.
-    os._exit(code)
+        return 1
+    return 0
+
+
+def _flush() -> None:
+    """Write what waits in streams and logs."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):  # a module may have closed or replaced it
+            stream.flush()
+    with contextlib.suppress(Exception):
+        logging.shutdown()
 
 
 def _end_fork(name: str, error: BaseException) -> NoReturn:
