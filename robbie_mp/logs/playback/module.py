@@ -265,8 +265,8 @@ class Playback(ClockSource):
         state, now_s = (time.paused, time.rate, player.jumps), self.clock.monotonic_ns() / 1e9
         left = self.time_left.text(state, now_s, at_s, end_s)
         self.status = (
-            f"{at_s:.1f} of {end_s:.1f} s, {player.played} messages{skipped}, "
-            f"{'paused' if time.paused else pace}" + f", {left}" * bool(left)
+            f"{at_s:.1f} of {end_s:.1f} s, {left}{player.played} messages{skipped}, "
+            f"{'paused' if time.paused else pace}"
         )
 
     def _remember(self, sent: int = 0) -> None:

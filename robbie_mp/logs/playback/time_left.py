@@ -10,7 +10,7 @@ class TimeLeft:
         self._since: tuple[object, float, float] | None = None
 
     def text(self, state: object, now_s: float, at_s: float, end_s: float) -> str:
-        """Return the time that the rest takes, such as `25 s left`; "" while it is not known.
+        """Return the time that the rest takes, such as `25 s left, `; "" while it is not known.
 
         Args:
             state: what the pace depends on; when it changes, the pace is measured again.
@@ -25,4 +25,4 @@ class TimeLeft:
         if passed_s < MEASURED_S or played_s <= 0:
             return ""
         left_s = max(0.0, (end_s - at_s) * passed_s / played_s)
-        return f"{left_s:.0f} s left" if left_s < 100 else f"{left_s / 60:.0f} min left"
+        return f"{left_s:.0f} s left, " if left_s < 100 else f"{left_s / 60:.0f} min left, "
