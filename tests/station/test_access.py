@@ -13,7 +13,7 @@ from robbie_mp.station import OperatorStation
 from robbie_mp.station.driving.seat import DriversSeat
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, panels_in_order
 from robbie_mp.station.web.access import MAX_SESSIONS, Access, Role
-from robbie_mp.station.web.connections import Connections
+from robbie_mp.station.web.connections import MAX_BEHIND_PROXIES, MAX_STRANGERS, Connections
 from robbie_mp.station.web.gate import (
     MESSAGES_BURST,
     MESSAGES_PER_S,
@@ -35,8 +35,14 @@ PEER = ("192.0.2.7", 1234)
 class Transport:
     """The end of a connection that nobody is at."""
 
+    def __init__(self, peer: tuple[str, int] = PEER):
+        self._peer = peer
+
     def get_extra_info(self, _name: str) -> object:
-        return PEER
+        return self._peer
+
+    def abort(self) -> None:
+        """End it."""
 
 
 class Visitor:
@@ -293,6 +299,23 @@ def test_messages_of_a_page_beyond_the_rate_wait(monkeypatch: pytest.MonkeyPatch
     asyncio.run(flood())
     assert len(waited_s) == 1000 - MESSAGES_BURST
     assert waited_s[-1] == pytest.approx((1000 - MESSAGES_BURST) / MESSAGES_PER_S)
+
+
+def test_trusted_proxies_have_room_for_the_connections_of_all_their_browsers() -> None:
+    connections = Connections(proxies=["10.0.0.0/24", "fd00::7"])
+
+    def enter(address: str, count: int) -> int:
+        """Return how many connections were closed until now."""
+        for port in range(count):
+            connections.enter(Transport((address, port)))  # type: ignore[arg-type]
+        return connections.dropped
+
+    assert enter("10.0.0.2", MAX_BEHIND_PROXIES // 2) == 0
+    assert enter("::ffff:10.0.0.3", MAX_BEHIND_PROXIES // 2 - 1) == 0
+    assert [enter(f"192.0.2.{number}", 1) for number in range(MAX_STRANGERS)] == [0] * MAX_STRANGERS
+    assert enter("fd00::7", 1) == 0
+    assert enter("fd00::7", 3) == 3 - 1  # the first one is known
+    assert enter("fd00::8", 1) == 3
 
 
 def test_every_panel_can_be_named_in_a_profile() -> None:

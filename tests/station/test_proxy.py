@@ -1,16 +1,20 @@
 """The page behind a real nginx, in a real browser: under a path, with TLS, with another Host."""
 
+import json
 import re
+import select
+import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from playwright.sync_api import Page
 
 from robbie_mp.run.operator_link import read_link
-from tests._support.robot import Robot
+from tests._support.robot import Robot, wait_until
 from tests.station._support.browser import LAPTOP, browser, needs_chromium, page_of, release
 from tests.station._support.proxy import (
     DOCUMENTED_STATION,
@@ -44,6 +48,9 @@ REFUSED = (
     *LOST,
 )
 """Begins what the browser says of a page whose requests are refused."""
+HALF_A_LOGIN = b"POST /login HTTP/1.1\r\nHost: %s\r\nOrigin: http://%s\r\nContent-Length: 8\r\n\r\n"
+"""All but its body."""
+BROWSERS = 40
 INSECURE: dict[str, Any] = {**LAPTOP, "ignore_https_errors": True}
 
 
@@ -51,7 +58,7 @@ def start(robot: Robot, **settings: object) -> str:
     """Start a robot with an operator station, and return where it listens."""
     (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "_support" / "known_robot.py").read_text())
     robot.write_secret("operator.token", TOKEN)
-    more = ", ".join(f'{name}: "{value}"' for name, value in settings.items())
+    more = ", ".join(f"{name}: {json.dumps(value)}" for name, value in settings.items())
     robot.write_profile(PROFILE.format(tabs=TABS, more=more))
     robot.start()
     figures = robot.until(lambda modules: "http://127.0.0.1:" in modules["operator"]["status"])
@@ -175,6 +182,29 @@ def test_refused_address_is_shown_with_what_to_set(robot: Robot, tmp_path: Path)
         assert page.url == f"{address}/robot1/login"
     assert robot.log("operator").count(f"to '{station}' from a page of '{address}'") == 1
     robot.until(lambda modules: "requests from pages of other sites refused" in modules["operator"]["status"])
+
+
+def test_many_browsers_behind_a_trusted_proxy_log_in_at_once(robot: Robot, tmp_path: Path) -> None:
+    port = free_port()
+    host = f"127.0.0.1:{port}"
+    station = start(robot, public_address=f"http://{host}/", trusted_proxies=["127.0.0.1"])
+    server = psutil.Process(robot.top()["operator"]["pid"])
+    served = location("/", station, "proxy_request_buffering off;")
+    with nginx(tmp_path / "nginx", port, served), ExitStack() as stack:
+        made = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(BROWSERS)]
+        for one in made:
+            one.sendall(HALF_A_LOGIN.replace(b"%s", host.encode()))
+        # All are there, or the first one was closed for the others.
+        wait_until(lambda: connected(server) >= BROWSERS or bool(select.select(made, [], [], 0)[0]))
+        for one in made:
+            one.sendall(b"token=no")
+        answers = {one.recv(100).split()[1] for one in made}
+    assert answers == {b"403", b"429"}  # wrong tokens, and then too many of them
+
+
+def connected(server: psutil.Process) -> int:
+    """Return how many connections a process has now."""
+    return sum(one.status == psutil.CONN_ESTABLISHED for one in server.net_connections("tcp4"))
 
 
 def test_page_says_that_a_proxy_does_not_pass_its_sockets(robot: Robot, tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ import ipaddress
 import os
 import resource
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, cast
 
 import h11
@@ -28,6 +29,8 @@ REQUEST_LIMIT_S = 5.0
 MAX_STRANGERS = 48
 MAX_STRANGERS_OF_ONE = 16
 """Maximum from one address, or one IPv6 network."""
+MAX_BEHIND_PROXIES = 128
+"""Maximum from all trusted proxies together: each brings the connections of all its browsers."""
 MAX_VISITORS = 160
 """Maximum number of connections of all sessions."""
 MAX_VISITORS_OF_ONE = 48
@@ -36,6 +39,10 @@ RESERVED_DESCRIPTORS = 64
 """Number of descriptors reserved for the module's own files."""
 MIN_VISITORS = 16
 IPV6_NETWORK_BITS = 64
+PROXIES = "trusted proxies"
+"""The source of all their connections."""
+
+Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
 class TooFewDescriptors(RobbieError, OSError):
@@ -49,16 +56,14 @@ class Connection:
     Args:
         transport: the transport of the connection.
         peer: address and port of the other end.
+        source: the key by which strangers are counted.
     """
 
     transport: asyncio.BaseTransport
     peer: tuple[str, int]
+    source: str
     session: str = ""
     role: Role | None = None
-    source: str = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.source = source_of(self.peer[0])
 
 
 class Connections:
@@ -67,15 +72,22 @@ class Connections:
     Args:
         max_strangers: maximum number of connections without a session.
         max_visitors: maximum number of connections with a session.
+        proxies: addresses and networks of trusted proxies.
 
     Attributes:
         dropped: number of connections closed to make room.
     """
 
-    def __init__(self, max_strangers: int = MAX_STRANGERS, max_visitors: int = MAX_VISITORS):
+    def __init__(
+        self,
+        max_strangers: int = MAX_STRANGERS,
+        max_visitors: int = MAX_VISITORS,
+        proxies: Sequence[str] = (),
+    ):
         self.dropped = 0
         self._max_strangers = max_strangers
         self._max_visitors = max_visitors
+        self._proxies = [ipaddress.ip_network(one) for one in proxies]
         self._strangers: dict[tuple[str, int], Connection] = {}
         self._visitors: dict[tuple[str, int], Connection] = {}
 
@@ -86,12 +98,8 @@ class Connections:
         known = self._visitors.get(peer) or self._strangers.get(peer)
         if known is not None and known.transport is transport:
             return known
-        made = Connection(transport, peer)
-        sources = Counter(one.source for one in self._strangers.values())
-        if sources[made.source] >= MAX_STRANGERS_OF_ONE:
-            self._drop_stranger(made.source)
-        elif len(self._strangers) >= self._max_strangers:
-            self._drop_stranger(max(sources, key=lambda source: sources[source]))
+        made = Connection(transport, peer, source_of(peer[0], self._proxies))
+        self._make_room_for_stranger(made.source)
         self._strangers[peer] = made
         return made
 
@@ -121,6 +129,15 @@ class Connections:
         """Close all connections of a session."""
         for one in [one for one in self._visitors.values() if one.session == session]:
             self._abort(one)
+
+    def _make_room_for_stranger(self, source: str) -> None:
+        sources = Counter(one.source for one in self._strangers.values())
+        own = sources[source]
+        del sources[PROXIES]  # they have a room of their own
+        if own >= (MAX_BEHIND_PROXIES if source == PROXIES else MAX_STRANGERS_OF_ONE):
+            self._drop_stranger(source)
+        elif source != PROXIES and sources.total() >= self._max_strangers:
+            self._drop_stranger(max(sources, key=lambda one: sources[one]))
 
     def _drop_stranger(self, source: str) -> None:
         self.dropped += 1
@@ -214,27 +231,32 @@ class BoundedWebSocket(_Counted, WSProtocol):
             self.transport.abort()
 
 
-def source_of(address: str) -> str:
-    """Return the key by which strangers are counted: their IPv4 address or IPv6 network."""
+def source_of(address: str, proxies: Sequence[Network] = ()) -> str:
+    """Return the key by which strangers are counted: their IPv4 address, IPv6 network, or `PROXIES`."""
     try:
         found = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:
         return address
+    found = getattr(found, "ipv4_mapped", None) or found
+    if any(found in network for network in proxies):
+        return PROXIES
     if isinstance(found, ipaddress.IPv6Address):
-        if found.ipv4_mapped is not None:
-            return str(found.ipv4_mapped)
         return str(ipaddress.ip_network((found, IPV6_NETWORK_BITS), strict=False))
     return str(found)
 
 
-def bounded_connections() -> Connections:
+def bounded_connections(proxies: Sequence[str]) -> Connections:
     """Return limits that fit the number of files that this process may open.
+
+    Args:
+        proxies: addresses and networks of trusted proxies.
 
     Raises:
         TooFewDescriptors: the process may open too few files.
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    free = limit - len(os.listdir("/proc/self/fd")) - RESERVED_DESCRIPTORS - MAX_STRANGERS - BACKLOG
+    strangers = MAX_STRANGERS + (MAX_BEHIND_PROXIES if proxies else 0)
+    free = limit - len(os.listdir("/proc/self/fd")) - RESERVED_DESCRIPTORS - strangers - BACKLOG
     # A request may open a file.
     visitors = min(MAX_VISITORS, free // 2)
     if visitors < MIN_VISITORS:
@@ -242,4 +264,4 @@ def bounded_connections() -> Connections:
             f"an operator station needs {2 * (MIN_VISITORS - visitors)} more open files than the limit of "
             f"{limit} allows (RLIMIT_NOFILE): raise it, as with ulimit -n"
         )
-    return Connections(max_visitors=visitors)
+    return Connections(max_visitors=visitors, proxies=proxies)

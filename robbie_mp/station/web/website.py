@@ -127,7 +127,7 @@ class Website:
         self._emergency_stop = EmergencyStopControl(station.messages, station.clock, module.publish)
         parts = self._parts([(panels[name], title or panels[name].title) for name, title in titles.items()])
         self._add_pages(parts, layouts_of(station, [*titles]))
-        connections = bounded_connections()
+        connections = bounded_connections(station.settings.trusted_proxies)
         public = public_address(station.settings.public_address)
         behind = self._beside_pages(below(public.path, page_application()))
         self._gate = Gate(behind, access, connections, public)
