@@ -21,7 +21,9 @@ from tests.station._support.browser import (
     browser,
     choose_layout,
     needs_chromium,
+    open_panel,
     page_of,
+    press_until,
 )
 from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of
@@ -153,7 +155,7 @@ def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: T
         page.set_viewport_size(LAPTOP["viewport"])
         assert told.count("wish") == wishes, "it went on without its page"
         image_of_a_silent_camera_shows_its_age(page, robot)
-        page.click("#tab-drive")  # and nothing is attached to the robot any more
+        open_panel(page, "drive")  # and nothing is attached to the robot any more
         robot.until(lambda modules: not any("operator station:" in one["status"] for one in modules.values()))
 
 
@@ -182,8 +184,7 @@ def everything_is_reached_by_keys(page: Page) -> None:
 def everything_fits(page: Page) -> None:
     """No panel is wider than the page, and nothing hides the emergency stop."""
     for name in FRAMEWORK_PANELS:
-        page.click(f"#tab-{name}")
-        page.wait_for_selector(f"#panel-{name}", state="visible")
+        open_panel(page, name)
         page.wait_for_function(FITS, arg=f"panel-{name}")
         page.click("#emergency-stop", trial=True)
 
@@ -265,9 +266,9 @@ def map_has_the_focus(page: Page, what: str) -> None:
 def observer_sees_and_does_not_steer(page: Page) -> None:
     page.wait_for_selector("#role:text-is('observer')")
     page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap')")
-    page.click("#tab-map")
+    open_panel(page, "map")
     page.wait_for_selector("#map-text:has-text('robot at 1.50 m')")
-    page.click("#tab-messages")
+    open_panel(page, "messages")
     page.wait_for_selector("#messages-topics tr:has-text('map_pose')")
     for steers in ("#map-mode", "#map-cancel", "#playback-pause", "#messages-compose", "#drive-pad", "#mark"):
         assert not page.locator(steers).is_visible(), steers
@@ -300,7 +301,7 @@ def playback_is_steered(page: Page, told: Told) -> None:
 
 
 def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
-    page.click("#tab-map")
+    open_panel(page, "map")
     page.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m; robot at 1.50 m, 3.25 m, 90°')")
     assert "path of 1201 points; 2 frontiers; home" in page.inner_text("#map-text")
     page.click("#map-fit")
@@ -339,7 +340,7 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
 def costs_are_shown_on_request(page: Page, obstacle: tuple[int, int]) -> None:
     saved_map(page, obstacle, (255, 255, 255))
     for colour in ((213, 0, 0), (255, 255, 255)):
-        page.click("#map-layers")
+        press_until(page, "#map-layers", ".q-menu")
         page.click(".q-menu .q-checkbox:has-text('Costmap: obstacles')")
         page.click("#map-text")
         page.wait_for_selector(".q-menu", state="detached")
@@ -391,9 +392,10 @@ def pose_is_set_by_dragging(page: Page, told: Told) -> None:
 
 
 def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
-    page.click("#map-draw")
+    press_until(page, "#map-draw", "#map-draw-no_go")
     page.click("#map-draw-no_go")
     page.wait_for_selector("#map-view[data-placing=no_go]")
+    page.wait_for_selector(".q-menu", state="detached")  # it lies above the map
     box = page.locator("#map-view").bounding_box()
     assert box
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -405,9 +407,10 @@ def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
     assert right > 2.0
     assert top > 3.75
     page.wait_for_selector("#map-text:has-text('1 no-go areas')")
-    page.click("#map-draw")
+    press_until(page, "#map-draw", "#map-draw-place")
     page.click("#map-draw-place")
     page.wait_for_selector("#map-view[data-placing=place]")
+    page.wait_for_selector(".q-menu", state="detached")
     page.mouse.click(x, y)
     page.fill("#map-draw-name", "kitchen")
     page.keyboard.press("Enter", delay=HELD_MS)
@@ -440,7 +443,7 @@ def goals_are_added_and_a_distance_is_measured(page: Page, told: Told) -> None:
 
 
 def joint_moves_while_its_pose_is_held(page: Page) -> None:
-    page.click("#tab-joints")
+    open_panel(page, "joints")
     page.wait_for_selector("[data-at='arm/wrist']:has-text('0.000 rad')")
     page.hover("[data-pose=wave]")
     page.mouse.down()
@@ -450,7 +453,7 @@ def joint_moves_while_its_pose_is_held(page: Page) -> None:
 
 
 def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> None:
-    page.click("#tab-view")
+    open_panel(page, "view")
     page.wait_for_selector("#view-moving[data-walls='1']")  # the wall at the left, in all rows that are known
     scene_without_a_graphics_card_is_coarse(page)
     page.click("#view-goal")
@@ -459,7 +462,7 @@ def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> Non
     frame, *place = told.waits_for("goal")
     assert frame == "map"
     assert [float(word) for word in place[:2]] == pytest.approx([0.0, 0.0], abs=0.05)
-    page.click("#tab-map")
+    open_panel(page, "map")
     page.click("#map-cancel")
     told.waits_for("cancel")
 
@@ -477,7 +480,7 @@ def scene_without_a_graphics_card_is_coarse(page: Page) -> None:
 
 
 def cameras_are_shown(page: Page, address: str) -> None:
-    page.click("#tab-cameras")
+    open_panel(page, "cameras")
     page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
     page.wait_for_function("document.querySelector('#panel-cameras img').naturalWidth == 2")
     page.wait_for_selector(".detection-boxes > div:has-text('fox 70%')")
@@ -491,7 +494,7 @@ def cameras_are_shown(page: Page, address: str) -> None:
 
 
 def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
-    page.click("#tab-cameras")
+    open_panel(page, "cameras")
     page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
     assert not page.locator("#panel-cameras :text('silent')").count()
     robot.command("module", "stop", "known", "--run", robot.known_run().run_id)
@@ -500,7 +503,7 @@ def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
 
 
 def commands_of_the_profile_are_given(page: Page, told: Told) -> None:
-    page.click("#tab-speech")
+    open_panel(page, "speech")
     page.click("#speech-commands >> text=come here")
     assert told.waits_for("said") == ["come", "here"]
     page.wait_for_selector("#speech-heard:has-text('operator: come here')")
@@ -509,7 +512,7 @@ def commands_of_the_profile_are_given(page: Page, told: Told) -> None:
 
 
 def trace_is_filtered_and_what_is_recorded_is_chosen(page: Page, robot: Robot) -> None:
-    page.click("#tab-trace")
+    open_panel(page, "trace")
     page.wait_for_selector("#trace-log :text('the curtain rises')")
     assert page.locator("#trace-log :text('operator station: http')").count() == 1
     page.fill("#trace-text", "CURTAIN")
@@ -523,11 +526,11 @@ def trace_is_filtered_and_what_is_recorded_is_chosen(page: Page, robot: Robot) -
     page.click(".q-menu .q-item:has-text('system')")
     page.wait_for_selector(".q-notification:has-text('every module: error, warning, info, system')")
     assert read_recorded(run_folder)["known"] == [*Kind]
-    page.click("#tab-trace")  # which closes the menu
+    open_panel(page, "trace")  # which closes the menu
 
 
 def messages_are_shown_and_composed(page: Page, told: Told) -> None:
-    page.click("#tab-messages")
+    open_panel(page, "messages")
     page.click("#messages-topics tr:has-text('geometry_msgs/msg/PoseStamped'):has-text('map_pose')")
     page.wait_for_selector("#messages-chosen:has-text('topic map_pose, from known')")
     page.click("#messages-tree :text-is('pose')")
@@ -553,10 +556,10 @@ def messages_are_shown_and_composed(page: Page, told: Told) -> None:
 def crash_is_reported(page: Page) -> None:
     page.fill("[data-field='text']", "break")
     page.click("#compose-send")
-    page.click("#tab-trace")
+    open_panel(page, "trace")
     page.click("#trace-crashes >> text=crash of fragile, start 1")
     page.wait_for_selector("#trace-crashes :text('RuntimeError: it is broken')")
-    page.click("#tab-messages")
+    open_panel(page, "messages")
 
 
 def messages_are_sent_at_a_rate_until_the_page_goes(page: Page, told: Told, robot: Robot) -> int:

@@ -23,6 +23,7 @@ __all__ = [
     "choose_layout",
     "dialog_is_gone",
     "needs_chromium",
+    "open_panel",
     "page_of",
     "press_until",
     "release",
@@ -103,11 +104,17 @@ def press_until(
 ) -> None:
     """Press again if nothing comes of it: the server drops a browser that is slow to answer."""
     for _ in range(ATTEMPTS):
+        page.wait_for_function(IS_CONNECTED)
         press(page, button)
         with suppress(PlaywrightTimeout):
             page.wait_for_selector(wanted, timeout=ATTEMPT_MS)
             return
     raise AssertionError(f"{button} has no effect")
+
+
+def open_panel(page: Page, name: str) -> None:
+    """Show a panel alone."""
+    press_until(page, f"#tab-{name}", f"#panel-{name}")
 
 
 def dialog_is_gone(page: Page) -> None:
