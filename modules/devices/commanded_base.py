@@ -87,7 +87,7 @@ class CommandedBase(Module):
         mode = ControlMode.AUTO if self.starts_in_auto else ControlMode.HOLD
         self.control = DriveControl(self.monotonic_s, mode, self.let_go_s, before)
         if before is not None and self.incarnation == 1 and not self.starts_in_auto:
-            self.control.order(ControlMode.HOLD, self.name, "the run has started")
+            self.control.order(ControlMode.HOLD, self.name, "the run has started", self.monotonic_s())
         if self.checkpoint_lost:
             self._stop_for_lost_state()
         self.told_control: dict[str, Any] | None = None
@@ -115,6 +115,8 @@ class CommandedBase(Module):
         sent_s = self.envelope.published_ns / 1e9
         refuses = self.control.refuses_by_hand if by_hand else self.control.refuses_module
         refusal = refuses(self.envelope.sender, moves, sent_s)
+        # Before the robot moves: if that kills this process, the next one must know who had taken over.
+        self.tell_control()
         if refusal:
             # Modules go on sending while the robot holds; that two send at once is a mistake.
             is_loud = by_hand or self.control.mode is ControlMode.AUTO
@@ -123,7 +125,6 @@ class CommandedBase(Module):
             self.drive.stop()
         else:
             self._follow(command, is_guarded=by_hand and not command.unguarded)
-        self.tell_control()
 
     def _follow(self, command: DriveCommand, *, is_guarded: bool) -> None:
         wanted = command.linear_m_per_s, command.angular_rad_per_s
@@ -156,7 +157,8 @@ class CommandedBase(Module):
             raise CallRefused(f"there is no mode {request.mode}; 0 is AUTO and 2 is HOLD")
         if request.mode == ControlMode.AUTO:
             check_order(self)
-        refusal = self.control.order(ControlMode(request.mode), self.envelope.sender, request.reason)
+        sent_s = self.envelope.published_ns / 1e9
+        refusal = self.control.order(ControlMode(request.mode), self.envelope.sender, request.reason, sent_s)
         if refusal:
             raise CallRefused(refusal)
         if self.control.mode is ControlMode.HOLD:

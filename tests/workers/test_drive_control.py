@@ -54,18 +54,18 @@ def test_operator_who_lets_go_leaves_a_robot_that_holds(robot: Robot) -> None:
 def test_order_lets_a_holding_robot_go_on(robot: Robot) -> None:
     robot.by_hand()
     robot.wait(1.0)
-    assert robot.control.order(AUTO, "page", "") == ""
+    assert robot.control.order(AUTO, "page", "", robot.now_s) == ""
     assert robot.by_module()
 
 
 def test_released_stop_holds_the_robot_until_an_order(robot: Robot) -> None:
     robot.control.see_stop(True, "page", "button")
-    assert "emergency stop" in robot.control.order(AUTO, "page", "")
+    assert "emergency stop" in robot.control.order(AUTO, "page", "", robot.now_s)
     robot.release()
     robot.wait(60.0)
     assert robot.control.mode is HOLD
     assert not robot.by_module()
-    assert robot.control.order(AUTO, "page", "go on") == ""
+    assert robot.control.order(AUTO, "page", "go on", robot.now_s) == ""
 
 
 def test_stick_held_during_the_stop_moves_nothing_until_it_was_let_go(robot: Robot) -> None:
@@ -95,24 +95,24 @@ def test_release_without_a_stop_changes_nothing(robot: Robot) -> None:
 
 
 def test_letting_go_does_not_take_over_from_hold(robot: Robot) -> None:
-    robot.control.order(HOLD, "page", "wait")
+    robot.control.order(HOLD, "page", "wait", robot.now_s)
     assert robot.by_hand(moves=False)
     assert robot.control.mode is HOLD
 
 
 def test_manual_cannot_be_ordered(robot: Robot) -> None:
-    assert "first command by hand" in robot.control.order(MANUAL, "page", "")
+    assert "first command by hand" in robot.control.order(MANUAL, "page", "", robot.now_s)
 
 
 @pytest.mark.parametrize("mode", [AUTO, HOLD])
 def test_restarted_base_knows_who_was_in_control(robot: Robot, mode: ControlMode) -> None:
-    robot.control.order(mode, "page", "test")
+    robot.control.order(mode, "page", "test", robot.now_s)
     again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
     assert (again.mode, again.who, again.reason) == (mode, "page", robot.control.reason)
 
 
 def test_module_that_drove_keeps_control_when_the_base_is_restarted(robot: Robot) -> None:
-    robot.control.order(AUTO, "page", "test")
+    robot.control.order(AUTO, "page", "test", robot.now_s)
     assert not robot.control.refuses_module("navigation", True, robot.now_s)
     again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
     assert "navigation drives" in again.refuses_module("exploration", True, robot.now_s + 0.1)
@@ -122,7 +122,7 @@ def test_module_that_drove_keeps_control_when_the_base_is_restarted(robot: Robot
 
 
 def test_restarted_base_that_nobody_drove_follows_the_first_module_at_once(robot: Robot) -> None:
-    robot.control.order(AUTO, "page", "test")
+    robot.control.order(AUTO, "page", "test", robot.now_s)
     again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
     assert not again.refuses_module("exploration", True, robot.now_s)
 
@@ -130,7 +130,7 @@ def test_restarted_base_that_nobody_drove_follows_the_first_module_at_once(robot
 def test_restarted_base_still_asks_for_the_release(robot: Robot) -> None:
     robot.control.see_stop(True, "page", "button")
     again = DriveControl(lambda: robot.now_s, before=robot.control.memory())
-    assert again.order(AUTO, "page", "")
+    assert again.order(AUTO, "page", "", robot.now_s)
     assert again.refuses_by_hand("page", True, robot.now_s)
 
 
@@ -189,7 +189,7 @@ def test_another_sender_who_lets_go_does_not_let_go_for_the_one_who_holds_on(rob
 
 def test_order_to_hold_stops_an_operator_who_holds_on(robot: Robot) -> None:
     robot.by_hand()
-    robot.control.order(HOLD, "other page", "somebody is in the way")
+    robot.control.order(HOLD, "other page", "somebody is in the way", robot.now_s)
     for _ in range(20):
         robot.wait(0.1)
         assert not robot.by_hand()
@@ -213,11 +213,16 @@ def test_order_to_go_on_that_cannot_know_of_a_new_order_to_hold_is_refused(robot
     robot.control.see_stop(True, "page", "button")
     robot.release()
     robot.wait(2.0)
-    robot.control.order(HOLD, "other page", "a child")
+    robot.control.order(HOLD, "other page", "a child", robot.now_s)
     robot.wait(0.3)  # so late may a link deliver
-    assert "a child" in robot.control.order(AUTO, "page", "")
+    assert "a child" in robot.control.order(AUTO, "page", "", robot.now_s)
+    sent_s = robot.now_s
+    robot.now_s += 0.5  # the base was stopped meanwhile
+    assert "a child" in robot.control.order(AUTO, "page", "", sent_s)
+    robot.control = DriveControl(lambda: robot.now_s, before=robot.control.memory())
+    assert "a child" in robot.control.order(AUTO, "page", "", sent_s)
     robot.wait(0.3)
-    assert robot.control.order(AUTO, "page", "") == ""
+    assert robot.control.order(AUTO, "page", "", robot.now_s) == ""
 
 
 def test_long_reason_is_cut_off(robot: Robot) -> None:
@@ -268,5 +273,5 @@ def test_after_a_hold_another_module_may_drive_at_once(robot: Robot) -> None:
     robot.by_module("navigation")
     robot.control.see_stop(True, "page", "button")
     robot.release()
-    robot.control.order(AUTO, "page", "go on")
+    robot.control.order(AUTO, "page", "go on", robot.now_s)
     assert robot.by_module("exploration")

@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any
 
 SEEN_S = 0.5
-"""Somebody who orders to go on this soon after an order to hold cannot have seen that order."""
+"""Somebody who has ordered to go on this soon after an order to hold cannot have seen that order."""
 MAX_REASON = 200
 """Length of a reason; a longer one is cut off, so that it fits into what survives a restart."""
 MAX_SENDERS = 64
@@ -73,6 +73,7 @@ class DriveControl:
             "stop": self._stop,
             "must_let_go": sorted(self._must_let_go),
             "driver": self.driver,
+            "held_s": self._held_s,
         }
 
     def _remember(self, before: dict[str, Any]) -> None:
@@ -82,6 +83,7 @@ class DriveControl:
         """
         self.mode = ControlMode(before["mode"])
         self.who, self.reason, self._stop = before["who"], before["reason"], before["stop"]
+        self._held_s = min(before["held_s"], self._clock())
         self._moved_s = dict.fromkeys(before["must_let_go"], self._clock())
         if before["driver"]:
             self.driver, self._driven_s = before["driver"], self._clock()
@@ -90,8 +92,15 @@ class DriveControl:
             self._go(ControlMode.HOLD, self.who, "the base was restarted while an operator drove")
         self._end_holds()
 
-    def order(self, mode: ControlMode, who: str, reason: str) -> str:
-        """Carry out an order to go on (AUTO) or to stand (HOLD). Return why it is refused, or ''."""
+    def order(self, mode: ControlMode, who: str, reason: str, sent_s: float) -> str:
+        """Carry out an order to go on (AUTO) or to stand (HOLD). Return why it is refused, or ''.
+
+        Args:
+            mode: what is ordered.
+            who: the sender.
+            reason: why.
+            sent_s: when it was sent, by the clock.
+        """
         if mode is ControlMode.MANUAL:
             return "MANUAL begins with the first command by hand, not with an order"
         if mode is ControlMode.AUTO and self._stop:
@@ -99,7 +108,7 @@ class DriveControl:
         if mode is ControlMode.HOLD:
             self._held_s = self._clock()
             self._end_holds()
-        elif self._clock() - self._held_s < SEEN_S:
+        elif sent_s - self._held_s < SEEN_S:
             return f"{self.who} has just ordered to hold ({self.reason}); look, and order again"
         self._go(mode, who, reason or "ordered")
         return ""

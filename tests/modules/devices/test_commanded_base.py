@@ -329,6 +329,18 @@ def test_robot_that_holds_at_the_start_does_so_whatever_an_earlier_run_has_kept(
         assert mode(again) == ControlState.HOLD
 
 
+def test_base_that_dies_of_a_command_by_hand_remembers_that_an_operator_has_taken_over(
+    base: Base, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its next process let the mission go on."""
+    see(base, 5.0)
+    send(base)
+    monkeypatch.setattr(base.module.guard, "checked", lambda *_speeds: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        send(base, "manual")
+    assert base.checkpoint["control"]["mode"] == ControlState.MANUAL
+
+
 def test_emergency_stop_with_an_endless_reason_stops_the_robot_and_outlives_a_restart(base: Base) -> None:
     base.send(EmergencyStop(engaged=True, reason="x" * 1_000_000), topic="emergency_stop")
     (state, *_) = base.take(EmergencyStop, "emergency_stop_state")[-1:]
