@@ -14,6 +14,8 @@ from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 # A battery changes slowly: it is told at this interval.
 BATTERY_PERIOD_S = 1.0
+CONFIRM_PERIOD_S = 0.2
+"""Modules that start, such as an arm, must soon hear of an emergency stop, also while there is no base."""
 
 
 class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
@@ -25,7 +27,7 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
 
     Publishes `Odometry` on `odom`, `Bumper` on `bumper`, `BatteryState` on `battery`, `EmergencyStop` on
     `emergency_stop_state`, and `DeviceState` on a topic named after the module. Without the base it
-    publishes only the last.
+    publishes only the last two.
     """
 
     drive: ConnectedBase
@@ -47,14 +49,17 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
         if self.restored is not None and self.restored["is_emergency_stopped"]:
             self.drive.stop_for_emergency()
             self.stop_reason = "engaged before a restart"
-        self.battery_due_s = -math.inf
+        self.battery_due_s = self.confirm_due_s = -math.inf
         self.problems: tuple[str, ...] = ()
         self.obey()
 
     def tick(self) -> None:
-        """Publish what the base has reported, and who controls it."""
+        """Publish what the base has reported, who controls it, and whether it is stopped."""
         super().tick()
         self.look_after_control()
+        if self.monotonic_s() >= self.confirm_due_s:
+            self.confirm_due_s = self.monotonic_s() + CONFIRM_PERIOD_S
+            self.confirm()
 
     def confirm(self) -> None:
         """Checkpoint and publish the emergency stop's state, so that it survives a restart."""
@@ -74,7 +79,6 @@ class ConnectedBaseModule(CommandedBase, PluggableDeviceModule[BaseReading]):
         self.publish(Bumper(header=header, pressed=list(value.pressed)), topic="bumper")
         if value.state.stamp_s >= self.battery_due_s:
             self.battery_due_s = value.state.stamp_s + BATTERY_PERIOD_S
-            self.confirm()
             if value.battery is not None:
                 self.publish(battery_state(value, header), topic="battery")
         if value.problems != self.problems:

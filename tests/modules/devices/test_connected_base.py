@@ -88,6 +88,15 @@ def test_disconnected_robot_is_told_and_nothing_else_is_published(robot: Robot) 
     assert robot.harness.take(Odometry) == []
 
 
+def test_base_that_is_not_there_tells_modules_that_start_that_it_is_stopped(robot: Robot) -> None:
+    robot.harness.send(EmergencyStop(engaged=True, reason="test"), topic="emergency_stop")
+    robot.harness.module.device.silence_s = 0.0
+    robot.harness.advance(0.1)
+    robot.harness.take(EmergencyStop)
+    robot.harness.advance(0.25)
+    assert robot.harness.take(EmergencyStop, "emergency_stop_state")[-1].engaged
+
+
 def test_real_robot_does_not_follow_the_commands_of_a_log_that_is_played(robot: Robot) -> None:
     assert not CreateModule.follows_run_clock, "the commands would be as fresh as when they were recorded"
     robot.harness.advance(4.0)
