@@ -12,15 +12,19 @@ import numpy as np
 from robbie_mp import Header, MessageHandling, Module, setting
 from robbie_mp.bus.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
+    ControlSet,
+    ControlState,
     LaserScan,
     MapMetaData,
     OccupancyGrid,
     Odometry,
     Point,
     Pose,
+    SetControl,
     TFMessage,
     TimeJump,
 )
+from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.maps.planar_messages import laser_mount, planar, pose_stamped, sweep_of
 from robbie_robots.modules.sensor_deadlines import LASER_S, ODOMETRY_S
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
@@ -32,6 +36,7 @@ from robbie_robots.workers.row_log import RowLog
 MOST_REDRAWN = 1000  # sweeps drawn or moved between two maps; the rest follows with the next ones
 MAP_FILE = Path("map.yaml")
 BAND_ROWS = 1024
+NEW_MAP = "the map was lost: goals and places are of a map with another origin"
 MOST_PICTURE_CELLS = 25_000_000
 
 
@@ -47,6 +52,7 @@ class Mapping(Module):
 
     After a restart the module continues from its last checkpoint. Messages handled after that checkpoint are
     neither in the map nor in the counters. The module takes a checkpoint after every scan if that is cheap.
+    If no checkpoint is left, it orders the robot to hold, and gives only the guess until the robot does so.
     """
 
     resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0.005)
@@ -68,8 +74,11 @@ class Mapping(Module):
     def setup(self) -> None:
         """Start with an empty map, or with the last checkpoint's map."""
         self._reset()
+        self.must_hold = self.checkpoint_lost
+        self.hold_order = Errand(self, repeat_s=0.5)
         if self.restored is not None:
             self._restore(self.restored)
+            self.must_hold = self.restored["must_hold"]
         self.next_checkpoint_s = 0.0
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(Odometry, self.on_odometry, topic="odom", deadline_s=ODOMETRY_S)
@@ -105,7 +114,8 @@ class Mapping(Module):
         self.odometry_messages += 1
         self.mapper.add_odometry(odometry.header.stamp.nanoseconds / 1e9, planar(odometry.pose.pose))
         header = Header(stamp=odometry.header.stamp, frame_id="map")
-        topic = "map_pose" if self.mapper.is_certain else "map_pose_guess"
+        is_safe = self.mapper.is_certain and not self.must_hold
+        topic = "map_pose" if is_safe else "map_pose_guess"
         self.publish(pose_stamped(self.mapper.pose, header), topic=topic)
 
     def on_scan(self, scan: LaserScan) -> None:
@@ -124,7 +134,10 @@ class Mapping(Module):
         self.true_path.add(planar(truth.pose.pose)[:2])
 
     def tick(self) -> None:
-        """Publish the map if it has changed."""
+        """Publish the map if it has changed; let a robot that has lost its map hold."""
+        if self.must_hold:
+            order = SetControl(mode=ControlState.HOLD, reason=NEW_MAP)
+            self.hold_order.want("hold", order, self._on_held)
         if self.scans == self.drawn_scans and not self.mapper.sweeps_behind:
             return
         self.drawn_scans = self.scans
@@ -155,6 +168,9 @@ class Mapping(Module):
         if cells.shape != (height, width):
             self.status += f" of {width}x{height}"
 
+    def _on_held(self, _reply: ControlSet) -> None:
+        self.must_hold = False
+
     def _take_checkpoint(self) -> None:
         """Take a checkpoint; the longer it takes, the later the next one."""
         began_s = time.monotonic()
@@ -163,6 +179,7 @@ class Mapping(Module):
             "odometry_messages": self.odometry_messages,
             "scans": self.scans,
             "true_path": self.true_path.state(),
+            "must_hold": self.must_hold,
         }
         try:
             self.checkpoint(state)

@@ -1,11 +1,19 @@
-"""Mapping gives its pose as a guess while scans do not fit the map."""
+"""Mapping gives its pose as a guess while scans do not fit the map, and after the map was lost."""
 
 from pathlib import Path
 
 import numpy as np
 
 from robbie_mp import ModuleHarness
-from robbie_mp.messages import LaserScan, Odometry, PoseStamped, PoseWithCovariance
+from robbie_mp.messages import (
+    ControlSet,
+    ControlState,
+    LaserScan,
+    Odometry,
+    PoseStamped,
+    PoseWithCovariance,
+    SetControl,
+)
 from robbie_robots.modules.maps.mapping import Mapping
 from tests.modules.maps.test_restored import DRIVE, drive, header, pose
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M
@@ -35,3 +43,20 @@ def test_pose_is_a_guess_while_scans_do_not_fit_the_map(tmp_path: Path) -> None:
                 harness.send(scan)
         assert harness.take(PoseStamped, "map_pose_guess")
         assert not harness.take(PoseStamped, "map_pose")
+
+
+def test_robot_whose_map_is_lost_holds_before_it_gets_a_pose_on_the_new_one(tmp_path: Path) -> None:
+    """It drove to its goal as if that were on the new map, which begins where the robot is."""
+    with ModuleHarness(Mapping, output_directory=tmp_path, checkpoint_lost=True) as harness:
+        drive(harness, 0, 20)
+        harness.advance(1.0)
+        (order,) = harness.take(SetControl)
+        assert (order.mode, "the map was lost" in order.reason) == (ControlState.HOLD, True)
+        assert harness.take(PoseStamped, "map_pose_guess") and not harness.take(PoseStamped, "map_pose")
+        kept = harness.checkpoint
+        harness.reply(order, ControlSet(mode=ControlState.HOLD))
+        drive(harness, 20, 40)
+        assert harness.take(PoseStamped, "map_pose")
+    with ModuleHarness(Mapping, output_directory=tmp_path, restored=kept) as killed_meanwhile:
+        killed_meanwhile.advance(0.1)
+        assert killed_meanwhile.take(SetControl)
