@@ -4,17 +4,18 @@ import itertools
 import json
 import math
 
-from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
+from robbie_mp import Duration, Header, MessageHandling, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, Odometry, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_robots.hw.pose import Pose
 from robbie_robots.modules.maps.planar_messages import planar, sweep_of
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.workers.laser.laser_sweep import UnusableSweeps
 from robbie_robots.workers.parcours.lap_counter import LapCounter, LapState
 from robbie_robots.workers.parcours.race_driver import RaceDriver, RaceLimits
 
 
-class Parcours(Module):
+class Parcours(MovingModule):
     """Drives a closed course by the laser alone, counts laps, and ends after the last one.
 
     It counts them by the robot's pose on the map (`map_pose`), or by odometry as long as there is none;
@@ -101,7 +102,7 @@ class Parcours(Module):
         kept = {"laps": self.counter.state.plain(), "began_s": self.began_s, "has_map": self.has_map}
         self.checkpoint(kept)
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Command the drive; end after the last lap."""
         if self.counter.laps >= self.laps:
             self._finish()

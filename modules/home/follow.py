@@ -6,12 +6,13 @@ from dataclasses import replace as changed
 
 import numpy as np
 
-from robbie_mp import CallRefused, Header, MessageHandling, Module, Time, setting
+from robbie_mp import CallRefused, Header, MessageHandling, Time, setting
 from robbie_mp.messages import OccupancyGrid, Point, PoseStamped
 from robbie_robots.modules.devices.camera_turn import MIN_TURN_RAD, CameraTurn
 from robbie_robots.modules.devices.command_age import is_late
 from robbie_robots.modules.home.messages import Following, FollowOrder, FollowOrderTaken
 from robbie_robots.modules.maps.planar_messages import map_cells, planar
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.people.messages import People, PeopleClothes
 from robbie_robots.modules.people.people import PEOPLE, reports_of
@@ -30,7 +31,7 @@ TILT_RAD = 0.1
 AROUND_RAD = (0.0, 0.8, 1.6, 2.4, -2.4, -1.6, -0.8)
 
 
-class FollowMe(Module):
+class FollowMe(MovingModule):
     """Follows the person in front of the robot on the order `follow`, until `stop`.
 
     Takes orders as `SpokenOrder` and as calls of `FollowOrder`. It needs `People`, `PeopleClothes` to be
@@ -112,7 +113,7 @@ class FollowMe(Module):
         rows = message.clothes.reshape(-1, BINS).astype(np.float64)
         self.task.see_clothes(dict(zip(message.names, rows, strict=True)))
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Let the task decide, and send goals, directions and words to other modules."""
         task = self.task
         orders = task.step()

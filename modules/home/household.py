@@ -17,7 +17,6 @@ from robbie_mp import (
     Goal,
     Header,
     MessageHandling,
-    Module,
     Request,
     SettingError,
     replace,
@@ -58,6 +57,7 @@ from robbie_robots.modules.manipulation.messages import (
     TableObjects,
 )
 from robbie_robots.modules.maps.planar_messages import planar, pose_stamped, sweep_of
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.people.messages import People
 from robbie_robots.modules.people.people import PEOPLE, THINGS, reports_of
@@ -83,7 +83,7 @@ START_S = 20.0
 """Time after which an order of the start that the robot cannot begin is given up."""
 
 
-class Household(Module):
+class Household(MovingModule):
     """Serves `CarryOut`, and does what `SpokenOrder`s say, by the robot's other modules.
 
     It drives by `NavigateTo`, grasps by `PickUp`, `PutDown` and `HandOver`, follows by `FollowOrder`, looks
@@ -296,7 +296,7 @@ class Household(Module):
 
     # -- what it does --------------------------------------------------------------------------------------
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Have the other modules do what is due."""
         work = self.work
         self._teach_places()

@@ -9,7 +9,6 @@ from robbie_mp import (
     CallError,
     CallRefused,
     MessageHandling,
-    Module,
     Time,
     setting,
 )
@@ -41,6 +40,7 @@ from robbie_robots.modules.home.messages import (
     WhoIsWhoResult,
 )
 from robbie_robots.modules.maps.planar_messages import map_cells, planar
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.people.messages import People
 from robbie_robots.modules.people.people import PEOPLE, THINGS, reports_of
@@ -69,7 +69,7 @@ LOOK_AT_ME = "Please look at me."
 STOPPED = "I stop looking for persons."
 
 
-class WhoIsWhoTask(Module):
+class WhoIsWhoTask(MovingModule):
     """Serves `LearnPerson` and `WhoIsWho`, and takes both as `SpokenOrder`.
 
     The spoken orders are `name`, with the slot `name` ("my name is Anna"), `who` and `stop`. The module
@@ -258,7 +258,7 @@ class WhoIsWhoTask(Module):
 
     # -- decisions -------------------------------------------------------------------------------------
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Let the task decide; send goals, directions, faces and words to other modules."""
         self._see_faces()
         tour = self.tour

@@ -15,7 +15,6 @@ from robbie_mp import (
     Duration,
     Header,
     MessageHandling,
-    Module,
     SettingError,
     Time,
     replace,
@@ -41,6 +40,7 @@ from robbie_robots.modules.manipulation.messages import (
     TableObjects,
 )
 from robbie_robots.modules.manipulation.shape_messages import view_of
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.modules.sensor_deadlines import JOINTS_S
 from robbie_robots.workers.manipulation.arm_model import ArmModel
 from robbie_robots.workers.manipulation.errors import KinematicsMissing, ManipulationError
@@ -60,7 +60,7 @@ GOALS: dict[HandTask, Any] = {
 }
 
 
-class Manipulation(Module):
+class Manipulation(MovingModule):
     """Serves `PickUp`, `PutDown`, `HandOver` and `StowArm`, by what the depth camera and the joints tell.
 
     It publishes `JointCommand`, which expires, on topic `arm` while it has an order or holds something, and
@@ -122,7 +122,6 @@ class Manipulation(Module):
 
     def _restore(self, kept: dict[str, Any]) -> None:
         self.released, self.accepted_s, self.holds = kept["released"], kept["accepted_s"], kept["holds"]
-        self.holds |= self.checkpoint_lost  # until the base publishes AUTO
         if kept["goal"] is not None:
             self.active = self.resume_goal(GOALS[HandTask(kept["task"])], kept["goal"])
         self.work.remember(kept["work"])
@@ -213,7 +212,7 @@ class Manipulation(Module):
             self._keep()
         active.cancelled(reason)
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Send the joints where they should be now."""
         # An arm that holds is commanded on: without commands its joints are let go, and it falls.
         if not self.holds:

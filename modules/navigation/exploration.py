@@ -2,10 +2,11 @@
 
 import math
 
-from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
+from robbie_mp import Duration, Header, MessageHandling, Time, setting
 from robbie_mp.messages import ControlState, DriveCommand, LaserScan, OccupancyGrid, PoseStamped
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_robots.modules.maps.planar_messages import map_cells, sweep_of
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.workers.exploration.explorer import Explorer
 from robbie_robots.workers.exploration.explorer_states import ExplorerSettings
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard
@@ -15,7 +16,7 @@ LATE_S = 0.4
 """Pose and laser must keep coming at least this often."""
 
 
-class Exploration(Module):
+class Exploration(MovingModule):
     """Drives the robot by map and laser until nothing is left to explore.
 
     Home, the time used, and whether the robot was on its way home survive a restart.
@@ -82,7 +83,7 @@ class Exploration(Module):
         if self.explorer is not None:
             self.explorer.see_hold(self.hold)
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Command the drive; end the module when the task has ended."""
         if self.explorer is None:
             self.status = "waiting for the laser"

@@ -5,31 +5,25 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp import CallError, GoalCancelled, Header, Module, NoServer, Time
+from robbie_mp import CallError, GoalCancelled, Header, NoServer, Time
 from robbie_mp.messages import (
     CancelNavigation,
-    ControlSet,
-    ControlState,
     NavigateTo,
     NavigationCancelled,
     NavigationFeedback,
     NavigationResult,
-    SetControl,
 )
 from robbie_robots.modules.errand import Errand
 from robbie_robots.modules.maps.planar_messages import pose_stamped
+from robbie_robots.modules.moving_module import MovingModule
 
 CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 REPEAT_S = 2.0
 """Time after which a goal that has ended otherwise than intended is sent again."""
-LOST = "{} may order what was done before: its newest checkpoint was damaged or is gone"
 
 
 class NavigationGoals:
     """Keeps navigation driving to the goal that its module wants, whatever dies meanwhile.
-
-    Where the module's newest checkpoint was damaged or is gone, it may want what was done or cancelled long
-    ago: the robot first holds, until somebody orders it to go on.
 
     Args:
         module: the module that wants to drive.
@@ -40,7 +34,7 @@ class NavigationGoals:
 
     def __init__(
         self,
-        module: Module,
+        module: MovingModule,
         arrived: Callable[[], None],
         unreachable: Callable[[str], None],
         stopped: Callable[[str | None], None],
@@ -50,8 +44,6 @@ class NavigationGoals:
         self._drive, self._cancel = Errand(module, REPEAT_S), Errand(module, REPEAT_S)
         self._goal: NDArray[np.float64] | None = None
         self._stands = self._is_judged = self._is_cancelled = False
-        self._hold = Errand(module, REPEAT_S)
-        self._must_hold = module.checkpoint_lost
 
     def drive_to(self, wanted: NDArray[np.float64] | None, pose: tuple[float, float, float]) -> None:
         """Send a goal if it is new, or if the last one has ended.
@@ -60,10 +52,6 @@ class NavigationGoals:
             wanted: (3,), x, y (m) and heading (rad), map frame. None: stand still.
             pose: the robot's pose, which is sent to stand still.
         """
-        if self._must_hold:
-            order = SetControl(mode=ControlState.HOLD, reason=LOST.format(self._module.name))
-            self._hold.want("hold", order, self._on_held, self._on_held)
-            return
         self._cancel.forget()
         self._is_cancelled = False
         if wanted is not None:
@@ -91,10 +79,6 @@ class NavigationGoals:
         if not self._is_cancelled:
             cancel = CancelNavigation(client=self._module.name, reason=reason)
             self._cancel.want("no goal", cancel, self._on_cancelled)
-
-    def _on_held(self, _answer: ControlSet | CallError) -> None:
-        """Go on: the robot holds, or no base would let it move."""
-        self._must_hold = False
 
     def _on_feedback(self, feedback: NavigationFeedback) -> None:
         """Pass on whether the robot can drive to the goal that was sent last."""

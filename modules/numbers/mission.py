@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 
-from robbie_mp import Header, MessageHandling, Module, Time, setting
+from robbie_mp import Header, MessageHandling, Time, setting
 from robbie_mp.messages import OccupancyGrid, PoseStamped
 from robbie_robots.modules.devices.camera_turn import CameraTurn
 from robbie_robots.modules.maps.planar_messages import map_cells, planar
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.numbers.messages import NumberSigns, SignsReached
 from robbie_robots.workers.numbers.mission import NumbersMission
@@ -18,7 +19,7 @@ from robbie_robots.workers.rescue.look_around import LookAround
 AROUND_RAD = (0.0, 0.8, 1.6, 2.4, -2.4, -1.6, -0.8, 0.0)
 
 
-class Numbers(Module):
+class Numbers(MovingModule):
     """Drives to the signs 0 to 9 in ascending order, or in that of the sheet that is shown at the start.
 
     It sends `NavigateTo` and `PanTiltCommand`, and says which digits it has reached with `SignsReached`. It
@@ -85,7 +86,7 @@ class Numbers(Module):
         ]
         self.mission.see_signs(signs, message.sheet, message.images)
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Let the mission decide, and send goals and directions to other modules."""
         orders = self.mission.step()
         if len(self.mission.reached) != self.told:

@@ -11,7 +11,6 @@ from robbie_mp import (
     Duration,
     Header,
     MessageHandling,
-    Module,
     SettingError,
     Time,
     setting,
@@ -33,6 +32,7 @@ from robbie_robots.hw.connection.device import ConnectionState
 from robbie_robots.modules.devices.camera_turn import CameraTurn
 from robbie_robots.modules.devices.command_age import check_order
 from robbie_robots.modules.maps.planar_messages import frontiers_message, map_cells, planar, pose_stamped
+from robbie_robots.modules.moving_module import MovingModule
 from robbie_robots.modules.navigation.navigation_goals import NavigationGoals
 from robbie_robots.modules.rescue.messages import (
     MissionResult,
@@ -65,7 +65,7 @@ TELL_S = 1.0
 CLAIM_PERIOD_S = 0.4
 
 
-class RescueMission(Module):
+class RescueMission(MovingModule):
     """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
 
     It sends one `NavigateTo` after another. With the service `OrderMission`, the operator starts, pauses or
@@ -272,7 +272,7 @@ class RescueMission(Module):
         self.tick()
         return OrderAccepted(state=self.mission.state.name)
 
-    def tick(self) -> None:
+    def act(self) -> None:
         """Let the mission decide, and send goals and directions to other modules."""
         orders = self.mission.step()
         # First of all, so that a restart does not forget the operator's order.
