@@ -37,7 +37,7 @@ from robbie_mp.connect.link.operators import (
 )
 from robbie_mp.connect.link.peer import Peer
 from robbie_mp.connect.link.receiving import Arrived, Fate
-from robbie_mp.connect.link.safety import Ages, expires, shortened
+from robbie_mp.connect.link.safety import EXPIRING, Ages, expires, shortened
 from robbie_mp.connect.link.sending import SendLimits
 from robbie_mp.connect.link.traffic import TrafficClass
 from robbie_mp.connect.link.wire import Endpoints, InboxLimits, ReceivedPacket, Wire, only_own_names
@@ -355,6 +355,8 @@ class Link(Module):
         is_latched = name in self._latched
         if is_latched and traffic in (TrafficClass.COMMAND, TrafficClass.STATE):
             traffic = TrafficClass.RELIABLE
+        if name.type_name in EXPIRING:  # never stored, nor sent from a log that is played
+            traffic, is_latched = TrafficClass.COMMAND, False
         type_hash = self._hash(name.type_name, name.version)
         may_be_jpeg = (
             self.jpeg_quality > 0 and traffic is TrafficClass.BULK and name.type_name == Image.type_name

@@ -38,14 +38,15 @@ def expires(message: Arrived) -> bool:
 
     Commands are, and the release of an emergency stop: somebody may have stopped the robot again since. So is
     the wish to drive: another operator may have taken over since. The emergency stop itself, and the
-    wish that the robot holds, never come too late.
+    wish that the robot holds, never come too late. What moves a robot is a command in whatever class the
+    other side has sent it.
 
     Args:
         message: a message that has arrived.
     """
     return not _stops(message) and (
         message.traffic is TrafficClass.COMMAND
-        or message.name.type_name in (EmergencyStop.type_name, OperatorRequest.type_name)
+        or message.name.type_name in (*EXPIRING, EmergencyStop.type_name, OperatorRequest.type_name)
     )
 
 

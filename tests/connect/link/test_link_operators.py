@@ -144,8 +144,9 @@ def test_order_to_go_on_that_waited_in_the_link_is_late_and_to_hold_is_not(red: 
     assert [one.mode for one in red.harness.take(SetControl)] == [ControlState.HOLD]
 
 
-def test_commands_of_a_log_that_is_played_go_to_no_other_robot() -> None:
-    settings = {"robot": "base", "listen": [], "robots": ["red"], "send": {"command": ["DriveCommand"]}}
+@pytest.mark.parametrize("traffic", ["command", "reliable", "state", "bulk"])
+def test_commands_of_a_log_that_is_played_go_to_no_other_robot(traffic: str) -> None:
+    settings = {"robot": "base", "listen": [], "robots": ["red"], "send": {traffic: ["DriveCommand"]}}
     with ModuleHarness(Link, settings) as harness:
         offered: list[object] = []
         harness.module.node.offer = lambda message, now_ns: offered.append(message)  # type: ignore[method-assign]

@@ -85,6 +85,15 @@ def test_only_commands_expire() -> None:
     assert not expires(arrived(String(), TrafficClass.RELIABLE))
 
 
+@pytest.mark.parametrize("traffic", TrafficClass)
+@pytest.mark.parametrize("command_type", [DriveCommand, JointCommand, PanTiltCommand])
+def test_what_moves_a_robot_expires_in_whatever_class_it_comes(
+    command_type: type[Message], traffic: TrafficClass
+) -> None:
+    """One that was stored arrived after the network was back, and by a clock that is ahead it was fresh."""
+    assert expires(arrived(command_type(), traffic))
+
+
 @pytest.mark.parametrize("command_type", [DriveCommand, JointCommand, PanTiltCommand])
 def test_stamps_of_a_command_become_those_of_this_robot_with_the_greatest_age(
     command_type: type[DriveCommand | JointCommand | PanTiltCommand],
