@@ -47,8 +47,8 @@ from tools.test_network.network import NoTestNetwork
 LIMIT_S, BUSY_LIMIT_S = 0.4, 0.5
 SETTLES_S, SETTLES_LIMIT_S = 1.5, 8.0
 """After this time of a failure that the robot may drive through, somebody lets go."""
-ARRIVES_S = 1.0
-"""After the watch, for what a stopped core has held back."""
+ARRIVES_S, ARRIVES_LIMIT_S = 1.0, 8.0
+"""After the watch, for what a stopped core has held back; longer as long as the motion has not arrived."""
 TROUBLES = (NotDriving, RobotTrouble, NoTestNetwork, RobbieError, OSError, subprocess.SubprocessError, Error)
 HOOK = Path(__file__).parent / "hook"
 
@@ -72,6 +72,7 @@ def measure(scene: TrialRobot, way: DrivingWay, failure: Failure, limit_s: float
         scene.send(way.dead_man, signal.SIGCONT)
     failure.ends(scene)
     time.sleep(ARRIVES_S)
+    scene.wait_for_motion(until_s, ARRIVES_LIMIT_S)
     fresh_s = math.inf
     if output:
         fresh_s = output.first_after(scene.done_s + IN_FLIGHT_S)

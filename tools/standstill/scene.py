@@ -231,6 +231,12 @@ class TrialRobot:
             else f"the run has ended: {self.robot.said()[-300:]}"
         )
 
+    def wait_for_motion(self, until_s: float, limit_s: float) -> None:
+        """Wait until the motion up to a time has arrived, but not longer than a limit."""
+        late_s = time.monotonic() + limit_s
+        while math.isinf(self.truth.first_after(until_s)) and time.monotonic() < late_s:
+            time.sleep(0.02)
+
     def motion(self) -> NDArray[np.float64]:
         """Return time (s), speed (m/s), turn rate (rad/s), x and y (m) of the true motion."""
         rows = np.array(list(self.truth.rows)).reshape(-1, 5)
