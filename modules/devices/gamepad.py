@@ -112,6 +112,7 @@ class GamepadModule(Module):
             ),
             topic=self.name,
         )
+        self.degraded = "" if gamepad.is_connected else f"the gamepad is disconnected: {gamepad.reason}"
         if not gamepad.is_connected:
             self.status = f"DISCONNECTED: {gamepad.reason}"
         elif not self.is_driving:

@@ -1,5 +1,6 @@
 """Base of the modules of pluggable devices: they poll the device and tell its state."""
 
+import time
 from typing import Generic, Protocol, TypeVar
 
 from robbie_mp import REQUIRED, Header, Module, Time, setting
@@ -11,6 +12,8 @@ from robbie_robots.modules.devices.offered_port import RUN_PORT, offered_port
 MAX_WAIT_S = 0.1
 # The state is told when it changes, and at this interval.
 STATE_PERIOD_S = 1.0
+# A device that is there may need this long until it is found after the start.
+FOUND_WITHIN_S = 3.0
 
 T = TypeVar("T")
 
@@ -40,9 +43,9 @@ class ReconnectingDevice(Protocol[T]):
 class ReconnectingDeviceModule(Module, Generic[T]):
     """A module whose device may be pulled out and plugged in at any time.
 
-    While the device is away, the module runs on, publishes nothing of it, and tells so. A subclass opens the
-    driver in `open_device` and publishes a measurement in `on_value`. It may override `wait_s` with 0 if it
-    also handles messages.
+    While the device is away, the module runs on, publishes nothing of it, and is DEGRADED. A subclass opens
+    the driver in `open_device` and publishes a measurement in `on_value`. It may override `wait_s` with 0 if
+    it also handles messages.
 
     Publishes `DeviceState`, on a topic named after the module.
     """
@@ -56,6 +59,7 @@ class ReconnectingDeviceModule(Module, Generic[T]):
         self.device = self.open_device()
         self._told = ConnectionState.DISCONNECTED
         self._told_ns = -(10**18)
+        self._began_s = time.monotonic()
 
     @property
     def place(self) -> str:
@@ -82,14 +86,12 @@ class ReconnectingDeviceModule(Module, Generic[T]):
 
     def tell_state(self) -> None:
         """Publish the device's state if it has changed, or if it is time to."""
+        self._tell_health()
         now_ns, state, counters = self.clock.now_ns(), self.device.state, self.device.counters
         if state is self._told and now_ns - self._told_ns < STATE_PERIOD_S * 1e9:
             return
-        if state is not self._told:
-            if state is ConnectionState.DISCONNECTED:
-                self.log.warning("the device is disconnected: %s", self.device.reason)
-            else:
-                self.log.info("the device at %s is connected", self.place)
+        if state is not self._told and state is ConnectionState.CONNECTED:
+            self.log.info("the device at %s is connected", self.place)
         self._told, self._told_ns = state, now_ns
         self.publish(
             DeviceState(
@@ -104,6 +106,14 @@ class ReconnectingDeviceModule(Module, Generic[T]):
             topic=self.name,
         )
         self.status = self.status_line()
+
+    def _tell_health(self) -> None:
+        """Be DEGRADED while the device is away; after the start, when it has not been found in time."""
+        was_found = self.device.counters.connections > 0
+        if self.device.is_connected:
+            self.degraded = ""
+        elif was_found or time.monotonic() - self._began_s > FOUND_WITHIN_S:
+            self.degraded = f"the device is disconnected: {self.device.reason}"
 
     def status_line(self) -> str:
         """Return the line that `robbie top` shows."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 PAST = "past_publishers"
 """Key of a topic's modules that do not publish now, with their states: they have ended."""
-RENAMED = "renamed"
+RENAMED, HEALTH = "renamed", "health"
 LATCHED, KEPT = "latched", "latched_bytes"
 """Keys of a topic: whether it is latched, and the size of the message that the core keeps of it."""
 NO_STATES = "starting, or of another version of Robbie-MP"
@@ -101,6 +101,7 @@ def _modules(run: KnownRun) -> list[Row]:
                 "state": state_name(module),
                 "pid": module.pid,
                 "restarts": module.restarts,
+                HEALTH: module.health,
                 "status": module.status,
                 RENAMED: renamed_topics(module.renamed),
             }
@@ -206,7 +207,7 @@ def _with_kept_bytes(row: Row) -> Row:
 
 LEFT_OUT = ("version", "bytes", "pid", RENAMED, "topics", LATCHED, "subscribers", "publishers", "restarts")
 """Columns that a narrow terminal does not show, the least important one first."""
-SHRINKING = ("type", "topic", "status", RENAMED)
+SHRINKING = ("type", "topic", "status", RENAMED, HEALTH)
 """Columns of texts that are shortened on a narrow terminal, as lists are."""
 
 
@@ -214,8 +215,8 @@ def _print(rows: Sequence[Row]) -> None:
     table = PlainTable()
     if PAST in rows[0]:
         rows = [_with_kept_bytes(_with_past_publishers(row)) for row in rows]
-    if not any(row.get(RENAMED) for row in rows):
-        rows = [{heading: value for heading, value in row.items() if heading != RENAMED} for row in rows]
+    unused = {heading for heading in (RENAMED, HEALTH) if not any(row.get(heading) for row in rows)}
+    rows = [{heading: value for heading, value in row.items() if heading not in unused} for row in rows]
     for heading, value in rows[0].items():
         table.add_column(
             heading,

@@ -32,7 +32,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "run a robot until it ends or you press Ctrl-C",
         "Start each module of a profile as a process, restart modules that die, and stop all of them in "
         "order at Ctrl-C (a second Ctrl-C kills them). Exit code 0: the run ended well; 1: a module is "
-        "FAILED or did not end in order, so its results may be missing; 2: bad usage or profile.",
+        "FAILED, never came up or did not end in order, so its results may be missing; 2: bad usage or "
+        "profile; 3: the run ended in order, but a module had been DEGRADED for 5 s or more when it stopped.",
         [
             "robbie run robot",
             "robbie run sim/arena --set mapping.resolution_m=0.1",
@@ -133,6 +134,7 @@ def _summary(profile_name: str, result: RunResult, duration_s: float) -> dict[st
         "profile": profile_name,
         "exit_code": result.exit_code,
         "reason": result.reason,
+        "degraded": result.degraded,
         "duration_s": round(duration_s, 3),
         "output_directory": str(result.output_directory),
         "modules": [

@@ -1,19 +1,18 @@
 """The health of a module: OK, or DEGRADED with its reasons."""
 
-import logging
 from collections.abc import Callable
 
 
 class Health:
-    """Logs each reason once when it begins and once when it ends, and shows those that last.
+    """Says each reason once when it begins and once when it ends, and shows those that last.
 
     Args:
-        log: the module's logger.
+        say: logs a line as a warning.
         show: shows a line on what is wrong, '' if nothing is.
     """
 
-    def __init__(self, log: logging.Logger, show: Callable[[str], None] = lambda _line: None):
-        self._log = log
+    def __init__(self, say: Callable[[str], None], show: Callable[[str], None] = lambda _line: None):
+        self._say = say
         self._show = show
         self._reasons: dict[str, str] = {}
         self._shown = ""
@@ -26,20 +25,26 @@ class Health:
             reason: what is wrong, as it is now.
         """
         if cause not in self._reasons:
-            self._log.warning("DEGRADED: %s", reason)
+            self._say(f"DEGRADED: {reason}")
         self._reasons[cause] = reason
         self._show_reasons()
 
-    def recover(self, cause: str, what: str) -> None:
+    def recover(self, cause: str, what: str = "") -> None:
         """End a cause.
 
         Args:
             cause: as given to `degrade`.
-            what: what has become right.
+            what: what has become right; '': the reason is no longer true.
         """
-        if self._reasons.pop(cause, None) is not None:
-            self._log.warning("%s: %s", "still DEGRADED" if self._reasons else "OK again", what)
+        if (reason := self._reasons.pop(cause, None)) is not None:
+            state = "still DEGRADED" if self._reasons else "OK again"
+            self._say(f"{state}: {what}" if what else f"{state} (it was: {reason})")
             self._show_reasons()
+
+    def clear(self) -> None:
+        """Forget all reasons, without a word."""
+        self._reasons.clear()
+        self._show_reasons()
 
     def _show_reasons(self) -> None:
         line = "; ".join(self._reasons.values())

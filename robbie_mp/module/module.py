@@ -149,11 +149,11 @@ class Module:
         self.stop_requested = False
         self._bus = context.bus
         self._checkpoints = context.checkpoints
-        self._health = Health(self.log, context.show_health)
+        self._health = Health(self.log.warning, context.show_health)
         self._calls = Calls(context.bus, context.clock, self.log, self._health)
         self.run_id = context.run_id
         self._show_status = context.show_status
-        self._status = ""
+        self._status = self._degraded = ""
         self._show_states = context.show_states
         self._states: dict[str, str] = {}
         self._wake = context.wake
@@ -756,6 +756,24 @@ class Module:
         if line != self._status:
             self._status = line
             self._show_status(line)
+
+    @property
+    def degraded(self) -> str:
+        """Why this module runs but cannot do its work, such as "the laser is unplugged"; '' if it can.
+
+        As long as it is set, `robbie run`, `robbie top` and the operator's page show the module as DEGRADED,
+        with this reason. The log gets one line when that begins and one when it ends, however often you set
+        it:
+
+            self.degraded = "" if self.arm.answers else "the arm does not answer"
+        """
+        return self._degraded
+
+    @degraded.setter
+    def degraded(self, reason: str) -> None:
+        if reason != self._degraded:
+            self._degraded = reason
+            self._health.degrade("itself", reason) if reason else self._health.recover("itself")
 
     def show_state(self, state: object, machine: str = "") -> None:
         """Show the state of a state machine in `robbie top`, beside the status.

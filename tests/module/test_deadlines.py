@@ -184,7 +184,7 @@ class FakeTime:
 
 def begin(time: FakeTime, on_late: Callable[[], None]) -> Deadlines:
     anything: Any = time
-    deadlines = Deadlines(anything, anything, Health(logging.getLogger("test")), Due())
+    deadlines = Deadlines(anything, anything, Health(logging.getLogger("test").warning), Due())
     deadlines.add(SCAN, "LaserScan", 0.4, on_late, is_optional=False)
     deadlines.begin()
     deadlines.look()
@@ -240,7 +240,7 @@ def test_jump_of_time_makes_nothing_late_and_hides_nothing(jump_s: int) -> None:
 
 def test_module_without_deadlines_never_looks() -> None:
     anything: Any = FakeTime()
-    deadlines = Deadlines(anything, anything, Health(logging.getLogger("test")), Due())
+    deadlines = Deadlines(anything, anything, Health(logging.getLogger("test").warning), Due())
     deadlines.begin()
     deadlines.look()
     assert deadlines.due_ns == NEVER_NS
@@ -248,7 +248,7 @@ def test_module_without_deadlines_never_looks() -> None:
 
 def test_module_is_ok_again_only_when_no_reason_is_left(caplog: pytest.LogCaptureFixture) -> None:
     shown: list[str] = []
-    health = Health(logging.getLogger("test"), shown.append)
+    health = Health(logging.getLogger("test").warning, shown.append)
     health.degrade("scan", "no scan")
     health.degrade("pose", "no pose")
     health.degrade("scan", "no scan")

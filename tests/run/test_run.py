@@ -148,7 +148,7 @@ def test_core_and_modules_run_in_c_where_it_is_built(robot: Robot) -> None:
     ended = robot.run()
     assert {ended.modules[name]["hot_path"] for name in ("listener", "counter", "core")} == {"C"}
     said = [entry for entry in last_entries(robot.output, "supervisor", 1000) if "hot path" in entry.text]
-    assert [(entry.kind, entry.text) for entry in said] == [(Kind.INFO, "the hot path runs in C")]
+    assert [(entry.kind, entry.text) for entry in said] == [(Kind.SYSTEM, "the hot path runs in C")]
 
 
 def test_array_seen_by_publisher_and_two_subscribers_is_one_piece_of_memory(robot: Robot) -> None:

@@ -7,7 +7,7 @@ from rich.text import Text
 
 from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.attached.views.quantities import long_time, rate, seconds, size
-from robbie_mp.attached.views.run_figures import STYLES, health_line, renamed_topics, state_name
+from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_name, state_text
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import (
     TOTALS,
@@ -51,8 +51,7 @@ class ModuleRow:
     @property
     def state(self) -> Text:
         """The process state, or a note that it hangs."""
-        name = state_name(self.figures)
-        return Text("HUNG", ALARM) if self.is_hung else Text(name, STYLES.get(name, ""))
+        return Text("HUNG", ALARM) if self.is_hung else state_text(self.figures)
 
 
 @dataclass(frozen=True)
@@ -87,8 +86,8 @@ def doing(row: ModuleRow) -> Text:
     parts = []
     if row.is_hung:
         parts.append((f"in {module.handler or module.activity} for {row.busy_s:.1f} s", ALARM))
-    if health := health_line(module):
-        parts.append((health, ALARM))
+    if module.health:
+        parts.append((module.health, ALARM))
     if module.states:
         parts.append((f"[{module.states}]", "bold"))
     if module.status:

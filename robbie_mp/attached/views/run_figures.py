@@ -26,12 +26,28 @@ from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.run.supervisor import states
 from robbie_mp.run.supervisor.states import ChildState
 
-STYLES = {"RUNNING": "green", "STARTING": "cyan", "BACKOFF": "yellow", "FAILED": "bold red", "STOPPED": "dim"}
+DEGRADED = "DEGRADED"
+"""Shown in place of the state of a module that runs but is not well."""
+STYLES = {
+    "RUNNING": "green",
+    DEGRADED: "bold yellow",
+    "STARTING": "cyan",
+    "BACKOFF": "yellow",
+    "FAILED": "bold red",
+    "STOPPED": "dim",
+}
 
 
 def state_name(figures: ModuleFigures) -> str:
     """The state in words; '-' if there is none (the supervisor, or a process that never started)."""
     return states.state_name(figures.state)
+
+
+def state_text(figures: ModuleFigures) -> Text:
+    """The state with its colour, or that the module runs but is DEGRADED."""
+    state = state_name(figures)
+    shown = DEGRADED if figures.health and state == ChildState.RUNNING else state
+    return Text(shown, STYLES.get(shown, ""))
 
 
 def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str] = ()) -> PlainTable:
@@ -50,10 +66,9 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
         made.add_column(heading, left_out=LEFT_OUT.index(heading) + 1, justify="right", no_wrap=True)
     made.add_column("status" if live else "ended", shrinks=True)
     for module in modules[1:]:
-        state = state_name(module)
         made.add_row(
             module.name,
-            Text(state, STYLES.get(state, "")),
+            state_text(module),
             *(FIGURES[heading](module) for heading in columns or FIGURES),
             Text(one_line(_live_line(module) if live else module.reason), no_wrap=True, overflow="ellipsis"),
         )
@@ -66,12 +81,7 @@ def renamed_topics(renamed: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def _live_line(module: ModuleFigures) -> str:
-    return "  ".join(filter(None, (health_line(module), module.status, *map(str, module.unconnected))))
-
-
-def health_line(module: ModuleFigures) -> str:
-    """Why a module is DEGRADED; '' if it is OK."""
-    return f"DEGRADED: {module.health}" if module.health else ""
+    return "  ".join(filter(None, (module.health, module.status, *map(str, module.unconnected))))
 
 
 def _alarming(count: int) -> Text:

@@ -31,6 +31,7 @@ class ServiceManager:
         self._clock = clock
         self._next_s = clock()
         self._told: set[str] = set()
+        self._status = ""
         self._socket: socket.socket | None = None
         self._address = address.replace("@", "\0", 1) if address.startswith("@") else address
         if address:
@@ -44,19 +45,21 @@ class ServiceManager:
         watches = time_us.isdecimal() and int(time_us) > 0 and is_for_us
         return cls(environment.get("NOTIFY_SOCKET", ""), int(time_us) / 1e6 if watches else None)
 
-    def turn(self, *, is_ready: bool, stop_reason: str = "") -> None:
+    def turn(self, *, is_ready: bool, status: str = "", stop_reason: str = "") -> None:
         """Tell what is new, and that this process does not hang. Call this in each turn of a loop.
 
         Args:
             is_ready: whether the service has started.
+            status: one line on how it is doing, for `systemctl status`; told when it has changed.
             stop_reason: why it stops; '' while it does not.
         """
         if self._socket is None:
             return
-        if is_ready:
-            self._tell_once("READY=1\nSTATUS=every module has started")
         if stop_reason:
             self._tell_once(f"STOPPING=1\nSTATUS=the run stops: {' '.join(stop_reason.split())}")
+        elif is_ready:
+            self._tell_once("READY=1")
+            self._tell_status(status)
         now_s = self._clock()
         if self._period_s is not None and now_s >= self._next_s:
             self._next_s = now_s + self._period_s
@@ -67,6 +70,11 @@ class ServiceManager:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
+
+    def _tell_status(self, status: str) -> None:
+        line = " ".join(status.split())
+        if line != self._status and self._send(f"STATUS={line}"):
+            self._status = line
 
     def _tell_once(self, text: str) -> None:
         if text not in self._told and self._send(text):

@@ -283,7 +283,11 @@ class RunObserver:
             memory_bytes=bounds.memory_bytes,
             status=read_text(last, layout.OUT_STATUS, LINE_WORDS),
             states=read_text(last, layout.OUT_STATES, LINE_WORDS),
-            health=_health(read_text(own, layout.OUT_HEALTH, LINE_WORDS), subscriptions),
+            health=_health(
+                read_text(own, layout.OUT_HEALTH, LINE_WORDS),
+                self._board.health(slot) if row.pid else "",
+                subscriptions,
+            ),
             activity=_ACTIVITIES.get(activity & 0xFF, "unknown"),
             handler=memory.handler(activity >> 8) if activity & 0xFF == Activity.HANDLER else "",
             busy_since_ns=own[layout.OUT_ACTIVITY_SINCE_NS] if activity else 0,
@@ -306,14 +310,20 @@ class RunObserver:
         return made
 
 
-def _health(said: str, subscriptions: tuple[SubscriptionFigures, ...]) -> str:
-    """Why a module is DEGRADED: what it says itself, and the messages that the core withholds from it."""
+def _health(said: str, figured: str, subscriptions: tuple[SubscriptionFigures, ...]) -> str:
+    """Why a module is DEGRADED.
+
+    Args:
+        said: what it says itself.
+        figured: what the supervisor has concluded from its figures.
+        subscriptions: tell which messages the core withholds from it.
+    """
     withheld = (
         f"no longer gets the latched {what(one.type_name, one.topic)}: died over it twice"
         for one in subscriptions
         if one.withheld
     )
-    return "; ".join(filter(None, (said, *withheld)))
+    return "; ".join(filter(None, (said, figured, *withheld)))
 
 
 def _with_punctuality(figures: SubscriptionFigures, memory: ModuleMemory) -> SubscriptionFigures:

@@ -160,6 +160,14 @@ class Board:
             last_end_ns=words[at + layout.SLOT_LAST_END_NS],
         )
 
+    def show_health(self, slot: int, line: str) -> None:
+        """Write why a module's figures make it DEGRADED; '' if they do not."""
+        write_text(self._words, self._row(slot) + layout.SLOT_HEALTH, LINE_WORDS, line)
+
+    def health(self, slot: int) -> str:
+        """Read why a module's figures make it DEGRADED."""
+        return read_text(self._words, self._row(slot) + layout.SLOT_HEALTH, LINE_WORDS)
+
     @staticmethod
     def _row(slot: int) -> int:
         return layout.BOARD_ROWS + slot * layout.SLOT_WORDS

@@ -16,7 +16,7 @@ from textual.widgets import Footer, Static
 from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.attached.views.process_table import ALARM, ModuleRow, doing, module_rows
 from robbie_mp.attached.views.quantities import long_time, rate, seconds, size, sparkline
-from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_name
+from robbie_mp.attached.views.run_figures import renamed_topics, state_text
 from robbie_mp.base.utc import time_of_day
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import TOTALS, ModuleFigures, Total
@@ -73,9 +73,8 @@ class Details(Screen[None]):
 
     def _summary(self, row: ModuleRow) -> Iterable[RenderableType]:
         module, rates = row.figures, row.rates
-        state = state_name(module)
         yield Text.assemble(
-            (one_line(module.name), "bold"), "  ", (state, STYLES.get(state, "")),
+            (one_line(module.name), "bold"), "  ", state_text(module),
             f"  {one_line(module.reason)}",
             f"  pid {module.pid}  start {module.incarnation}",
             f"  up {long_time((row.now_ns - module.started_ns) / 1e9) if module.pid else '-'}",

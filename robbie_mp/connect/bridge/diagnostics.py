@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from robbie_mp.bus.observe import TOTALS
 from robbie_mp.messages import Log, Message, ModuleProfile, SystemProfile, Time, from_dict
 from robbie_mp.messages.message import fields_of
 from robbie_mp.messages.schema_parser import message_type_from_schema
@@ -20,12 +19,8 @@ MAX_LINES = 200
 """Most entries of the trace that are passed on at a time; further ones are counted."""
 OK, WARN, ERROR = 0, 1, 2
 STATES: Final = {"RUNNING": OK, "STOPPED": OK, "STARTING": WARN, "BACKOFF": ERROR, "FAILED": ERROR}
-LOSSES: Final = {
-    "restarts": "restarted",
-    "refused": "its messages found no room",
-    **{total.name: total.problem for total in TOTALS if total.problem},
-}
-"""Counters of a module that should not rise, and what it means if they do."""
+LOSSES: Final = {"restarts": "restarted", "lost": "messages were lost in a crash"}
+"""Counters of a module that rise when it has crashed, and what that means; its health tells of the others."""
 MIN_FREE: Final = 0.05
 """Ratio of free memory below which the machine's status is a warning."""
 DIAGNOSTICS: Final = message_type_from_schema(
@@ -121,6 +116,7 @@ class Diagnosis:
     def _module(self, module: ModuleProfile) -> dict[str, object]:
         before = self._before.get(module.name, module)
         problems = [text for name, text in LOSSES.items() if getattr(module, name) > getattr(before, name)]
+        problems += [module.health] if module.health else []
         level = max(STATES.get(module.state, WARN), WARN if problems else OK)
         values = {one.name: getattr(module, one.name) for one in fields_of(ModuleProfile)}
         message = ", ".join([module.state, *problems])

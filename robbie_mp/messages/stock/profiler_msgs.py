@@ -1,12 +1,21 @@
 """Messages of the profiler service: the figures of `robbie top`."""
 
+from typing import Any
+
+from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Time
 
 
-class ModuleProfile(Message, name="robbie_msgs/msg/ModuleProfile", version=1):
+def _with_health(module: dict[str, Any]) -> dict[str, Any]:
+    return {**module, "health": ""}
+
+
+class ModuleProfile(
+    Message, name="robbie_msgs/msg/ModuleProfile", version=2, upgrades={1: Upgrade(_with_health)}
+):
     """One process of a run. Times that are not known are NaN; quantiles are of the last interval."""
 
     name: str = DEFAULT
@@ -44,6 +53,7 @@ class ModuleProfile(Message, name="robbie_msgs/msg/ModuleProfile", version=1):
     handler: str = DEFAULT  # the handler that is running
     status: str = DEFAULT
     states: str = DEFAULT  # of its state machines
+    health: str = DEFAULT  # why it is DEGRADED; empty: it is OK
 
 
 class ChannelProfile(Message, name="robbie_msgs/msg/ChannelProfile", version=1):
@@ -59,7 +69,14 @@ class ChannelProfile(Message, name="robbie_msgs/msg/ChannelProfile", version=1):
     age_s: float64 = DEFAULT  # of the last one; NaN: there was none
 
 
-class SystemProfile(Message, name="robbie_msgs/msg/SystemProfile", version=1):
+class SystemProfile(
+    Message,
+    name="robbie_msgs/msg/SystemProfile",
+    version=2,
+    upgrades={
+        1: Upgrade(lambda fields: {**fields, "modules": [_with_health(one) for one in fields["modules"]]})
+    },
+):
     """A run and its machine during one interval."""
 
     stamp: Time = DEFAULT  # end of the interval

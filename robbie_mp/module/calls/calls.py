@@ -41,7 +41,7 @@ class Calls:
         self.due = Due()
         self.client = ClientCalls(bus, clock, log, self.due)
         self.server = ServiceCalls(bus, log, self.due)
-        self.deadlines = Deadlines(bus, clock, health or Health(log), self.due)
+        self.deadlines = Deadlines(bus, clock, health or Health(log.warning), self.due)
         self.timers = Timers(bus, clock, self.due)
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._thread = threading.get_ident()

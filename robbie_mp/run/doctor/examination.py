@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 
 from robbie_mp.base.problem import ProfileError
 from robbie_mp.run.doctor.clock import look_at_clock
+from robbie_mp.run.doctor.devices import look_at_devices
 from robbie_mp.run.doctor.finding import Finding, Level, warn
 from robbie_mp.run.doctor.kernel import look_at_kernel
 from robbie_mp.run.doctor.limits import look_at_limits
@@ -40,6 +41,7 @@ def examine(profile: Profile | None = None) -> list[Finding]:
     }
     if profile:
         looks["modules"] = lambda: look_at_modules(profile)
+        looks["devices"] = lambda: look_at_devices(profile)
     return [finding for name, look in looks.items() for finding in guarded(name, look)]
 
 

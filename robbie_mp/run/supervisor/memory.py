@@ -277,6 +277,10 @@ class RunMemory:
         self._outbox.publish(message, "")
         self._on_change(change)
 
+    def show_health(self, name: str, line: str) -> None:
+        """Show on the board why a module's figures make it DEGRADED; '': they do not."""
+        self.board.show_health(self._slots[name], line)
+
     def attached(self, name: str, incarnation: int, pid: int) -> None:
         """Show on the board that a tool is attached."""
         self.started(name, incarnation, pid)

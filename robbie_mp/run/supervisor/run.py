@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from robbie_mp.base.linux.bus_error import surviving_truncation
@@ -28,6 +28,7 @@ from robbie_mp.run.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.run.supervisor.connection_watch import ConnectionWatch
 from robbie_mp.run.supervisor.control import ControlServer
 from robbie_mp.run.supervisor.files_watch import FilesWatch
+from robbie_mp.run.supervisor.health_watch import HealthWatch
 from robbie_mp.run.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.run.supervisor.output import Listener, OutputStore
 from robbie_mp.run.supervisor.scheduling import computing_with
@@ -40,6 +41,8 @@ from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.run.trace.reader import LOG_FOLDER
 
 SUMMARY_FILE = "summary.json"
+DEGRADED = 3
+"""The exit code of a run that ended in order, but with a module that was DEGRADED."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ class RunResult:
     entries_dropped: dict[str, int]
     """Number of entries dropped, likewise."""
     output_directory: Path
+    degraded: dict[str, str] = field(default_factory=dict)
+    """Why modules were DEGRADED when the run began to stop, by name: those that had been for a while."""
     unwritten: int = 0
     """Orders to write trace or summary that a stalled disk had not accepted at the end."""
 
@@ -174,11 +179,17 @@ def _run(
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
-            lambda: _each_turn(tree, memory, control, tools, watch, files, service),
+            lambda: _each_turn(tree, memory, control, tools, watch, health, files, service),
             spares=_spares(profile, run_folder, environment),
         )
         watch = ConnectionWatch(
             observer, tree.say, {module.name: list(module.topics) for module in plan.modules}
+        )
+        health = HealthWatch(
+            observer,
+            lambda name, text: tree.child(name).output.say(Kind.WARNING, text),
+            memory.show_health,
+            [module.name for module in plan.modules],
         )
         files = FilesWatch(lambda: {run_folder / PLAN_FILE: None, **memory.files()}, memory.data_files)
         tools = AttachedTools(tree, memory, plan.tool_names)
@@ -197,12 +208,13 @@ def _run(
         observer.close()
     outputs = {child.spec.name: child.output for child in tree.children}
     return RunResult(
-        exit_code=exit_code,
+        exit_code=exit_code or (DEGRADED if health.lasting else 0),
         reason=tree.stop_reason,
         figures=figures,
         entries={name: output.lines for name, output in outputs.items()},
         entries_dropped={name: output.dropped for name, output in outputs.items()},
         output_directory=output_directory,
+        degraded=health.lasting,
     )
 
 
@@ -211,7 +223,7 @@ def _say_hot_path(tree: Tree) -> None:
     if reason := why_not():
         tree.say(Kind.WARNING, f"the hot path runs in Python, which is slower: {reason}")
     else:
-        tree.say(Kind.INFO, "the hot path runs in C")
+        tree.say(Kind.SYSTEM, "the hot path runs in C")
 
 
 def _without_tools(figures: Sequence[ModuleFigures]) -> list[ModuleFigures]:
@@ -225,11 +237,14 @@ def _each_turn(
     control: ControlServer,
     tools: AttachedTools,
     watch: ConnectionWatch,
+    health: HealthWatch,
     files: FilesWatch,
     service: ServiceManager,
 ) -> None:
     memory.beat()
-    service.turn(is_ready=tree.has_started, stop_reason=tree.stop_reason)
+    if not tree.stop_reason:
+        health.turn()
+    service.turn(is_ready=tree.has_started, status=health.summary, stop_reason=tree.stop_reason)
     for path, what, owner in files.look():
         if owner is None:
             tree.stop(f"{path} was {what}, and no process can start without it", has_failed=True)

@@ -63,6 +63,7 @@ class SupervisedChild:
         incarnation: counts the starts.
         reason: why the state changed last.
         was_settled: whether it has left STARTING at least once.
+        was_up: whether it has been RUNNING.
         ended_run: whether it ended in the way that ends the run.
         awaits_retry: whether it is FAILED and will be retried.
         unfinished: why it did not end in order when the run stopped, so that what it writes at its end, such
@@ -76,7 +77,7 @@ class SupervisedChild:
         self.state: ChildState | None = None
         self.incarnation = 0
         self.reason = ""
-        self.was_settled = False
+        self.was_settled = self.was_up = False
         self.ended_run = False
         self.output = output
         self._budget = budget
@@ -478,6 +479,7 @@ class SupervisedChild:
         kind = Kind.ERROR if new is ChildState.FAILED else Kind.SYSTEM
         self.output.say(kind, f"{old} → {new}: {reason}{again}")
         self.was_settled = self.was_settled or new is not ChildState.STARTING
+        self.was_up = self.was_up or new is ChildState.RUNNING
         self.state = new
         self.reason = reason
         self._incarnations.state_changed(change)

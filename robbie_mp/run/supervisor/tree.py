@@ -198,7 +198,8 @@ class Tree:
         """Run to the end and return the exit code.
 
         Returns:
-            1 if a child is FAILED or did not end in order, or if the run itself has failed; else 0.
+            1 if a child is FAILED, never came up or did not end in order, or if the run itself has failed;
+            else 0.
         """
         with ExitStack() as stack:
             stack.callback(self._loop.close)
@@ -214,7 +215,11 @@ class Tree:
             while self._turn():
                 orphans.reap(self._known_pids())
             self._report_unfinished()
-        is_failed = (child.state is ChildState.FAILED or child.unfinished for child in self.children)
+            self._report_never_up()
+        is_failed = (
+            child.state is ChildState.FAILED or child.unfinished or not child.was_up
+            for child in self.children
+        )
         return int(self._has_failed or any(is_failed))
 
     def stop(self, reason: str, *, has_failed: bool = False) -> None:
@@ -452,6 +457,13 @@ class Tree:
             )
             self.stop_reason += f"; {name} did not end in order"
             self.say(Kind.ERROR, f"{name} did not end in order: {child.unfinished}; {missing} are missing")
+
+    def _report_never_up(self) -> None:
+        """Report the children that never were RUNNING and are not FAILED, which is reported by itself."""
+        for child in self.children:
+            if not child.was_up and child.state is not ChildState.FAILED:
+                self.stop_reason += f"; {child.spec.name} never came up"
+                self.say(Kind.ERROR, f"{child.spec.name} never came up: {child.reason}")
 
     def _close_output(self) -> None:
         self._say("all children have ended")

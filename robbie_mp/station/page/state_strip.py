@@ -172,10 +172,15 @@ class StateStrip:
             self._restarts.popleft()
         count = self._restarts[-1][1] - self._restarts[0][1]
         failed = [one.name for one in modules if state_name(one) == "FAILED"]
-        text = f"{', '.join(failed)[:20]} FAILED" if failed else f"{count} restarts"
-        return StateItem(
-            "restarts", "restart_alt", text, ALERT if failed else GOOD, "restarts in the last minute"
-        )
+        degraded = {one.name: one.health for one in modules if one.health}
+        if failed:
+            return StateItem("restarts", "restart_alt", f"{', '.join(failed)[:20]} FAILED", ALERT)
+        if degraded:
+            detail = "; ".join(f"{name}: {health}" for name, health in degraded.items())
+            return StateItem(
+                "restarts", "restart_alt", f"{', '.join(degraded)[:20]} DEGRADED", WARNING, detail
+            )
+        return StateItem("restarts", "restart_alt", f"{count} restarts", detail="restarts in the last minute")
 
     def _recording_item(self, modules: tuple[ModuleFigures, ...]) -> StateItem:
         free = shutil.disk_usage(self._run.output_directory).free

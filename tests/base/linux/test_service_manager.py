@@ -31,19 +31,24 @@ def environment(receiver: socket.socket, **more: str) -> dict[str, str]:
     return {"NOTIFY_SOCKET": receiver.getsockname(), **more}
 
 
-def test_ready_and_stopping_are_told_once(receiver: socket.socket) -> None:
+def test_each_notice_is_told_when_it_is_new(receiver: socket.socket) -> None:
     service = ServiceManager.of_environment(environment(receiver))
-    for is_ready, reason in (
-        (False, ""),
-        (True, ""),
-        (True, ""),
-        (True, "got\nSIGTERM"),
-        (True, "got\nSIGTERM"),
+    for is_ready, status, reason in (
+        (False, "starts", ""),
+        (True, "2 modules run", ""),
+        (True, "2 modules run", ""),
+        (True, "laser is DEGRADED:\nunplugged", ""),
+        (True, "2 modules run", ""),
+        (True, "stops", "got\nSIGTERM"),
+        (True, "stops", "got\nSIGTERM"),
     ):
-        service.turn(is_ready=is_ready, stop_reason=reason)
+        service.turn(is_ready=is_ready, status=status, stop_reason=reason)
     service.close()
     assert received(receiver) == [
-        "READY=1\nSTATUS=every module has started",
+        "READY=1",
+        "STATUS=2 modules run",
+        "STATUS=laser is DEGRADED: unplugged",
+        "STATUS=2 modules run",
         "STOPPING=1\nSTATUS=the run stops: got SIGTERM",
     ]
 
@@ -79,7 +84,7 @@ def test_service_manager_that_takes_nothing_stops_nobody(receiver: socket.socket
     assert received(receiver)
     service.turn(is_ready=True)
     service.close()
-    assert received(receiver) == ["READY=1\nSTATUS=every module has started"]
+    assert received(receiver) == ["READY=1"]
 
 
 def test_without_a_service_manager_nothing_is_opened() -> None:

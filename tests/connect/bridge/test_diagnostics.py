@@ -66,13 +66,15 @@ def test_state_of_a_module_is_the_level_of_its_status(state: str, level: int) ->
     assert {one.key: one.value for one in status.values}["pid"] == "12"
 
 
-def test_restart_and_overflow_since_the_last_time_are_warnings() -> None:
+def test_restart_since_the_last_time_and_trouble_are_warnings() -> None:
     diagnosis = Diagnosis("red", "run7")
     running: dict[str, Any] = {"name": "laser", "state": "RUNNING"}
     assert read(diagnosis, ModuleProfile(**running, restarts=4))[1].level == 0
-    _, status = read(diagnosis, ModuleProfile(**running, restarts=5, overflowed=2))
-    assert (status.level, status.message) == (1, "RUNNING, restarted, its queue overflowed")
-    assert read(diagnosis, ModuleProfile(**running, restarts=5, overflowed=2))[1].level == 0
+    _, status = read(diagnosis, ModuleProfile(**running, restarts=5, health="it is unplugged"))
+    assert (status.level, status.message) == (1, "RUNNING, restarted, it is unplugged")
+    _, status = read(diagnosis, ModuleProfile(**running, restarts=5, health="it is unplugged"))
+    assert (status.level, status.message) == (1, "RUNNING, it is unplugged")
+    assert read(diagnosis, ModuleProfile(**running, restarts=5))[1].level == 0
 
 
 def test_full_memory_is_a_warning() -> None:

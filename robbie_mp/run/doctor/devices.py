@@ -1,0 +1,28 @@
+"""The devices that a profile names: whether they are there, and whether this user may use them."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from robbie_mp.run.doctor.finding import Finding, fail, ok
+from robbie_mp.run.profile.model import Profile
+
+FOLDER = "/dev/"
+
+
+def look_at_devices(profile: Profile) -> Iterator[Finding]:
+    """Look for each device that a module's settings name by its path."""
+    for module in profile.modules:
+        for name, value in module.settings.items():
+            if isinstance(value, str) and value.startswith(FOLDER):
+                yield check_device(f"{module.name}.{name}", value)
+
+
+def check_device(setting: str, path: str) -> Finding:
+    """Judge the device that a setting names."""
+    check = f"device {setting}"
+    if not Path(path).exists():
+        return fail(check, f"{path} is not there", "plug it in, or see `robbie devices` for what is there")
+    if not os.access(path, os.R_OK | os.W_OK):
+        return fail(check, f"you may not use {path}", "see the finding on serial ports, or ls -l the device")
+    return ok(check, f"{path} is there")
