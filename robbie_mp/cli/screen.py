@@ -7,6 +7,7 @@ queue is full, it drops the line and counts it.
 
 import contextlib
 import io
+import logging
 import os
 import queue
 import select
@@ -29,6 +30,7 @@ from robbie_mp.run.supervisor.states import ChildState, StateChange
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 
+CRITICAL = logging.getLevelName(logging.CRITICAL)
 LINK = "link"
 """Used in place of a style: show the link of the operator's page if it has changed."""
 REFRESH_S = 0.25
@@ -36,6 +38,12 @@ QUEUED_LINES = 1000
 LAST_WORDS_S = 1.0
 """How long the end of a run waits for lines that are not written yet."""
 STANDARD_ERROR = 2
+
+
+def ordinal(number: int) -> str:
+    """Return an ordinal, such as "3rd"."""
+    ending = "th" if 10 <= number % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 class Unbuffered(io.TextIOBase):
@@ -85,6 +93,8 @@ class RunScreen:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._show, name="screen", daemon=True)
         self._run_id = ""
+        self._crashes: dict[str, tuple[str, int]] = {}
+        """The last crash of each module, and how often it came in a row."""
         self._reported = 0
         self._link = ""
         self.dropped = 0
@@ -109,7 +119,10 @@ class RunScreen:
     def _on_entry(self, entry: Entry) -> None:
         is_change = entry.stream == SUPERVISOR and entry.kind is Kind.ERROR  # which `_on_change` shows
         if not self._quiet and entry.kind is not Kind.SYSTEM and not is_change:
-            for line in entry.lines():
+            is_crash = entry.level == CRITICAL and bool(entry.traceback)
+            # The last line of a traceback is the message, which may differ each time.
+            again = is_crash and self._again(entry.module, entry.traceback.rpartition("\n")[0])
+            for line in [f"{entry.lines()[0]}: {again}"] if again else entry.lines():
                 self._put(f"[{entry.module}] {line}", "dim" if entry.stream == "stdout" else "")
 
     def _on_change(self, change: StateChange) -> None:
@@ -118,8 +131,17 @@ class RunScreen:
         if change.new in (ChildState.FAILED, ChildState.BACKOFF):
             again = f", again in {change.restart_in_s:.2f} s" if change.restart_in_s is not None else ""
             self._put(f"{change.name}: {change.new} ({change.reason}{again})", "bold red")
-            for text in change.last_lines if self._quiet else ():
+            lines = change.last_lines if self._quiet else ()
+            again = self._again(change.name, "\n".join(lines)) if lines else ""
+            for text in (again,) if again else lines:
                 self._put(f"[{change.name}] {text}", "")
+
+    def _again(self, module: str, crash: str) -> str:
+        """Return that a crash is the same as the module's last one, and how often it was; '' if it is not."""
+        before, times = self._crashes.get(module, ("", 0))
+        times = times + 1 if crash == before else 1
+        self._crashes[module] = (crash, times)
+        return f"again, {ordinal(times)} time" if times > 1 else ""
 
     def _put(self, text: str, style: str) -> None:
         try:

@@ -35,7 +35,7 @@ EnvironmentFile=-/etc/robbie/{name}.env
 # Exit code 0: the run has ended as it should. 2: the profile is wrong, which another start cannot fix.
 Restart=on-failure
 RestartSec=1
-RestartPreventExitStatus=2
+RestartPreventExitStatus=2 3
 # The supervisor tells that it does not hang. If it does, systemd kills it, and with it all modules.
 WatchdogSec={watchdog_s}
 WatchdogSignal=SIGKILL

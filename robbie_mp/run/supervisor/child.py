@@ -17,6 +17,7 @@ from typing import NoReturn
 from robbie_mp.base.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.run.supervisor.leftovers import MARKER
+from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 from robbie_mp.run.trace.channel import ChannelHandler, log_to_supervisor
 from robbie_mp.run.trace.kinds import follow_level
 
@@ -86,6 +87,7 @@ def _outcome(
     except BaseException as error:  # every exception is logged, then the process ends
         if os.getpid() != own_pid:
             _end_fork(name, error)
+        leave_out_our_frames(error)
         limit = _memory_limit(plan, name) if isinstance(error, MemoryError) else ""
         logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, limit, exc_info=True)
         if channel is None or channel.dropped:
