@@ -53,6 +53,7 @@ class ReconnectingDeviceModule(Module, Generic[T]):
     period_s: float = setting(0.005, "time between looks at the device; a look waits for data", minimum=0.001)
 
     wait_s = MAX_WAIT_S
+    ticks_wait = True
 
     def setup(self) -> None:
         """Create the driver; it connects in the first tick, or whenever the device is there."""

@@ -8,13 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.attached.views.run_figures import as_data, table
+from robbie_mp.attached.views.run_figures import as_data
 from robbie_mp.base.balance import Balance
 from robbie_mp.bus.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.log_files import LEFT_OUT, print_balance
-from robbie_mp.cli.output import console, warn
+from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments, load
+from robbie_mp.cli.run_summary import print_summary
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
@@ -94,7 +95,8 @@ def run_robot(
         balance_of: returns what was left out, from the folder for results; this makes the exit code 1.
     """
     output = arguments.output or default_output_directory(profile.name)
-    screen = RunScreen(quiet=arguments.quiet or arguments.json)
+    heading = f"{profile.name}: {len(profile.modules)} modules; results in {output}; Ctrl-C ends the run"
+    screen = RunScreen(quiet=arguments.quiet or arguments.json, heading=heading)
     started_s = time.monotonic()
     summary: dict[str, object] = {}
 
@@ -116,7 +118,7 @@ def run_robot(
         played = {"balance": {"used": balance.used, "left_out": balance.left_out}} if balance.read else {}
         print(json.dumps(summary | played, indent=2))
     else:
-        _print_summary(result, summary["duration_s"])
+        print_summary(result, summary["duration_s"])
     if balance.read:
         print_balance(result.output_directory, balance, file=sys.stderr if arguments.json else sys.stdout)
     return result.exit_code or (LEFT_OUT if balance.left_out else 0)
@@ -146,11 +148,3 @@ def _summary(profile_name: str, result: RunResult, duration_s: float) -> dict[st
             for figures in result.figures
         ],
     }
-
-
-def _print_summary(result: RunResult, duration_s: object) -> None:
-    out = console()
-    out.print(table(result.figures, live=False))
-    out.print(f"run ended after {duration_s} s: {result.reason}; exit code {result.exit_code}")
-    out.print("results:", end=" ")
-    out.print(str(result.output_directory), soft_wrap=True)

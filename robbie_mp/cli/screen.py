@@ -79,16 +79,18 @@ class RunScreen:
         dropped: lines that found no room.
     """
 
-    def __init__(self, *, quiet: bool, fd: int = STANDARD_ERROR):
+    def __init__(self, *, quiet: bool, heading: str = "", fd: int = STANDARD_ERROR):
         """Prepare.
 
         Args:
             quiet: show only what went wrong.
+            heading: shown when the run begins, unless it is quiet.
             fd: where to write.
         """
         self._file = Unbuffered(fd)
         self._console = PlainConsole(cast("IO[str]", self._file))
         self._quiet = quiet
+        self._heading = heading
         self._lines: queue.Queue[tuple[str, str]] = queue.Queue(QUEUED_LINES)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._show, name="screen", daemon=True)
@@ -115,6 +117,8 @@ class RunScreen:
 
     def _on_begin(self, run_id: str) -> None:
         self._run_id = run_id
+        if not self._quiet:
+            self._put(self._heading, "bold")
 
     def _on_entry(self, entry: Entry) -> None:
         is_change = entry.stream == SUPERVISOR and entry.kind is Kind.ERROR  # which `_on_change` shows

@@ -233,6 +233,7 @@ class MessageLogger(Module):
             parts[-1] += f" ({self.session.lost} of them were in the memory of a killed logger)"
         if writer.newest.left_out:
             parts.append(f"{writer.newest.left_out} latched messages too large for the beginning of a part")
+        self.degraded = f"cannot write: {recorder.error}" if recorder.error else ""
         if recorder.error:
             parts.insert(0, f"CANNOT WRITE: {recorder.error}")
         self.status = ", ".join(parts)

@@ -130,6 +130,8 @@ class Module:
     With a longer slice than others it gets as much time as without, but other modules that wake up interrupt
     it at once. Set it to 100 if the module moves much data and must be prompt, too.
     """
+    ticks_wait = False
+    """Whether its ticks wait, such as for a device. Then it is not DEGRADED when it misses ticks."""
     follows_run_clock = True
     """Whether `clock` and ticks follow the run's time while a log is played or a simulation runs.
 

@@ -62,7 +62,7 @@ QUEUE = "queue: {messages: 20}"
 LASER = """
 modules:
   laser:
-    class: robbie_robots.modules.devices.hokuyo:HokuyoLaser
+    class: robbie_robots.modules.devices.hokuyo:HokuyoLaserRangeFinder
     settings: {port: /dev/no-such-laser}
 """
 

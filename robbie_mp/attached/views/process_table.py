@@ -199,16 +199,16 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
         lambda row: row.state.plain,
         is_text=True,
     ),
+    _of("rst", lambda module: module.restarts, alarm=True),
     _rate("cpu%", "cpu_percent"),
-    _bytes("mem", lambda module: module.rss_bytes),
     _rate("in/s", "in_hz"),
-    _rate("out/s", "out_hz"),
-    ModuleColumn("queue", _queue, lambda row: row.figures.waiting),
     _TOTALS.pop("overflowed"),
+    ModuleColumn("status", doing, lambda row: doing(row).plain, is_text=True, is_line=True),
+    _rate("out/s", "out_hz"),
+    _bytes("mem", lambda module: module.rss_bytes),
+    ModuleColumn("queue", _queue, lambda row: row.figures.waiting),
     _time("lat p99", "latency", "p99_s"),
     _time("hnd p99", "handler", "p99_s"),
-    _of("rst", lambda module: module.restarts, alarm=True),
-    ModuleColumn("status", doing, lambda row: doing(row).plain, is_text=True, is_line=True),
     _time("lat p50", "latency", "p50_s"),
     _time("hnd mean", "handler", "mean_s"),
     _time("hnd max", "handler", "max_s"),
@@ -257,8 +257,8 @@ PRINTED = (
     "lat p99 ms", "hnd p99 ms", "rst", "up", "status",
 )  # fmt: skip
 LEFT_OUT = (
-    "up", "repl", "refused", "hnd p99 ms", "queue", "mem", "lost", "lat p99 ms", "rst", "drop", "out/s",
-    "in/s", "cpu%",
+    "up", "repl", "refused", "hnd p99 ms", "queue", "mem", "lost", "lat p99 ms", "out/s", "in/s", "cpu%",
+    "drop", "rst",
 )  # fmt: skip
 """Columns that a narrow terminal does not show, the least important one first."""
 

@@ -55,8 +55,7 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
 
     Args:
         modules: the figures; the supervisor's row is left out, as it sends and takes no messages itself.
-        live: whether the modules run. If so, the table shows the status line; if not, the reason of the last
-            state.
+        live: whether the modules run, so that the table shows their status lines.
         columns: which of `FIGURES` to show; all by default.
     """
     made = PlainTable()
@@ -64,13 +63,14 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
     made.add_column("state", no_wrap=True)
     for heading in columns or FIGURES:
         made.add_column(heading, left_out=LEFT_OUT.index(heading) + 1, justify="right", no_wrap=True)
-    made.add_column("status" if live else "ended", shrinks=True)
+    if live:
+        made.add_column("status", shrinks=True)
     for module in modules[1:]:
         made.add_row(
             module.name,
             state_text(module),
             *(FIGURES[heading](module) for heading in columns or FIGURES),
-            Text(one_line(_live_line(module) if live else module.reason), no_wrap=True, overflow="ellipsis"),
+            *([Text(one_line(_live_line(module)), no_wrap=True, overflow="ellipsis")] if live else []),
         )
     return made
 

@@ -112,6 +112,8 @@ class ModuleFigures:
     """Ticks of this incarnation."""
     ticks_missed: int
     """Ticks that this incarnation skipped because it was too late for them."""
+    ticks_wait: bool
+    """Whether its ticks wait for something, so that it is no trouble if some are missed."""
     waiting: int
     """Messages in its inbound queue."""
     waiting_peak: int

@@ -266,6 +266,7 @@ class RunObserver:
             handled=row.past.handled + own[layout.OUT_HANDLED],
             ticks=own[layout.OUT_TICKS],
             ticks_missed=own[layout.OUT_TICKS_MISSED],
+            ticks_wait=bool(own[layout.OUT_TICKS_WAIT]),
             waiting=queue[layout.PUBLISHER_WAITING],
             waiting_peak=queue[layout.PUBLISHER_WAITING_PEAK],
             waiting_bytes=queue[layout.PUBLISHER_WAITING_BYTES],

@@ -84,6 +84,7 @@ class Playback(ClockSource):
     outstanding_bytes: int = setting(32 << 20, "maximum total size of these messages", minimum=1)
     period_s: float = setting(0.005, "time between checks of the clock", minimum=0.001)
     follows_run_clock = False
+    ticks_wait = True  # for those who handle the messages
 
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:

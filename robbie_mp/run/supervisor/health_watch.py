@@ -42,7 +42,7 @@ def _copies(before: ModuleFigures, now: ModuleFigures) -> str:
 
 
 def _missed(before: ModuleFigures, now: ModuleFigures) -> str:
-    missed = now.ticks_missed - before.ticks_missed
+    missed = 0 if now.ticks_wait else now.ticks_missed - before.ticks_missed
     due = missed + now.ticks - before.ticks
     return f"{missed} of {due} ticks missed" if missed >= MANY_MISSED and missed > MISSED_SHARE * due else ""
 

@@ -77,6 +77,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
             wake=place.memory.wakeup.post,
         )
     )
+    place.words[layout.OUT_TICKS_WAIT] = module.ticks_wait
     lockstep = None
     if isinstance(module, ClockSource) and plan.clock.lockstep and plan.clock.source == name:
         into = place.memory.into.words

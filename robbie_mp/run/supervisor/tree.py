@@ -391,7 +391,7 @@ class Tree:
     def _announce_all_started(self) -> None:
         if not self._was_all_started and not self._stop and all(child.was_settled for child in self.children):
             self._was_all_started = True
-            self._say("every module has started or ended: messages flow")
+            self.say(Kind.INFO, "every module has started or ended: messages flow")
             self._incarnations.all_started()
 
     def _say_who_is_awaited(self) -> None:
