@@ -58,6 +58,15 @@ def test_quiet_screen_shows_only_failures() -> None:
     assert shown == ["laser: FAILED (exit code 1)", "[laser] Traceback", "[laser] boom"]
 
 
+def test_run_begins_with_its_heading() -> None:
+    reader, writer = os.pipe()
+    with RunScreen(quiet=False, heading="robot: 3 modules", fd=writer) as screen:
+        screen.listener.begin("1f0c")
+        screen.listener.entry(line("hello"))
+    os.close(writer)
+    assert read_all(reader).splitlines() == ["robot: 3 modules", "[laser] hello"]
+
+
 @pytest.mark.parametrize("is_blocking", [True, False], ids=["blocking", "non-blocking"])
 def test_blocked_reader_blocks_nothing_and_missing_lines_are_counted(is_blocking: bool) -> None:
     """Where another program had made the terminal non-blocking, the run showed nothing more."""

@@ -75,8 +75,8 @@ def test_terminal_of_80_columns_shows_the_modules_and_all_keys() -> None:
         assert "0a1b2c3d demo" in text
         assert "routed 100/s" in text
         row = line_of(pilot, "mapping").split()
-        # name, state, cpu %, memory, in/s, out/s, queue, what did not fit into the queue
-        assert row[:8] == ["mapping", "RUNNING", "50.0", "0", "30.0", "0", "0/10", "3"]
+        # name, state, restarts, cpu %, in/s, what did not fit into the queue, status
+        assert row[:9] == ["mapping", "RUNNING", "0", "50.0", "30.0", "3", "[EXPLORE]", "draws", "[a]"]
         footer = shown(pilot).splitlines()[-1]
         for key in ("More", "Modules", "Types", "Graph", "Sort", "Filter", "Hold", "Restart", "Stop", "Quit"):
             assert key in footer
@@ -104,7 +104,7 @@ def test_rows_are_sorted_by_the_chosen_column() -> None:
         assert order(pilot, "laser", "mapping", "core") == ["laser", "mapping", "core"]
         await pilot.press("s")
         assert order(pilot, "laser", "mapping", "core") == ["core", "laser", "mapping"]
-        await pilot.press("s", "s")
+        await pilot.press("s", "s", "s")
         assert "sorted by cpu%" in shown(pilot)
         assert order(pilot, "laser", "mapping", "core") == ["mapping", "laser", "core"]
         await pilot.press("S")
@@ -118,7 +118,7 @@ def test_cursor_stays_on_its_module_while_rows_move() -> None:
         await pilot.press("down", "down")
         assert isinstance(pilot.app, TopProgram)
         assert pilot.app.selected_module() == "mapping"
-        await pilot.press("s", "s", "s")
+        await pilot.press("s", "s", "s", "s")
         await look(pilot)
         assert pilot.app.selected_module() == "mapping"
         assert "mapping: [EXPLORE]  draws [a] map" in shown(pilot)

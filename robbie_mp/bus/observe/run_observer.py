@@ -209,7 +209,8 @@ class RunObserver:
     def _subscriptions(self) -> dict[int, tuple[SubscriptionFigures, ...]]:
         found: dict[int, tuple[SubscriptionFigures, ...]] = {}
         handles = self._table(self._tables.handle(0), self._tables.sizes.handles, layout.HANDLE_WORDS)
-        live = {*map(deadly_key, handles[:, layout.HANDLE_SEQUENCE].tolist())} - {0}
+        sequences = handles[:, layout.HANDLE_SEQUENCE]
+        live = {*map(deadly_key, sequences[sequences != 0].tolist())} - {0}
         for row in self._tables.subscriptions():
             name, counts, slot = row.name, row.counts, row.slot
             figures = SubscriptionFigures(
