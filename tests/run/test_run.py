@@ -449,6 +449,7 @@ def test_service_manager_is_told_when_all_run_and_that_the_supervisor_lives(
         assert all(figures[name]["state"] == "RUNNING" for name in ("one", "two"))
         environment = Path(f"/proc/{figures['one']['pid']}/environ").read_bytes()
         assert b"NOTIFY_SOCKET" not in environment
+        assert manager.recv(1000) == b"STATUS=2 modules run"
         assert manager.recv(1000) == b"WATCHDOG=1"
         process.send_signal(signal.SIGTERM)
         while not (said := manager.recv(1000)).startswith(b"STOPPING=1"):
