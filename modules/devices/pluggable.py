@@ -1,6 +1,5 @@
 """Base of the modules of pluggable devices: they poll the device and tell its state."""
 
-import time
 from typing import Generic, Protocol, TypeVar
 
 from robbie_mp import REQUIRED, Header, Module, Time, setting
@@ -60,7 +59,7 @@ class ReconnectingDeviceModule(Module, Generic[T]):
         self.device = self.open_device()
         self._told = ConnectionState.DISCONNECTED
         self._told_ns = -(10**18)
-        self._began_s = time.monotonic()
+        self._began_s = self.monotonic_s()
 
     @property
     def place(self) -> str:
@@ -113,7 +112,7 @@ class ReconnectingDeviceModule(Module, Generic[T]):
         was_found = self.device.counters.connections > 0
         if self.device.is_connected:
             self.degraded = ""
-        elif was_found or time.monotonic() - self._began_s > FOUND_WITHIN_S:
+        elif was_found or self.monotonic_s() - self._began_s > FOUND_WITHIN_S:
             self.degraded = f"the device is disconnected: {self.device.reason}"
 
     def status_line(self) -> str:

@@ -85,6 +85,7 @@ def test_disconnected_robot_is_told_and_nothing_else_is_published(robot: Robot) 
     robot.harness.advance(0.1)
     state = robot.harness.take(DeviceState)[-1]
     assert (state.state, state.losses) == ("DISCONNECTED", 1)
+    assert robot.harness.module.degraded.startswith("the device is disconnected: ")
     assert robot.harness.take(Odometry) == []
 
 

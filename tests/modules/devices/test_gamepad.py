@@ -89,6 +89,7 @@ def test_pulled_out_gamepad_stops_the_robot_and_never_repeats_its_last_command(o
     assert [operator.does() for _ in range(5)] == [[]] * 5
     state = operator.harness.take(DeviceState)[-1]
     assert (state.state, state.losses) == ("DISCONNECTED", 1)
+    assert operator.harness.module.degraded.startswith("the gamepad is disconnected: ")
     # Plugged in again, the button that was held is not held any more.
     operator.plug_in()
     assert operator.does() == []

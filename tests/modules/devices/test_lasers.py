@@ -8,6 +8,7 @@ import pytest
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import DeviceState, LaserScan
 from robbie_robots.hw.laser import DeviceSweep
+from robbie_robots.modules.devices.pluggable import FOUND_WITHIN_S
 from robbie_robots.modules.devices.pluggable_laser import PluggableLaserModule
 from robbie_robots.modules.devices.rplidar import RpLidarRangeFinder
 from robbie_robots.modules.devices.sick_cola import SickColaRangeFinder
@@ -27,6 +28,9 @@ def test_missing_laser_is_told_each_second_and_nothing_is_published(
         assert "cannot open the port" in states[-1].reason
         assert harness.take(LaserScan) == []
         assert harness.module.status.startswith("DISCONNECTED: cannot open the port")
+        assert not harness.module.degraded, "it may still be found"
+        harness.advance(FOUND_WITHIN_S)
+        assert harness.module.degraded.startswith("the device is disconnected: cannot open the port")
 
 
 def test_sweep_is_published_with_its_stamp_and_intensities() -> None:

@@ -65,7 +65,8 @@ def test_modules_start_without_waiting_for_each_other(tmp_path: Path) -> None:
         assert run.incarnations.times_all_started == 0
         run.tree.stop("seen enough")
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1, "slow never came up"
+    assert run.tree.stop_reason == "seen enough; slow never came up"
 
 
 def test_child_that_fails_is_restarted_until_its_budget_is_used_up(tmp_path: Path) -> None:
@@ -353,7 +354,7 @@ def test_nothing_is_restarted_while_stopping(tmp_path: Path) -> None:
 
 def test_stop_ends_a_backoff(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.fails_at_once, restart=RestartPolicy(backoff_s=60.0, backoff_cap_s=60.0)))
-    assert run.play(stop_when(run, lambda: BACKOFF in run.states("fails_at_once"))) == 0
+    assert run.play(stop_when(run, lambda: BACKOFF in run.states("fails_at_once"))) == 1
     assert run.states("fails_at_once") == [STARTING, BACKOFF, STOPPED]
 
 
