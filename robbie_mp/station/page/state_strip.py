@@ -171,16 +171,7 @@ class StateStrip:
         while now_s - self._restarts[0][0] > RESTARTS_S:
             self._restarts.popleft()
         count = self._restarts[-1][1] - self._restarts[0][1]
-        failed = [one.name for one in modules if state_name(one) == "FAILED"]
-        degraded = {one.name: one.health for one in modules if one.health}
-        if failed:
-            return StateItem("restarts", "restart_alt", f"{', '.join(failed)[:20]} FAILED", ALERT)
-        if degraded:
-            detail = "; ".join(f"{name}: {health}" for name, health in degraded.items())
-            return StateItem(
-                "restarts", "restart_alt", f"{', '.join(degraded)[:20]} DEGRADED", WARNING, detail
-            )
-        return StateItem("restarts", "restart_alt", f"{count} restarts", detail="restarts in the last minute")
+        return health_item(modules, count)
 
     def _recording_item(self, modules: tuple[ModuleFigures, ...]) -> StateItem:
         free = shutil.disk_usage(self._run.output_directory).free
@@ -214,6 +205,23 @@ class Chip:
         if before is None or before.detail != item.detail:
             self._chip.props["title"] = item.detail
             self._chip.update()
+
+
+def health_item(modules: Sequence[ModuleFigures], restarts: int) -> StateItem:
+    """Return which modules are FAILED or DEGRADED, or that none is.
+
+    Args:
+        modules: the figures of all.
+        restarts: in the last minute.
+    """
+    failed = [one.name for one in modules if state_name(one) == "FAILED"]
+    if failed:
+        return StateItem("restarts", "restart_alt", f"{', '.join(failed)[:20]} FAILED", ALERT)
+    degraded = {one.name: one.health for one in modules if one.health}
+    if degraded:
+        detail = "; ".join(f"{name}: {why}" for name, why in degraded.items())
+        return StateItem("restarts", "restart_alt", f"{', '.join(degraded)[:20]} DEGRADED", WARNING, detail)
+    return StateItem("restarts", "restart_alt", f"{restarts} restarts", detail="restarts in the last minute")
 
 
 def time_left_s(charges: deque[tuple[float, float]]) -> float | None:
