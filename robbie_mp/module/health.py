@@ -46,6 +46,11 @@ class Health:
         self._reasons.clear()
         self._show_reasons()
 
+    @property
+    def line(self) -> str:
+        """What is shown: all reasons; '' if there are none."""
+        return self._shown
+
     def _show_reasons(self) -> None:
         line = "; ".join(self._reasons.values())
         if line != self._shown:

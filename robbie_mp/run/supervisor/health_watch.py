@@ -13,7 +13,10 @@ LOOK_S = 1.0
 WINDOW_S = 5.0
 """A module is judged by its figures of this time, so a problem ends when it was not seen for as long."""
 LASTING_S = 5.0
-"""A module that was DEGRADED for this time when the run began to stop has not done its work."""
+"""A module that was DEGRADED for this time when the run began to stop has not done its work.
+
+That it is slow does not count: that depends on what else the machine does.
+"""
 MANY_MISSED = 3
 MISSED_SHARE = 0.2
 """A module that misses this many and this share of its ticks does not keep its period."""
@@ -50,6 +53,8 @@ def _missed(before: ModuleFigures, now: ModuleFigures) -> str:
 PROBLEMS = {"drops": _drops, "refused": _refused, "copies": _copies, "ticks": _missed}
 """What a module's figures may show. Each returns what went wrong between two moments; '' if nothing did."""
 
+SLOW = {"copies", "ticks"}
+
 
 class _Watched:
     """One module.
@@ -59,12 +64,12 @@ class _Watched:
 
     Attributes:
         reason: why it is DEGRADED, also by what it says itself; '': it is OK.
-        since_s: since when.
+        fails_since_s: since when it has other reasons than that it is slow; None: it has none.
     """
 
     def __init__(self, health: Health):
         self.reason = ""
-        self.since_s = 0.0
+        self.fails_since_s: float | None = None
         self._health = health
         self._window: deque[tuple[float, ModuleFigures]] = deque()
         self._began: dict[str, ModuleFigures] = {}
@@ -77,10 +82,14 @@ class _Watched:
         while self._window and now_s - self._window[0][0] > WINDOW_S:
             self._window.popleft()
         self._window.append((now_s, now))
+        # The reasons that were known when these figures were read are the ones of the last look.
+        is_only_slow = now.health == self._health.line and self._began.keys() <= SLOW
+        if is_only_slow:
+            self.fails_since_s = None
+        elif self.fails_since_s is None:
+            self.fails_since_s = now_s
         for cause, problem in PROBLEMS.items():
             self._update(cause, problem, self._window[0][1], now)
-        if now.health and not self.reason:
-            self.since_s = now_s
         self.reason = now.health
 
     def forget(self) -> None:
@@ -89,6 +98,7 @@ class _Watched:
         self._began.clear()
         self._health.clear()
         self.reason = ""
+        self.fails_since_s = None
 
     def _update(
         self,
@@ -146,7 +156,7 @@ class HealthWatch:
         return {
             name: one.reason
             for name, one in self._watched.items()
-            if one.reason and self._looked_s - one.since_s >= LASTING_S
+            if one.fails_since_s is not None and self._looked_s - one.fails_since_s >= LASTING_S
         }
 
     @property
