@@ -19,6 +19,8 @@ TEMPLATE = "workspace_template"
 EXAMPLE_TEMPLATE = "example_template"
 SUFFIX = ".template"
 """Hides the template's files from linters and importers; it is removed from the names of the copies."""
+HIDDEN = ("github", "gitignore", "pre-commit-config.yaml", "vscode")
+"""Files and folders of the template whose copies have a dot before their names."""
 
 EXTRAS = {
     "rescue": "robot,vision,gui",
@@ -123,11 +125,11 @@ def _copy(source: Traversable, target: Path, words: dict[str, str]) -> list[Path
     made = []
     target.mkdir(parents=True, exist_ok=True)
     for entry in sorted(source.iterdir(), key=lambda entry: entry.name):
+        name = entry.name.removesuffix(SUFFIX)
+        file = target / (f".{name}" if name in HIDDEN else name)
         if entry.is_dir():
-            made += _copy(entry, target / entry.name, words)
+            made += _copy(entry, file, words)
         elif entry.name.endswith(SUFFIX):
-            name = entry.name.removesuffix(SUFFIX)
-            file = target / (f".{name}" if name == "gitignore" else name)
             text = entry.read_text()
             for key, word in words.items():
                 text = text.replace("{{" + key + "}}", word)

@@ -46,6 +46,10 @@ CODE = {
         "class M(Module):\n    rate: flaot = setting(1.0, 'x')",
         "6: NameError: name 'flaot' is not defined; did you mean 'float'",
     ),
+    "hiding_setting": (
+        "class M(Module):\n    every: int = setting(1, 'x')",
+        "5: the setting every hides Module.every; give it another name",
+    ),
     "stock_message": (
         "from robbie_mp.messages import LazerScan\nclass M(Module): pass",
         "5: ImportError: cannot import name 'LazerScan' from 'robbie_mp.messages'; did you mean 'LaserScan'?",

@@ -1,10 +1,13 @@
 """A workspace as `robbie new` makes it."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from robbie_mp.cli import main
 from robbie_mp.cli.new import EXTRAS, copy_example, make_workspace
@@ -66,6 +69,35 @@ def test_example_needs_no_folder_and_a_new_robot_does(
         main(["new"])
     assert caught.value.code == 2
     assert "name a folder for the new robot, or an --example" in capsys.readouterr().err
+
+
+def test_new_robot_has_files_for_ci_commits_and_an_editor(tmp_path: Path) -> None:
+    made = {file.relative_to(tmp_path / "robot").as_posix() for file in make_workspace(tmp_path / "robot")}
+    assert made >= {
+        ".gitignore", ".github/workflows/test.yml", ".pre-commit-config.yaml", ".vscode/settings.json",
+        ".vscode/launch.json",
+    }  # fmt: skip
+    for name in ("settings", "launch"):
+        json.loads((tmp_path / "robot/.vscode" / f"{name}.json").read_text())
+    workflow = yaml.safe_load((tmp_path / "robot/.github/workflows/test.yml").read_text())
+    hooks = yaml.safe_load((tmp_path / "robot/.pre-commit-config.yaml").read_text())
+    assert len(hooks["repos"]) == 2
+    commands = [step["run"] for step in workflow["jobs"]["test"]["steps"] if "run" in step]
+    assert "python -m unittest" in commands
+
+
+@pytest.mark.slow
+def test_commands_of_the_workflow_pass_in_a_new_workspace(tmp_path: Path) -> None:
+    make_workspace(tmp_path / "robot")
+    workflow = yaml.safe_load((tmp_path / "robot/.github/workflows/test.yml").read_text())
+    commands = [step["run"] for step in workflow["jobs"]["test"]["steps"] if "run" in step]
+    programs = Path(sys.executable).parent
+    for command in commands[1:]:  # without pip
+        done = subprocess.run(
+            ["sh", "-c", command], cwd=tmp_path / "robot", capture_output=True, text=True, timeout=100,
+            env=os.environ | {"PATH": f"{programs}:{os.environ['PATH']}", "MYPYPATH": str(ROOT)}, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, command + done.stdout + done.stderr
 
 
 def test_folder_in_use_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

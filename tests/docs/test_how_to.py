@@ -101,6 +101,19 @@ def test_cameras_of_the_pages_copy_no_image(monkeypatch: pytest.MonkeyPatch) -> 
             assert (harness.bus.copied_loans.count, len(harness.take(Image))) == (0, 66)
 
 
+def test_opencv_reads_an_image_where_it_lies_and_cannot_change_it() -> None:
+    cv2 = pytest.importorskip("cv2")
+    with ModuleHarness(run("opencv")["Edges"]) as harness:
+        data = np.zeros((48, 64), np.uint8)
+        data[10:30, 10:30] = 255
+        harness.send(Image(height=48, width=64, step=64, encoding="mono8", data=data.reshape(-1)))
+        pixels, status = harness.module.pixels, harness.module.status
+    assert int(status.split()[0]) > 40
+    assert not pixels.flags.owndata and not pixels.flags.writeable
+    with pytest.raises(cv2.error, match=r"readonly|read-only"):
+        cv2.rectangle(pixels, (0, 0), (5, 5), 1)
+
+
 def test_module_does_several_things_periodically() -> None:
     with ModuleHarness(run("every")["Wanderer"]) as harness:
         harness.advance(1.0)

@@ -20,6 +20,7 @@ from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.module.handlers import handler_flaw
 from robbie_mp.module.module import Module
+from robbie_mp.module.settings import settings_of
 from robbie_mp.module.wiring import InvalidTopic, check_topic
 
 MISTAKES = (SyntaxError, NameError, RobbieError)
@@ -101,6 +102,10 @@ def class_flaws(cls: type) -> Iterator[CodeFlaw]:
         hook = getattr(cls, name)
         if hook is not getattr(Module, name) and (flaw := handler_flaw(_bound(cls, name), *parameters)):
             yield CodeFlaw(*_place_of(hook), flaw)
+    for name, declared in settings_of(cls).items():
+        if name in vars(Module) and name != "period_s":
+            text = f"the setting {name} hides Module.{name}; give it another name"
+            yield CodeFlaw(*_place_of(declared.owner), text)
     source = "\n".join(_source(one) for one in own)
     for one in own:
         yield from _flaws_of_calls(cls, one, source)
