@@ -31,6 +31,7 @@ from robbie_mp.run.supervisor.files_watch import FilesWatch
 from robbie_mp.run.supervisor.health_watch import HealthWatch
 from robbie_mp.run.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.run.supervisor.output import Listener, OutputStore
+from robbie_mp.run.supervisor.own_log import logging_to
 from robbie_mp.run.supervisor.scheduling import computing_with
 from robbie_mp.run.supervisor.spares import SpareCommand
 from robbie_mp.run.supervisor.states import StateChange
@@ -202,7 +203,7 @@ def _run(
         memory.close()
         raise
     try:
-        with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/"):
+        with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/"), logging_to(tree.say):
             exit_code = tree.run()
     finally:
         observer.close()
