@@ -24,7 +24,7 @@ from robbie_mp.messages import LaserScan, ModuleState, Odometry
 from robbie_mp.module.settings import check_settings
 from tests._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 MODULES = '''
 from robbie_mp.messages import LaserScan, Odometry
