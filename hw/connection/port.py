@@ -5,6 +5,8 @@ import os
 import select
 import socket
 import time
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -105,12 +107,31 @@ class Port:
             raise PortError(f"the port {self.url} broke: {error}") from error
 
 
+def holder_of(path: str) -> str:
+    """Return which process has locked a file with flock(2), from proc_locks(5)."""
+    status = os.stat(path)
+    place = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+    for line in Path("/proc/locks").read_text().splitlines():
+        fields = line.split()
+        if fields[1] == "FLOCK" and fields[5] == place:
+            with suppress(OSError):
+                return f"process {fields[4]} ({Path(f'/proc/{fields[4]}/comm').read_text().strip()})"
+    return "another process"
+
+
 class _Serial:
     """A port of pyserial's."""
 
     def __init__(self, url: str, bit_rate: int) -> None:
         options: dict[str, Any] = {} if "://" in url else {"exclusive": True}
-        self._port = serial.serial_for_url(url, bit_rate, timeout=0, write_timeout=WRITE_TIMEOUT_S, **options)
+        try:
+            self._port = serial.serial_for_url(
+                url, bit_rate, timeout=0, write_timeout=WRITE_TIMEOUT_S, **options
+            )
+        except OSError as error:
+            if error.errno == errno.EWOULDBLOCK:
+                raise BlockingIOError(f"{holder_of(url)} uses it") from None
+            raise
         self.descriptor: int | None = getattr(self._port, "fd", None)
         # Other URLs of pyserial's do more than read, as `spy://`.
         self._is_plain = "://" not in url

@@ -25,7 +25,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "Print the link of a run whose profile has a Foxglove server (parent robbie:foxglove). In Foxglove, "
         'choose "Open connection", "Foxglove WebSocket", and paste the link. It contains the token, so '
         "who has it can read the robot's messages, and send what the profile accepts.",
-        ["robbie foxglove", "robbie foxglove --run 1f0c", "robbie foxglove --layout robbie.json"],
+        ["robbie foxglove", "robbie foxglove --run demo", "robbie foxglove --layout robbie.json"],
     )
     add_run_argument(parser)
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""`robbie gui --attach RUN`: an operator station for a robot that is already running."""
+"""`robbie gui`: an operator station for a robot that is already running."""
 
 import argparse
 import logging
@@ -38,12 +38,12 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         [
             "robbie gui",
             "robbie gui --link",
-            "robbie gui --attach 1f0c --port 8090",
+            "robbie gui --run demo --port 8090",
             "robbie gui --host 0.0.0.0 --operator-token file:operator.token",
             "robbie gui --set 'tabs={drive: Pad, map: Where am I}' --set max_linear_m_per_s=0.3",
         ],
     )
-    add_run_argument(parser, "--attach")
+    add_run_argument(parser)
     parser.add_argument("--host", help="address to listen on (127.0.0.1); any other needs a token")
     parser.add_argument("--port", type=int, help="port to listen on (8080); 0: any free port")
     for setting, variable in TOKENS.items():

@@ -40,6 +40,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
             "robbie run sim/arena --set mapping.resolution_m=0.1",
             "robbie run robot --var simulated=true --without camera",
             "robbie run robot --quiet --json > summary.json",
+            "robbie run robot --another",
         ],
     )
     add_profile_arguments(parser)
@@ -48,6 +49,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "--fresh",
         action="store_true",
         help="start without the checkpoints of earlier runs (they are renamed, not deleted)",
+    )
+    parser.add_argument(
+        "--another", action="store_true", help="start a second robot, although one of this workspace runs"
     )
     parser.set_defaults(command=run)
 
@@ -66,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     profile, findings = check(load(arguments))
     if arguments.fresh:
         _set_checkpoints_aside(profile)
-    return run_robot(profile, findings, arguments)
+    return run_robot(profile, findings, arguments, is_robot=True)
 
 
 def check(profile: Profile) -> tuple[Profile, Preflight]:
@@ -85,6 +89,8 @@ def run_robot(
     findings: Preflight,
     arguments: argparse.Namespace,
     balance_of: Callable[[Path], Balance | None] = lambda _folder: None,
+    *,
+    is_robot: bool = False,
 ) -> int:
     """Run a checked profile to its end, show what happens, and print a summary.
 
@@ -93,6 +99,7 @@ def run_robot(
         findings: of the check.
         arguments: those of `add_output_arguments`.
         balance_of: returns what was left out, from the folder for results; this makes the exit code 1.
+        is_robot: whether it is the robot of its workspace, which runs once unless `arguments.another`.
     """
     output = arguments.output or default_output_directory(profile.name)
     heading = f"{profile.name}: {len(profile.modules)} modules; results in {output}; Ctrl-C ends the run"
@@ -106,7 +113,16 @@ def run_robot(
 
     with screen:
         types = findings.types.values()
-        result = run_profile(profile, findings.settings, types, output, screen.listener, summarize)
+        result = run_profile(
+            profile,
+            findings.settings,
+            types,
+            output,
+            screen.listener,
+            summarize,
+            is_robot=is_robot,
+            another=is_robot and arguments.another,
+        )
     if result.unwritten:
         print(
             f"the disk of {result.output_directory} has stalled: {result.unwritten} pieces of trace and "

@@ -2,17 +2,22 @@
 
 import argparse
 
-from robbie_mp.run.live_runs import NoSuchRun, choose_run, live_runs
+from robbie_mp.run.live_runs import NoSuchRun, choose_run, live_runs, matching_runs
 
-__all__ = ["NoSuchRun", "add_run_argument", "choose_run", "live_runs"]
+__all__ = ["NoSuchRun", "add_run_argument", "choose_run", "live_runs", "matching_runs"]
 
 
-def add_run_argument(parser: argparse.ArgumentParser, *also: str) -> None:
-    """Add the option that names a run, and further names for it."""
+def add_run_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names a run."""
     run = parser.add_argument(
         "--run",
-        *also,
-        metavar="ID",
-        help="id of the run, or its beginning, if there are several (see `robbie list`)",
+        metavar="RUN",
+        help="the run, by its profile, its folder, or its id or the beginning of it, as `robbie list` shows "
+        "them; default: $ROBBIE_RUN, or the run of this workspace, or the only run",
     )
-    run.completer = lambda **_: [known.run_id for known in live_runs()]  # type: ignore[attr-defined]
+    run.completer = _names  # type: ignore[attr-defined]
+
+
+def _names(**_: object) -> list[str]:
+    runs = live_runs()
+    return [run.run_id for run in runs] + [run.record.profile for run in runs if run.record]

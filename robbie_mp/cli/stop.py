@@ -19,7 +19,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "stop a run in order",
         "Stop a run, its modules in reverse order of their start, and wait until it has ended. "
         "`robbie module stop` stops a single module.",
-        ["robbie stop", "robbie stop --run 3fa1"],
+        ["robbie stop", "robbie stop --run demo"],
     )
     add_run_argument(parser)
     parser.set_defaults(command=stop)

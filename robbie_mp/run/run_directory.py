@@ -61,6 +61,10 @@ class RunRecord:
     """ISO 8601, UTC."""
     python: str
     output_directory: str
+    workspace: str
+    """The robot's folder."""
+    is_robot: bool
+    """Whether it was started as the robot of its workspace; not to play a log, or to steer another robot."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,9 @@ class RunDirectory:
         output_directory: Path,
         base: Path | None = None,
         shared_memory: Path = SHARED_MEMORY,
+        *,
+        workspace: Path = Path(),
+        is_robot: bool = False,
     ) -> Self:
         """Make a new run's folders and lock them until `remove` or the end of this process.
 
@@ -105,13 +112,15 @@ class RunDirectory:
             output_directory: for the record.
             base: the folder for runs; None: the first of `base_folders`.
             shared_memory: where named segments and semaphores appear.
+            workspace: for the record.
+            is_robot: for the record.
 
         Raises:
             UnsafeRunFolder: other users could change the folder for runs.
             NamesTaken: every run id that was tried is in use.
         """
         base = base_folders()[0] if base is None else base
-        _make_private(base)
+        make_private(base)
         run_id, memory_lock_fd = _reserve_run_id(base, shared_memory)
         supervisor = ProcessIdentity.own()
         record = RunRecord(
@@ -122,6 +131,8 @@ class RunDirectory:
             started_at=datetime.now(UTC).isoformat(),
             python=sys.executable,
             output_directory=str(output_directory.absolute()),
+            workspace=str(workspace.resolve()),
+            is_robot=is_robot,
         )
         with contextlib.ExitStack() as undo:
             undo.callback(os.close, memory_lock_fd)
@@ -247,7 +258,12 @@ def privacy_problem(base: Path) -> str:
     return ownership_problem(os.lstat(base), folder=True)
 
 
-def _make_private(base: Path) -> None:
+def make_private(base: Path) -> None:
+    """Make a folder for runs, if there is none.
+
+    Raises:
+        UnsafeRunFolder: other users could change it.
+    """
     with contextlib.suppress(FileExistsError):
         base.mkdir(mode=0o700)
     if problem := privacy_problem(base):

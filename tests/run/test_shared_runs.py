@@ -30,7 +30,7 @@ def start(robot: Robot, name: str, duration_s: float) -> "subprocess.Popen[str]"
     shared = robot.folder / "shared"
     profile = PROFILE.format(duration_s=duration_s, shared=shared, period_s=PERIODS_S[name])
     robot.write_profile(profile, name=name)
-    return robot.start(profile=name, output=robot.folder / name)
+    return robot.start("--another", profile=name, output=robot.folder / name)
 
 
 def newest_s(folder: Path) -> float:

@@ -206,10 +206,10 @@ def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> 
 
 def module_run_as_tool_drives_and_stops(robot: Robot, journal: Journal, started: Browser) -> None:
     """Do the same by the page of a process that the robot does not know."""
-    refused = robot.command("gui", "--attach", robot.known_run().run_id)
+    refused = robot.command("gui", "--run", robot.known_run().run_id)
     assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
     assert "this run has an operator station already: http://127.0.0.1:" in refused.stderr
-    refused = robot.command("gui", "--attach", robot.known_run().run_id, "--host", "0.0.0.0")
+    refused = robot.command("gui", "--run", robot.known_run().run_id, "--host", "0.0.0.0")
     assert refused.returncode == 2
     assert refused.stderr.startswith("0.0.0.0 can be reached from other machines: set operator_token")
     robot.command("module", "stop", "operator", "--run", robot.known_run().run_id)
@@ -226,7 +226,7 @@ def module_run_as_tool_drives_and_stops(robot: Robot, journal: Journal, started:
 def attached_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     """Start a page for a run that has none; it is given with its address."""
     (robot.folder / "zoo" / "own_panel.py").write_text((HERE / "_support" / "own_panel.py").read_text())
-    options = ["--attach", robot.known_run().run_id, "--port", "0", "--set", "max_linear_m_per_s=0.4"]
+    options = ["--run", robot.known_run().run_id, "--port", "0", "--set", "max_linear_m_per_s=0.4"]
     panels = ["--set", "panels=['zoo.own_panel:FriendsPanel']", "--set", "tabs={drive: ''}"]
     command = [*COMMAND, "gui", *options, *panels]
     with subprocess.Popen(command, cwd=robot.folder.parent, stdout=subprocess.PIPE, text=True) as program:

@@ -63,13 +63,14 @@ def attach(run: str | None = None) -> "AttachedRun":
     attach more than once. The robot does not wait for it.
 
     Args:
-        run: the id of the run, or its beginning; by default the only run on this machine.
+        run: the run, by its profile, its folder, or its id or the beginning of it; by default what the
+            environment variable ROBBIE_RUN names, or the run of this workspace, or the only run.
 
     Raises:
         NoSuchRun: no run, or more than one, matches; the text names them.
         RunNotControlled: the run is just starting, or has just ended.
     """
-    return AttachedRun(choose_run(run, "attach('ID')"))
+    return AttachedRun(choose_run(run, "attach(…)"))
 
 
 class AttachedRun:

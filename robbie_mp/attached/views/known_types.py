@@ -5,13 +5,14 @@ from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.run.live_runs import live_runs, matching_runs
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.checking_process import check_events
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import ModuleSpec, Profile
 from robbie_mp.run.profile.preflight import BASE_CLASS
 from robbie_mp.run.profile.workspace import find_workspace
-from robbie_mp.run.run_directory import KnownRun, list_runs
+from robbie_mp.run.run_directory import KnownRun
 
 IMPORT_TIMEOUT_S = 30.0
 """A busy robot's computer takes several seconds to import the modules of a workspace."""
@@ -22,9 +23,9 @@ def types_of_run(run: KnownRun) -> KnownTypes:
     return KnownTypes(TypeDescription(*one) for one in RunPlan.load(run.folder).types)
 
 
-def types_of_run_or_workspace(run_id: str | None) -> KnownTypes:
+def types_of_run_or_workspace(named: str | None) -> KnownTypes:
     """Return the types of the matching run if there is exactly one, else those of the current workspace."""
-    runs = [run for run in list_runs() if run.is_live and run.run_id.startswith(run_id or "")]
+    runs = matching_runs(named, live_runs())
     return types_of_run(runs[0]) if len(runs) == 1 else KnownTypes(types_of_workspace(Path.cwd()))
 
 

@@ -6,7 +6,7 @@ from enum import Enum, auto
 
 from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
-from robbie_mp.cli.runs import live_runs
+from robbie_mp.cli.runs import live_runs, matching_runs
 from robbie_mp.run.run_directory import KnownRun, is_live
 
 DESCRIBED_READINGS = 10
@@ -73,11 +73,11 @@ class RunFeed:
     """Reads one run, and follows from run to run.
 
     Args:
-        run_id: the beginning of the wanted run's id; None: the only run there is.
+        named: the wanted run, as `matching_runs` takes it.
     """
 
-    def __init__(self, run_id: str | None = None):
-        self._run_id = run_id
+    def __init__(self, named: str | None = None):
+        self._named = named
         self._run: KnownRun | None = None
         self._observer: RunObserver | None = None
         self._readings: deque[RunReading] = deque(maxlen=DESCRIBED_READINGS)
@@ -110,7 +110,7 @@ class RunFeed:
             self._observer = None
 
     def _wanted(self) -> tuple[KnownRun, ...]:
-        return tuple(run for run in live_runs() if run.run_id.startswith(self._run_id or ""))
+        return tuple(matching_runs(self._named, live_runs()))
 
     def _attach(self, run: KnownRun) -> bool:
         try:

@@ -79,6 +79,11 @@ def _names_in(folder: Path) -> list[str]:
     return sorted(file.relative_to(folder).with_suffix("").as_posix() for file in files)
 
 
+def enclosing_workspace(start: Path) -> Path | None:
+    """Return the nearest folder with profiles/, from an absolute path upwards; None: there is none."""
+    return next((one for one in (start, *start.parents) if (one / FOLDER).is_dir()), None)
+
+
 def find_workspace(start: Path, wanted: str = "") -> Workspace:
     """Return the workspace of a folder: this folder, or the nearest one above it, that contains profiles/.
 
@@ -90,9 +95,8 @@ def find_workspace(start: Path, wanted: str = "") -> Workspace:
         ProfileError: there is none.
     """
     start = start.absolute()
-    for folder in (start, *start.parents):
-        if (folder / FOLDER).is_dir():
-            return Workspace(folder)
+    if folder := enclosing_workspace(start):
+        return Workspace(folder)
     near = _near(wanted, stock_names()) if wanted else ""
     raise refuse(f"no folder {FOLDER}/ in {start} or above it; go to your robot's folder{near}")
 
@@ -105,7 +109,7 @@ def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     Raises:
         ProfileError: there is no workspace, or the file is not in one.
     """
-    if name_or_file.startswith(STOCK) and not any((one / FOLDER).is_dir() for one in (start, *start.parents)):
+    if name_or_file.startswith(STOCK) and not enclosing_workspace(start):
         return Workspace(start), name_or_file
     if not name_or_file.endswith(SUFFIX):
         return find_workspace(start, name_or_file), name_or_file

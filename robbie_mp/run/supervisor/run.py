@@ -19,6 +19,7 @@ from robbie_mp.bus.transport.board import TOOL_PREFIX
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.bus.transport.words import check_machine
 from robbie_mp.messages.descriptions import TypeDescription
+from robbie_mp.run.exclusive_use import one_start_at_a_time, refuse_second_robot, refuse_taken_devices
 from robbie_mp.run.plan import CORE, PLAN_FILE, RunPlan
 from robbie_mp.run.profile.model import Profile, Scheduling
 from robbie_mp.run.profile.show import as_profile
@@ -82,6 +83,9 @@ def run_profile(
     output_directory: Path,
     listener: RunListener,
     summarize: Callable[[RunResult], str] = lambda _result: "",
+    *,
+    is_robot: bool = False,
+    another: bool = False,
 ) -> RunResult:
     """Run a profile to its end.
 
@@ -92,8 +96,12 @@ def run_profile(
         output_directory: where modules write their results; the children's logs go to its folder `log`.
         listener: called with what happens.
         summarize: returns the content of `SUMMARY_FILE` in the output directory; '': no such file.
+        is_robot: whether this is the robot of its workspace.
+        another: whether it may run beside another robot of its workspace.
 
     Raises:
+        RobotRunsAlready: the robot of this workspace runs already.
+        DeviceTaken: a live run uses a device that this one names.
         SharedMemoryFull: there is no room for the run's tables.
         UnsafeRunFolder: the folder for runs, or the one for results, is not safe.
         LogNotWritable: the folder for logs cannot be used.
@@ -101,20 +109,27 @@ def run_profile(
     """
     check_machine()
     sweep()
-    output_directory = _results_folder(output_directory)
+    complete = replace(
+        profile,
+        modules=tuple(
+            replace(spec, settings=settings.get(spec.name, spec.settings)) for spec in profile.modules
+        ),
+    )
     with ExitStack() as stack:
-        directory = RunDirectory.create(profile.name, output_directory)
+        starting = stack.enter_context(ExitStack())
+        starting.enter_context(one_start_at_a_time())
+        if is_robot and not another:
+            refuse_second_robot(profile.workspace)
+        refuse_taken_devices(complete.modules)
+        output_directory = _results_folder(output_directory)
+        directory = RunDirectory.create(
+            profile.name, output_directory, workspace=profile.workspace, is_robot=is_robot
+        )
         connections = stack.enter_context(
             ExitStack()
         )  # clients that wait for the end of the run: closed after it
         disk = stack.enter_context(DiskWriter(profile.trace.waiting_bytes))
         stack.callback(directory.remove, disk)
-        complete = replace(
-            profile,
-            modules=tuple(
-                replace(spec, settings=settings.get(spec.name, spec.settings)) for spec in profile.modules
-            ),
-        )
         plan = RunPlan.of_profile(
             complete,
             directory.run_id,
@@ -124,6 +139,7 @@ def run_profile(
             types,
         )
         plan.save(directory.folder)
+        starting.close()
         write_private(directory.folder / PROFILE_FILE, as_profile(profile, settings))
         result = _run(plan, profile, directory.folder, listener, connections, disk)
         if summary := summarize(result):

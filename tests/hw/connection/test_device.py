@@ -1,5 +1,9 @@
 """A driver finds its device, loses it, and finds it again by itself."""
 
+import os
+import pty
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -168,6 +172,24 @@ def test_missing_port_is_tried_again_with_growing_waits(tmp_path: Path) -> None:
 def test_port_that_cannot_be_opened_is_named(url: str) -> None:
     with pytest.raises(PortError, match=f"cannot open the port {url}"):
         Port(url)
+
+
+def test_port_that_another_process_uses_is_reported_with_that_process() -> None:
+    controller, device = pty.openpty()
+    name = os.ttyname(device)
+    code = (
+        f"import fcntl, time; fcntl.flock(open({name!r}), fcntl.LOCK_EX); print(flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout and process.stdout.readline()
+            expected = rf"cannot open the port {name}: process {process.pid} \(python.*\) uses it"
+            with pytest.raises(PortError, match=expected):
+                Port(name)
+        finally:
+            process.kill()
+            os.close(controller)
+            os.close(device)
 
 
 def test_port_without_a_descriptor_is_read() -> None:

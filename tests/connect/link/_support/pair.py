@@ -80,7 +80,7 @@ class Pair:
     def start(self, *names: str) -> None:
         """Start robots."""
         for name in names:
-            self.robot.start(profile=name, output=self.output(name))
+            self.robot.start("--another", profile=name, output=self.output(name))
 
     def pid(self, name: str, module: str = "link") -> int:
         """The process of a module; 0 if there is none now."""
