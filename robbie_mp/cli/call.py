@@ -10,6 +10,7 @@ from robbie_mp.attached.views.known_types import types_of_run
 from robbie_mp.attached.views.message_text import FieldPath, message_of_yaml, to_json, to_yaml
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.messages import Message
@@ -56,7 +57,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument("--topic", default="", help="name of the service, if the module gave it one")
     parser.add_argument(
-        "--timeout", metavar="SECONDS", type=float, help="time to wait for the reply (5; for a goal: any)"
+        "--timeout",
+        metavar="TIME",
+        type=time_between(0),
+        help="time to wait for the reply (5s; for a goal: any)",
     )
     parser.add_argument("--json", action="store_true", help="print the reply as one line of JSON")
     add_run_argument(parser)

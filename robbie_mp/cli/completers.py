@@ -7,7 +7,7 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.visible_text import is_visible
@@ -56,8 +56,10 @@ def _topics(run: KnownRun) -> Iterable[str]:
     return {channel.topic for channel in channels_of_run(run)} - {""}
 
 
-def _types_and_topics(run: KnownRun) -> Iterable[str]:
-    return [*_types(run), *_topics(run)]
+def _published_topics(run: KnownRun) -> set[str]:
+    from robbie_mp.bus.observe.declarations import read_declarations  # noqa: PLC0415
+
+    return {entry.topic for entry in read_declarations(run.run_id) if entry.is_publisher} - {""}
 
 
 def _services(run: KnownRun) -> Iterable[str]:
@@ -77,10 +79,16 @@ def _settings(run: KnownRun) -> Iterable[str]:
 
 modules = of_run(_modules)
 types = of_run(_types)
-types_and_topics = of_run(_types_and_topics)
 topics = of_run(_topics)
+published_topics = of_run(_published_topics)
 services = of_run(_services)
 settings = of_run(_settings)
+
+
+def types_and_topics(prefix: str = "", **given: Any) -> list[str]:
+    """Return the topics on which modules publish; once a letter is typed, or if there are none, types too."""
+    found = published_topics(**given)
+    return [*types(**given), *topics(**given)] if prefix or not found else found
 
 
 def profiles(**_: object) -> list[str]:

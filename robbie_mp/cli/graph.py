@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.run_graph import dot, graph_of, mermaid
 from robbie_mp.bus.observe import RunObserver, rates_between
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 
@@ -34,28 +35,25 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     form.add_argument("--dot", action="store_true", help="for Graphviz")
     form.add_argument("--json", action="store_true", help="print JSON for a program to read")
     parser.add_argument(
-        "--seconds", type=_seconds, default=1.0, help="time over which rates are measured; 0: no rates (1)"
+        "--interval",
+        metavar="TIME",
+        type=time_between(0, MAX_SECONDS),
+        default=1.0,
+        help="time over which rates are measured (1s); 0: no rates",
     )
     parser.add_argument("--no-patterns", action="store_true", help="leave out subscriptions by patterns")
     add_run_argument(parser)
     parser.set_defaults(command=draw)
 
 
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0 <= value <= MAX_SECONDS:
-        raise argparse.ArgumentTypeError(f"expected 0 to {MAX_SECONDS:g}, got {text}")
-    return value
-
-
 def draw(arguments: argparse.Namespace) -> int:
     """Print the graph."""
     with closing(RunObserver(choose_run(arguments.run).run_id)) as observer:
         before = now = observer.read()
-        if arguments.seconds:
-            time.sleep(arguments.seconds)
+        if arguments.interval:
+            time.sleep(arguments.interval)
             now = observer.read()
-    rates = rates_between(before, now) if arguments.seconds else None
+    rates = rates_between(before, now) if arguments.interval else None
     graph = graph_of(now, rates, patterns=not arguments.no_patterns)
     if arguments.json:
         print(json.dumps(asdict(graph), indent=2))

@@ -3,8 +3,9 @@
 import argparse
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.views import quantities
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.rates import TrafficRates, add_rate_arguments, print_rates
+from robbie_mp.cli.rates import TrafficRates, TrafficSummary, add_rate_arguments, print_rates
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -17,20 +18,33 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "hz",
         "print the rate of messages",
         "Print every second how many messages of a type, or on a topic, were published, and how regularly. "
-        "The figures come from the core's counters: they miss no message and cost the robot nothing.",
+        "At Ctrl-C it sums up. The figures come from the core's counters: they miss no message and cost the "
+        "robot nothing.",
         [
             "robbie hz LaserScan",
             "robbie hz laser/front",
-            "robbie hz Odometry --topic wheels --every 10 --once --json",
+            "robbie hz Odometry --topic wheels --interval 10s --once --json",
         ],
     )
     add_rate_arguments(parser)
-    parser.set_defaults(command=lambda arguments: print_rates(arguments, describe))
+    parser.set_defaults(command=lambda arguments: print_rates(arguments, describe, summarize))
 
 
 def describe(rates: TrafficRates) -> str:
     """Describe the rate of messages in one line."""
-    line = f"{rates.hz:.2f} Hz"
-    if rates.interval_mean_s is not None and rates.interval_deviation_s is not None:
-        line += f", every {rates.interval_mean_s * 1e3:.3f} ms ± {rates.interval_deviation_s * 1e3:.3f} ms"
-    return f"{line} ({rates.messages} in {rates.seconds:.2f} s)"
+    return f"{rates.hz:.4g} Hz{_regularity(rates)} ({rates.messages} in {rates.seconds:.2f} s)"
+
+
+def summarize(summary: TrafficSummary) -> str:
+    """Sum up the rate of messages in one line."""
+    rate = summary.spread(lambda rates: rates.hz)
+    return (
+        f"mean {rate.mean:.4g} Hz, min {rate.least:.4g} Hz, max {rate.greatest:.4g} Hz, "
+        f"deviation {rate.deviation:.2g} Hz{_regularity(summary.total)} ({summary.total.messages} messages)"
+    )
+
+
+def _regularity(rates: TrafficRates) -> str:
+    if rates.interval_mean_s is None or rates.interval_deviation_s is None:
+        return ""
+    return f", every {quantities.interval(rates.interval_mean_s, rates.interval_deviation_s)}"

@@ -33,7 +33,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "info",
         "show what is in a log, a bag, a map or a robot's description",
         "Show how long a log is, which run it is from, and which messages are in it. A truncated log is "
-        "read as far as it is intact; `robbie log-repair` repairs it. Other files are known by their "
+        "read as far as it is intact; `robbie recording repair` repairs it. Other files are known by their "
         "content: bags of ROS 1 and 2, CARMEN logs, maps, URDF, xacro and scene files. It also shows what a "
         "command that reads the file would leave out.",
         [
@@ -145,7 +145,7 @@ def _state(info: LogInfo) -> Text:
         return Text("still being written; this is the complete part so far", "yellow")
     if not info.damage:
         return Text("complete")
-    advice = f"; `robbie log-repair {info.path}` repairs it"
+    advice = f"; `robbie recording repair {info.path}` repairs it"
     return Text("\n".join(info.damage) + advice, "bold red")
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.base.utc import time_text
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.connect.link.handshake import TIMEOUT_S, shake_hands
@@ -15,6 +16,8 @@ from robbie_mp.connect.link.keys import VALID_DAYS, Certificate, Keys, KeysError
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
+
+DAY_S = 86_400
 
 MAX_PORT = 65_535
 
@@ -32,7 +35,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ["robbie keys new robot1", "robbie keys new --replace"],
     )
     new.add_argument("name", nargs="?", help="name of this robot (as before, or the machine's name)")
-    new.add_argument("--days", type=float, default=VALID_DAYS, help=f"time until they expire ({VALID_DAYS})")
+    new.add_argument(
+        "--valid",
+        metavar="TIME",
+        type=time_between(0),
+        default=VALID_DAYS * DAY_S,
+        help=f"time until they expire ({VALID_DAYS}d)",
+    )
     new.add_argument("--replace", action="store_true", help="forget the keys that this robot has")
     new.set_defaults(command=make)
     trusted = add_command(
@@ -72,7 +81,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     checked.add_argument("address", metavar="HOST:PORT", help="where the other robot's link listens")
     checked.add_argument(
-        "--timeout", metavar="SECONDS", type=float, default=TIMEOUT_S, help=f"time limit ({TIMEOUT_S:g})"
+        "--timeout",
+        metavar="TIME",
+        type=time_between(0),
+        default=TIMEOUT_S,
+        help=f"time limit ({TIMEOUT_S:g}s)",
     )
     checked.set_defaults(command=check)
     for action in (new, trusted, listed, revoked, checked):
@@ -84,7 +97,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 def make(arguments: argparse.Namespace) -> int:
     """Make keys, and print what to do with them."""
     keys = Keys(arguments.folder)
-    made = keys.make(arguments.name or _present_name(keys), arguments.days, replace=arguments.replace)
+    made = keys.make(
+        arguments.name or _present_name(keys), arguments.valid / DAY_S, replace=arguments.replace
+    )
     print(f"made the keys of {made.robot}, which expire on {made.expires:%Y-%m-%d}")
     print(f"fingerprint: {made.fingerprint}")
     print(f"copy {made.file} to each robot that may connect, and there: robbie keys trust {made.file.name}")

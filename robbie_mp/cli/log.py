@@ -1,4 +1,4 @@
-"""`robbie log`: what the processes of a run have logged, during the run or after it; and edits of logs."""
+"""`robbie log`: what the processes of a run have logged, during the run or after it."""
 
 import argparse
 import json
@@ -16,9 +16,8 @@ from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.utc import time_of_day
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
-from robbie_mp.cli.log_edit import add_parsers
 from robbie_mp.cli.output import console, print_styled
-from robbie_mp.cli.parser import Parser, add_command
+from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.run.control import control
 from robbie_mp.run.trace.entry import Entry
@@ -49,23 +48,14 @@ class NoTrace(RobbieError, LookupError):
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `log` to the commands."""
-    parent = subparsers.add_parser(
-        "log",
-        help="show what modules have logged, or cut, filter and merge logs of messages",
-        description="Without an action, `robbie log` does `show`: `robbie log --follow` is `robbie log show "
-        "--follow`.",
-    )
-    actions = parent.add_subparsers(title="actions", metavar="ACTION", required=True)
-    if isinstance(parent, Parser):
-        parent.set_default_action(actions, "show")
     parser = add_command(
-        actions,
-        "show",
+        subparsers,
+        "log",
         "show what modules have logged and printed, and why they crashed",
         "Show the trace of a live run, of the newest run in ./output, or of the run in DIR. "
         "log/trace.html in the run's output directory shows the same in a browser.",
         [
-            "robbie log show --module laser --last 50",
+            "robbie log --module laser --last 50",
             "robbie log --follow --kind error,warning",
             "robbie log --crashes output/demo/20260101T120000Z-4711",
             "robbie log --record error,warning,info,system --module laser",
@@ -92,7 +82,6 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         help="record only these kinds from now on, for all modules or --module; none: nothing",
     )
     parser.set_defaults(command=log)
-    add_parsers(actions)
 
 
 def log(arguments: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ from typing import TextIO
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
+from robbie_mp.cli.amounts import size_between
 from robbie_mp.cli.output import PlainConsole, warn
 from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.reader import LogChannel, channel_name, select
@@ -34,20 +35,17 @@ def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: 
 def add_limit_argument(parser: argparse.ArgumentParser) -> None:
     """Add the option that limits the chunks of a log."""
     parser.add_argument(
-        "--max-chunk-mib",
-        type=_mebibytes,
+        "--max-chunk",
+        type=_limits,
         default=READ_LIMITS,
         dest="limits",
-        metavar="MIB",
-        help=f"refuse larger chunks (decompressed) and records ({READ_LIMITS.chunk_bytes // MEGABYTE})",
+        metavar="SIZE",
+        help=f"refuse larger chunks (decompressed) and records ({READ_LIMITS.chunk_bytes // MEGABYTE}M)",
     )
 
 
-def _mebibytes(text: str) -> ReadLimits:
-    count = int(text)
-    if not 1 <= count <= 1 << 20:
-        raise argparse.ArgumentTypeError(f"expected 1 to {1 << 20} MiB; got {text}")
-    return ReadLimits(chunk_bytes=count * MEGABYTE)
+def _limits(text: str) -> ReadLimits:
+    return ReadLimits(chunk_bytes=size_between(MEGABYTE, MEGABYTE << 20)(text))
 
 
 @contextmanager

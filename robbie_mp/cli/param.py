@@ -13,6 +13,7 @@ from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.yaml_reader import read_text
 from robbie_mp.cli import completers
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
@@ -92,10 +93,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     for action in (changed, loaded):
         action.add_argument(
             "--timeout",
-            metavar="SECONDS",
-            type=float,
+            metavar="TIME",
+            type=time_between(0),
             default=ANSWER_TIMEOUT_S,
-            help=f"time to wait for each module's answer ({ANSWER_TIMEOUT_S:g})",
+            help=f"time to wait for each module's answer ({ANSWER_TIMEOUT_S:g}s)",
         )
     for action in (listed, got):
         action.add_argument("--json", action="store_true", help="print JSON for a program to read")

@@ -1,10 +1,8 @@
 """The parser of the command line: every error is one line, every command's help has examples."""
 
 import argparse
-import os
-import sys
-from collections.abc import Container, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NoReturn
 
 from robbie_mp.base.suggest import did_you_mean
 
@@ -24,34 +22,6 @@ class Parser(argparse.ArgumentParser):
             near = did_you_mean(str(value), known) or f"; there are {', '.join(known)}"
             kind = action.metavar.lower() if isinstance(action.metavar, str) else "possible choice"
             raise argparse.ArgumentError(None, f"{value!r} is no {kind}{near}")
-
-    _actions_by_name: Container[str] = ()
-    _default_action = ""
-
-    def set_default_action(self, actions: "_SubParsersAction[argparse.ArgumentParser]", name: str) -> None:
-        """Take arguments that do not begin with an action for those of this one.
-
-        Args:
-            actions: the actions of this parser.
-            name: the default action.
-        """
-        self._actions_by_name, self._default_action = actions.choices, name
-
-    def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: Any = None
-    ) -> tuple[Any, list[str]]:
-        """Parse the arguments that are known, and return the others, too; see argparse."""
-        words = sys.argv[1:] if args is None else list(args)
-        if self._default_action and self._begins_with_no_action(words):
-            words = [self._default_action, *words]
-        return super().parse_known_args(words, namespace)
-
-    def _begins_with_no_action(self, words: Sequence[str]) -> bool:
-        if words:
-            return words[0] not in ("-h", "--help") and words[0] not in self._actions_by_name
-        if "_ARGCOMPLETE" not in os.environ:
-            return True
-        return os.environ.get("COMP_LINE", "").rpartition(" ")[2].startswith("-")  # else it becomes an action
 
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help, and exit."""

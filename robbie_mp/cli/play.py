@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.cli import completers
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.log_files import add_limit_argument, add_strict_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument, load
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.logs.playback.module import BALANCE_FILE, played_balance
-from robbie_mp.logs.recording.limits import MEGABYTE, READ_LIMITS
+from robbie_mp.logs.recording.limits import READ_LIMITS
 from robbie_mp.logs.recording.time_jumps import LONGEST_GAP_S
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import MEASURED, ClockSettings, ModuleSpec, Profile
@@ -39,7 +40,7 @@ SETTINGS = {
 PLACES = {
     "file": None,  # the error names it
     "rate": SourcePlace("--rate"),
-    "max_chunk_mib": SourcePlace("--max-chunk-mib"),
+    "max_chunk_bytes": SourcePlace("--max-chunk"),
     "longest_gap_s": SourcePlace("--gaps"),
     **{setting: SourcePlace(f"--{option}") for option, setting in SETTINGS.items()},
 }
@@ -58,7 +59,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         [
             "robbie play output/demo/log.mcap",
             "robbie play log.mcap demo-playback --rate max",
-            "robbie play log.mcap --start 60 --end 90 --loop --topics 'laser/*' odom",
+            "robbie play log.mcap --start 1min --end 90s --loop --topics 'laser/*' odom",
             "robbie play log.mcap demo-playback --lockstep",
         ],
     )
@@ -76,14 +77,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         type=rate,
         help="speed, times real time (1); max: as fast as possible without loss",
     )
-    parser.add_argument("--start", metavar="S", type=float, help="start S seconds into the log")
-    parser.add_argument("--end", metavar="S", type=float, help="stop S seconds into the log")
+    parser.add_argument("--start", metavar="TIME", type=time_between(0), help="start at this time of the log")
+    parser.add_argument("--end", metavar="TIME", type=time_between(0), help="stop at this time of the log")
     parser.add_argument(
         "--gaps",
-        metavar="skip|keep|S",
+        metavar="skip|keep|TIME",
         type=gaps,
         help="where the log's time jumps, forwards or backwards: skip it (skip: jumps of more than "
-        f"{LONGEST_GAP_S:g} s, the default; S: of more than S seconds), or keep to the log's time",
+        f"{LONGEST_GAP_S:g} s, the default; TIME: of more than that), or keep to the log's time",
     )
     parser.add_argument("--loop", action="store_true", default=None, help="start again at the end")
     parser.add_argument(
@@ -125,10 +126,7 @@ def rate(text: str) -> float:
 def gaps(text: str) -> float:
     """Parse the longest gap that is no jump, in s; `keep` is infinity."""
     found = {"skip": LONGEST_GAP_S, "keep": math.inf}.get(text)
-    found = float(text) if found is None else found
-    if not found >= 0:
-        raise argparse.ArgumentTypeError(f"expected skip, keep, or a number of seconds; got {text}")
-    return found
+    return time_between(0)(text) if found is None else found
 
 
 def play(arguments: argparse.Namespace) -> int:
@@ -191,7 +189,7 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     settings = {name: value for name, value in given.items() if value is not None and value is not False}
     settings["file"] = str(arguments.file.absolute())
     if arguments.limits != READ_LIMITS:
-        settings["max_chunk_mib"] = arguments.limits.chunk_bytes // MEGABYTE
+        settings["max_chunk_bytes"] = arguments.limits.chunk_bytes
     if arguments.rate is not None:
         settings["rate"] = None if math.isinf(arguments.rate) else arguments.rate
     if arguments.gaps is not None:

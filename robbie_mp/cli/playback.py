@@ -17,6 +17,7 @@ from robbie_mp.attached.tool.tool import RunEnded, Tool
 from robbie_mp.attached.views.message_text import describe_playback
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import print_in_place
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
@@ -55,7 +56,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         [
             "robbie playback pause",
             "robbie playback step",
-            "robbie playback seek 12.5",
+            "robbie playback seek 1min30s",
             "robbie playback rate 4",
         ],
     )
@@ -67,9 +68,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     ):
         add_run_argument(add_command(orders, name, meaning, meaning, [f"robbie playback {name}"]))
     seek = add_command(
-        orders, "seek", "jump to a position", "Jump to a position.", ["robbie playback seek 12.5"]
+        orders, "seek", "jump to a position", "Jump to a position.", ["robbie playback seek 1min30s"]
     )
-    seek.add_argument("value", metavar="S", type=float, help="seconds into the log")
+    seek.add_argument("value", metavar="TIME", type=time_between(0), help="time of the log")
     pace = add_command(orders, "rate", "change the speed", "Change the speed.", ["robbie playback rate 4"])
     pace.add_argument(
         "value", metavar="R|max", type=rate, help="times real time; max: as fast as possible without loss"

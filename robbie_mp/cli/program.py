@@ -17,47 +17,39 @@ from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.cli.interrupts import interrupts_end_at_once
 from robbie_mp.cli.output import fill_standard_descriptors, finish_output, plain_output, say
-from robbie_mp.cli.parser import BAD_USAGE, Parser
+from robbie_mp.cli.parser import BAD_USAGE, HelpFormatter, Parser
 
-COMMANDS = (
-    "run",
-    "record",
-    "play",
-    "playback",
-    "list",
-    "type",
-    "echo",
-    "hz",
-    "bw",
-    "pub",
-    "call",
-    "param",
-    "graph",
-    "gui",
-    "foxglove",
-    "connect",
-    "top",
-    "log",
-    "info",
-    "log-repair",
-    "diff",
-    "export",
-    "import-carmen",
-    "import-rosbag",
-    "module",
-    "stop",
-    "keys",
-    "profile",
-    "clean",
-    "doctor",
-    "devices",
-    "install",
-    "new",
-    "completion",
-)
+GROUPS = {
+    "run a robot": ("run", "stop", "module", "play", "playback", "connect"),
+    "look at a run": ("list", "top", "log", "echo", "hz", "bw", "graph", "type", "gui", "foxglove"),
+    "talk to a run": ("pub", "call", "param"),
+    "record, and use recordings": (
+        "record", "info", "recording", "diff", "export", "import-carmen", "import-rosbag",
+    ),
+    "set up robots and machines": (
+        "new", "profile", "doctor", "devices", "install", "keys", "clean", "completion",
+    ),
+}  # fmt: skip
 """The commands, in the order in which help lists them."""
+COMMANDS = tuple(command for group in GROUPS.values() for command in group)
 
 FAILED = 1
+
+
+class GroupedHelp(HelpFormatter):
+    """Lists the commands in groups."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        """Return the help of an argument, or of all commands; argparse calls this."""
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        self._indent()
+        lines = {one.dest: super(GroupedHelp, self)._format_action(one) for one in action._choices_actions}
+        self._dedent()
+        return "\n".join(
+            f"  {group}:\n{''.join(lines[name] for name in names if name in lines)}"
+            for group, names in GROUPS.items()
+        )
 
 
 def run_command(arguments: Sequence[str] | None = None) -> int:
@@ -138,6 +130,7 @@ def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
         prog="robbie",
         description="Run a robot whose modules are separate processes, and inspect it.",
         epilog="`robbie COMMAND --help` explains a command.",
+        formatter_class=GroupedHelp,
     )
     parser.add_argument("--version", action="version", version=f"robbie {installed_version()}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

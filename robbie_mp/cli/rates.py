@@ -3,9 +3,11 @@
 import argparse
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from statistics import pstdev
+from typing import NamedTuple
 
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe.channels import ChannelCounters
@@ -14,6 +16,7 @@ from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
 from robbie_mp.bus.transport.tables import ChannelCounts, ChannelName
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
 from robbie_mp.cli.runs import add_run_argument, choose_run
 
@@ -60,44 +63,144 @@ def add_rate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of both commands."""
     add_messages_argument(parser, "with TYPE: only messages on this topic")
     parser.add_argument(
-        "--every", metavar="SECONDS", type=_seconds, default=1.0, help="time that each line covers (1)"
+        "--interval",
+        metavar="TIME",
+        type=time_between(0.01, 1e6),
+        default=1.0,
+        help="time that each line covers (1s)",
     )
     parser.add_argument("--once", action="store_true", help="print once, and exit")
     parser.add_argument("--json", action="store_true", help="print each line as JSON")
     add_run_argument(parser)
 
 
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.01 <= seconds <= 1e6:
-        raise argparse.ArgumentTypeError(f"expected 0.01 to 1000000 s; got {text}")
-    return seconds
+class Spread(NamedTuple):
+    """How a rate varied."""
+
+    mean: float
+    least: float
+    greatest: float
+    deviation: float
 
 
-def print_rates(arguments: argparse.Namespace, describe: Callable[[TrafficRates], str]) -> int:
-    """Print a line for each topic periodically, until the run ends or the user presses Ctrl-C."""
+@dataclass(frozen=True)
+class TrafficSummary:
+    """The traffic of a channel over the whole measurement."""
+
+    total: TrafficRates
+    lines: list[TrafficRates]
+    """What was printed of it, one for each interval."""
+
+    def spread(self, of: Callable[[TrafficRates], float]) -> Spread:
+        """Return the mean over the whole time, and least, greatest and deviation of the lines."""
+        values = [of(line) for line in self.lines]
+        return Spread(of(self.total), min(values), max(values), pstdev(values))
+
+
+def print_rates(
+    arguments: argparse.Namespace,
+    describe: Callable[[TrafficRates], str],
+    summarize: Callable[[TrafficSummary], str],
+) -> int:
+    """Print a line for each topic periodically until the run ends or the user presses Ctrl-C; then sum up.
+
+    Args:
+        arguments: those of `add_rate_arguments`.
+        describe: returns the text for the rates of a topic in an interval.
+        summarize: returns the text that sums up the rates of a topic.
+    """
     run = choose_run(arguments.run)
     wanted = choose_messages(run, arguments).channel
     with closing(Segment.attach(names.core(run.run_id), SegmentKind.CORE)) as segment:
         counters = ChannelCounters(segment.words)
-        for rates in _measure(counters, wanted, arguments.every):
-            for rate in rates:
-                about = f"  topic {one_line(rate.topic)}" if rate.topic else ""
-                print(json.dumps(asdict(rate)) if arguments.json else describe(rate) + about, flush=True)
-            if not rates:
-                print(one_line(nobody_publishes(wanted, counters.messages())), flush=True)
-            if arguments.once or not run.folder.exists():
-                return 0
+        meter = RateMeter(counters, wanted)
+        try:
+            while True:
+                time.sleep(arguments.interval)
+                rates = meter.measure()
+                for rate in rates:
+                    _print(rate.topic, asdict(rate), describe(rate), arguments)
+                if not rates:
+                    print(one_line(nobody_publishes(wanted, counters.messages())), flush=True)
+                if arguments.once:
+                    return 0
+                if not run.folder.exists():
+                    break
+        except KeyboardInterrupt:
+            _print_summary(meter, summarize, arguments)
+            raise
+        _print_summary(meter, summarize, arguments)
     return 0
 
 
-def _measure(counters: ChannelCounters, wanted: ChannelName, every_s: float) -> Iterator[list[TrafficRates]]:
-    before, before_s = counters.read(*wanted), time.monotonic()
-    while True:
-        time.sleep(every_s)
-        after, after_s = counters.read(*wanted), time.monotonic()
-        yield [
-            TrafficRates.between(topic, before.get(topic, ChannelCounts()), count, after_s - before_s)
-            for topic, count in sorted(after.items())
+def _print_summary(
+    meter: "RateMeter", summarize: Callable[[TrafficSummary], str], arguments: argparse.Namespace
+) -> None:
+    """Sum up each topic; a single line needs no summary."""
+    summaries = [one for one in meter.summaries() if len(one.lines) > 1]
+    if summaries and not arguments.json:
+        print(f"--- in {meter.seconds:.1f} s:")
+    for one in summaries:
+        spread = {name: one.spread(of)._asdict() for name, of in SPREAD_OF.items()}
+        _print(one.total.topic, {"summary": True, **asdict(one.total), **spread}, summarize(one), arguments)
+
+
+def _print(topic: str, data: dict[str, object], text: str, arguments: argparse.Namespace) -> None:
+    about = f"  topic {one_line(topic)}" if topic else ""
+    print(json.dumps(data) if arguments.json else text + about, flush=True)
+
+
+class RateMeter:
+    """Compares readings of the core's counters.
+
+    Args:
+        counters: the counters.
+        wanted: the channel; topic '' for all topics.
+    """
+
+    def __init__(self, counters: ChannelCounters, wanted: ChannelName):
+        self._counters, self._wanted = counters, wanted
+        self._first = self._before = _Reading.take(counters, wanted)
+        self._lines: dict[str, list[TrafficRates]] = {}
+
+    def measure(self) -> list[TrafficRates]:
+        """Return the rates of each topic since the last call."""
+        before, self._before = self._before, _Reading.take(self._counters, self._wanted)
+        rates = self._before.since(before)
+        for rate in rates:
+            self._lines.setdefault(rate.topic, []).append(rate)
+        return rates
+
+    @property
+    def seconds(self) -> float:
+        """The time from the first to the last reading."""
+        return self._before.at_s - self._first.at_s
+
+    def summaries(self) -> list[TrafficSummary]:
+        """Return what was measured of each topic, from the first to the last reading."""
+        totals = self._before.since(self._first)
+        return [TrafficSummary(total, self._lines[total.topic]) for total in totals if self._lines]
+
+
+class _Reading(NamedTuple):
+    counts: dict[str, ChannelCounts]
+    at_s: float
+
+    @classmethod
+    def take(cls, counters: ChannelCounters, wanted: ChannelName) -> "_Reading":
+        return cls(counters.read(*wanted), time.monotonic())
+
+    def since(self, before: "_Reading") -> list[TrafficRates]:
+        return [
+            TrafficRates.between(
+                topic, before.counts.get(topic, ChannelCounts()), count, self.at_s - before.at_s
+            )
+            for topic, count in sorted(self.counts.items())
         ]
-        before, before_s = after, after_s
+
+
+SPREAD_OF: dict[str, Callable[[TrafficRates], float]] = {
+    "hz": lambda rates: rates.hz,
+    "bytes_per_s": lambda rates: rates.bytes_per_s,
+}
+"""What varies from line to line, by its name in the summary as JSON."""

@@ -17,6 +17,7 @@ from robbie_mp.base.utc import file_stamp
 from robbie_mp.bus.transport.records import ANY_VERSION
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli import completers
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.info import print_log
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.program import signals_noted
@@ -57,7 +58,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         [
             "robbie record",
             "robbie record LaserScan Odometry -o monday",
-            "robbie record 'camera/*' --exclude Image --duration 60",
+            "robbie record 'camera/*' --exclude Image --duration 2min",
         ],
     )
     pattern = parser.add_argument(
@@ -87,7 +88,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         default="zstd",
         help="compression (zstd)",
     )
-    parser.add_argument("--duration", metavar="S", type=float, help="stop after S seconds")
+    parser.add_argument("--duration", metavar="TIME", type=time_between(0), help="stop after this time")
     add_run_argument(parser)
     parser.set_defaults(command=record)
 

@@ -12,6 +12,7 @@ from robbie_mp.attached.views.process_table import modules_table, totals_line
 from robbie_mp.attached.views.run_figures import run_as_data
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
@@ -58,10 +59,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument(
         "--interval",
-        type=_interval,
+        type=time_between(0),
         default=1.0,
-        metavar="S",
-        help="time between two readings, over which rates are measured (1); 0 with --once: no rates",
+        metavar="TIME",
+        help="time between two readings, over which rates are measured (1s); 0 with --once: no rates",
     )
     add_run_argument(parser)
     parser.set_defaults(command=top)
@@ -111,10 +112,3 @@ def _read(observer: RunObserver, interval_s: float) -> tuple[RunReading, RunRate
     time.sleep(interval_s)
     now = observer.read()
     return now, rates_between(before, now)
-
-
-def _interval(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a time in s; got {text}")
-    return value

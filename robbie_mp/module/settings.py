@@ -121,7 +121,7 @@ class Setting:
             SettingError: it has another type, or is outside the declared limits.
         """
         try:
-            return check_value(self.declared_type, value, self.limits, folder)
+            return check_value(self.declared_type, value, self.limits, folder, self.name)
         except ValueMismatch as mismatch:
             raise SettingError(f"{self}: {mismatch}", self.name) from None
 

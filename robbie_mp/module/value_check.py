@@ -9,6 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
+from robbie_mp.base.amount import BadAmount, plain_amount
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.stock_robots import stock_path
 from robbie_mp.module.secret import Secret, SecretError, read_secret
@@ -35,7 +36,11 @@ NO_LIMITS = ValueLimits()
 
 
 def check_value(
-    declared: Any, value: object, limits: ValueLimits = NO_LIMITS, folder: Path | None = None
+    declared: Any,
+    value: object,
+    limits: ValueLimits = NO_LIMITS,
+    folder: Path | None = None,
+    name: str = "",
 ) -> Any:
     """Return `value` as the declared type: an int becomes a float, a str a path; containers are copied.
 
@@ -44,6 +49,7 @@ def check_value(
         value: the value as written.
         limits: limits of the value, or of each element.
         folder: relative paths start from this folder; the current directory by default.
+        name: of the value; if it ends with a unit, as `period_s`, numbers may be texts such as `20ms`.
 
     Raises:
         ValueMismatch: the value has another type, or is outside the limits.
@@ -53,21 +59,23 @@ def check_value(
     if origin in (Union, UnionType):
         if value is None:
             return None
-        return check_value(_without_none(declared), value, limits, folder)
+        return check_value(_without_none(declared), value, limits, folder, name)
     if origin is list:
         if not isinstance(value, list):
             raise _mismatch(describe(declared), value, secret=holds_secret(declared))
         return [
-            _element(f"element {index}", arguments[0], element, limits, folder)
+            _element(f"element {index}", arguments[0], element, limits, folder, name)
             for index, element in enumerate(value)
         ]
     if origin is dict:
         if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
             raise _mismatch(describe(declared), value, secret=holds_secret(declared))
         return {
-            key: _element(f"key {key!r}", arguments[1], element, limits, folder)
+            key: _element(f"key {key!r}", arguments[1], element, limits, folder, name)
             for key, element in value.items()
         }
+    if declared in (int, float) and isinstance(value, str):
+        value = _number(declared, value, name)
     return _check_scalar(declared, value, limits, folder)
 
 
@@ -138,11 +146,24 @@ def _without_none(declared: Any) -> Any:
     return others[0]
 
 
-def _element(where: str, declared: Any, value: object, limits: ValueLimits, folder: Path | None) -> Any:
+def _element(
+    where: str, declared: Any, value: object, limits: ValueLimits, folder: Path | None, name: str
+) -> Any:
     try:
-        return check_value(declared, value, limits, folder)
+        return check_value(declared, value, limits, folder, name)
     except ValueMismatch as mismatch:
         raise ValueMismatch(f"{where}: {mismatch}") from None
+
+
+def _number(declared: Any, text: str, name: str) -> object:
+    """Return the number that a time or size stands for; the text itself if the name has no such unit."""
+    try:
+        number = plain_amount(name, text)
+    except BadAmount as error:
+        raise ValueMismatch(str(error)) from None
+    if number is None:
+        return text
+    return int(number) if declared is int and number == int(number) else number
 
 
 def _check_scalar(declared: Any, value: object, limits: ValueLimits, folder: Path | None) -> Any:

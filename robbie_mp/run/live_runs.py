@@ -59,6 +59,8 @@ def matching_runs(named: str | None, runs: Sequence[KnownRun]) -> list[KnownRun]
     """
     name = _name(named)
     called = [run for run in runs if _is_called(run, name)] if name else list(runs)
+    if len(called) < 2:
+        return called
     here = _here()
     return [run for run in called if run.record and run.record.workspace == here] or called
 

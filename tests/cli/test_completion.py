@@ -14,7 +14,7 @@ import pytest
 
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
-from robbie_mp.cli.program import _parser
+from robbie_mp.cli.program import GROUPS, _parser
 from tests._support.robot import COMMAND
 
 ASK = """
@@ -61,7 +61,7 @@ def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             },
         ),
         ("robbie pub --ra", {"--rate"}),
-        ("robbie log cu", {"cut"}),
+        ("robbie recording cu", {"cut"}),
         ("robbie log --fol", {"--follow"}),
         ("robbie run robot --without s", {"sensor"}),
         ("robbie run robot --var si", {"simulated="}),
@@ -98,7 +98,11 @@ def test_help_of_every_command_has_examples(command: argparse.ArgumentParser) ->
 
 def test_robbie_alone_prints_its_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
-    assert "echo " in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    for group, names in GROUPS.items():
+        assert re.search(rf"^  {re.escape(group)}:$", shown, re.MULTILINE)
+        assert all(re.search(rf"^    {name} ", shown, re.MULTILINE) for name in names), names
+    assert max(map(len, shown.splitlines())) <= 80
 
 
 @pytest.mark.parametrize(
@@ -107,7 +111,7 @@ def test_robbie_alone_prints_its_help(capsys: pytest.CaptureFixture[str]) -> Non
         (["ehco", "Image"], "robbie: 'ehco' is no command; did you mean 'echo' or 'record'?; see"),
         (["module", "strat", "x"], "robbie module: 'strat' is no action; did you mean 'start' or 'restart'?"),
         (["list", "topisc"], "robbie list: 'topisc' is no possible choice; did you mean 'topics'?"),
-        (["zzz"], "robbie: 'zzz' is no command; there are run, record, play"),
+        (["zzz"], "robbie: 'zzz' is no command; there are run, stop, module"),
     ],
 )
 def test_mistyped_command_gets_a_suggestion(

@@ -147,7 +147,7 @@ def _faults(name: str, one: dict[str, Any]) -> Iterator[str]:
         yield f"failed without a word: {one}"
 
 
-HELP = {f"{name} --help": [*name.split(), "--help"] for name in ("info", "log cut")}
+HELP = {f"{name} --help": [*name.split(), "--help"] for name in ("info", "recording cut")}
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +202,7 @@ def test_what_is_no_file_in_place_of_a_file(place: Place, tmp_path: Path, kind: 
     results = done(place, changed, folder=folder)
     assert not faults(results)
     if use == "bad_input":
-        assert not [name for name, one in results.items() if one["code"] == 0 and name != "log show"]
+        assert not [name for name, one in results.items() if one["code"] == 0 and name != "log"]
 
 
 READ_ONLY = 'mount -t tmpfs -o ro none "{}"'

@@ -1,4 +1,4 @@
-"""`robbie info` and `robbie log-repair`, compared with other readers."""
+"""`robbie info` and `robbie recording repair`, compared with other readers."""
 
 import fcntl
 import json
@@ -74,10 +74,10 @@ def test_info_on_a_cut_log_advises_the_repair_which_works(
     cut = log.read_bytes()
     assert main(["info", str(log.parent)]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "run_0000.mcap: byte" in shown and f"`robbie log-repair {log.parent}` repairs it" in shown
+    assert "run_0000.mcap: byte" in shown and f"`robbie recording repair {log.parent}` repairs it" in shown
     (before,) = told(capsys, log.parent)
     assert not before["is_complete"] and 31 < before["messages"] < 62
-    assert main(["log-repair", str(log.parent)]) == 0
+    assert main(["recording", "repair", str(log.parent)]) == 0
     said = capsys.readouterr()
     assert f"{before['messages'] - 31} messages, read again and found whole" in said.out
     assert f"{log}: byte" in said.err
@@ -85,7 +85,7 @@ def test_info_on_a_cut_log_advises_the_repair_which_works(
     assert after["is_complete"] and after["messages"] == before["messages"]
     assert [part["is_repaired"] for part in after["parts"]] == [True, False]
     assert log.read_bytes() == cut
-    assert main(["log-repair", str(log.parent)]) == 0
+    assert main(["recording", "repair", str(log.parent)]) == 0
     assert "all parts" in capsys.readouterr().out
 
 
@@ -99,9 +99,9 @@ def test_log_being_written_is_distinguished_from_a_cut_one(
         assert ours["is_being_written"] and not ours["is_complete"] and ours["messages"] > 10
         assert main(["info", str(log)]) == 0
         assert "still being written" in capsys.readouterr().out
-        assert main(["log-repair", str(log)]) == 2
+        assert main(["recording", "repair", str(log)]) == 2
         assert "is still being written; repair it when" in capsys.readouterr().err
-    assert main(["log-repair", str(log)]) == 0
+    assert main(["recording", "repair", str(log)]) == 0
 
 
 def test_repair_that_fails_its_check_is_a_failure(
@@ -111,7 +111,7 @@ def test_repair_that_fails_its_check_is_a_failure(
         raise RepairFailed("it does not hold what was written")
 
     monkeypatch.setattr(repair_module, "_write_and_check", fail)
-    assert main(["log-repair", str(log)]) == 1
+    assert main(["recording", "repair", str(log)]) == 1
     assert "does not hold" in capsys.readouterr().err
     assert not repair_module.repaired_name(log).exists()
 
@@ -123,13 +123,13 @@ def test_repair_that_fails_its_check_is_a_failure(
         (["info", "text.mcap"], "text.mcap is no MCAP file"),
         (["info", "none.mcap"], "none.mcap cannot be read: No such file or directory"),
         (["info", "folder"], "has no parts of a log"),
-        (["log-repair", "text.mcap"], "text.mcap is no MCAP file"),
+        (["recording", "repair", "text.mcap"], "text.mcap is no MCAP file"),
         (
-            ["log-repair", "run_0000.mcap", "-o", "none/b.mcap"],
+            ["recording", "repair", "run_0000.mcap", "-o", "none/b.mcap"],
             "cannot be written: No such file or directory",
         ),
-        (["log-repair", "run_0000.mcap", "-o", "run_0000.mcap"], "cannot be written: File exists"),
-        (["log-repair", "folder", "-o", "b.mcap"], "folder is a folder"),
+        (["recording", "repair", "run_0000.mcap", "-o", "run_0000.mcap"], "cannot be written: File exists"),
+        (["recording", "repair", "folder", "-o", "b.mcap"], "folder is a folder"),
     ],
 )
 def test_bad_input_is_a_one_line_error(

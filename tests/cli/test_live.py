@@ -1,6 +1,9 @@
 """Commands that read a run or send messages to it, all on one robot."""
 
 import json
+import re
+import signal
+import subprocess
 import time
 from argparse import Namespace
 from collections.abc import Iterator
@@ -13,7 +16,7 @@ from robbie_mp.cli import completers, main
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.module.setting_changes import SettingsFile
 from robbie_mp.run.profile.load import load_profile
-from tests._support.robot import Robot, kill, wait_until
+from tests._support.robot import COMMAND, Robot, kill, wait_until
 
 PROFILE = """
 modules:
@@ -29,19 +32,19 @@ class Person:
 
     def __init__(self, robot: Robot, run_id: str, capsys: pytest.CaptureFixture[str]):
         self.robot = robot
-        self._run_id = run_id
+        self.run_id = run_id
         self._capsys = capsys
         self.errors = ""
 
     def types(self, *words: str, code: int = 0) -> str:
         self._capsys.readouterr()
-        assert main([*words, "--run", self._run_id]) == code
+        assert main([*words, "--run", self.run_id]) == code
         output, self.errors = self._capsys.readouterr()
         return output
 
     def fails(self, *words: str) -> str:
         self._capsys.readouterr()
-        assert main([*words, "--run", self._run_id]) != 0
+        assert main([*words, "--run", self.run_id]) != 0
         return self._capsys.readouterr().err
 
     def gets(self, *words: str) -> Any:
@@ -62,6 +65,7 @@ def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None
     draws_what_there_is(person)
     echoes(person)
     measures_rates(person)
+    sums_up_rates(person)
     publishes(person)
     changes_settings(person)
     calls(person)
@@ -70,17 +74,17 @@ def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None
 
 
 def draws_what_there_is(person: Person) -> None:
-    graph = person.gets("graph", "--seconds", "0.2")
+    graph = person.gets("graph", "--interval", "0.2")
     wheels = next(one for one in graph["topics"] if one["topic"] == "wheels")
     assert (wheels["publishers"], wheels["subscribers"]) == (["pulse"], ["listener"])
     assert 1 < wheels["hz"] < 100
     assert {"listener", "pulse", "tunable"} <= set(graph["modules"])
-    picture = person.types("graph", "--seconds", "0").splitlines()
+    picture = person.types("graph", "--interval", "0").splitlines()
     assert picture[0] == "flowchart LR"
     assert any("wheels<br/>robbie_msgs/msg/DriveCommand" in line for line in picture)
-    assert person.types("graph", "--dot", "--seconds", "0").startswith("digraph run {")
+    assert person.types("graph", "--dot", "--interval", "0").startswith("digraph run {")
     with pytest.raises(SystemExit):
-        main(["graph", "--seconds", "-1"])
+        main(["graph", "--interval", "-1"])
 
 
 def lists_what_there_is(person: Person) -> None:
@@ -98,8 +102,9 @@ def lists_what_there_is(person: Person) -> None:
         "core",
     ]
     assert "wheels" in person.types("list", "topics")
-    offered = completers.types_and_topics(parsed_args=Namespace(run=None))
+    offered = completers.types_and_topics("w", parsed_args=Namespace(run=None))
     assert {"DriveCommand", "robbie_msgs/DriveCommand", "wheels"} <= set(offered)
+    assert completers.types_and_topics("", parsed_args=Namespace(run=None)) == ["wheels"]
     assert "DriveCommand" in completers.types(parsed_args=Namespace(run=None))
     assert person.types("type", "show", "DriveCommand").startswith("# robbie_msgs/msg/DriveCommand, version")
 
@@ -127,22 +132,52 @@ def echoes(person: Person) -> None:
 
 
 def measures_rates(person: Person) -> None:
-    rates = person.gets("hz", "DriveCommand", "--once", "--every", "0.5")
+    rates = person.gets("hz", "DriveCommand", "--once", "--interval", "0.5")
     assert rates["topic"] == "wheels"
     assert rates["hz"] == pytest.approx(rates["messages"] / rates["seconds"])
     assert rates["interval_mean_s"] == pytest.approx(0.05, rel=0.5)
     assert 0 <= rates["interval_deviation_s"] < 0.1
-    size = person.gets("bw", "DriveCommand", "--once", "--every", "0.2")
+    size = person.gets("bw", "DriveCommand", "--once", "--interval", "0.2")
     count = next(row for row in person.gets("list", "topics") if row["topic"] == "wheels")
     assert size["mean_bytes"] == count["bytes"] / count["messages"]
-    assert "Hz, every" in person.types("hz", "DriveCommand", "--once", "--every", "0.2")
-    assert person.gets("hz", "/wheels", "--once", "--every", "0.2")["topic"] == "wheels"
-    nobody = person.types("bw", "Image", "--once", "--every", "0.01")
+    assert "Hz, every" in person.types("hz", "DriveCommand", "--once", "--interval", "0.2")
+    assert person.gets("hz", "/wheels", "--once", "--interval", "0.2")["topic"] == "wheels"
+    nobody = person.types("bw", "Image", "--once", "--interval", "0.01")
     assert nobody == "no module publishes sensor_msgs/msg/Image\n"
-    nowhere = person.types("hz", "DriveCommand", "--topic", "nosuch", "--once", "--every", "0.01")
+    nowhere = person.types("hz", "DriveCommand", "--topic", "nosuch", "--once", "--interval", "0.01")
     assert nowhere == (
         "no module publishes robbie_msgs/msg/DriveCommand on topic 'nosuch'; there are 'wheels'\n"
     )
+
+
+def sums_up_rates(person: Person) -> None:
+    """As a user sees it: Ctrl-C after a while."""
+    for command, said in (
+        ("hz", r"mean [\d.]+ Hz, min .*, deviation .* ms \("),
+        ("bw", r"mean [\d.]+ k?B/s, min .*/s"),
+    ):
+        words = [command, "DriveCommand", "--interval", "100ms", "--run", person.run_id]
+        with subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout
+            lines = [process.stdout.readline() for _ in range(3)]
+            process.send_signal(signal.SIGINT)
+            summary = process.stdout.read()
+            assert process.wait() == 130
+        assert all(
+            re.match(r"[\d.]+ (Hz, every [\d.]+ ± [\d.]+ ms|k?B/s, \d+ B a message) \(", line)
+            for line in lines
+        )
+        assert re.search(said, summary) and "topic wheels" in summary, summary
+    words = ["hz", "wheels", "--interval", "100ms", "--json", "--run", person.run_id]
+    with subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        single = [json.loads(process.stdout.readline()) for _ in range(3)]
+        process.send_signal(signal.SIGINT)
+        *more, total = map(json.loads, process.stdout.read().splitlines())
+    lines_hz = [line["hz"] for line in (*single, *more)]
+    assert total["summary"] is True
+    assert total["messages"] == sum(line["messages"] for line in (*single, *more))
+    assert (total["hz"]["least"], total["hz"]["greatest"]) == (min(lines_hz), max(lines_hz))
 
 
 def publishes(person: Person) -> None:

@@ -65,7 +65,7 @@ def test_invalid_interval_is_refused(capsys: pytest.CaptureFixture[str]) -> None
     with pytest.raises(SystemExit) as error:
         main(["top", "--once", "--interval", "-1"])
     assert error.value.code == 2
-    assert "expected a time in s; got -1" in capsys.readouterr().err
+    assert "expected 0 s to 1e+09 s; got -1" in capsys.readouterr().err
 
 
 def test_top_waits_for_a_run_until_q_is_pressed() -> None:

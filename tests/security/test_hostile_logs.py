@@ -110,19 +110,19 @@ def test_chunk_that_decompresses_to_a_gigabyte_is_refused(
     assert "Traceback" not in ended.errors
     assert f"{log}: byte {place}: " in ended.errors
     assert f"of {GIGABYTE + ZEROS_HEAD_BYTES} bytes" in ended.errors
-    assert (
-        f"the limit is {READ_LIMITS.chunk_bytes} bytes" in ended.errors and "--max-chunk-mib" in ended.errors
-    )
+    assert f"the limit is {READ_LIMITS.chunk_bytes} bytes" in ended.errors and "--max-chunk" in ended.errors
     assert ended.peak_bytes - idle_bytes < 1.2 * READ_LIMITS.chunk_bytes
 
 
 @pytest.mark.parametrize(
-    "words", [["log-repair"], ["export", "OUT"], ["diff", "SAME"], ["play"]], ids=lambda words: words[0]
+    "words",
+    [["recording repair"], ["export", "OUT"], ["diff", "SAME"], ["play"]],
+    ids=lambda words: words[0],
 )
 def test_every_command_refuses_such_a_chunk(words: list[str], tmp_path: Path, idle_bytes: int) -> None:
     log = str(bomb(tmp_path / "bomb.mcap", "zstd"))
     others = {"OUT": str(tmp_path / "out"), "SAME": log}
-    ended = run(words[0], log, *(others[word] for word in words[1:]), folder=tmp_path)
+    ended = run(*words[0].split(), log, *(others[word] for word in words[1:]), folder=tmp_path)
     assert ended.code == 2 and "Traceback" not in ended.errors
     assert log in ended.errors and "byte " in ended.errors and "the limit is" in ended.errors
     assert ended.peak_bytes - idle_bytes < 1.2 * READ_LIMITS.chunk_bytes
@@ -132,8 +132,8 @@ def test_larger_chunk_can_be_allowed(tmp_path: Path) -> None:
     log = bomb(tmp_path / "large.mcap", "zstd", 2 * MEGABYTE)
     with pytest.raises(LogLimitExceeded, match=rf"large\.mcap: byte \d+: .* {MEGABYTE} bytes"):
         open_log(log, ReadLimits(chunk_bytes=MEGABYTE))
-    assert run("info", str(log), "--max-chunk-mib", "1", folder=tmp_path).code == 2
-    assert run("info", str(log), "--max-chunk-mib", "3", folder=tmp_path).code == 0
+    assert run("info", str(log), "--max-chunk", "1M", folder=tmp_path).code == 2
+    assert run("info", str(log), "--max-chunk", "3M", folder=tmp_path).code == 0
     with open_log(log, ReadLimits(chunk_bytes=3 * MEGABYTE)) as opened:
         assert sum(opened.counts.values()) == 1
 

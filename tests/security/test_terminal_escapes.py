@@ -35,7 +35,7 @@ variables: {greeting: "\\x1b[2J\\u202e"}
 """
 NAMES_IT = {
     "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "param",
-    "gui", "top", "log", "info", "log-repair", "diff", "export", "import-carmen", "import-rosbag", "module",
+    "gui", "top", "log", "info", "recording", "diff", "export", "import-carmen", "import-rosbag", "module",
     "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion", "devices", "install",
     "foxglove",
 }  # fmt: skip
@@ -105,7 +105,7 @@ def test_logs_with_hostile_texts_print_plainly(reader: Reader, tmp_path: Path) -
     cut = tmp_path / f"cut{HOSTILE.replace('/', '')}.mcap"
     cut.write_bytes(log.read_bytes()[:-40])
     reader.run("info", str(cut), may_have_lines=True)  # the user's own word may have two lines
-    reader.run("log-repair", str(cut), may_have_lines=True)
+    reader.run("recording", "repair", str(cut), may_have_lines=True)
 
 
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"run", "completion", "new"}))
@@ -188,9 +188,9 @@ def test_runs_with_hostile_modules_print_plainly(
     run("echo", "PoseStamped", "--once", "--topic", HOSTILE)
     message = json.loads(run("echo", "PoseStamped", "--once", "--json"))
     assert message["message"]["header"]["frame_id"] == HOSTILE
-    assert "\\x1b]0;owned" in run("hz", "PoseStamped", "--once", "--every", "0.2")
-    assert "\\x1b]0;owned" in run("bw", "PoseStamped", "--once", "--every", "0.2")
-    run("hz", "PoseStamped", "--once", "--every", "0.2", "--json")
+    assert "\\x1b]0;owned" in run("hz", "PoseStamped", "--once", "--interval", "0.2")
+    assert "\\x1b]0;owned" in run("bw", "PoseStamped", "--once", "--interval", "0.2")
+    run("hz", "PoseStamped", "--once", "--interval", "0.2", "--json")
     for option in ("--once", "--json"):
         assert "owned" in run("top", option, "--interval", "0.1")
     run("top", "--csv", "-", "--once", "--interval", "0.1")

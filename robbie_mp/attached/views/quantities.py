@@ -1,6 +1,7 @@
 """Numbers to read: short, and of constant width."""
 
 BLOCKS = "▁▂▃▄▅▆▇█"
+TIME_UNITS = ((1.0, "s"), (1e3, "ms"), (1e6, "us"))
 
 
 def size(count: float) -> str:
@@ -23,6 +24,21 @@ def seconds(time_s: float | None) -> str:
     if time_s < 1:
         return f"{time_s * 1e3:.1f}ms" if time_s < 0.1 else f"{time_s * 1e3:.0f}ms"
     return f"{time_s:.1f}s" if time_s < 100 else f"{time_s:.0f}s"
+
+
+def interval(time_s: float, deviation_s: float) -> str:
+    """Format a time and its deviation in the same unit, as `50.02 ± 0.31 ms`."""
+    factor, unit = next((one for one in TIME_UNITS if time_s * one[0] >= 1), TIME_UNITS[-1])
+    return f"{time_s * factor:.2f} ± {deviation_s * factor:.2f} {unit}"
+
+
+def decimal_size(count: float) -> str:
+    """Format bytes in powers of 1000, as is usual for a bandwidth: `812 B`, `3.14 MB`."""
+    for unit in ("B", "kB", "MB"):
+        if count < 999.5:
+            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.2f} GB"
 
 
 def long_time(time_s: float) -> str:

@@ -75,8 +75,8 @@ class Playback(ClockSource):
     senders: list[str] | None = setting(
         None, "shell patterns of the modules whose messages to play; null: all that are not in this run"
     )
-    max_chunk_mib: int = setting(
-        READ_LIMITS.chunk_bytes // MEGABYTE, "maximum size of a decompressed chunk of the log", minimum=1
+    max_chunk_bytes: int = setting(
+        READ_LIMITS.chunk_bytes, "maximum size of a decompressed chunk of the log", minimum=MEGABYTE
     )
     outstanding_limit: int = setting(
         200, "maximum number of messages that wait or are being handled", minimum=1, maximum=4000
@@ -125,7 +125,7 @@ class Playback(ClockSource):
     def setup(self) -> None:
         """Open the log, and start the run's time or continue where a killed incarnation stopped."""
         plan = self._plan()
-        self.log_file = _open({"file": self.file, "max_chunk_mib": self.max_chunk_mib})
+        self.log_file = _open({"file": self.file, "max_chunk_bytes": self.max_chunk_bytes})
         self.clock_writer = ClockWriter.attach(self.run_id)
         self.unhandled = UnhandledMessages(self.run_id, self.name)
         channels = self._channels({SUPERVISOR, CORE, *(module.name for module in plan.modules)})
@@ -299,7 +299,7 @@ class Playback(ClockSource):
 
 def _open(settings: dict[str, Any]) -> Log:
     try:
-        return open_log(settings["file"], ReadLimits(chunk_bytes=settings["max_chunk_mib"] * MEGABYTE))
+        return open_log(settings["file"], ReadLimits(chunk_bytes=settings["max_chunk_bytes"]))
     except LogError as error:
         raise SettingError(str(error), "file") from error
 

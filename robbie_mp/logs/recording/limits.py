@@ -24,7 +24,7 @@ class ReadLimits:
         if size > self.chunk_bytes:
             raise LogLimitExceeded(
                 f"a chunk or record of {size} bytes; the limit is {self.chunk_bytes} bytes. If you trust the "
-                "log and have the memory, allow more (--max-chunk-mib)"
+                "log and have the memory, allow more (--max-chunk)"
             )
 
     def check_descriptions(self, channels: int, size: int) -> None:

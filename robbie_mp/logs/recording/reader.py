@@ -48,7 +48,7 @@ TRANSIENT_LOCAL = re.compile(r"\bdurability: *(1|transient_local)\b")
 """In the quality of service of a channel that rosbag2 has recorded: latched."""
 NO_CHANNEL = "messages whose channel the file does not describe"
 REPAIRED_SUFFIX = ".repaired.mcap"
-"""End of the name that `robbie log-repair` gives to the repaired copy of a .mcap file."""
+"""End of the name that `robbie recording repair` gives to the repaired copy of a .mcap file."""
 
 
 @dataclass(frozen=True)

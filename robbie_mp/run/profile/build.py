@@ -244,7 +244,7 @@ class _Builder:
         if node is None:
             return default
         try:
-            return check_value(declared, node.plain(), limits)
+            return check_value(declared, node.plain(), limits, name=where.rpartition(".")[2])
         except ValueMismatch as mismatch:
             self.report(node.place, f"{where}: {mismatch}")
             return default

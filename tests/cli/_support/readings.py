@@ -90,7 +90,7 @@ def mapping(at_s: float, **known: object) -> ModuleFigures:
 
 
 def run(run_id: str = "0a1b2c3d", output: Path = Path("/nowhere")) -> KnownRun:
-    record = RunRecord(run_id, "demo", 1, 1, "2026-11-21T00:00:00", "python", str(output))
+    record = RunRecord(run_id, "demo", 1, 1, "2026-11-21T00:00:00", "python", str(output), "/robot", True)
     return KnownRun(run_id, Path("/nowhere") / run_id, True, record)
 
 

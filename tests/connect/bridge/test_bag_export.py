@@ -133,7 +133,7 @@ def test_bag_begins_with_what_was_latched_before_the_log() -> None:
         log.add(OccupancyGrid(), "map", "mapper", time_ns=START_NS)
         log.add(TFMessage(), "tf_static", "arm", time_ns=START_NS)
         log.add(scan(1), "scan", time_ns=START_NS + 10**9)
-    assert main(["log", "cut", "a.mcap", "--from", "0.5", "-o", "b.mcap"]) == 0
+    assert main(["recording", "cut", "a.mcap", "--from", "0.5", "-o", "b.mcap"]) == 0
     assert main(["export", "b.mcap", "bag", "--rosbag2"]) == 0
     assert names_in(Path("bag")).keys() == {"/tf_static", "/scan"}
 

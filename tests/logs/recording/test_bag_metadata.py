@@ -82,7 +82,7 @@ def test_repair_makes_the_folder_of_a_killed_logger_readable(
     last.write_bytes(last.read_bytes()[:-50])
     assert "has no end" in write_bag_metadata(folder)
     assert not (folder / BAG_METADATA).exists(), "it describes what cannot be read"
-    assert main(["log-repair", str(folder)]) == 0
+    assert main(["recording", "repair", str(folder)]) == 0
     assert topics(folder) == TOPICS
     assert capsys.readouterr().err.count("warning") == 0
 
@@ -90,6 +90,6 @@ def test_repair_makes_the_folder_of_a_killed_logger_readable(
 def test_file_of_another_program_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = record(tmp_path / "monday")
     (folder / BAG_METADATA).write_text("rosbag2_bagfile_information: {}\n")
-    assert main(["log-repair", str(folder)]) == 0
+    assert main(["recording", "repair", str(folder)]) == 0
     assert "is of another program" in capsys.readouterr().err
     assert (folder / BAG_METADATA).read_text() == "rosbag2_bagfile_information: {}\n"

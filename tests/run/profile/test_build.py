@@ -185,3 +185,32 @@ def test_restart_policy_of_the_core_is_that_of_the_profile_or_the_default(robot:
         ProfileError, match=r"core\.restart\.max_restart: unknown key; did you mean 'max_restarts'"
     ):
         robot.load("core")
+
+
+def test_times_and_sizes_are_read_with_their_units(robot: Robot) -> None:
+    robot.write(
+        "demo",
+        """
+        modules:
+          a:
+            class: m:A
+            stop_grace_s: 1min30s
+            restart: {backoff_s: 20ms}
+            memory: {limit_bytes: 300M}
+            scheduling: {spin_us: 1ms}
+        """,
+    )
+    (module,) = robot.load().modules
+    assert (module.stop_grace_s, module.restart.backoff_s) == (90.0, 0.02)
+    assert (module.memory.limit_bytes, module.scheduling.spin_us) == (300 << 20, 1000.0)
+
+
+def test_text_that_is_no_time_or_size_is_reported_with_its_place(robot: Robot) -> None:
+    keys = "stop_grace_s: 2m, memory: {limit_bytes: 3s}, restart: {max_restarts: 3K}"
+    robot.write("demo", f"modules: {{a: {{class: 'm:A', {keys}}}}}")
+    with pytest.raises(ProfileError) as refused:
+        robot.load()
+    said = str(refused.value)
+    assert "stop_grace_s: expected a time such as 300ms, 2s, 1.5min, 1h30min or 2d; got '2m'" in said
+    assert "limit_bytes: expected a size such as 4096, 64K, 300M or 1.5G; got '3s'" in said
+    assert "max_restarts: expected int" in said

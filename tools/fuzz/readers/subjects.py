@@ -346,7 +346,7 @@ def subjects() -> dict[str, ReaderUnderTest]:
     """Return all readers by name."""
     return {
         "log": ReaderUnderTest(_logs, _read_log),
-        "log-repair": ReaderUnderTest(_logs, _repair),
+        "recording repair": ReaderUnderTest(_logs, _repair),
         "ros1-bag": ReaderUnderTest(_bag1, functools.partial(_import, import_rosbag, "a.bag")),
         "ros2-bag-sqlite": ReaderUnderTest(
             functools.partial(_bag2, "SQLITE3"), functools.partial(_import, import_rosbag, "bag")

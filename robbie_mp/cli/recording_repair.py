@@ -1,4 +1,4 @@
-"""`robbie log-repair LOG`: repair a truncated or damaged log."""
+"""`robbie recording repair`: repair a truncated or damaged log."""
 
 import argparse
 import sys
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add `log-repair` to the commands."""
+    """Add `repair` to the actions of `robbie recording`."""
     parser = add_command(
         subparsers,
-        "log-repair",
+        "repair",
         "repair a truncated or damaged log",
         "Write a new log with every message of each intact chunk of a truncated or damaged log, and verify "
         "it by reading it again. The old log is kept unchanged. In a folder, each part that needs it is "
         "repaired.",
-        ["robbie log-repair logs/monday", "robbie log-repair cut.mcap -o whole.mcap"],
+        ["robbie recording repair logs/monday", "robbie recording repair cut.mcap -o whole.mcap"],
     )
     add_log_argument(parser)
     parser.add_argument(
@@ -39,10 +39,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         help="the new file (NAME.repaired.mcap beside the old one, which replaces it in a folder of parts)",
     )
     add_limit_argument(parser)
-    parser.set_defaults(command=log_repair)
+    parser.set_defaults(command=repair_recording)
 
 
-def log_repair(arguments: argparse.Namespace) -> int:
+def repair_recording(arguments: argparse.Namespace) -> int:
     """Repair a file, or the parts of a folder that need it."""
     log: Path = arguments.log
     targets = {log: arguments.output or repaired_name(log)}

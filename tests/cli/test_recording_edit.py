@@ -1,4 +1,4 @@
-"""`robbie log cut`, `filter` and `merge`, compared with what the library mcap reads."""
+"""`robbie recording cut`, `filter` and `merge`, compared with what the library mcap reads."""
 
 import json
 import tracemalloc
@@ -15,6 +15,8 @@ from robbie_mp.logs.recording.log_writer import Split
 from robbie_mp.messages import LaserScan, schema_text
 from tests.logs.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
 from tests.logs.recording._support.recording import CHANNELS, chunk_of, writer
+
+CUT = ["recording", "cut"]
 
 
 def content(path: Path) -> list[tuple[str, str, int, int, bytes]]:
@@ -74,7 +76,7 @@ def test_cut_has_exactly_the_messages_of_a_time(
     every = all_of(recording)
     start_ns = every[0][3]
     target = tmp_path / "cut.mcap"
-    assert main(["log", "cut", str(recording), "--from", "0.02", "--to", "0.05", "-o", str(target)]) == 0
+    assert main([*CUT, str(recording), "--from", "0.02", "--to", "0.05", "-o", str(target)]) == 0
     assert capsys.readouterr().out == f"{target}: 3 of 30 messages\n"
     expected = [one for one in every if start_ns + 20_000_000 <= one[3] < start_ns + 50_000_000]
     assert content(target) == expected
@@ -82,7 +84,7 @@ def test_cut_has_exactly_the_messages_of_a_time(
     assert (told["run"]["run_id"], told["run"]["started_ns"]) == ("12ab", expected[0][3])
     assert all(counts[1] == 0 for counts in logged_counts(target).values()), "dropped in another part"
     late = tmp_path / "late.mcap"
-    assert main(["log", "cut", str(recording), "--from", "2023-11-14T22:13:20.25Z", "-o", str(late)]) == 0
+    assert main([*CUT, str(recording), "--from", "2023-11-14T22:13:20.25Z", "-o", str(late)]) == 0
     assert content(late) == every[25:]
     assert logged_counts(late)["front spare"] == [2, 5]
     assert info(late, capsys)["channels"][-1]["dropped"] in (0, 5)
@@ -92,16 +94,16 @@ def test_filter_takes_types_and_topics_and_keeps_the_books(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "lasers.mcap"
-    assert main(["log", "filter", str(recording), "--topic", "/fro*", "-o", str(target)]) == 0
+    assert main(["recording", "filter", str(recording), "--topic", "/fro*", "-o", str(target)]) == 0
     assert content(target) == [one for one in all_of(recording) if one[0] == "/front"]
     assert logged_counts(target) == {"front laser": [10, 0], "front spare": [10, 5]}
     dropped = {one["sender"]: one["dropped"] for one in info(target, capsys)["channels"]}
     assert dropped == {"laser": 0, "spare": 5}
     rest = tmp_path / "rest.mcap"
-    assert main(["log", "filter", str(recording), "--not", "LaserScan", "-o", str(rest)]) == 0
+    assert main(["recording", "filter", str(recording), "--not", "LaserScan", "-o", str(rest)]) == 0
     assert content(rest) == [one for one in all_of(recording) if one[0] == "/Odometry"]
     none = tmp_path / "none.mcap"
-    assert main(["log", "filter", str(recording), "--type", "Imu", "-o", str(none)]) == 1
+    assert main(["recording", "filter", str(recording), "--type", "Imu", "-o", str(none)]) == 1
     said = capsys.readouterr().err
     assert "type 'Imu', topic '*': no messages in" in said
     assert "the new log is empty" in said
@@ -120,7 +122,7 @@ def test_merge_orders_by_time_and_keeps_different_definitions_apart(
         other = log.channel("nav_msgs/msg/Odometry", "uint8 x", 1, "odom", "base")
         log.add_bytes(other, b"\0\1\0\0\5", START_NS + 3)
     target = tmp_path / "both.mcap"
-    assert main(["log", "merge", str(first), str(second), "-o", str(target)]) == 0
+    assert main(["recording", "merge", str(first), str(second), "-o", str(target)]) == 0
     said = capsys.readouterr()
     assert said.out == f"{target}: 14 of 14 messages\n"
     assert "the logs are of different runs" in said.err
@@ -145,7 +147,7 @@ def test_parts_of_a_log_can_be_merged_into_one_file(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "whole.mcap"
-    assert main(["log", "merge", str(recording), "-o", str(target)]) == 0
+    assert main(["recording", "merge", str(recording), "-o", str(target)]) == 0
     assert capsys.readouterr().err == ""
     assert content(target) == all_of(recording)
     assert logged_counts(target)["front spare"] == [10, 5]
@@ -157,11 +159,11 @@ def test_nothing_is_overwritten_and_no_folder_of_parts_is_spoilt(
 ) -> None:
     target = tmp_path / "there.mcap"
     target.write_text("mine")
-    assert main(["log", "cut", str(recording), "-o", str(target)]) == 2
+    assert main([*CUT, str(recording), "-o", str(target)]) == 2
     assert target.read_text() == "mine"
     assert "cannot be written: File exists" in capsys.readouterr().err
     inside = recording / "cut.mcap"
-    assert main(["log", "filter", str(recording), "-o", str(inside)]) == 2
+    assert main(["recording", "filter", str(recording), "-o", str(inside)]) == 2
     assert "would become a part of" in capsys.readouterr().err
     assert not inside.exists()
 
@@ -172,7 +174,7 @@ def test_damaged_log_gives_what_is_intact_with_a_warning(
     last = max(recording.glob("*.mcap"))
     last.write_bytes(last.read_bytes()[:-100])
     target = tmp_path / "intact.mcap"
-    assert main(["log", "cut", str(recording), "-o", str(target)]) == 0
+    assert main([*CUT, str(recording), "-o", str(target)]) == 0
     assert "only the intact part was copied" in capsys.readouterr().err
     assert content(target) == all_of_intact(recording)
 
@@ -187,7 +189,7 @@ def all_of_parts(parts: list[Path]) -> list[tuple[str, str, int, int, bytes]]:
 
 def _tail(folder: Path) -> list[tuple[str, str, int, int, bytes]]:
     target = folder.parent / "repaired.mcap"
-    assert main(["log-repair", str(max(folder.glob("*.mcap"))), "-o", str(target)]) == 0
+    assert main(["recording", "repair", str(max(folder.glob("*.mcap"))), "-o", str(target)]) == 0
     return content(target)
 
 
@@ -200,7 +202,10 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
             for number in range(megabytes * 4):
                 log.add_bytes(channel, bytes(1 << 18), START_NS + number)
         tracemalloc.start()
-        assert main(["log", "merge", str(source), str(source), "-o", str(tmp_path / f"new{megabytes}")]) == 0
+        assert (
+            main(["recording", "merge", str(source), str(source), "-o", str(tmp_path / f"new{megabytes}")])
+            == 0
+        )
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.3 * peaks[0]
@@ -217,6 +222,6 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
 )
 def test_bad_usage_is_explained(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
-        main(["log", "cut", "log.mcap", *words, *(["-o", "x"] if words else [])])
+        main([*CUT, "log.mcap", *words, *(["-o", "x"] if words else [])])
     assert end.value.code == 2
     assert said in capsys.readouterr().err

@@ -1,7 +1,6 @@
-"""`robbie log cut|filter|merge`: a new log of parts of others."""
+"""`robbie recording cut|filter|merge`: a new log of parts of others."""
 
 import argparse
-import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
@@ -9,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
@@ -31,8 +31,8 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
         "cut a time out of a log",
         "Write a new log with the messages of a time. The old log is only read.",
         [
-            "robbie log cut monday --from 60 --to 90.5 -o crash.mcap",
-            "robbie log cut monday --from 2026-11-22T14:30:00Z -o afternoon.mcap",
+            "robbie recording cut monday --from 60 --to 90.5 -o crash.mcap",
+            "robbie recording cut monday --from 2026-11-22T14:30:00Z -o afternoon.mcap",
         ],
     )
     add_log_argument(cut_parser)
@@ -42,7 +42,7 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
             dest=option.strip("-"),
             metavar="TIME",
             type=_moment,
-            help=f"{text}: seconds after the beginning of the log, or ISO 8601 with Z or an offset",
+            help=f"{text}: after the beginning of the log (90s, 1h30min), or ISO 8601 with Z or an offset",
         )
     cut_parser.set_defaults(command=cut)
     filter_parser = add_command(
@@ -52,8 +52,8 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
         "Write a new log with the messages whose type and topic match. Patterns are shell patterns; messages "
         "without a topic go by their short type name. The old log is only read.",
         [
-            "robbie log filter monday --topic 'laser/*' --topic odom -o small.mcap",
-            "robbie log filter monday --not Image --not 'debug/*' -o small.mcap",
+            "robbie recording filter monday --topic 'laser/*' --topic odom -o small.mcap",
+            "robbie recording filter monday --not Image --not 'debug/*' -o small.mcap",
         ],
     )
     add_log_argument(filter_parser)
@@ -77,7 +77,7 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
         "merge several logs into one",
         "Write a new log with the messages of several logs, ordered by their log time. The clocks of "
         "different runs are taken as they are. The old logs are only read.",
-        ["robbie log merge robot-a robot-b -o both.mcap"],
+        ["robbie recording merge robot-a robot-b -o both.mcap"],
     )
     add_log_argument(merge_parser, "logs", nargs="+")
     merge_parser.set_defaults(command=merge)
@@ -89,22 +89,15 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def _moment(text: str) -> float | datetime:
-    """Parse seconds, or a time with its offset from UTC."""
-    try:
-        seconds = float(text)
-    except ValueError:
-        pass
-    else:
-        if not 0 <= seconds < math.inf:
-            raise argparse.ArgumentTypeError(f"expected at least 0 s; got {text}")
-        return seconds
+    """Parse a time after the beginning, in s, or one with its offset from UTC."""
     try:
         time = datetime.fromisoformat(text)
     except ValueError:
-        time = None
-    if time is None or time.tzinfo is None:
+        return time_between(0)(text)
+    if time.tzinfo is None:
         raise argparse.ArgumentTypeError(
-            f"expected seconds, or a time with its offset, such as 2026-11-22T14:30:00Z; got {text!r}"
+            "expected a time with its offset, such as 2026-11-22T14:30:00Z, or one after the beginning, such "
+            f"as 1min30s; got {text!r}"
         )
     return time
 

@@ -1,0 +1,38 @@
+"""Arguments that are times or sizes, for argparse: each is written as people do, and has limits."""
+
+import argparse
+from collections.abc import Callable
+
+from robbie_mp.base.amount import BadAmount, bytes_of, seconds_of
+
+LONGEST_S = 1e9
+
+
+def time_between(least_s: float, most_s: float = LONGEST_S) -> Callable[[str], float]:
+    """Return the parser of a time, in s, with these limits."""
+
+    def parse(text: str) -> float:
+        try:
+            seconds = seconds_of(text)
+        except BadAmount as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+        if not least_s <= seconds <= most_s:
+            raise argparse.ArgumentTypeError(f"expected {least_s:g} s to {most_s:g} s; got {text}")
+        return seconds
+
+    return parse
+
+
+def size_between(least: int, most: int) -> Callable[[str], int]:
+    """Return the parser of a size, in bytes, with these limits."""
+
+    def parse(text: str) -> int:
+        try:
+            size = bytes_of(text)
+        except BadAmount as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+        if not least <= size <= most:
+            raise argparse.ArgumentTypeError(f"expected {least} to {most} bytes; got {text}")
+        return size
+
+    return parse
