@@ -1,6 +1,7 @@
 """`robbie foxglove`: the link that shows a run in Foxglove, and a layout to begin with."""
 
 import argparse
+import json
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,6 +29,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ["robbie foxglove", "robbie foxglove --run demo", "robbie foxglove --layout robbie.json"],
     )
     add_run_argument(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     parser.add_argument(
         "--layout",
         metavar="FILE",
@@ -44,7 +46,7 @@ def foxglove(arguments: argparse.Namespace) -> int:
     link = read_link(choose_run(arguments.run).folder, FOXGLOVE_LINK_FILE)
     if not link:
         raise refuse("this run has no Foxglove server; add the parent `robbie:foxglove` to its profile")
-    print(link)
+    print(json.dumps({"link": link}) if arguments.json else link)
     return 0
 
 

@@ -1,6 +1,7 @@
 """`robbie gui`: an operator station for a robot that is already running."""
 
 import argparse
+import json
 import logging
 import os
 import sys
@@ -64,6 +65,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument(
         "--link", action="store_true", help="only print the link of the run's own operator station"
     )
+    parser.add_argument("--json", action="store_true", help="with --link: print JSON for a program to read")
     parser.set_defaults(command=gui)
 
 
@@ -75,7 +77,7 @@ def gui(arguments: argparse.Namespace) -> int:
     settings = _settings(arguments)
     run = choose_run(arguments.run)
     if arguments.link:
-        return _show_link(run)
+        return _show_link(run, as_json=arguments.json)
     load_website()
     sys.path.insert(0, RunPlan.load(run.folder).workspace)  # where the panels are that the settings name
     logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
@@ -91,12 +93,12 @@ def gui(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _show_link(run: KnownRun) -> int:
+def _show_link(run: KnownRun, *, as_json: bool) -> int:
     """Print the link of the run's own operator station."""
     link = read_link(run.folder)
     if not link:
         raise refuse("this run has no operator station; `robbie gui` without --link serves one")
-    print(link)
+    print(json.dumps({"link": link}) if as_json else link)
     return 0
 
 

@@ -14,7 +14,7 @@ from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.tool import RunEnded, Tool
-from robbie_mp.attached.views.message_text import describe_playback
+from robbie_mp.attached.views.message_text import describe_playback, to_json
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.observe.declarations import read_declarations
 from robbie_mp.cli.amounts import time_between
@@ -23,7 +23,7 @@ from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.logs.playback.player import PlaybackRefused
-from robbie_mp.messages import PlaybackControl, PlaybackState
+from robbie_mp.messages import PlaybackControl, PlaybackState, as_dict
 from robbie_mp.run.run_directory import KnownRun
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     for name, order in orders.choices.items():
         order.set_defaults(command=steer, order=name)
+        order.add_argument("--json", action="store_true", help="print JSON for a program to read")
     keys = add_command(
         orders,
         "keys",
@@ -93,7 +94,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 def steer(arguments: argparse.Namespace) -> int:
     """Give a command, and print the state of the playback after it."""
     state = give_order(choose_run(arguments.run), arguments.order, getattr(arguments, "value", 0.0))
-    print(describe_playback(state))
+    print(to_json(as_dict(state)) if arguments.json else describe_playback(state))
     return 0
 
 

@@ -12,7 +12,7 @@ from robbie_mp.cli.parser import add_command
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import last_line, preflight
-from robbie_mp.run.profile.show import YamlLine, as_tree, origins, to_lines
+from robbie_mp.run.profile.show import DEFAULT, YamlLine, as_tree, origins, to_lines, without_defaults
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -28,9 +28,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "print the merged profile with the origin of each value",
         "Print a profile merged with its parents, each value with the file and line that set it. "
         "Module classes and settings are checked as before a run.",
-        ["robbie profile show robot", "robbie profile show robot --set sensor.period_s=1 --json"],
+        [
+            "robbie profile show robot",
+            "robbie profile show robot --set sensor.period_s=1 --json",
+            "robbie profile show robot --changed",
+        ],
     )
     add_profile_arguments(parser)
+    parser.add_argument("--changed", action="store_true", help="show only what differs from the defaults")
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     parser.set_defaults(command=show)
 
@@ -94,6 +99,9 @@ def show(arguments: argparse.Namespace) -> int:
         warn(f"module {module} cannot be imported: {last_line(failure)}")
     tree = as_tree(profile, findings.settings)
     origin_of = origins(profile, tree)
+    if arguments.changed:
+        tree = without_defaults(tree, origin_of)
+        origin_of = {path: origin for path, origin in origin_of.items() if origin != DEFAULT}
     if arguments.json:
         described = {
             "name": profile.name,

@@ -21,7 +21,7 @@ from robbie_mp.cli.parser import BAD_USAGE, HelpFormatter, Parser
 
 GROUPS = {
     "run a robot": ("run", "stop", "module", "play", "playback", "connect"),
-    "look at a run": ("list", "top", "log", "echo", "hz", "bw", "graph", "type", "gui", "foxglove"),
+    "look at a run": ("list", "top", "log", "echo", "hz", "bw", "plot", "graph", "type", "gui", "foxglove"),
     "talk to a run": ("pub", "call", "param"),
     "record, and use recordings": (
         "record", "info", "recording", "diff", "export", "import-carmen", "import-rosbag",

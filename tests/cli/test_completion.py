@@ -101,7 +101,7 @@ def test_robbie_alone_prints_its_help(capsys: pytest.CaptureFixture[str]) -> Non
     shown = capsys.readouterr().out
     for group, names in GROUPS.items():
         assert re.search(rf"^  {re.escape(group)}:$", shown, re.MULTILINE)
-        assert all(re.search(rf"^    {name} ", shown, re.MULTILINE) for name in names), names
+        assert all(re.search(rf"^    {name}( |$)", shown, re.MULTILINE) for name in names), names
     assert max(map(len, shown.splitlines())) <= 80
 
 
@@ -156,3 +156,18 @@ def test_no_color_is_respected_on_a_terminal(robbie: Path, variable: str) -> Non
     os.close(terminal)
     assert shown
     assert (re.search("\x1b\\[[0-9;]*3[0-9]", shown) is None) == (variable == "NO_COLOR")
+
+
+CHANGING = {
+    "stop", "module", "pub", "param set", "param dump", "param load", "record", "recording", "export",
+    "import-carmen", "import-rosbag", "new", "install", "keys new", "keys trust", "keys revoke", "keys check",
+    "completion", "playback keys", "plot",
+}  # fmt: skip
+"""Commands that do something, rather than list or show it, or that draw."""
+
+
+@pytest.mark.parametrize("command", tuple(leaves(_parser(()))), ids=lambda command: command.prog)
+def test_every_command_that_lists_or_shows_something_has_json(command: argparse.ArgumentParser) -> None:
+    _, *words = command.prog.split()
+    does = {words[0], " ".join(words)} & CHANGING
+    assert bool(does) is not ("--json" in command._option_string_actions)

@@ -1,9 +1,15 @@
 """Commands that read a run or send messages to it, all on one robot."""
 
+import fcntl
 import json
+import os
+import pty
 import re
+import shutil
 import signal
+import struct
 import subprocess
+import termios
 import time
 from argparse import Namespace
 from collections.abc import Iterator
@@ -60,17 +66,21 @@ def person(robot: Robot, capsys: pytest.CaptureFixture[str]) -> Iterator[Person]
     yield Person(robot, run.run_id, capsys)
 
 
-def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None:
+def test_all_commands_on_a_live_run_work(
+    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     lists_what_there_is(person)
     draws_what_there_is(person)
     echoes(person)
     measures_rates(person)
     sums_up_rates(person)
+    plots(person)
     publishes(person)
     changes_settings(person)
     calls(person)
     dumps_and_loads_settings(person, tmp_path)
     remembers_who_published(person)
+    draws_svg(person, tmp_path, monkeypatch)
 
 
 def draws_what_there_is(person: Person) -> None:
@@ -178,6 +188,45 @@ def sums_up_rates(person: Person) -> None:
     assert total["summary"] is True
     assert total["messages"] == sum(line["messages"] for line in (*single, *more))
     assert (total["hz"]["least"], total["hz"]["greatest"]) == (min(lines_hz), max(lines_hz))
+
+
+def plots(person: Person) -> None:
+    drawn = person.types("plot", "wheels.header.stamp.sec", "--once", "--window", "1s")
+    assert "wheels.header.stamp.sec  " in drawn and "┤" in drawn
+    # On a terminal, until Ctrl-C.
+    controller, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+    command = [*COMMAND, "plot", "wheels.header.stamp.sec", "--run", person.run_id]
+    with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal) as process:
+        os.close(terminal)
+        try:
+            seen = b""
+            while "⠤".encode()[:2] not in seen or b"wheels.header.stamp.sec" not in seen:
+                seen += os.read(controller, 1 << 16)
+            process.send_signal(signal.SIGINT)
+            while b"\x1b[?1049l" not in seen:  # the terminal has its own screen again
+                seen += os.read(controller, 1 << 16)
+            assert process.wait(60) == 130
+        finally:
+            process.kill()
+            os.close(controller)
+    assert b"Traceback" not in seen
+
+
+def draws_svg(person: Person, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(folder))
+    own = person.types("graph", "--svg", "--interval", "0")
+    assert own.startswith("<svg ") and ">wheels</text>" in own
+    program = folder / "dot"
+    program.write_text(
+        f"#!/bin/sh\necho '<svg>by Graphviz</svg>'; {shutil.which('cat', path='/bin:/usr/bin')}\n"
+    )
+    program.chmod(0o755)
+    drawn = person.types("graph", "--svg", "--interval", "0")
+    assert drawn.startswith("<svg>by Graphviz</svg>\ndigraph run {")
+    program.write_text("#!/bin/sh\nexit 3\n")
+    assert person.types("graph", "--svg", "--interval", "0") == own
+    assert "failed, so the picture is arranged without it" in person.errors
 
 
 def publishes(person: Person) -> None:

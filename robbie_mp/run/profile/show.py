@@ -84,6 +84,21 @@ def _leaves(tree: Mapping[str, Any], path: KeyPath) -> Iterator[KeyPath]:
             yield (*path, key)
 
 
+def without_defaults(
+    tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyPath = ()
+) -> dict[str, Any]:
+    """Return the part of a tree that a profile or an option has set; arguments as for `to_lines`."""
+    changed = {}
+    for key, value in tree.items():
+        here = (*path, key)
+        if isinstance(value, dict) and value:
+            if below := without_defaults(value, origins, here):
+                changed[key] = below
+        elif origins[here] != DEFAULT:
+            changed[key] = value
+    return changed
+
+
 def to_lines(
     tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyPath = ()
 ) -> Iterator[YamlLine]:
