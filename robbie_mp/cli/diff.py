@@ -1,4 +1,4 @@
-"""`robbie diff A B`: compare two logs, message by message."""
+"""`robbie diff A B`: compare two recordings, message by message."""
 
 import argparse
 import json
@@ -36,9 +36,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "diff",
-        "compare two logs message by message",
-        "Compare the messages of each channel (topic, type and sender) of two logs, in order and bit by bit. "
-        "Publishing times are ignored. Exit code 0: all messages are equal; 1: they are not.",
+        "compare two recordings message by message",
+        "Compare the messages of each channel (topic, type and sender) of two recordings, in order and bit "
+        "by bit. Publishing times are ignored. Exit code 0: all messages are equal; 1: they are not.",
         [
             "robbie diff first second",
             "robbie diff first second --topics 'map*' --ignore-stamps --json",
@@ -68,7 +68,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def diff(arguments: argparse.Namespace) -> int:
-    """Compare two logs, and print the differences."""
+    """Compare two recordings, and print the differences."""
     with (
         closing(open_log(arguments.a, arguments.limits)) as a,
         closing(open_log(arguments.b, arguments.limits)) as b,

@@ -1,4 +1,4 @@
-"""`robbie import-carmen IN OUT`: make a log of a CARMEN log."""
+"""`robbie import-carmen IN OUT`: make a recording of a CARMEN log."""
 
 import argparse
 from pathlib import Path
@@ -18,13 +18,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "import-carmen",
-        "convert a CARMEN log to a log",
+        "convert a CARMEN log to a recording",
         "Convert odometry, laser scans, positions and inertial data from CARMEN's text format, which many "
-        "public data sets use, to a log. Lines that cannot be used are left out and counted.",
+        "public data sets use, to a recording. Lines that cannot be used are left out and counted.",
         ["robbie import-carmen intel.clf intel.mcap"],
     )
     parser.add_argument("source", metavar="IN", type=Path, help="log in CARMEN's format, also compressed")
-    parser.add_argument("target", metavar="OUT", type=Path, help="new log, an MCAP file")
+    parser.add_argument("target", metavar="OUT", type=Path, help="new recording, an MCAP file")
     add_strict_argument(parser)
     parser.set_defaults(command=import_carmen)
 

@@ -1,4 +1,4 @@
-"""`robbie import-rosbag IN OUT`: make a log of a bag of ROS."""
+"""`robbie import-rosbag IN OUT`: make a recording of a bag of ROS."""
 
 import argparse
 from pathlib import Path
@@ -19,14 +19,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "import-rosbag",
-        "convert a ROS 1 or ROS 2 bag to a log",
-        "Convert a ROS bag to a log. ROS 1 messages become ROS 2 messages; types unknown to Robbie keep "
-        "their definitions. This needs the library rosbags: pip install 'robbie-mp[ros]'.",
+        "convert a ROS 1 or ROS 2 bag to a recording",
+        "Convert a ROS bag to a recording. ROS 1 messages become ROS 2 messages; types unknown to Robbie "
+        "keep their definitions. This needs the library rosbags: pip install 'robbie-mp[ros]'.",
         ["robbie import-rosbag drive.bag drive.mcap", "robbie import-rosbag rosbag2_folder drive.mcap"],
     )
     bags = "ROS 1 .bag file, or ROS 2 bag: its folder, or one .mcap or .db3 file"
     parser.add_argument("source", metavar="IN", type=Path, help=bags)
-    parser.add_argument("target", metavar="OUT", type=Path, help="new log, an MCAP file")
+    parser.add_argument("target", metavar="OUT", type=Path, help="new recording, an MCAP file")
     add_strict_argument(parser)
     parser.set_defaults(command=import_rosbag)
 

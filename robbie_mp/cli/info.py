@@ -1,4 +1,4 @@
-"""`robbie info FILE...`: describes a log without reading all of it, and other files by their readers."""
+"""`robbie info FILE...`: describes a recording without reading all of it, and other files."""
 
 import argparse
 import json
@@ -31,11 +31,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "info",
-        "show what is in a log, a bag, a map or a robot's description",
-        "Show how long a log is, which run it is from, and which messages are in it. A truncated log is "
-        "read as far as it is intact; `robbie recording repair` repairs it. Other files are known by their "
-        "content: bags of ROS 1 and 2, CARMEN logs, maps, URDF, xacro and scene files. It also shows what a "
-        "command that reads the file would leave out.",
+        "show what is in a recording, a bag, a map or a robot's description",
+        "Show how long a recording is, which run it is from, and which messages are in it. A truncated "
+        "recording is read as far as it is intact; `robbie recording repair` repairs it. Other files are "
+        "known by their content: bags of ROS 1 and 2, CARMEN logs, maps, URDF, xacro and scene files. It "
+        "also shows what a command that reads the file would leave out.",
         [
             "robbie info logs/monday",
             "robbie info logs/monday/monday_0000.mcap --json",
@@ -49,7 +49,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def info(arguments: argparse.Namespace) -> int:
-    """Describe the logs."""
+    """Describe the recordings."""
     infos = [_describe_any(path, arguments.limits) for path in arguments.log]
     if arguments.json:
         print(json.dumps([one.as_data() for one in infos], indent=2))
@@ -65,7 +65,7 @@ def info(arguments: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _OtherFile:
-    """A file that is no log, as its reader describes it."""
+    """A file that is no recording, as its reader describes it."""
 
     path: Path
     kind: str
@@ -90,7 +90,7 @@ def _describe_any(path: Path, limits: ReadLimits) -> LogInfo | _OtherFile:
 
 
 def print_log(path: Path) -> None:
-    """Print the description of a log."""
+    """Print the description of a recording."""
     _print(_describe(path, READ_LIMITS))
 
 

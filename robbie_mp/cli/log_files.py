@@ -1,4 +1,4 @@
-"""Arguments for logs and topics, and progress bars for commands that read logs."""
+"""Arguments for recordings and topics, and progress bars for commands that read recordings."""
 
 import argparse
 import sys
@@ -21,19 +21,22 @@ from robbie_mp.logs.recording.repair import Progress, unwatched
 SHOWN_AFTER_S = 1.0
 """A command that takes less shows no progress bar."""
 REFRESH_S = 0.1
+METAVARS = {"log": "RECORDING", "logs": "RECORDING"}
 LEFT_OUT = 1
 """Exit code of a command that left something out."""
 
 
 def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: str | None = None) -> None:
-    """Add an argument that names a log."""
-    text = "log: an MCAP file, or a folder of parts"
-    argument = parser.add_argument(name, metavar=name.upper(), type=Path, nargs=nargs, help=text)
+    """Add an argument that names a recording."""
+    text = "recording: an MCAP file, or a folder of parts"
+    argument = parser.add_argument(
+        name, metavar=METAVARS.get(name, name.upper()), type=Path, nargs=nargs, help=text
+    )
     argument.completer = completers.logs  # type: ignore[attr-defined]
 
 
 def add_limit_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option that limits the chunks of a log."""
+    """Add the option that limits the chunks of a recording."""
     parser.add_argument(
         "--max-chunk",
         type=_limits,
@@ -87,7 +90,7 @@ def _seldom(update: Progress) -> Progress:
 
 
 def add_topics_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option that selects topics of a log."""
+    """Add the option that selects topics of a recording."""
     topics = parser.add_argument(
         "--topics",
         nargs="+",

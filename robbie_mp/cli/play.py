@@ -1,4 +1,4 @@
-"""`robbie play FILE [PROFILE]`: play a log, for tools to read or in place of a robot's devices."""
+"""`robbie play FILE [PROFILE]`: play a recording, for tools to read or in place of a robot's devices."""
 
 import argparse
 import json
@@ -52,10 +52,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "play",
-        "play a log, alone or into a robot's modules",
-        "Publish the messages of a log as they were recorded. The run's clock shows the log's time. Without "
-        "a profile, tools such as `robbie echo`, `hz` and `record` can read them; with one, its module "
-        "`playback` replaces the real devices. `robbie playback` controls it from another terminal.",
+        "play a recording, alone or into a robot's modules",
+        "Publish the messages of a recording as they were recorded. The run's clock shows the recording's "
+        "time. Without a profile, tools such as `robbie echo`, `hz` and `record` can read them; with one, "
+        "its module `playback` replaces the real devices. `robbie playback` controls it from another "
+        "terminal.",
         [
             "robbie play output/demo/log.mcap",
             "robbie play log.mcap demo-playback --rate max",
@@ -68,7 +69,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "profile",
         metavar="PROFILE",
         nargs="?",
-        help="profile with a module `playback`; default: play the log alone",
+        help="profile with a module `playback`; default: play the recording alone",
     )
     profile.completer = completers.profiles  # type: ignore[attr-defined]
     parser.add_argument(
@@ -77,14 +78,18 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         type=rate,
         help="speed, times real time (1); max: as fast as possible without loss",
     )
-    parser.add_argument("--start", metavar="TIME", type=time_between(0), help="start at this time of the log")
-    parser.add_argument("--end", metavar="TIME", type=time_between(0), help="stop at this time of the log")
+    parser.add_argument(
+        "--start", metavar="TIME", type=time_between(0), help="start at this time of the recording"
+    )
+    parser.add_argument(
+        "--end", metavar="TIME", type=time_between(0), help="stop at this time of the recording"
+    )
     parser.add_argument(
         "--gaps",
         metavar="skip|keep|TIME",
         type=gaps,
-        help="where the log's time jumps, forwards or backwards: skip it (skip: jumps of more than "
-        f"{LONGEST_GAP_S:g} s, the default; TIME: of more than that), or keep to the log's time",
+        help="where the recording's time jumps, forwards or backwards: skip it (skip: jumps of more than "
+        f"{LONGEST_GAP_S:g} s, the default; TIME: of more than that), or keep to the recording's time",
     )
     parser.add_argument("--loop", action="store_true", default=None, help="start again at the end")
     parser.add_argument(
@@ -130,7 +135,7 @@ def gaps(text: str) -> float:
 
 
 def play(arguments: argparse.Namespace) -> int:
-    """Play a log."""
+    """Play a recording."""
     settings = _settings(arguments)
     try:
         profile, findings = _checked(arguments, settings)
@@ -145,7 +150,7 @@ def _checked(arguments: argparse.Namespace, settings: dict[str, Any]) -> tuple[P
     if arguments.profile:
         profile = _robot(arguments, settings)
     elif arguments.overrides or arguments.variables or arguments.without:
-        raise refuse("--set, --var and --without change a profile; name one after the log")
+        raise refuse("--set, --var and --without change a profile; name one after the recording")
     else:
         profile = _alone(settings)
     if arguments.charge and not (arguments.lockstep or profile.clock.lockstep):
@@ -221,7 +226,8 @@ def _robot(arguments: argparse.Namespace, settings: dict[str, Any]) -> Profile:
     if PLAYBACK not in modules:
         raise refuse(
             f"profile {name!r} has no module {PLAYBACK!r}, only {', '.join(sorted(modules))}; a profile that "
-            "plays logs has `parents: [robbie:playback]`, and null for each module that the log replaces"
+            "plays recordings has `parents: [robbie:playback]`, and null for each module that the "
+            "recording replaces"
         )
     # A file's name may look like a variable.
     given = [f"{PLAYBACK}.{key}={json.dumps(value).replace('${', '$${')}" for key, value in settings.items()]

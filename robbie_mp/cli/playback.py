@@ -70,7 +70,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     seek = add_command(
         orders, "seek", "jump to a position", "Jump to a position.", ["robbie playback seek 1min30s"]
     )
-    seek.add_argument("value", metavar="TIME", type=time_between(0), help="time of the log")
+    seek.add_argument("value", metavar="TIME", type=time_between(0), help="time of the recording")
     pace = add_command(orders, "rate", "change the speed", "Change the speed.", ["robbie playback rate 4"])
     pace.add_argument(
         "value", metavar="R|max", type=rate, help="times real time; max: as fast as possible without loss"

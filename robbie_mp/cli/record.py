@@ -52,8 +52,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "record",
         "record messages of a run",
-        "Record messages of a run into a log, until Ctrl-C or the end of the run. The robot does not wait "
-        "for the recording: messages that arrive too fast are dropped, and counted in the log. To record a "
+        "Record messages of a run until Ctrl-C or the end of the run. The robot does not wait "
+        "for it: messages that arrive too fast are dropped, and counted in the recording. To record a "
         "whole run from its start, add a message logger to its profile.",
         [
             "robbie record",
@@ -80,7 +80,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "--output",
         metavar="FOLDER",
         type=Path,
-        help="new folder for the log; default: named by the date",
+        help="new folder for the recording; default: named by the date",
     )
     parser.add_argument(
         "--compression",
@@ -94,7 +94,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def record(arguments: argparse.Namespace) -> int:
-    """Record, and print a description of the log."""
+    """Record, and print a description of the recording."""
     run = choose_run(arguments.run)
     folder = arguments.output or Path(f"{file_stamp()}-{run.run_id}")
     if folder.exists():

@@ -1,4 +1,4 @@
-"""`robbie recording cut|filter|merge`: a new log of parts of others."""
+"""`robbie recording cut|filter|merge`: a new recording of parts of others."""
 
 import argparse
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ NOTHING = 1
 
 
 def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add `cut`, `filter` and `merge` to the actions of `robbie log`."""
+    """Add `cut`, `filter` and `merge` to the actions of `robbie recording`."""
     cut_parser = add_command(
         actions,
         "cut",
-        "cut a time out of a log",
-        "Write a new log with the messages of a time. The old log is only read.",
+        "cut a time out of a recording",
+        "Write a new recording with the messages of a time. The old recording is only read.",
         [
             "robbie recording cut monday --from 60 --to 90.5 -o crash.mcap",
             "robbie recording cut monday --from 2026-11-22T14:30:00Z -o afternoon.mcap",
@@ -42,15 +42,15 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
             dest=option.strip("-"),
             metavar="TIME",
             type=_moment,
-            help=f"{text}: after the beginning of the log (90s, 1h30min), or ISO 8601 with Z or an offset",
+            help=f"{text}: after the beginning (90s, 1h30min), or ISO 8601 with Z or an offset",
         )
     cut_parser.set_defaults(command=cut)
     filter_parser = add_command(
         actions,
         "filter",
-        "take messages of some types or topics out of a log",
-        "Write a new log with the messages whose type and topic match. Patterns are shell patterns; messages "
-        "without a topic go by their short type name. The old log is only read.",
+        "take messages of some types or topics out of a recording",
+        "Write a new recording with the messages whose type and topic match. Patterns are shell patterns; "
+        "messages without a topic go by their short type name. The old recording is only read.",
         [
             "robbie recording filter monday --topic 'laser/*' --topic odom -o small.mcap",
             "robbie recording filter monday --not Image --not 'debug/*' -o small.mcap",
@@ -74,9 +74,9 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     merge_parser = add_command(
         actions,
         "merge",
-        "merge several logs into one",
-        "Write a new log with the messages of several logs, ordered by their log time. The clocks of "
-        "different runs are taken as they are. The old logs are only read.",
+        "merge several recordings into one",
+        "Write a new recording with the messages of several recordings, ordered by their time. The clocks of "
+        "different runs are taken as they are. The old recordings are only read.",
         ["robbie recording merge robot-a robot-b -o both.mcap"],
     )
     add_log_argument(merge_parser, "logs", nargs="+")
@@ -103,7 +103,7 @@ def _moment(text: str) -> float | datetime:
 
 
 def cut(arguments: argparse.Namespace) -> int:
-    """Cut a time out of a log."""
+    """Cut a time out of a recording."""
     with open_log(arguments.log, arguments.limits) as log:
         start_ns, end_ns = (
             None if moment is None else _time_ns(log, moment)
@@ -122,7 +122,7 @@ def _time_ns(log: Log, moment: float | datetime) -> int:
 
 
 def filter_log(arguments: argparse.Namespace) -> int:
-    """Take messages of some types or topics out of a log."""
+    """Take messages of some types or topics out of a recording."""
     topics = [pattern.removeprefix("/") for pattern in arguments.topics]
     selection = Selection.by_types_and_topics(
         arguments.types or ["*"], topics or ["*"], [pattern.removeprefix("/") for pattern in arguments.nots]
@@ -141,7 +141,7 @@ def filter_log(arguments: argparse.Namespace) -> int:
 
 
 def merge(arguments: argparse.Namespace) -> int:
-    """Merge several logs."""
+    """Merge several recordings."""
     with ExitStack() as opened:
         logs = [opened.enter_context(open_log(path, arguments.limits)) for path in arguments.logs]
         for line in _about_clocks(logs):
@@ -150,13 +150,13 @@ def merge(arguments: argparse.Namespace) -> int:
 
 
 def _about_clocks(logs: Sequence[Log]) -> list[str]:
-    """Say what merging by time means for logs of different runs."""
+    """Say what merging by time means for recordings of different runs."""
     runs = {record.get("run_id", "") for log in logs for record in log.metadata(RUN_METADATA)}
     lines = []
     if len(runs) > 1 or any(not log.metadata(RUN_METADATA) for log in logs):
         lines.append(
-            "the logs are of different runs: messages are ordered by the times in the logs, and clocks that "
-            "differed are not corrected; sequence numbers are those of each run"
+            "the recordings are of different runs: messages are ordered by the times in the recordings, "
+            "and clocks that differed are not corrected; sequence numbers are those of each run"
         )
     filled = sorted((log for log in logs if log.message_count), key=lambda log: log.start_ns)
     for before, after in pairwise(filled):
@@ -177,6 +177,6 @@ def _write(logs: Sequence[Log], target: Path, operation: str, what: Cut) -> int:
     carried = f", and {done.carried} older ones that were newest before" if done.carried else ""
     print(f"{target}: {done.messages} of {sum(log.message_count for log in logs)} messages{carried}")
     if not done.messages and not done.carried:
-        warn("the new log is empty: no message was selected")
+        warn("the new recording is empty: no message was selected")
         return NOTHING
     return 0

@@ -1,4 +1,4 @@
-"""`robbie recording repair`: repair a truncated or damaged log."""
+"""`robbie recording repair`: repair a truncated or damaged recording."""
 
 import argparse
 import sys
@@ -24,10 +24,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "repair",
-        "repair a truncated or damaged log",
-        "Write a new log with every message of each intact chunk of a truncated or damaged log, and verify "
-        "it by reading it again. The old log is kept unchanged. In a folder, each part that needs it is "
-        "repaired.",
+        "repair a truncated or damaged recording",
+        "Write a new recording with every message of each intact chunk of a truncated or damaged "
+        "recording, and verify it by reading it again. The old recording is kept unchanged. In a folder, "
+        "each part that needs it is repaired.",
         ["robbie recording repair logs/monday", "robbie recording repair cut.mcap -o whole.mcap"],
     )
     add_log_argument(parser)

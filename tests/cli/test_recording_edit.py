@@ -106,7 +106,7 @@ def test_filter_takes_types_and_topics_and_keeps_the_books(
     assert main(["recording", "filter", str(recording), "--type", "Imu", "-o", str(none)]) == 1
     said = capsys.readouterr().err
     assert "type 'Imu', topic '*': no messages in" in said
-    assert "the new log is empty" in said
+    assert "the new recording is empty" in said
 
 
 def test_merge_orders_by_time_and_keeps_different_definitions_apart(
@@ -125,7 +125,7 @@ def test_merge_orders_by_time_and_keeps_different_definitions_apart(
     assert main(["recording", "merge", str(first), str(second), "-o", str(target)]) == 0
     said = capsys.readouterr()
     assert said.out == f"{target}: 14 of 14 messages\n"
-    assert "the logs are of different runs" in said.err
+    assert "the recordings are of different runs" in said.err
     assert "topic /odom has 2 definitions, each in its own channel: nav_msgs/msg/Odometry" in said.err
     merged = content(target)
     one, two = content(first), content(second)
