@@ -2,14 +2,15 @@
 
 import contextlib
 import fcntl
+import json
 import os
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.run.live_runs import live_runs
-from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.plan import PLAN_FILE
 from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.run_directory import KnownRun, base_folders, make_private
 
@@ -85,7 +86,7 @@ def refuse_taken_devices(modules: Iterable[ModuleSpec]) -> None:
     Raises:
         DeviceTaken: they do; the text says where.
     """
-    wanted = devices_of(modules)
+    wanted = _devices_of({module.name: module.settings for module in modules})
     for run in live_runs() if wanted else ():
         taken = _devices_of_run(run)
         for device in sorted(wanted.keys() & taken.keys()):
@@ -96,19 +97,20 @@ def refuse_taken_devices(modules: Iterable[ModuleSpec]) -> None:
             )
 
 
-def devices_of(modules: Iterable[ModuleSpec]) -> dict[str, str]:
+def _devices_of(settings_of: Mapping[str, Mapping[str, object]]) -> dict[str, str]:
     """Return the devices that the settings of modules name, and which setting names each."""
     found: dict[str, str] = {}
-    for module in modules:
-        for setting, value in module.settings.items():
-            found |= dict.fromkeys(_devices(value), f"{module.name}.{setting}")
+    for module, settings in settings_of.items():
+        for setting, value in settings.items():
+            found |= dict.fromkeys(_devices(value), f"{module}.{setting}")
     return found
 
 
 def _devices_of_run(run: KnownRun) -> dict[str, str]:
     try:
-        return devices_of(RunPlan.load(run.folder).modules)
-    except (OSError, ValueError):  # it is just ending, or its process died while it wrote the plan
+        modules = json.loads((run.folder / PLAN_FILE).read_text())["modules"]
+        return _devices_of({module["name"]: module["settings"] for module in modules})
+    except (OSError, ValueError, LookupError, TypeError):  # it is just ending, or has another version
         return {}
 
 
