@@ -26,7 +26,7 @@ from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.logs.recording.decoding import logged_type
-from robbie_mp.logs.recording.reader import Log, open_log
+from robbie_mp.logs.recording.reader import Log, LogChannel, open_log
 from robbie_mp.messages import DecodeError, Message
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.run.run_directory import KnownRun
@@ -54,14 +54,13 @@ class Curve:
     """What is drawn: a field of the messages on a channel."""
 
     channel: ChannelName
-    message_type: type[Message]
     path: str
-    number_of: Callable[[Message], float | None]
+    read: Callable[[bytes], float | None]
     series: Series
 
     def add(self, time_s: float, data: bytes) -> None:
         """Add the value of a message, if it has one."""
-        value = self.number_of(self.message_type.decode(data))
+        value = self.read(data)
         if value is not None:
             self.series.add(time_s, float(value))
 
@@ -125,7 +124,8 @@ def find_curve(name: str, types: KnownTypes, channels: Sequence[ChannelName]) ->
             problem = problem if number else error
             continue
         message_type = types.get(channel.type_name)
-        return Curve(channel, message_type, path, number_field(message_type, path), Series(name))
+        read = _reader(message_type, number_field(message_type, path))
+        return Curve(channel, path, read, Series(name))
     raise problem
 
 
@@ -210,7 +210,28 @@ def _plot_recording(arguments: argparse.Namespace) -> int:
 
 
 def _read(log: Log, curve: Curve, balance: Balance) -> None:
-    """Add the values of a recording, each channel with the fields that its type had then."""
+    """Add the values of a recording, of each channel with the fields that its type had then."""
+    readers = dict(_readers(log, curve, balance))
+    total = sum(log.counts[channel] for channel in readers)
+    with progress_bar(f"reading {curve.series.name}") as progress:
+        for done, logged in enumerate(log.messages(channels=readers), start=1):
+            progress(done, total)
+            try:
+                value = readers[logged.channel](logged.data)
+            except DecodeError:
+                balance.leave_out("messages that do not encode their type")
+                continue
+            if value is None:
+                balance.leave_out(f"messages without {curve.path}")
+                continue
+            curve.series.add((logged.time_ns - log.start_ns) / 1e9, float(value))
+            balance.use()
+
+
+def _readers(
+    log: Log, curve: Curve, balance: Balance
+) -> Iterator[tuple[LogChannel, Callable[[bytes], float | None]]]:
+    """Yield the channels of a recording that a curve shows, each with the function that reads its messages."""
     wanted = curve.channel
     for channel in log.channels:
         if channel.type_name != wanted.type_name or wanted.topic not in ("", channel.topic):
@@ -220,20 +241,14 @@ def _read(log: Log, curve: Curve, balance: Balance) -> None:
             number_of = number_field(message_type, curve.path)
         except RobbieError as error:
             balance.leave_out(str(error), log.counts[channel])
-            continue
-        with progress_bar(f"reading {curve.series.name}") as progress:
-            for done, logged in enumerate(log.messages(channels=[channel]), start=1):
-                progress(done, log.counts[channel])
-                try:
-                    value = number_of(message_type.decode(logged.data))
-                except DecodeError:
-                    balance.leave_out("messages that do not encode their type")
-                    continue
-                if value is None:
-                    balance.leave_out(f"messages without {curve.path}")
-                    continue
-                curve.series.add((logged.time_ns - log.start_ns) / 1e9, float(value))
-                balance.use()
+        else:
+            yield channel, _reader(message_type, number_of)
+
+
+def _reader(
+    message_type: type[Message], number_of: Callable[[Message], float | None]
+) -> Callable[[bytes], float | None]:
+    return lambda data: number_of(message_type.decode(data))
 
 
 def _chart() -> Callable[[Sequence[Series]], None]:

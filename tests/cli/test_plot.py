@@ -103,3 +103,10 @@ def test_long_series_is_thinned_out_evenly() -> None:
     assert len(steps) == 1
     series.forget_before(5.0 * MOST_POINTS)
     assert series.times_s[0] >= 5.0 * MOST_POINTS and len(series.times_s) == len(series.values)
+
+
+def test_infinite_values_are_not_drawn() -> None:
+    series = Series("x")
+    for value in (1.0, float("inf"), float("nan"), 2.0):
+        series.add(0.0, value)
+    assert series.values == [1.0, 2.0]

@@ -1,5 +1,6 @@
 """Numbers over time: fields of messages by name, as `robbie plot` draws them."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import accumulate
@@ -11,7 +12,7 @@ from robbie_mp.messages import Message
 from robbie_mp.messages.field_types import Nested, Primitive, Several
 from robbie_mp.messages.message import fields_of
 
-MOST_POINTS = 20_000
+MOST_POINTS = 10_000
 """Points that a series keeps; more than a screen or a picture can show."""
 
 
@@ -80,7 +81,9 @@ class Series:
     _stride: int = 1
 
     def add(self, time_s: float, value: float) -> None:
-        """Add a point; if there are too many, every second one is dropped."""
+        """Add a point; if there are too many, every second one is dropped. Infinity cannot be drawn."""
+        if not math.isfinite(value):
+            return
         if self.passed % self._stride == 0:
             self.times_s.append(time_s)
             self.values.append(value)
