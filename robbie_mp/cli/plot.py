@@ -1,6 +1,7 @@
 """`robbie plot TOPIC.FIELD…`: numbers of messages over time, live in the terminal or from a recording."""
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +35,7 @@ from robbie_mp.run.run_directory import KnownRun
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
-FRAME_S = 0.1
+FRAME_S = 0.2
 COLOURS = ["cyan", "orange", "green", "magenta", "red", "blue"]
 ADVICE = "`pip install 'robbie-mp[plot]'`"
 WIDTH, HEIGHT = 100, 30
@@ -134,6 +135,7 @@ def _plot_run(run: KnownRun, arguments: argparse.Namespace) -> int:
     curves = [find_curve(name, types, channels) for name in arguments.fields]
     draw, series = _terminal_chart(), [curve.series for curve in curves]
     wanted = list(dict.fromkeys(curve.channel for curve in curves))
+    os.nice(10)  # drawing takes processor time, and the robot comes first
     with closing(MessageStream(run, wanted, "robbie plot")) as stream:
         frames = _frames(stream, curves, arguments)
         if arguments.once:
@@ -231,7 +233,7 @@ def _read(log: Log, curve: Curve, balance: Balance) -> None:
 def _readers(
     log: Log, curve: Curve, balance: Balance
 ) -> Iterator[tuple[LogChannel, Callable[[bytes], float | None]]]:
-    """Yield the channels of a recording that a curve shows, each with the function that reads its messages."""
+    """Yield the channels of a recording that a curve shows, each with what reads its messages."""
     wanted = curve.channel
     for channel in log.channels:
         if channel.type_name != wanted.type_name or wanted.topic not in ("", channel.topic):
