@@ -135,13 +135,13 @@ def _plot_run(run: KnownRun, arguments: argparse.Namespace) -> int:
     curves = [find_curve(name, types, channels) for name in arguments.fields]
     draw, series = _terminal_chart(), [curve.series for curve in curves]
     wanted = list(dict.fromkeys(curve.channel for curve in curves))
-    os.nice(10)  # drawing takes processor time, and the robot comes first
     with closing(MessageStream(run, wanted, "robbie plot")) as stream:
         frames = _frames(stream, curves, arguments)
         if arguments.once:
             *_, now_s = frames
             _print(draw(series, WIDTH, HEIGHT, _shown(now_s, arguments.window)))
             return 0
+        os.nice(10)  # drawing takes processor time, and the robot comes first
         with _screen() as show:
             for now_s in frames:
                 show(draw(series, *console().size, _shown(now_s, arguments.window)))
