@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.cli import completers
-from robbie_mp.cli.amounts import time_between
+from robbie_mp.cli.amounts import LONGEST_S, time_between
 from robbie_mp.cli.log_files import add_limit_argument, add_strict_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument, load
@@ -79,10 +79,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         help="speed, times real time (1); max: as fast as possible without loss",
     )
     parser.add_argument(
-        "--start", metavar="TIME", type=time_between(0), help="start at this time of the recording"
+        "--start", metavar="TIME", type=time_between(-LONGEST_S), help="start at this time of the recording"
     )
     parser.add_argument(
-        "--end", metavar="TIME", type=time_between(0), help="stop at this time of the recording"
+        "--end", metavar="TIME", type=time_between(-LONGEST_S), help="stop at this time of the recording"
     )
     parser.add_argument(
         "--gaps",

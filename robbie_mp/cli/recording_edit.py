@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.base.amount import BadAmount, seconds_of
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import warn
@@ -91,13 +92,19 @@ def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
 def _moment(text: str) -> float | datetime:
     """Parse a time after the beginning, in s, or one with its offset from UTC."""
     try:
+        seconds_of(text)
+    except BadAmount:
+        pass
+    else:
+        return time_between(0)(text)
+    try:
         time = datetime.fromisoformat(text)
     except ValueError:
-        return time_between(0)(text)
-    if time.tzinfo is None:
+        time = None
+    if time is None or time.tzinfo is None:
         raise argparse.ArgumentTypeError(
-            "expected a time with its offset, such as 2026-11-22T14:30:00Z, or one after the beginning, such "
-            f"as 1min30s; got {text!r}"
+            "expected a time after the beginning, such as 1min30s, or one with its offset, such as "
+            f"2026-11-22T14:30:00Z; got {text!r}"
         )
     return time
 

@@ -33,8 +33,8 @@ def output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_log_without_an_action_shows_the_trace(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert shown(capsys) == shown(capsys, "show") == shown(capsys, str(output))
+def test_log_shows_the_trace_of_the_newest_run(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert shown(capsys) == shown(capsys, str(output))
     assert shown(capsys, "--last", "1") == shown(capsys)[-1:]
 
 

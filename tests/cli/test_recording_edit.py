@@ -214,9 +214,9 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--from", "soon"], "expected seconds, or a time with its offset"),
-        (["--from", "2026-11-22T14:30:00"], "expected seconds, or a time with its offset"),
-        (["--from", "-1"], "expected at least 0 s"),
+        (["--from", "soon"], "expected a time after the beginning, such as 1min30s, or one"),
+        (["--from", "2026-11-22T14:30:00"], "expected a time after the beginning, such as 1min30s, or one"),
+        (["--from", "-1"], "expected 0 s to 1e+09 s; got -1"),
         ([], "the following arguments are required: -o/--output"),
     ],
 )
