@@ -278,7 +278,7 @@ LONG_COMMANDS = {
     "info of a CARMEN log": "info a.clf",
     "import-carmen": "import-carmen a.clf b.mcap",
     "import-rosbag": "import-rosbag a.bag b.mcap",
-    "log-repair": "log-repair log.mcap",
+    "recording repair": "recording repair log.mcap",
     "diff": "diff log.mcap log.mcap",
     "log cut": "log cut log.mcap -o b.mcap --to 1",
 }
