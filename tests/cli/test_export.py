@@ -280,7 +280,7 @@ LONG_COMMANDS = {
     "import-rosbag": "import-rosbag a.bag b.mcap",
     "recording repair": "recording repair log.mcap",
     "diff": "diff log.mcap log.mcap",
-    "log cut": "log cut log.mcap -o b.mcap --to 1",
+    "recording cut": "recording cut log.mcap -o b.mcap --to 1",
 }
 
 
