@@ -18,6 +18,7 @@ from robbie_mp.attached.views.series import Series, number_field, splits
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.problem import refuse
+from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import time_between
@@ -275,9 +276,9 @@ def _picture(path: Path) -> Callable[[Sequence[Series]], None]:
         figure = Figure(figsize=(WIDTH / 10, HEIGHT / 5), layout="tight")
         axes = figure.add_subplot(xlabel="time since the beginning (s)")
         axes.grid(visible=True, alpha=0.3)
-        for one in series:
-            axes.plot(one.times_s, one.values, label=one.name, linewidth=1)
-        axes.legend()
+        lines = [axes.plot(one.times_s, one.values, linewidth=1)[0] for one in series]
+        for text in axes.legend(lines, [one_line(one.name) for one in series]).get_texts():
+            text.set_parse_math(False)
         try:
             with path.open("xb") as file:
                 figure.savefig(file, format="png", dpi=120)
@@ -305,7 +306,7 @@ def _terminal_chart() -> Callable[..., str]:
             plotext.xlim(*shown_s)
         for one, colour in zip(series, COLOURS * len(series), strict=False):
             if one.values:
-                label = f"{one.name}  {one.values[-1]:.6g}"
+                label = f"{one_line(one.name)}  {one.values[-1]:.6g}"
                 plotext.plot(one.times_s, one.values, label=label, color=colour, marker="braille")
         if not any(one.values for one in series):
             plotext.title("no values yet")

@@ -193,7 +193,7 @@ COMMANDS = {
     "info nofile.mcap": (2, "nofile.mcap cannot be read: No such file or directory"),
     "info notes.txt": (2, "notes.txt is none of the files that can be described: logs (MCAP"),
     "play nofile.mcap": (2, "expected path of an existing file or folder; there is no .*nofile.mcap"),
-    "play notes.txt robot": (2, "a profile that plays logs has `parents: [robbie:playback]`"),
+    "play notes.txt robot": (2, "a profile that plays recordings has `parents: [robbie:playback]`"),
     "export notes.txt out": (2, "notes.txt is no MCAP file"),
     "new .": (1, ". is not empty; name an empty folder or one that does not exist"),
     "top --nosuch": (2, "unrecognized arguments: --nosuch; see `robbie --help`"),

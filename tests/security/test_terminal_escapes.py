@@ -34,7 +34,7 @@ modules:
 variables: {greeting: "\\x1b[2J\\u202e"}
 """
 NAMES_IT = {
-    "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "param",
+    "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "plot", "param",
     "gui", "top", "log", "info", "recording", "diff", "export", "import-carmen", "import-rosbag", "module",
     "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion", "devices", "install",
     "foxglove",
@@ -93,6 +93,7 @@ def test_logs_with_hostile_texts_print_plainly(reader: Reader, tmp_path: Path) -
     other = write_hostile_log(tmp_path / "other.mcap", pose="else" + HOSTILE)
     shown = reader.run("info", str(log))
     assert "\\x1b]0;owned\\x07" in shown and "\\x0aFORGED" in shown
+    assert "owned" in reader.run("plot", f"{HOSTILE}.pose.position.x", "--recording", str(log))
     (told,) = json.loads(reader.run("info", str(log), "--json"))
     assert HOSTILE in [channel["topic"] for channel in told["channels"]]  # JSON keeps what it says
     assert "[bold]" in reader.run("diff", str(log), str(other))
@@ -218,7 +219,8 @@ def test_runs_with_hostile_modules_print_plainly(
     assert "owned" in run("call", "Tell", "--topic", HOSTILE)
     run("call", "Tell", "--topic", HOSTILE, "--json")
     run("call", "Tell", "{text: refuse it}", "--topic", HOSTILE)
-    for picture in ("--mermaid", "--dot", "--json"):
+    run("plot", "PoseStamped.pose.position.x", "--once", "--window", "1s")
+    for picture in ("--mermaid", "--dot", "--svg", "--json"):
         assert "owned" in run("graph", picture)
     run("module", "restart", HOSTILE, may_have_lines=True)
     run("module", "restart", "listener")
