@@ -34,7 +34,8 @@ modules:
 variables: {greeting: "\\x1b[2J\\u202e"}
 """
 NAMES_IT = {
-    "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "plot", "param",
+    "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "plot",
+    "param",
     "gui", "top", "log", "info", "recording", "diff", "export", "import-carmen", "import-rosbag", "module",
     "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion", "devices", "install",
     "foxglove",
