@@ -75,7 +75,7 @@ def check_value(
             for key, element in value.items()
         }
     if declared in (int, float) and isinstance(value, str):
-        value = _number(declared, value, name)
+        value = _number(declared, value, limits, name)
     return _check_scalar(declared, value, limits, folder)
 
 
@@ -155,12 +155,14 @@ def _element(
         raise ValueMismatch(f"{where}: {mismatch}") from None
 
 
-def _number(declared: Any, text: str, name: str) -> object:
+def _number(declared: Any, text: str, limits: ValueLimits, name: str) -> object:
     """Return the number that a time or size stands for; the text itself if the name has no such unit."""
     try:
         number = plain_amount(name, text)
-    except BadAmount as error:
-        raise ValueMismatch(str(error)) from None
+    except BadAmount:
+        example = "300M" if name.endswith("bytes") else "20ms"
+        expected = f"{describe(declared)}{describe_limits(limits)}, or with its unit, as in {example}"
+        raise _mismatch(expected, text) from None
     if number is None:
         return text
     return int(number) if declared is int and number == int(number) else number

@@ -171,7 +171,8 @@ PROFILES = {
     ),
     "value": (
         f"modules:\n  a: {SENSOR}, settings: {{period_s: fast}}}}",
-        "2: modules.a.settings.*: LoadSensor.period_s: expected float, at least 0.01; got 'fast' (str)",
+        "2: modules.a.settings.*: LoadSensor.period_s: expected float, at least 0.01, or with its unit, "
+        "as in 20ms; got 'fast' (str)",
     ),
     "limit": (
         f"modules:\n  a: {SENSOR}, settings: {{period_s: 0}}}}",
