@@ -66,20 +66,24 @@ def person(robot: Robot, capsys: pytest.CaptureFixture[str]) -> Iterator[Person]
     yield Person(robot, run.run_id, capsys)
 
 
-def test_all_commands_on_a_live_run_work(
-    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None:
     lists_what_there_is(person)
     draws_what_there_is(person)
     echoes(person)
     measures_rates(person)
-    sums_up_rates(person)
-    plots(person)
     publishes(person)
     changes_settings(person)
     calls(person)
     dumps_and_loads_settings(person, tmp_path)
     remembers_who_published(person)
+
+
+@pytest.mark.slow
+def test_summaries_and_pictures_of_a_live_run_are_right(
+    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sums_up_rates(person)
+    plots(person)
     draws_svg(person, tmp_path, monkeypatch)
 
 

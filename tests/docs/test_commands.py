@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.cli.parser import Parser
 from robbie_mp.cli.program import COMMANDS, _parser
 from tests.docs._support.pages import PAGES, ROOT
 
@@ -16,13 +15,11 @@ REFERENCE = (ROOT / "docs" / "reference.md").read_text()
 
 
 def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, ...]]:
-    """Every command as its words, with each of its options; words of a default action may be left out."""
+    """Every command as its words, with each of its options."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, command in action.choices.items():
                 yield from ((name, *rest) for rest in options(command))
-                if isinstance(parser, Parser) and name == parser._default_action:
-                    yield from options(command)
         yield from ((option,) for option in action.option_strings)
     yield ()
 
