@@ -84,7 +84,11 @@ class Exchange:
         self.due = Due()
         self.calls_period_ns = NEVER_NS
         self.calls: Any = SimpleNamespace(
-            due=self.due, are_due=self._are_calls_due, wait_s=self._calls_wait_s, run=self._run_calls
+            due=self.due,
+            are_due=self._are_calls_due,
+            wait_s=self._calls_wait_s,
+            run=self._run_calls,
+            timers=SimpleNamespace(),
         )
         self.calls_run = 0
         module: Any = SimpleNamespace(
