@@ -56,19 +56,19 @@ class Talker(Module):
 
     def tick(self) -> None:
         if self.number == 0:
-            self.publish(OccupancyGrid(header=self.header(7)), topic="map", latched=True)
+            self.publish(OccupancyGrid(header=self.numbered(7)), topic="map", latched=True)
         if self.number >= self.count:
             return
         self.number += 1
         for one, journal in self.journals.items():
             message: Message = String(data=str(self.number))
             if one == "bulk":
-                message = Image(header=self.header(self.number), data=self.pixels)
+                message = Image(header=self.numbered(self.number), data=self.pixels)
             journal.note(self.number)  # first: a number is never published twice, even after a kill
             if not self.publish(message, topic=one):
                 self.refused[one].note(self.number)
 
-    def header(self, number: int) -> Header:
+    def numbered(self, number: int) -> Header:
         return Header(stamp=Time(sec=number))
 
 
