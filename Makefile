@@ -48,6 +48,8 @@ lint: .venv/dev
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/codespell
+	# What the oldest Python lacks, from the standard library too.
+	.venv/bin/vermin -q --no-tips --eval-annotations --violations -t=3.10- robbie_mp hw workers modules tools
 
 types: .venv/dev
 	.venv/bin/mypy

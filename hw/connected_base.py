@@ -3,10 +3,10 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from robbie_robots.hw.battery import BatteryReading
 from robbie_robots.hw.connection.clock import RegularClock

@@ -1,7 +1,8 @@
 """Frames in a stream of bytes from a device: where they begin, and which are damaged."""
 
 from abc import ABC, abstractmethod
-from typing import Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 Frame = TypeVar("Frame")
 
@@ -44,7 +45,8 @@ class Framing(ABC, Generic[Frame]):
         """
 
 
-class _Candidate(NamedTuple, Generic[Frame]):
+@dataclass(frozen=True)
+class _Candidate(Generic[Frame]):
     """A place where a frame begins, as far as its bytes have arrived."""
 
     begin: int

@@ -1,10 +1,10 @@
 """Base of the drivers of laser range finders."""
 
 import math
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceSilent

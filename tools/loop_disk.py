@@ -17,7 +17,8 @@ import tempfile
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+
+from typing_extensions import Self
 
 FREEZE = 0xC0045877
 """FIFREEZE of <linux/fs.h>."""

@@ -16,6 +16,7 @@ import psutil
 import yaml
 
 from robbie_mp.attached.views.run_figures import state_name
+from robbie_mp.base.linux.pidfd import open_process, send_signal
 from robbie_mp.bus.observe import ModuleFigures, RunObserver
 from robbie_mp.bus.transport.board import TOOL_PREFIX
 from robbie_mp.run.run_directory import list_runs
@@ -129,7 +130,7 @@ class Robot:
     def send(self, pid: int, number: signal.Signals) -> bool:
         """Send a signal to a child of this supervisor and to no other process; False if it has ended."""
         try:
-            descriptor = os.pidfd_open(pid)
+            descriptor = open_process(pid)
         except ProcessLookupError:
             return False
         try:
@@ -137,7 +138,7 @@ class Robot:
                 return False
             if psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
                 return False
-            signal.pidfd_send_signal(descriptor, number)
+            send_signal(descriptor, number)
         except (ProcessLookupError, psutil.NoSuchProcess):
             return False
         finally:

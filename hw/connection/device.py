@@ -5,8 +5,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import ClassVar, Generic, TypedDict, TypeVar
+
+from strenum import StrEnum
 
 from robbie_robots.hw.connection.errors import DeviceSilent
 from robbie_robots.hw.connection.port import Port

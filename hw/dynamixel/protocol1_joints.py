@@ -8,7 +8,8 @@ import struct
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Unpack
+
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent

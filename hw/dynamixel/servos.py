@@ -8,7 +8,9 @@ import struct
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Unpack
+from typing import NamedTuple
+
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent

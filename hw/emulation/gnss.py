@@ -7,7 +7,7 @@ Description including Protocol Specification.
 import math
 import struct
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 from robbie_robots.hw.emulation.fletcher import fletcher
@@ -17,7 +17,7 @@ SYNC = b"\xb5\x62"
 NAV_PVT, CFG_RATE, CFG_MSG, MON_VER = (0x01, 0x07), (0x06, 0x08), (0x06, 0x01), (0x0A, 0x04)
 CFG, ACK, NAK = 0x06, (0x05, 0x01), (0x05, 0x00)
 # When the clock of the device shows 0.
-EPOCH = datetime(2026, 1, 1, tzinfo=UTC)
+EPOCH = datetime(2026, 1, 1, tzinfo=timezone.utc)
 # A Thursday; the week of the satellites begins on Sunday, and they count no leap seconds: 18 by now.
 EPOCH_IN_GPS_WEEK_S = 4 * 86_400 + 18
 GPS_WEEK_S = 604_800

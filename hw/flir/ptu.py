@@ -4,7 +4,8 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Unpack
+
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent

@@ -4,8 +4,9 @@ Source: Directed Perception, Pan-Tilt Unit (Model PTU) User's Manual, version 2.
 """
 
 import re
-from enum import StrEnum
 from typing import NamedTuple
+
+from strenum import StrEnum
 
 from robbie_robots.hw.framing import DamagedFrame, Framing
 

@@ -3,7 +3,9 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Generic, Unpack
+from typing import Generic
+
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.port import Port

@@ -3,8 +3,9 @@
 import math
 import time
 from contextlib import suppress
-from enum import StrEnum
-from typing import Unpack
+
+from strenum import StrEnum
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.clock import DeviceClock
 from robbie_robots.hw.connection.device import DeviceOptions

@@ -3,7 +3,8 @@
 import math
 import time
 from collections import deque
-from typing import Unpack
+
+from typing_extensions import Unpack
 
 from robbie_robots.hw.battery import BatteryReading
 from robbie_robots.hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference

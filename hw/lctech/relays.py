@@ -3,7 +3,8 @@
 import math
 import time
 from collections.abc import Sequence
-from typing import Unpack
+
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceSilent

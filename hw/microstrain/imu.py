@@ -5,10 +5,10 @@ Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol.
 
 import math
 from collections.abc import Sequence
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.clock import DeviceClock
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice

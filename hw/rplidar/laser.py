@@ -4,10 +4,10 @@ import math
 import struct
 from contextlib import suppress
 from dataclasses import replace
-from enum import StrEnum
-from typing import Unpack
 
 import numpy as np
+from strenum import StrEnum
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.clock import MAX_DRIFT, RegularClock
 from robbie_robots.hw.connection.device import DeviceOptions

@@ -7,12 +7,12 @@ its numbers are hexadecimal; B is binary.
 import struct
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import reduce
 from operator import xor
 
 import numpy as np
 from numpy.typing import NDArray
+from strenum import StrEnum
 
 from robbie_robots.hw.framing import DamagedFrame, Framing
 

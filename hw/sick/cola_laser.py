@@ -2,9 +2,9 @@
 
 import math
 import time
-from typing import Unpack
 
 import numpy as np
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.clock import DeviceClock
 from robbie_robots.hw.connection.device import DeviceOptions

@@ -3,10 +3,10 @@
 import math
 import time
 from contextlib import suppress
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.clock import RegularClock
 from robbie_robots.hw.connection.device import DeviceOptions

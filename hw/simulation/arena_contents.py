@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
+from strenum import StrEnum
 
 from robbie_robots.hw.simulation.box_segments import box_segments
 

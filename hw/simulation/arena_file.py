@@ -2,11 +2,11 @@
 
 import math
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from strenum import StrEnum
 
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena

@@ -1,9 +1,8 @@
 """A simulated laser range finder in an arena."""
 
-from enum import StrEnum
-
 import numpy as np
 from numpy.typing import NDArray
+from strenum import StrEnum
 
 from robbie_robots.hw.laser import DeviceSweep, LaserGeometry, LaserRangeFinder
 from robbie_robots.hw.pose import Pose

@@ -1,8 +1,9 @@
 """Xsens MTi units on a serial line or USB, newer ones (`MTData2`) and older ones (`MTData`)."""
 
-from typing import NamedTuple, Unpack
+from typing import NamedTuple
 
 import numpy as np
+from typing_extensions import Unpack
 
 from robbie_robots.hw.connection.clock import DeviceClock
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice

@@ -1,10 +1,10 @@
 """The robot's ear and voice: spoken orders, and spoken texts."""
 
 from collections import deque
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
+from strenum import StrEnum
 
 from robbie_mp import (
     REQUIRED,

@@ -5,7 +5,9 @@ built-in it resembles, so that `except ValueError` works without knowing these c
 """
 
 from types import FunctionType
-from typing import Any, Self
+from typing import Any
+
+from typing_extensions import Self
 
 
 class RobbieError(Exception):

@@ -5,7 +5,7 @@ ambiguous when summer time ends. So no command, page or file name uses a local t
 """
 
 import time
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 
 def time_text(time_s: float) -> str:
@@ -15,7 +15,7 @@ def time_text(time_s: float) -> str:
         time_s: seconds since 1970, UTC.
     """
     try:
-        found = datetime.fromtimestamp(time_s, UTC)
+        found = datetime.fromtimestamp(time_s, timezone.utc)
     except (OverflowError, OSError, ValueError):
         return "?"
     return found.replace(tzinfo=None).isoformat(timespec="milliseconds") + "Z"

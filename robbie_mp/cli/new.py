@@ -2,8 +2,6 @@
 
 import argparse
 import re
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +13,7 @@ from robbie_mp.run.profile.workspace import Workspace
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
+HERE = Path(__file__).parent
 TEMPLATE = "workspace_template"
 EXAMPLE_TEMPLATE = "example_template"
 SUFFIX = ".template"
@@ -98,7 +97,7 @@ def make_workspace(folder: Path) -> list[Path]:
     package = "_".join(re.findall(r"[a-z0-9]+", title.lower())).lstrip("0123456789_")
     if not package:
         raise NoRobotName(f"the folder's name {title!r} names the robot, so it must contain a Latin letter")
-    return _copy(files("robbie_mp.cli") / TEMPLATE, folder, {"title": title, "package": package})
+    return _copy(HERE / TEMPLATE, folder, {"title": title, "package": package})
 
 
 def copy_example(name: str, folder: Path) -> list[Path]:
@@ -109,7 +108,7 @@ def copy_example(name: str, folder: Path) -> list[Path]:
     """
     _check_unused(folder)
     words = {"title": folder.absolute().name, "example": name, "extras": EXTRAS[name]}
-    made = _copy(files("robbie_mp.cli") / EXAMPLE_TEMPLATE, folder, words)
+    made = _copy(HERE / EXAMPLE_TEMPLATE, folder, words)
     profile = Workspace(folder).file_of(name)
     profile.parent.mkdir()
     profile.write_text(Workspace(ROBOTS).file_of(name).read_text())
@@ -121,10 +120,10 @@ def _check_unused(folder: Path) -> None:
         raise FolderInUse(f"{folder} is not empty; name an empty folder or one that does not exist")
 
 
-def _copy(source: Traversable, target: Path, words: dict[str, str]) -> list[Path]:
+def _copy(source: Path, target: Path, words: dict[str, str]) -> list[Path]:
     made = []
     target.mkdir(parents=True, exist_ok=True)
-    for entry in sorted(source.iterdir(), key=lambda entry: entry.name):
+    for entry in sorted(source.iterdir()):
         name = entry.name.removesuffix(SUFFIX)
         file = target / (f".{name}" if name in HIDDEN else name)
         if entry.is_dir():

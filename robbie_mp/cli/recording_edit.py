@@ -1,6 +1,7 @@
 """`robbie recording cut|filter|merge`: a new recording of parts of others."""
 
 import argparse
+import re
 from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
@@ -98,7 +99,7 @@ def _moment(text: str) -> float | datetime:
     else:
         return time_between(0)(text)
     try:
-        time = datetime.fromisoformat(text)
+        time = datetime.fromisoformat(re.sub("[Zz]$", "+00:00", text))  # Python 3.10 knows no Z
     except ValueError:
         time = None
     if time is None or time.tzinfo is None:

@@ -6,9 +6,10 @@ import reprlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import Parameter, Signature
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, cast, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar, cast
 
 import numpy as np
+from typing_extensions import Self, dataclass_transform
 
 from robbie_mp.bus._hot.choice import native
 from robbie_mp.messages.codec.functions import FUNCTIONS

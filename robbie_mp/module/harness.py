@@ -9,9 +9,10 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 from types import TracebackType
-from typing import Any, Generic, NamedTuple, Self, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from typing_extensions import Self
 
 from robbie_mp.bus.checkpoint.image import decode, encode
 from robbie_mp.bus.transport.records import ANY_VERSION

@@ -4,7 +4,7 @@ import math
 import reprlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
@@ -92,7 +92,7 @@ def describe(declared: Any) -> str:
         return f"list of {describe(arguments[0])}"
     if origin is dict and arguments[0] is str:
         return f"map of str to {describe(arguments[1])}"
-    if isinstance(declared, type) and issubclass(declared, StrEnum):
+    if _is_text_enum(declared):
         return _one_of(tuple(declared))
     if declared is Secret:
         return "secret, as file:PATH or environment:NAME"
@@ -122,14 +122,14 @@ def outline(declared: Any, limits: ValueLimits) -> dict[str, Any]:
         return outline(_without_none(declared), limits)
     if origin is list:
         return outline(arguments[0], limits) | {"is_list": True}
-    is_enum = isinstance(declared, type) and issubclass(declared, StrEnum)
+    is_enum = _is_text_enum(declared)
     if origin is dict:
         kind = "map"
     elif is_enum:
         kind = "str"
     else:
         kind = "secret" if declared is Secret else describe(declared)
-    choices = [str(one) for one in declared] if is_enum else list(limits.choices)
+    choices = [one.value for one in declared] if is_enum else list(limits.choices)
     return {
         "kind": kind,
         "is_list": False,
@@ -175,7 +175,7 @@ def _check_scalar(declared: Any, value: object, limits: ValueLimits, folder: Pat
         except SecretError as error:
             raise ValueMismatch(str(error)) from None
     expected = describe(declared) + describe_limits(limits)
-    if isinstance(declared, type) and issubclass(declared, StrEnum):
+    if _is_text_enum(declared):
         if not isinstance(value, str) or value not in list(declared):
             raise _mismatch(expected, value)
         return declared(value)
@@ -227,8 +227,13 @@ def describe_limits(limits: ValueLimits) -> str:
     return ", " + " and ".join(bounds) if bounds else ""
 
 
+def _is_text_enum(declared: Any) -> bool:
+    """Whether a type is a StrEnum, or what one is in Python 3.10: an Enum of str."""
+    return isinstance(declared, type) and issubclass(declared, str) and issubclass(declared, Enum)
+
+
 def _one_of(choices: tuple[object, ...]) -> str:
-    words = [str(choice) if isinstance(choice, StrEnum) else repr(choice) for choice in choices]
+    words = [choice.value if isinstance(choice, Enum) else repr(choice) for choice in choices]
     return "one of " + ", ".join(words)
 
 

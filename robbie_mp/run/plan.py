@@ -4,9 +4,9 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import msgspec
+from typing_extensions import Self
 
 from robbie_mp.base.linux.private_files import write_private
 from robbie_mp.bus.transport.board import TOOL_PREFIX

@@ -21,9 +21,10 @@ import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import Self
+
+from typing_extensions import Self
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import ownership_problem, write_private
@@ -128,7 +129,7 @@ class RunDirectory:
             profile=profile_name,
             supervisor_pid=supervisor.pid,
             supervisor_start_ticks=supervisor.start_ticks,
-            started_at=datetime.now(UTC).isoformat(),
+            started_at=datetime.now(timezone.utc).isoformat(),
             python=sys.executable,
             output_directory=str(output_directory.absolute()),
             workspace=str(workspace.resolve()),

@@ -2,7 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
+
+from strenum import StrEnum
 
 from robbie_mp.messages.frames import without_slash
 from robbie_mp.scene.errors import BadJoint

@@ -1,9 +1,10 @@
 """A state machine makes only declared transitions."""
 
 from collections.abc import Sequence
-from enum import Enum, StrEnum, auto
+from enum import Enum, auto
 
 import pytest
+from strenum import StrEnum
 
 from robbie_mp.base.state_machine import IllegalTransition, StateMachine, TimeOut, mermaid
 

@@ -148,7 +148,8 @@ def test_bridge_survives_every_damaged_field(bridge: Any, capsys: pytest.Capture
 
 def _death_of(feed: Feed, message: Message) -> str:
     try:
-        with warnings.catch_warnings(action="ignore"):  # they end no process
+        with warnings.catch_warnings():  # they end no process
+            warnings.simplefilter("ignore")
             feed(message)
     except Exception as error:
         return f"{type(error).__name__}: {error}"[:200]

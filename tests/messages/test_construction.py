@@ -5,12 +5,13 @@ import inspect
 import math
 import pickle
 from decimal import Decimal
-from enum import Enum, IntEnum, StrEnum
+from enum import Enum, IntEnum
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from strenum import StrEnum
 
 from robbie_mp.messages import (
     CompressedImage,
@@ -149,7 +150,7 @@ def test_a_wrong_value_is_refused(message_type: type[Message], fields: dict[str,
     assert isinstance(caught.value, ValueError)
 
 
-class Mode(str, Enum):  # noqa: UP042 (whose text is not its value)
+class Mode(str, Enum):
     """Its text is `Mode.AUTO`."""
 
     AUTO = "auto"

@@ -51,7 +51,7 @@ class Level(IntEnum):
     HIGH = 3
 
 
-class Mode(str, Enum):  # noqa: UP042 (whose text is not its value)
+class Mode(str, Enum):
     """Its text is `Mode.AUTO`."""
 
     AUTO = "auto"

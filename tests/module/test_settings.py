@@ -1,11 +1,11 @@
 """Settings: each declared type takes what it should and refuses the rest by name."""
 
 import math
-from enum import StrEnum
 from pathlib import Path
 from typing import Optional
 
 import pytest
+from strenum import StrEnum
 
 from robbie_mp import REQUIRED, RobbieError, SettingError, setting
 from robbie_mp.module.settings import apply_settings, check_settings, settings_of

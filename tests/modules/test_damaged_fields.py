@@ -96,7 +96,8 @@ def _ready(harness: ModuleHarness[Module], channels: list[tuple[ChannelName, typ
 def _death_of(harness: ModuleHarness[Module], channel: ChannelName, message: Message) -> str | None:
     """Return how a module dies of a message; None if it lives."""
     try:
-        with warnings.catch_warnings(action="ignore"):  # they end no process
+        with warnings.catch_warnings():  # they end no process
+            warnings.simplefilter("ignore")
             harness.send_encoded(*channel[:2], message.encode(), topic=channel.topic)
             harness.advance(TICK_S)
         harness.bus.published.clear()
@@ -107,7 +108,8 @@ def _death_of(harness: ModuleHarness[Module], channel: ChannelName, message: Mes
 
 def _ended(harness: ModuleHarness[Module]) -> str:
     try:
-        with warnings.catch_warnings(action="ignore"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             harness.module.teardown()
     except Exception as error:
         return f"teardown: {type(error).__name__}: {error}"[:200]

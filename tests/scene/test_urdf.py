@@ -49,7 +49,8 @@ def test_greatest_speeds_are_read_and_may_be_missing(tmp_path: Path) -> None:
 def test_tree_agrees_with_that_of_pytransform3d(tmp_path: Path) -> None:
     graph = SceneGraph(read_scene(write(tmp_path, ARM, "arm.urdf")))
     oracle = UrdfTransformManager()
-    with warnings.catch_warnings(action="ignore"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         oracle.load_urdf(ARM)
     assert graph.joint("turn").limits == (-2.0, 2.0)
     assert graph.joint("roll").type is JointType.CONTINUOUS

@@ -79,7 +79,7 @@ def run(*words: str, folder: Path) -> Ended:
             cwd=folder,
             stdout=subprocess.DEVNULL,
             stderr=errors,
-            process_group=0,
+            start_new_session=True,
         )
         try:
             code = process.wait(LIMIT_S)

@@ -8,10 +8,10 @@ length against the expected information, as in Burgard et al., "Coordinated mult
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from strenum import StrEnum
 
 from robbie_robots.workers.exploration.frontiers import Frontier, find_frontiers
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid

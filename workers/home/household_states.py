@@ -1,7 +1,8 @@
 """The states of a robot that carries out orders in a household, and its settings."""
 
 from dataclasses import dataclass
-from enum import StrEnum
+
+from strenum import StrEnum
 
 from robbie_mp.base.state_machine import TimeOut
 

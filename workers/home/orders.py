@@ -1,8 +1,9 @@
 """What a household robot can be told to do, and the sentences that say it."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from enum import StrEnum
 from typing import NamedTuple
+
+from strenum import StrEnum
 
 from robbie_robots.workers.speech.order_grammar import (
     OrderGrammar,

@@ -10,11 +10,11 @@ import math
 from collections import Counter
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from strenum import StrEnum
 
 from robbie_mp.base.procedure import Failed, Procedure, pause
 from robbie_mp.base.state_machine import StateMachine, TimeOut

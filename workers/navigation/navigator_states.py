@@ -1,7 +1,8 @@
 """The states of a robot that drives to goals, and the settings of its task."""
 
 from dataclasses import dataclass
-from enum import StrEnum
+
+from strenum import StrEnum
 
 from robbie_mp.base.state_machine import TimeOut
 

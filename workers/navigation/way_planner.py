@@ -1,10 +1,10 @@
 """The path to a given place, or why there is none."""
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from strenum import StrEnum
 
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from robbie_robots.workers.navigation.path_planner import PathField

@@ -1,7 +1,8 @@
 """The states of the robot that drives to numbers in order, and its settings."""
 
 from dataclasses import dataclass
-from enum import StrEnum
+
+from strenum import StrEnum
 
 from robbie_mp.base.state_machine import TimeOut
 

@@ -1,7 +1,9 @@
 """Counts laps by wheel odometry."""
 
 import math
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
+
+from typing_extensions import Self
 
 from robbie_robots.hw.pose import Pose, wrapped
 

@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from itertools import pairwise
 
 import numpy as np
@@ -118,7 +118,7 @@ def _victims_csv(victims: Sequence[VictimReport]) -> str:
     writer.writerow(("id", "time", "name", "x", "y", "z", "confirmed"))
     for victim in sorted(victims, key=lambda victim: victim.found_s):
         if victim.state is not VictimState.REJECTED:
-            time = datetime.fromtimestamp(victim.found_s, UTC).strftime("%H:%M:%S")
+            time = datetime.fromtimestamp(victim.found_s, timezone.utc).strftime("%H:%M:%S")
             place = [f"{value:.3f}" for value in (victim.x_m, victim.y_m, victim.z_m)]
             confirmed = "yes" if victim.state is VictimState.CONFIRMED else "no"
             writer.writerow((victim.id, time, victim.name, *place, confirmed))

@@ -19,8 +19,10 @@ import time
 from collections import deque
 from contextlib import closing
 from types import TracebackType
-from typing import Any, Generic, Self
+from typing import Any, Generic
 from weakref import WeakSet, finalize
+
+from typing_extensions import Self
 
 from robbie_mp.attached.tool.message_stream import MessageStream
 from robbie_mp.attached.tool.parameters import Parameters

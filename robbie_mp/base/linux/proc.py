@@ -3,7 +3,8 @@
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+
+from typing_extensions import Self
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ import os
 import socket
 import time
 from collections.abc import Callable, Mapping
-from typing import Self
+
+from typing_extensions import Self
 
 VARIABLES = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
 """Environment variables that are meant for this process and not for its children."""

@@ -8,6 +8,18 @@
 #include "ring.h"
 #include "words.h"
 
+#if PY_VERSION_HEX < 0x030B0000 /* CPython 3.10 has these under other names */
+static inline int PyFloat_Pack4(double number, char *to, int is_little_endian)
+{
+    return _PyFloat_Pack4(number, (unsigned char *)to, is_little_endian);
+}
+
+static inline double PyFloat_Unpack4(const char *from, int is_little_endian)
+{
+    return _PyFloat_Unpack4((const unsigned char *)from, is_little_endian);
+}
+#endif
+
 /* Words that Python memory holds. As long as this is held, the memory cannot be unmapped: closing a mapping
  * (mmap.close) fails with BufferError while a buffer of it is in use. */
 struct held_words {

@@ -29,7 +29,9 @@ and, to the supervisor only:
 """
 
 from enum import IntEnum
-from typing import NamedTuple, Self
+from typing import NamedTuple
+
+from typing_extensions import Self
 
 
 class Outbound(IntEnum):

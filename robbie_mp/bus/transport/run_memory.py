@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from typing import Self
+
+from typing_extensions import Self
 
 from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.transport import layout, names

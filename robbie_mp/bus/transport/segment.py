@@ -8,7 +8,8 @@ import contextlib
 import errno
 import mmap
 import os
-from typing import Self
+
+from typing_extensions import Self
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.forks import keep_from_forks

@@ -102,7 +102,7 @@ def remove_file(file: str, folder_fd: int) -> None:
     try:
         os.unlink(file, dir_fd=folder_fd)
     except IsADirectoryError:
-        shutil.rmtree(file, dir_fd=folder_fd)
+        shutil.rmtree(f"/proc/self/fd/{folder_fd}/{file}")  # its dir_fd is new in Python 3.11
 
 
 def is_own(found: os.stat_result) -> bool:

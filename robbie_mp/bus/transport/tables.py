@@ -12,7 +12,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from fnmatch import fnmatchcase
-from typing import NamedTuple, Self
+from typing import NamedTuple
+
+from typing_extensions import Self
 
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.layout import NAME_WORDS

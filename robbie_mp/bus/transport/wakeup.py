@@ -10,7 +10,9 @@ import threading
 import time
 from collections.abc import Callable
 from random import Random
-from typing import Any, Self
+from typing import Any
+
+from typing_extensions import Self
 
 from robbie_mp.base.linux import futex
 from robbie_mp.base.linux.forks import REFUSED, keep_from_forks

@@ -27,7 +27,9 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple
+
+from typing_extensions import Self
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.logs.capture.selection import WILDCARDS, TypeAndTopic, type_pattern

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
+
+from typing_extensions import Self
 
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.module.setting_changes import SettingsFile

@@ -257,14 +257,13 @@ class ClientDoor:
             try:
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 await self._receive(client, address)
-            except (OSError, EOFError):  # it has gone, or was too slow
+            except (OSError, EOFError, asyncio.TimeoutError):  # it has gone, or was too slow
                 pass
             except Exception:
                 logging.getLogger("foxglove door").exception("a client was disconnected")
 
     async def _receive(self, client: socket.socket, address: str) -> None:
-        async with asyncio.timeout(HEAD_LIMIT_S):
-            head, rest = await _head_from(client)
+        head, rest = await asyncio.wait_for(_head_from(client), HEAD_LIMIT_S)
         if len(self.passages) >= self._max_clients:
             self.refused += 1
             await _answer(client, "503 Service Unavailable")
@@ -369,9 +368,8 @@ async def _from_server(inner: socket.socket, client: socket.socket, passage: Pas
             return inner.recv(size)
         except BlockingIOError:
             limit_s = None if wait_s is None else max(wait_s, MIN_WAIT_S)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(limit_s):
-                    await _ready(inner, loop.add_reader, loop.remove_reader)
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(_ready(inner, loop.add_reader, loop.remove_reader), limit_s)
 
 
 async def _splice(inner: socket.socket, client: socket.socket, pipe: tuple[int, int], size: int) -> int:

@@ -13,7 +13,7 @@ exchanged these trust each other, because TLS accepts only certificates that a t
 
 import os
 import re
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ VALID_DAYS = 730
 MAX_DAYS = 36_500
 MAX_TRUSTED = 1000
 MAX_FILE_BYTES = 16_384
-VALID_FROM = datetime(1970, 1, 1, tzinfo=UTC)
+VALID_FROM = datetime(1970, 1, 1, tzinfo=timezone.utc)
 """Certificates are valid from then on, because the clock of a robot without a battery for it starts there."""
 ORGANIZATION = "Robbie-MP"
 KEY = "own.key"
@@ -358,4 +358,4 @@ def _expired(certificate: Certificate) -> str:
 
 
 def _now() -> datetime:
-    return datetime.now(UTC)
+    return datetime.now(timezone.utc)

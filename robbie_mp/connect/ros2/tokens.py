@@ -4,7 +4,9 @@ Source: https://github.com/ros2/rmw_zenoh/blob/jazzy/docs/design.md (rmw_zenoh 0
 """
 
 import struct
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple
+
+from typing_extensions import Self
 
 from robbie_mp.connect.bridge.mapping import Quality
 from robbie_mp.connect.ros2.side import NodeName, RosChannel

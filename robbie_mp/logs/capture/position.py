@@ -3,7 +3,8 @@
 import mmap
 import os
 from pathlib import Path
-from typing import Self
+
+from typing_extensions import Self
 
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
 

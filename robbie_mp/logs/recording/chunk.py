@@ -3,11 +3,11 @@
 import struct
 from array import array
 from collections.abc import Sequence
-from enum import StrEnum
 
 import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
+from strenum import StrEnum
 
 RECORD_HEAD = struct.Struct("<BQHIQQ")
 """Head of a message: opcode, length, channel, sequence, log time, publish time."""

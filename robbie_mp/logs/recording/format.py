@@ -10,7 +10,9 @@ import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
+
+from typing_extensions import Self
 
 PROFILE = "ros2"
 MESSAGE_ENCODING = "cdr"

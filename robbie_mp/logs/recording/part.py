@@ -3,10 +3,11 @@
 import fcntl
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Self
+from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment
+from typing_extensions import Self
 
 from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.logs.recording.contents import Contents, MessageBlock

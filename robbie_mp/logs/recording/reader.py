@@ -10,9 +10,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from mcap.records import Channel, Schema
+from typing_extensions import Self
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.contents import Contents

@@ -12,10 +12,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol
 
 import yaml
 import zstandard
+from typing_extensions import Self
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.errors import BagUnreadable

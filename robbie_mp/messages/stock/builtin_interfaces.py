@@ -1,6 +1,6 @@
 """Points in time and spans of time (ROS builtin_interfaces)."""
 
-from typing import Self
+from typing_extensions import Self
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.flaws import Flaw, outside

@@ -4,7 +4,9 @@ Frames are right-handed: on a robot x forward, y left, z up (REP 103). Lengths i
 """
 
 import math
-from typing import Literal, Self
+from typing import Literal
+
+from typing_extensions import Self
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.flaws import MAX_MAGNITUDE, MAX_POSITION_M, Flaw, beyond

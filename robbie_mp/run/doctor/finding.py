@@ -1,8 +1,9 @@
 """Common parts of all checks: reading the kernel's files, and the finding that a check returns."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
+
+from strenum import StrEnum
 
 
 class Level(StrEnum):

@@ -10,10 +10,10 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from robbie_mp.base.linux.pidfd import P_PIDFD, open_process
 from robbie_mp.base.linux.prctl import is_child_subreaper, parent_death_signal
 from robbie_mp.base.linux.proc import read_stat
 from robbie_mp.run.doctor.finding import Finding, fail, ok
-from robbie_mp.run.supervisor.process import P_PIDFD
 
 OLDEST = (5, 4)
 ASK_FOR_KERNEL = "use Linux 5.4 or later; in a container, allow this system call (docker: update it, seccomp)"
@@ -37,8 +37,8 @@ def look_at_kernel() -> Iterator[Finding]:
 def try_pidfd() -> str:
     """Return the problem with pidfd_open(2) and poll(2) on a pidfd, or ''."""
     try:
-        fd = os.pidfd_open(os.getpid())
-    except (OSError, AttributeError) as error:
+        fd = open_process(os.getpid())
+    except OSError as error:
         return str(error)
     try:
         select.select([fd], [], [], 0)
@@ -53,12 +53,12 @@ def try_waitid() -> str:
     """Return the problem with waitid(2) on a pidfd, or ''."""
     with contextlib.ExitStack() as stack:
         try:
-            fd = os.pidfd_open(os.getpid())
+            fd = open_process(os.getpid())
             stack.callback(os.close, fd)
             os.waitid(P_PIDFD, fd, os.WEXITED | os.WNOHANG)
         except ChildProcessError:
             return ""  # expected: this process is not its own child
-        except (OSError, AttributeError) as error:
+        except OSError as error:
             return str(error)
     return ""
 

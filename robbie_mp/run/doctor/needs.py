@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 from math import ceil, log2
-from typing import Self
+
+from typing_extensions import Self
 
 from robbie_mp.bus.transport.layout import (
     CLOCK_WORDS,

@@ -2,19 +2,17 @@
 
 import re
 import sys
-import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 
 from robbie_mp.bus._hot.choice import why_not
 from robbie_mp.run.doctor.finding import Finding, fail, ok, warn
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import preflight
 
-OLDEST = (3, 11)
+OLDEST = (3, 10)
 DISTRIBUTION = "robbie-mp"
 REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:>=\s*([0-9.]+))?[^;]*(?:;.*extra\s*==\s*[\"']([\w-]+)[\"'])?")
 
@@ -50,16 +48,8 @@ def is_gil_enabled() -> bool:
 
 
 def own_requirements() -> list[Requirement]:
-    """Return Robbie-MP's requirements: of the installed package, or of the checkout it runs from."""
-    project = Path(__file__).parents[3] / "pyproject.toml"
-    if project.is_file():
-        said = tomllib.loads(project.read_text())["project"]
-        texts = list(said["dependencies"])
-        for extra, packages in said["optional-dependencies"].items():
-            texts += [f'{package}; extra == "{extra}"' for package in packages]
-    else:
-        texts = metadata.requires(DISTRIBUTION) or []
-    return [Requirement.parse(text) for text in texts]
+    """Return Robbie-MP's requirements as they were when it was installed."""
+    return [Requirement.parse(text) for text in metadata.requires(DISTRIBUTION) or []]
 
 
 def _installed(package: str) -> str | None:

@@ -5,7 +5,6 @@ import os
 import select
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Generator, Iterator, Sequence
@@ -14,6 +13,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.pidfd import open_process
+from robbie_mp.base.linux.python_command import python_command
 from robbie_mp.run.profile.model import ModuleSpec, Profile
 
 START_TIME_S = 30.0
@@ -77,7 +78,7 @@ def _checking_process(request: dict[str, Any]) -> Iterator[subprocess.Popen[byte
         json.dump(request, request_file, default=str)
         request_file.seek(0)
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "robbie_mp.run.profile.check"],
+            python_command("robbie_mp.run.profile.check"),
             stdin=request_file,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -121,7 +122,7 @@ def _lines(stream: IO[bytes], timeout_s: float) -> Iterator[bytes | None]:
 
 def _how_it_ended(process: subprocess.Popen[bytes]) -> str:
     """Return in words how a process ended that has closed its output."""
-    ending = os.pidfd_open(process.pid)
+    ending = open_process(process.pid)
     try:
         poll = select.poll()
         poll.register(ending, select.POLLIN)

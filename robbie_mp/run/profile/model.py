@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
+
+from strenum import StrEnum
 
 from robbie_mp.base.linux.priority import MAX_SLICE_MS, MIN_SLICE_MS
 from robbie_mp.base.problem import SourcePlace

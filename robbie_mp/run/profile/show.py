@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
 from typing import Any
 
 import yaml
@@ -68,7 +69,7 @@ def _plain(value: Any) -> Any:
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, list):
         return [_plain(element) for element in value]
-    return str(value) if isinstance(value, str) else value  # a StrEnum becomes a plain str
+    return value.value if isinstance(value, Enum) else value
 
 
 def origins(profile: Profile, tree: Mapping[str, Any]) -> dict[KeyPath, str]:

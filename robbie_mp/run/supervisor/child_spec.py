@@ -3,9 +3,10 @@
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import Self
+
+from strenum import StrEnum
+from typing_extensions import Self
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.run.profile.model import CoreLimits, ModuleSpec, Scheduling

@@ -12,8 +12,10 @@ import signal
 import time
 from collections.abc import Callable, Collection, Mapping
 from types import TracebackType
-from typing import Self
 
+from typing_extensions import Self
+
+from robbie_mp.base.linux.pidfd import open_process, send_signal
 from robbie_mp.base.linux.prctl import is_child_subreaper, set_child_subreaper
 from robbie_mp.base.linux.proc import ProcessStat, environment_value, own_children, processes, read_stat
 from robbie_mp.run.supervisor.event_loop import EventLoop
@@ -166,13 +168,13 @@ def wait_gone(pidfds: Mapping[int, int], timeout_s: float = END_WAIT_S) -> None:
 def _kill(process: ProcessStat) -> int | None:
     """Kill exactly this process: open its pidfd first, then compare the start time."""
     try:
-        pidfd = os.pidfd_open(process.pid)
+        pidfd = open_process(process.pid)
     except (ProcessLookupError, OSError):
         return None
     try:
         now = read_stat(process.pid)
         if now is not None and now.start_ticks == process.start_ticks:
-            signal.pidfd_send_signal(pidfd, signal.SIGKILL)
+            send_signal(pidfd, signal.SIGKILL)
             return pidfd
     except (ProcessLookupError, PermissionError):
         pass

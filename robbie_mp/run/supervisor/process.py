@@ -7,14 +7,13 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
 
+from typing_extensions import Self
+
+from robbie_mp.base.linux.pidfd import P_PIDFD, open_process, send_signal
 from robbie_mp.base.linux.proc import has_ended, read_stat
 from robbie_mp.run.supervisor.leftovers import MARKER
 from robbie_mp.run.trace.channel import CHANNEL_VARIABLE, open_channel
-
-P_PIDFD = getattr(os, "P_PIDFD", 3)
-"""As in <linux/wait.h>. Linux has it since 5.4; Python defines it only if built with a recent glibc."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class ChildProcess:
             )
             on_failure.callback(popen.wait)
             on_failure.callback(popen.kill)  # it is not reaped yet, so its pid cannot have been reused
-            pidfd = os.pidfd_open(popen.pid)
+            pidfd = open_process(popen.pid)
             on_failure.pop_all()
         return cls(popen, pidfd, out_read, error_read, channel_read, child_marker)
 
@@ -147,7 +146,7 @@ class ChildProcess:
     def send_signal(self, signum: int) -> None:
         """Send a signal to it alone."""
         with contextlib.suppress(PermissionError):  # it runs as another user, as with sudo
-            signal.pidfd_send_signal(self.pidfd, signum)
+            send_signal(self.pidfd, signum)
 
     def kill(self) -> None:
         """Kill its whole process group."""

@@ -1,7 +1,8 @@
 """The states of children and their changes."""
 
 from dataclasses import dataclass
-from enum import StrEnum
+
+from strenum import StrEnum
 
 from robbie_mp.run.supervisor.process import ExitStatus
 

@@ -5,7 +5,9 @@ import re
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
+
+from typing_extensions import Self
 
 from robbie_mp.base.linux.private_files import make_private_folder, write_private
 from robbie_mp.base.utc import time_text

@@ -10,13 +10,14 @@ import json
 import os
 import select
 import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Self
 
+from typing_extensions import Self
+
+from robbie_mp.base.linux.python_command import python_command
 from robbie_mp.run.trace import writer_process
 
 PIPE_BYTES = 1 << 20
@@ -158,7 +159,7 @@ class DiskWriter:
         os.set_blocking(self._answers, False)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", writer_process.__name__],
+                python_command(writer_process.__name__),
                 stdin=theirs,
                 stdout=answers,
                 stderr=subprocess.DEVNULL,  # otherwise it would keep a terminal or a pipe open

@@ -4,7 +4,9 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any
+
+from typing_extensions import Self
 
 from robbie_mp.run.trace.kinds import Kind
 

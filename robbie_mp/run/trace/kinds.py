@@ -9,8 +9,9 @@ import json
 import logging
 import signal
 from collections.abc import Collection, Mapping
-from enum import StrEnum
 from pathlib import Path
+
+from strenum import StrEnum
 
 from robbie_mp.base.linux.private_files import write_private
 

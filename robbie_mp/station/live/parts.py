@@ -115,10 +115,10 @@ class Follower:
                 if not behind:
                     self._drawn_s = self._loop.time()
                 return packet
+            left_s = self._drawn_s + DRAWING_LIMIT_S - self._loop.time() if behind else None
             try:
-                async with asyncio.timeout_at(self._drawn_s + DRAWING_LIMIT_S if behind else None):
-                    await self._changed.wait()
-            except TimeoutError:
+                await asyncio.wait_for(self._changed.wait(), left_s)
+            except asyncio.TimeoutError:
                 break
         return None
 

@@ -6,7 +6,8 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from enum import StrEnum
+
+from strenum import StrEnum
 
 REPEAT_S = 0.2
 """A stop that the base has not confirmed is sent again after this time."""

@@ -5,7 +5,6 @@ import shlex
 import subprocess
 import sys
 import tarfile
-import tomllib
 import venv
 import zipfile
 from pathlib import Path
@@ -104,6 +103,7 @@ def test_strict_installation_without_a_compiler_fails(archive: Path, tmp_path: P
 @pytest.mark.skipif(NATIVE is None, reason=why_not() or "C")
 def test_wheel_passes_its_check_only_if_it_has_the_hot_path_in_c() -> None:
     """The command with which cibuildwheel checks each wheel that it has built."""
+    tomllib = pytest.importorskip("tomllib")  # since Python 3.11
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["cibuildwheel"]
     python, *arguments = shlex.split(settings["test-command"])
     assert python == "python"

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -39,7 +39,7 @@ def made(folder: Path, name: str) -> Keys:
 
 def made_expired(folder: Path, name: str) -> Keys:
     keys = Keys(folder)
-    keys._make(name, datetime.now(UTC) - timedelta(days=1))
+    keys._make(name, datetime.now(timezone.utc) - timedelta(days=1))
     return keys
 
 

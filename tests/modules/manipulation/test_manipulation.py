@@ -4,10 +4,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 import pytest
+from typing_extensions import Self
 
 from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (

@@ -77,8 +77,8 @@ def page_of(
     page.goto(address)
     try:
         yield page
-    except BaseException as error:
-        error.add_note(f"The console said {said}. The page at {page.url} shows:\n{_shown(page)}")
+    except BaseException:
+        print(f"The console said {said}. The page at {page.url} shows:\n{_shown(page)}")
         raise
     context.close()
     unexpected = [
