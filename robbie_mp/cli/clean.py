@@ -1,15 +1,23 @@
-"""`robbie clean`: remove the remains of dead runs."""
+"""`robbie clean`: remove the remains of dead runs, and old results."""
 
 import argparse
 import json
+import time
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.attached.views import quantities
+from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.parser import add_command
-from robbie_mp.run.supervisor.sweep import sweep
+from robbie_mp.run.results import Results, results_below
+from robbie_mp.run.supervisor.sweep import Swept, sweep
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
+
+OUTPUT = Path("output")
+CENTURY_S = 3.2e9
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -17,23 +25,53 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "clean",
-        "remove the remains of dead runs",
+        "remove the remains of dead runs, and old results",
         "Remove the shared memory, processes and folders of runs whose supervisor is dead. Each `robbie run` "
-        "does this first. Live runs are not touched.",
-        ["robbie clean", "robbie clean --json"],
+        "does this first. Live runs are not touched. With --older-than, also remove results of runs, with "
+        "the recordings in them; a folder that you have renamed stays.",
+        [
+            "robbie clean",
+            "robbie clean --json",
+            "robbie clean --older-than 30d --dry-run",
+            "robbie clean --older-than 14d output/demo",
+        ],
+    )
+    # At least a minute: a number whose unit was forgotten is in seconds.
+    age = time_between(60.0, CENTURY_S)
+    parser.add_argument("--older-than", type=age, metavar="AGE", help="remove results older than, such as, 30d")
+    parser.add_argument("--dry-run", action="store_true", help="only list these results")
+    parser.add_argument(
+        "folder", type=Path, nargs="?", default=OUTPUT, help="folder with the results (output)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
-    parser.set_defaults(command=clean)
+    parser.set_defaults(command=clean, usage_error=parser.error)
 
 
 def clean(arguments: argparse.Namespace) -> int:
     """Remove the remains, and print what was removed."""
-    swept = sweep()
+    age_s, is_dry_run = arguments.older_than, arguments.dry_run
+    if age_s is None and (is_dry_run or arguments.folder != OUTPUT):
+        arguments.usage_error("name the age of results to remove, such as --older-than 30d")
+    swept = Swept() if is_dry_run else sweep()
+    old = [] if age_s is None else [one for one in results_below(arguments.folder) if one.changed_s < time.time() - age_s]
+    for one in [] if is_dry_run else old:
+        one.remove()
     if arguments.json:
-        print(json.dumps(asdict(swept), indent=2))
+        print(json.dumps(asdict(swept) | {"results": [str(one.folder) for one in old]}, indent=2))
         return 0
-    print(
-        f"removed {len(swept.runs)} dead runs, {len(swept.names)} names in shared memory, "
-        f"{len(swept.processes)} processes"
-    )
+    if not is_dry_run:
+        print(
+            f"removed {len(swept.runs)} dead runs, {len(swept.names)} names in shared memory, "
+            f"{len(swept.processes)} processes"
+        )
+    if age_s is not None:
+        _print_results(old, is_dry_run)
     return 0
+
+
+def _print_results(old: list[Results], is_dry_run: bool) -> None:
+    for one in old:
+        left = "  could not be removed completely" * (not is_dry_run and one.folder.exists())
+        print(f"{one.folder}  {quantities.size(one.bytes)}{'  with a recording' * one.has_recording}{left}")
+    size = quantities.size(sum(one.bytes for one in old))
+    print(f"{'would remove' if is_dry_run else 'removed'} {len(old)} results, {size}")

@@ -19,6 +19,7 @@ from robbie_mp.cli.run_summary import print_summary
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
+from robbie_mp.run.results import remove_oldest
 from robbie_mp.run.supervisor.run import RunResult, default_output_directory, run_profile
 
 if TYPE_CHECKING:
@@ -102,6 +103,8 @@ def run_robot(
         is_robot: whether it is the robot of its workspace, which runs once unless `arguments.another`.
     """
     output = arguments.output or default_output_directory(profile.name)
+    if arguments.output is None:
+        _remove_oldest_results(output.parent, profile.trace.kept_runs)
     heading = f"{profile.name}: {len(profile.modules)} modules; results in {output}; Ctrl-C ends the run"
     screen = RunScreen(quiet=arguments.quiet or arguments.json, heading=heading)
     started_s = time.monotonic()
@@ -138,6 +141,16 @@ def run_robot(
     if balance.read:
         print_balance(result.output_directory, balance, file=sys.stderr if arguments.json else sys.stdout)
     return result.exit_code or (LEFT_OUT if balance.left_out else 0)
+
+
+def _remove_oldest_results(folder: Path, kept: int) -> None:
+    """Remove results beyond the profile's bound, before this run adds its own."""
+    if removed := remove_oldest(folder, kept):
+        print(
+            f"removed the {len(removed)} oldest results in {folder}; {kept} are kept (trace.kept_runs), and those "
+            "with recordings",
+            file=sys.stderr,
+        )
 
 
 def _set_checkpoints_aside(profile: Profile) -> None:

@@ -19,7 +19,7 @@ from robbie_mp.bus.transport.words import WORD_BYTES
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.run.trace.reader import last_entries
 from tests._support.debugger import held_by_debugger
-from tests._support.robot import Ended, Robot, is_running, kill, wait_until
+from tests._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
 COUNTING = """
 modules:
@@ -62,6 +62,18 @@ def test_every_module_and_the_core_are_separate_processes(robot: Robot) -> None:
     assert all(os.getsid(pid) == pid for pid in pids), "Ctrl-C would reach them"
     process.send_signal(signal.SIGINT)
     assert Ended.wait_for(process).exit_code == 0
+
+
+def test_run_needs_no_descriptors_of_processes_from_python(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An interpreter that uv had downloaded ended with "module 'os' has no attribute 'pidfd_open'"."""
+    lacks = "import os, signal; del os.pidfd_open, os.P_PIDFD, signal.pidfd_send_signal"
+    python, option, code = COMMAND
+    monkeypatch.setattr("tests._support.robot.COMMAND", [python, option, f"{lacks}; {code}"])
+    robot.write_profile(COUNTING)
+    ended = robot.run()
+    assert ended.exit_code == 0, ended.stderr
 
 
 def test_hot_path_in_python_is_reported_once_and_in_the_figures(

@@ -198,6 +198,8 @@ class TraceSettings:
     """The newest lines of each process."""
     waiting_bytes: int = bounded(8 << 20, 1 << 16, 1 << 30)
     """Bytes that wait to be written to the disk; beyond this they are dropped."""
+    kept_runs: int = bounded(100, 0, MAX_ENTRIES)
+    """Results of earlier runs that stay when a run starts; 0: all. Those with recordings always stay."""
 
 
 @dataclass(frozen=True)
