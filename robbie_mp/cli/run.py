@@ -147,7 +147,7 @@ def _remove_oldest_results(folder: Path, kept: int) -> None:
     """Remove results beyond the profile's bound, before this run adds its own."""
     if removed := remove_oldest(folder, kept):
         print(
-            f"removed the {len(removed)} oldest results in {folder}; {kept} are kept (trace.kept_runs), and those "
+            f"removed the {len(removed)} oldest results in {folder}; trace.kept_runs keeps {kept}, and those "
             "with recordings",
             file=sys.stderr,
         )

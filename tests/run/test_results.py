@@ -49,10 +49,13 @@ def test_run_removes_the_oldest_results_of_its_profile_only(robot: Robot) -> Non
     folder = robot.folder / "output"
     old, new = add_results(folder / "robot", 2), add_results(folder / "robot", 1)
     other = add_results(folder / "other", 3)
-    robot.write_profile("trace: {kept_runs: 1}\nmodules: {}")
+    robot.write_profile(
+        "trace: {kept_runs: 1}\n"
+        "modules: {counter: {class: 'zoo.modules:Counter', settings: {count: 3}, ends_run: true}}"
+    )
     ended = robot.command("run", "robot")
     assert ended.returncode == 0, ended.stderr
-    assert "removed the 1 oldest results in output/robot; 1 are kept (trace.kept_runs)" in ended.stderr
+    assert "removed the 1 oldest results in output/robot; trace.kept_runs keeps 1" in ended.stderr
     assert not old.exists() and new.exists() and other.exists()
     assert len(results_below(folder)) == 3, "with those of the run"
 
