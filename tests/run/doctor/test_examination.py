@@ -146,7 +146,7 @@ def test_clock_is_read_and_not_set() -> None:
 
 def test_requirements_are_those_of_the_project() -> None:
     found = {(requirement.package, requirement.extra) for requirement in own_requirements()}
-    assert {("numpy", ""), ("posix_ipc", ""), ("scipy", "robot"), ("pytest", "dev")} <= found
+    assert {("numpy", ""), ("msgspec", ""), ("scipy", "robot"), ("pytest", "dev")} <= found
 
 
 def test_probe_of_shared_memory_leaves_nothing() -> None:
