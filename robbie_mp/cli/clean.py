@@ -38,7 +38,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     # At least a minute: a number whose unit was forgotten is in seconds.
     age = time_between(60.0, CENTURY_S)
-    parser.add_argument("--older-than", type=age, metavar="AGE", help="remove results older than, such as, 30d")
+    parser.add_argument(
+        "--older-than", type=age, metavar="AGE", help="remove results older than, such as, 30d"
+    )
     parser.add_argument("--dry-run", action="store_true", help="only list these results")
     parser.add_argument(
         "folder", type=Path, nargs="?", default=OUTPUT, help="folder with the results (output)"
@@ -53,7 +55,11 @@ def clean(arguments: argparse.Namespace) -> int:
     if age_s is None and (is_dry_run or arguments.folder != OUTPUT):
         arguments.usage_error("name the age of results to remove, such as --older-than 30d")
     swept = Swept() if is_dry_run else sweep()
-    old = [] if age_s is None else [one for one in results_below(arguments.folder) if one.changed_s < time.time() - age_s]
+    old = (
+        []
+        if age_s is None
+        else [one for one in results_below(arguments.folder) if one.changed_s < time.time() - age_s]
+    )
     for one in [] if is_dry_run else old:
         one.remove()
     if arguments.json:
