@@ -5,6 +5,7 @@ import sys
 
 from robbie_mp import CallRefused, Header, Message, Module, Reply, Request, setting
 from robbie_mp.messages import PoseStamped
+from robbie_mp.module import outbox, subscriptions
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp\x08\x7f\r[bold]x\nFORGED laser RUNNING"
 
@@ -35,6 +36,8 @@ class Hostile(Module):
 
     def setup(self) -> None:
         """Say it where it is said once."""
+        for checking in (outbox, subscriptions):  # what a module's own process checks does not bind it
+            vars(checking)["check_topic"] = lambda _topic: None
         self.status = HOSTILE
         self.log.error("%s", HOSTILE)
         print(HOSTILE, flush=True)
@@ -42,7 +45,7 @@ class Hostile(Module):
         os.write(1, HOSTILE.encode() + b"\xff\n")
         Odd.type_name = f"zoo_msgs/msg/{HOSTILE}"
         self.number = 0
-        self.serve(Tell, self.on_tell, topic=HOSTILE)
+        self.serve(Tell, self.on_tell, topic="tell")
 
     def on_tell(self, request: Tell) -> Told:
         """Say it in replies and refusals."""
