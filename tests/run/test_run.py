@@ -226,7 +226,7 @@ def test_killed_core_loses_nothing(robot: Robot) -> None:
 def test_two_runs_at_once_do_not_disturb_each_other(robot: Robot) -> None:
     robot.write_profile(COUNTING)
     outputs = [robot.folder / "first", robot.folder / "second"]
-    processes = [robot.start(output=output) for output in outputs]
+    processes = [robot.start("--another", output=output) for output in outputs]
     for process, output in zip(processes, outputs, strict=True):
         assert Ended.wait_for(process).exit_code == 0
         assert [int(line) for line in (output / "listener.journal").read_text().split()] == list(range(300))

@@ -178,7 +178,8 @@ def test_port_that_another_process_uses_is_reported_with_that_process() -> None:
     controller, device = pty.openpty()
     name = os.ttyname(device)
     code = (
-        f"import fcntl, time; fcntl.flock(open({name!r}), fcntl.LOCK_EX); print(flush=True); time.sleep(60)"
+        f"import fcntl, time; port = open({name!r}); fcntl.flock(port, fcntl.LOCK_EX); "
+        "print(flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
         try:

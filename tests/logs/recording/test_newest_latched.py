@@ -207,7 +207,7 @@ def test_newest_messages_are_bounded_and_the_oldest_is_left_out() -> None:
 
 def edited(tmp_path: Path, *arguments: str) -> Log:
     target = tmp_path / f"{arguments[0]}.mcap"
-    assert main(["log", *arguments, "-o", str(target)]) == 0
+    assert main(["recording", *arguments, "-o", str(target)]) == 0
     return open_log(target)
 
 

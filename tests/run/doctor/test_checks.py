@@ -121,7 +121,7 @@ CASES: dict[Level, list[Finding]] = {
         kernel.check_machine("little", 2**31 - 1, "armv7l"),
         kernel.check_calls({"pidfd_open": "Function not implemented", "prctl": ""}),
         kernel.check_proc(has_stat=False, has_tasks=True),
-        python.check_version((3, 10), "cpython", is_gil_enabled=True),
+        python.check_version((3, 9), "cpython", is_gil_enabled=True),
         python.check_modules(3, {"mapping": "Traceback\nModuleNotFoundError: No module named 'scipy'\n"}),
         python.check_modules(3, {"mapping": ""}),
     ],
