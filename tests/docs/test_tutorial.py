@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import partial
@@ -20,6 +21,7 @@ import pytest
 from robbie_mp.bus.observe import ModuleFigures, RunObserver
 from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.cli.runs import live_runs
+from robbie_mp.module.setting_changes import TRIAL_S
 from tests._support.robot import wait_until
 from tests.docs._support.pages import ROOT, Block, blocks
 
@@ -55,6 +57,7 @@ class Reader:
             "run when the watch has counted to 10": self.type_when(
                 "watch", lambda watch: watch.handled >= 10
             ),
+            "run when the change has stayed": self.type_later,
             "run when the watch was restarted": self.type_when(
                 "watch", lambda watch: watch.restarts == 1 and watch.status != ""
             ),
@@ -111,6 +114,11 @@ class Reader:
             self.type(text)
 
         return action
+
+    def type_later(self, text: str) -> None:
+        since_s = time.monotonic()
+        wait_until(lambda: time.monotonic() > since_s + TRIAL_S + 1.0)
+        self.type(text)
 
     def start(self, text: str) -> None:
         """Start a command in the first terminal."""

@@ -107,7 +107,7 @@ def test_supervisor_and_core_hold_no_more_after_many_restarts(
             os.kill(os.getpid(), signal.SIGINT)
 
     gc.freeze()  # pytest's own objects need not be looked through each time
-    assert quick_run(on_change, run_ids.append).reason == "SIGINT"
+    assert quick_run(on_change, run_ids.append).reason.startswith("SIGINT")  # at the end, all are dead
     gc.unfreeze()
     grown = {what: late.least[what] - count for what, count in early.least.items()}
     assert grown.pop("blocks") < (MORE - WARM) / 2, "not even every other restart may leave an object"
