@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages.errors import IllFormed, MessageError
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.well_formed import check_well_formed
@@ -56,7 +57,7 @@ class Refusals:
         """
         return known is None or self._passes(lambda one: check_well_formed(known.decode(one)), data, origin)
 
-    def count(self, error: MessageError, origin: str = "") -> None:
+    def count(self, error: RobbieError, origin: str = "") -> None:
         """Count a message that was refused."""
         kind = (error.type_name, error.field) if isinstance(error, IllFormed) else ("", str(error)[:60])
         if kind not in self.by_kind and len(self.by_kind) >= MAX_KINDS:
@@ -66,7 +67,8 @@ class Refusals:
         count = self.by_kind[kind]
         if count & (count - 1) == 0:
             where = f" ({origin})" if origin else ""
-            self._log.warning("refused an ill-formed message%s, %d of this kind: %s", where, count, error)
+            text = str(error)  # the error itself would hold frames and views
+            self._log.warning("refused an ill-formed message%s, %d of this kind: %s", where, count, text)
         self.on_refused(self.total)
 
     @property

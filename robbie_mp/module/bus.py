@@ -118,8 +118,8 @@ class CopyingBus:
                 self._newest_ns[subscription.name] = newest_ns
 
     def lose(self, error: MessageError) -> None:
-        """Log why a message was lost."""
-        self._log.error("a message was lost: %s", error)
+        """Count a message that could not be decoded, and say why."""
+        self.subscriptions.refuse_current(error)
 
     def _current_name(self) -> ChannelName:
         assert self._name is not None

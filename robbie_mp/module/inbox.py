@@ -1,6 +1,5 @@
 """Receives messages: decodes them in the publisher's memory, releases them when nothing refers to them."""
 
-import logging
 import time
 import weakref
 from collections import deque
@@ -58,7 +57,6 @@ class Inbox:
         self._endpoint = endpoint
         self._views = views
         self._words = words
-        self._log = logging.getLogger("robbie.receive")
         self._channel_name = channel_name
         self.subscriptions = Subscriptions(self._request, self.name_current, wiring)
         self.subscriptions.refusals.on_refused = self._show_refused
@@ -210,8 +208,8 @@ class Inbox:
         self._endpoint.done(delivery)
 
     def tell_lost(self, error: RobbieError) -> None:
-        """Log why a message was lost."""
-        self._log.error("a message was lost: %s", str(error))  # the error itself would hold frames and views
+        """Count a message that could not be decoded, and say why."""
+        self.subscriptions.refuse_current(error)
 
     def name_current(self) -> ChannelName:
         """Return type, version and topic of the message being handled.

@@ -147,10 +147,18 @@ class Subscriptions:
             if (flaw := find_flaw(message)) is None:
                 handler(message)
             else:
-                self.refusals.count(ill_formed(message.type_name, flaw), self._origin())
+                self.refuse_current(ill_formed(message.type_name, flaw))
 
         handle.__qualname__ = getattr(handler, "__qualname__", type(handler).__qualname__)
         return handle
+
+    def refuse_current(self, error: RobbieError) -> None:
+        """Count the message being handled as one that no handler gets.
+
+        Args:
+            error: says why.
+        """
+        self.refusals.count(error, self._origin())
 
     def _origin(self) -> str:
         topic = self._current_name().topic

@@ -181,7 +181,7 @@ static PyObject *decode(struct handled_message *message)
     return decoded;
 }
 
-/* Log the error with which a message was lost. The error itself would keep frames, and views in them. */
+/* Count a message that could not be decoded. The error itself would keep frames, and views in them. */
 static int tell_lost(PyObject *inbox)
 {
     PyObject *type, *error, *trace;

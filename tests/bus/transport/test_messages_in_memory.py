@@ -430,7 +430,8 @@ def test_garbage_in_the_publishers_memory_is_counted_and_nobody_dies(
     assert delivery is not None
     pair.inbox.handle(delivery._replace(size=1 << 40))
     assert seen == []
-    assert "a message was lost" in caplog.text
+    assert "refused an ill-formed message" in caplog.text
+    assert pair.receiver_words[layout.OUT_ILL_FORMED] == 1
     pair.run.run_core()
     assert pair.outbox.outstanding == 0
 
@@ -444,7 +445,8 @@ def test_damaged_message_is_not_pinned(pair: Pair, caplog: pytest.LogCaptureFixt
         assert pair.receiver_words[layout.OUT_HANDLED] == number + 1
         pair.run.run_core()
         assert pair.outbox.outstanding == 0
-    assert caplog.text.count("a message was lost") == 3
+    assert pair.receiver_words[layout.OUT_ILL_FORMED] == 3
+    assert caplog.text.count("refused an ill-formed message") == 2  # the 1st and the 2nd, then the 4th
 
 
 def test_maps_of_a_dead_publisher_go_when_its_last_message_is_released(pair: Pair) -> None:
