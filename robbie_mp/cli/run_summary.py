@@ -62,6 +62,7 @@ def _missing(module: ModuleFigures) -> Iterator[str]:
         (module.total("overflowed"), "dropped because its queue was full"),
         (module.total("lost"), "lost in its crashes"),
         (module.total("waiting"), "in its queue when the core ended"),
+        (module.ill_formed, "refused: ill-formed, or of another version; the log says which"),
     ):
         if count:
             yield f"    {module.name}: {count} {what}"

@@ -41,6 +41,14 @@ class Slow(Module):
 
 class Quick(Slow):
     delay_s = 0.0
+
+
+class Foreign(Module):
+    # Publishes what only looks like an image, as a program with another version of the type does.
+    period_s = 100.0
+
+    def tick(self):
+        self.publish_encoded(Image.type_name, Image.version, b"\\0\\1\\0\\0")
 """
 
 
@@ -87,3 +95,18 @@ modules:
     assert lines[head + 1].startswith("    slow: ")
     assert lines[head + 1].endswith("dropped because its queue was full")
     assert lines[head + 2].startswith("run ended after")
+
+
+def test_messages_of_another_version_are_not_said_to_be_handled(robot: Robot) -> None:
+    (robot.folder / "search.py").write_text(MODULES)
+    robot.write_profile(
+        """
+modules:
+  quick: {class: "search:Quick"}
+  foreign: {class: "search:Foreign"}
+  source: {class: "search:Source", ends_run: true}
+"""
+    )
+    ended = robot.command("run", "robot")
+    assert "    quick: 1 refused: ill-formed" in ended.stdout
+    assert "refused an ill-formed message, 1 of this kind: sensor_msgs/msg/Image" in ended.stderr
