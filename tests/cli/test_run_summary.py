@@ -108,5 +108,5 @@ modules:
 """
     )
     ended = robot.command("run", "robot")
-    assert "    quick: 1 refused: ill-formed" in ended.stdout
+    assert "    quick: 1 refused: ill-formed" in ended.stdout, ended.stderr
     assert "refused an ill-formed message, 1 of this kind: sensor_msgs/msg/Image" in ended.stderr

@@ -278,7 +278,7 @@ class RunObserver:
             pinned=queue[layout.PUBLISHER_PINNED],
             pinned_bytes=own[layout.OUT_PINNED_BYTES],
             copied=own[layout.OUT_COPIED],
-            ill_formed=own[layout.OUT_ILL_FORMED],
+            ill_formed=row.past.ill_formed + own[layout.OUT_ILL_FORMED],
             outstanding=outstanding,
             outstanding_bytes=outstanding_bytes,
             segment_bytes=own[layout.OUT_SEGMENT_BYTES],

@@ -22,6 +22,7 @@ class Totals:
     cpu_ns: int = 0
     checkpoints: int = 0
     """Saved; if there are any, the next incarnation must find one."""
+    ill_formed: int = 0
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,7 @@ class Board:
         words[at + layout.SLOT_PAST_HANDLED] = min(row.past.handled, WORD_MAX)
         words[at + layout.SLOT_PAST_CPU_NS] = row.past.cpu_ns
         words[at + layout.SLOT_PAST_CHECKPOINTS] = min(row.past.checkpoints, WORD_MAX)
+        words[at + layout.SLOT_PAST_ILL_FORMED] = min(row.past.ill_formed, WORD_MAX)
         write_text(words, at + layout.SLOT_LAST_END, LINE_WORDS, row.last_end)
         words[at + layout.SLOT_LAST_END_NS] = row.last_end_ns
 
@@ -155,6 +157,7 @@ class Board:
                 words[at + layout.SLOT_PAST_HANDLED],
                 words[at + layout.SLOT_PAST_CPU_NS],
                 words[at + layout.SLOT_PAST_CHECKPOINTS],
+                words[at + layout.SLOT_PAST_ILL_FORMED],
             ),
             last_end=read_text(words, at + layout.SLOT_LAST_END, LINE_WORDS),
             last_end_ns=words[at + layout.SLOT_LAST_END_NS],

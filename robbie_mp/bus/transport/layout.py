@@ -73,7 +73,8 @@ SLOT_QUEUE_MESSAGES = SLOT_LAST_END_NS + 1  # limits of the profile, written onc
 SLOT_QUEUE_BYTES = SLOT_LAST_END_NS + 2
 SLOT_MEMORY_BYTES = SLOT_LAST_END_NS + 3
 SLOT_PAST_CHECKPOINTS = SLOT_LAST_END_NS + 4
-SLOT_HEALTH = SLOT_PAST_CHECKPOINTS + 1  # why its figures make it DEGRADED, a text as long as a reason
+SLOT_PAST_ILL_FORMED = SLOT_PAST_CHECKPOINTS + 1
+SLOT_HEALTH = SLOT_PAST_ILL_FORMED + 1  # why its figures make it DEGRADED, a text as long as a reason
 SLOT_WORDS = 128
 
 # core: its counters, then five tables, whose sizes the profile sets.

@@ -218,6 +218,7 @@ class RunMemory:
             refused=row.past.refused + words[layout.OUT_REFUSED],
             handled=row.past.handled + words[layout.OUT_HANDLED],
             checkpoints=row.past.checkpoints + words[layout.OUT_CHECKPOINTS],
+            ill_formed=row.past.ill_formed + words[layout.OUT_ILL_FORMED],
         )
         self.board.write(slot, replace(row, pid=0, past=past))
         self._dying[slot] = was_ordered

@@ -13,7 +13,7 @@ def made() -> Board:
 
 def test_row_is_read_as_it_was_written() -> None:
     board = made()
-    past = Totals(1, 2, 3, 4, 5)
+    past = Totals(1, 2, 3, 4, 5, 6)
     row = SlotState("camera", 2, 4711, 3, 2, 10**18, "ready", past, "killed by SIGSEGV", 5)
     board.write(1, row)
     assert board.read(1) == row
