@@ -113,8 +113,14 @@ def test_core_that_cannot_start_leaves_the_modules_unstarted(tmp_path: Path) -> 
 
 
 def test_module_that_ends_the_run_ends_it_cleanly(tmp_path: Path) -> None:
-    run = Run(tmp_path, animal(zoo.ends_when_ready, "playback", ends_run=True), animal(zoo.works))
-    assert run.play() == 0
+    run = Run(tmp_path, animal(zoo.works, "playback", ends_run=True), animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        os.kill(run.incarnations.pids["playback", 1], signal.SIGTERM)  # it ends with 0
+        yield lambda: run.states("playback")[-1] is STOPPED
+
+    assert run.play(scenario()) == 0
     assert run.tree.stop_reason == "playback ended the run"
 
 
