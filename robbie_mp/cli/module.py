@@ -1,12 +1,18 @@
 """`robbie module start|stop|restart NAME`: start and stop single modules of a run."""
 
 import argparse
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.run.control import control
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.profile.dependencies import with_dependents
+from robbie_mp.run.profile.model import Profile
+from robbie_mp.run.profile.preflight import preflight, runnable
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -14,10 +20,12 @@ if TYPE_CHECKING:
 DESCRIPTIONS = {
     "restart": "Stop a module in order if it runs, start it again with its full restart budget, and wait "
     "until it is RUNNING. The module may also be FAILED or STOPPED. Modules that depend on it restart with "
-    "it. Exit code 0: it is RUNNING; 1: it is not.",
+    "it. Their classes are checked first as before a run. Exit code 0: it is RUNNING; 1: it is not; 2: its "
+    "code or settings are wrong, and it was left as it was.",
     "stop": "Stop a module in order, and wait until it has ended. It stays STOPPED until you start it.",
     "start": "Start a module that is STOPPED or FAILED with its full restart budget, and wait until it is "
-    "RUNNING. Exit code 0: it is RUNNING; 1: it is not.",
+    "RUNNING. Its class is checked first as before a run. Exit code 0: it is RUNNING; 1: it is not; 2: its "
+    "code or settings are wrong, and it was left as it was.",
 }
 
 
@@ -37,5 +45,29 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def tell(arguments: argparse.Namespace) -> int:
     """Send the supervisor a command for a module."""
-    print(control(choose_run(arguments.run).folder, arguments.action, arguments.module))
+    folder = choose_run(arguments.run).folder
+    if arguments.action != "stop":
+        _check(folder, arguments.module)
+    print(control(folder, arguments.action, arguments.module))
     return 0
+
+
+def _check(folder: Path, name: str) -> None:
+    """Check a module and those that restart with it as before a run: a mistake must not stop what runs well.
+
+    Args:
+        folder: the run's folder.
+        name: the module; the supervisor says if there is none.
+
+    Raises:
+        ProfileError: the code or the settings of one of them are wrong, or it cannot import something.
+    """
+    try:
+        plan = RunPlan.load(folder)
+    except FileNotFoundError:  # the run is starting or ending, and takes no commands
+        return
+    started = with_dependents(name, {spec.name: spec.depends_on for spec in plan.modules})
+    # One that was optional when the run started takes part in it now.
+    modules = tuple(replace(spec, optional=False) for spec in plan.modules)
+    profile = Profile(plan.profile_name, modules, workspace=Path(plan.workspace))
+    runnable(profile, preflight(profile, only=started))

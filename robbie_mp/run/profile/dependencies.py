@@ -1,6 +1,6 @@
-"""Checks the dependencies between modules: every name is a module, and there is no cycle."""
+"""The dependencies between modules: every name is a module, and there is no cycle."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from robbie_mp.base.problem import Problem
 from robbie_mp.base.suggest import did_you_mean
@@ -30,6 +30,19 @@ def read_dependencies(modules: Mapping[str, YamlNode]) -> tuple[dict[str, tuple[
             Problem(f"modules.{cycle[0]}.{KEY}: expected no cycle; got {chain}", entries[cycle[0]][0].place)
         )
     return names, problems
+
+
+def with_dependents(name: str, depends_on: Mapping[str, Collection[str]]) -> set[str]:
+    """Return a module and those that depend on it, directly or indirectly.
+
+    Args:
+        name: the module.
+        depends_on: for each module, what it depends on.
+    """
+    reached = {name}
+    while more := {one for one, needed in depends_on.items() if not reached.isdisjoint(needed)} - reached:
+        reached |= more
+    return reached
 
 
 def _entries(name: str, module: YamlNode, problems: list[Problem]) -> Iterator[YamlNode]:

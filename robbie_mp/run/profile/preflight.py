@@ -9,7 +9,7 @@ as FAILED with its traceback.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -48,11 +48,18 @@ class Preflight:
             self.settings[module] = result["settings"]
 
 
-def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BASE_CLASS) -> Preflight:
+def preflight(
+    profile: Profile,
+    *,
+    only: Collection[str] | None = None,
+    timeout_s: float = 10.0,
+    base_class: str = BASE_CLASS,
+) -> Preflight:
     """Import every class of a profile and check its settings, in another process.
 
     Args:
         profile: What `load_profile` returned.
+        only: Names of the modules to check; None: all.
         timeout_s: How long one import may take; if it takes longer, the module fails.
         base_class: Every class must be derived from this one, written as `package.module:Class`.
 
@@ -67,6 +74,7 @@ def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BA
     """Mistakes in the code, each once, in order: several modules may import the same file."""
     # Services come last: they may need the message types that the robot's code declares.
     waiting = sorted(profile.modules, key=lambda module: module.class_path.startswith(OWN_CODE))
+    waiting = [module for module in waiting if only is None or module.name in only]
     while waiting:
         current = ""  # the module being imported, or else the last one imported
         with closing(check_events(profile, waiting, timeout_s, base_class)) as events:

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.run.profile.dependencies import with_dependents
 from robbie_mp.run.supervisor.child_spec import ChildKind, ChildSpec, InvalidChild
 from robbie_mp.run.supervisor.deadlines import RunningTime
 from robbie_mp.run.supervisor.event_loop import EventLoop, signals_in_loop
@@ -33,12 +34,9 @@ class Dependencies:
 
     def dependents(self, child: SupervisedChild) -> list[SupervisedChild]:
         """Return the children that depend on a child, directly or indirectly, in the order of their start."""
-        reached = {child.spec.name}
-        grown = True
-        while grown:
-            more = {c.spec.name for c in self._children if not reached.isdisjoint(c.spec.module.depends_on)}
-            grown = not more <= reached
-            reached |= more
+        reached = with_dependents(
+            child.spec.name, {c.spec.name: c.spec.module.depends_on for c in self._children}
+        )
         return [c for c in self._children if c.spec.name in reached and c is not child]
 
     def are_settled(self, child: SupervisedChild) -> bool:
