@@ -2,15 +2,14 @@
 
 import contextlib
 import fcntl
-import json
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.run.live_runs import live_runs
-from robbie_mp.run.plan import PLAN_FILE
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.run_directory import KnownRun, base_folders, make_private
 
@@ -86,7 +85,7 @@ def refuse_taken_devices(modules: Iterable[ModuleSpec]) -> None:
     Raises:
         DeviceTaken: they do; the text says where.
     """
-    wanted = _devices_of({module.name: module.settings for module in modules})
+    wanted = _devices_of(modules)
     for run in live_runs() if wanted else ():
         taken = _devices_of_run(run)
         for device in sorted(wanted.keys() & taken.keys()):
@@ -97,19 +96,21 @@ def refuse_taken_devices(modules: Iterable[ModuleSpec]) -> None:
             )
 
 
-def _devices_of(settings_of: Mapping[str, Mapping[str, object]]) -> dict[str, str]:
+def named_devices(modules: Iterable[ModuleSpec]) -> Iterator[tuple[str, str]]:
+    """Yield each setting that names a device, as `laser.port`, and the device as it is written there."""
+    for module in modules:
+        for name, value in module.settings.items():
+            yield from ((f"{module.name}.{name}", device) for device in _devices(value))
+
+
+def _devices_of(modules: Iterable[ModuleSpec]) -> dict[str, str]:
     """Return the devices that the settings of modules name, and which setting names each."""
-    found: dict[str, str] = {}
-    for module, settings in settings_of.items():
-        for setting, value in settings.items():
-            found |= dict.fromkeys(_devices(value), f"{module}.{setting}")
-    return found
+    return {_device_itself(device): setting for setting, device in named_devices(modules)}
 
 
 def _devices_of_run(run: KnownRun) -> dict[str, str]:
     try:
-        modules = json.loads((run.folder / PLAN_FILE).read_text())["modules"]
-        return _devices_of({module["name"]: module["settings"] for module in modules})
+        return _devices_of(RunPlan.load(run.folder).modules)
     except (OSError, ValueError, LookupError, TypeError):  # it is just ending, or has another version
         return {}
 
@@ -119,8 +120,14 @@ def _devices(value: object) -> Iterator[str]:
         parts: Sequence[object] = list(value.values()) if isinstance(value, dict) else value
         for part in parts:
             yield from _devices(part)
-    elif isinstance(value, str | Path) and str(value).startswith(DEVICES):
-        # Links such as /dev/serial/by-id/… lead to the device itself.
-        text = os.path.realpath(value) if str(value).startswith("/") else str(value).lower().rstrip("/")
-        if not text.startswith(NO_DEVICES):
-            yield text
+    elif isinstance(value, str | Path) and _is_device(str(value)):
+        yield str(value)
+
+
+def _is_device(text: str) -> bool:
+    return text.startswith(DEVICES) and not _device_itself(text).startswith(NO_DEVICES)
+
+
+def _device_itself(device: str) -> str:
+    """Return one name for all names of a device: links such as /dev/serial/by-id/… lead to it."""
+    return os.path.realpath(device) if device.startswith("/") else device.lower().rstrip("/")

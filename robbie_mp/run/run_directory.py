@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
+import msgspec
 from typing_extensions import Self
 
 from robbie_mp.base.errors import RobbieError
@@ -226,10 +227,10 @@ def lock_folder(folder: Path, *, shared: bool = False) -> int | None:
 
 
 def read_record(folder: Path) -> RunRecord | None:
-    """Return the record in a run's folder; None if it is missing or damaged."""
+    """Return the record in a run's folder; None if it is missing, damaged, or of another version."""
     try:
-        return RunRecord(**json.loads((folder / RECORD_NAME).read_text()))
-    except (OSError, ValueError, TypeError):
+        return msgspec.json.decode((folder / RECORD_NAME).read_bytes(), type=RunRecord)
+    except (OSError, ValueError):
         return None
 
 

@@ -8,7 +8,12 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli.runs import choose_run, live_runs
+from robbie_mp.run import exclusive_use
+from robbie_mp.run.doctor.devices import look_at_devices
+from robbie_mp.run.exclusive_use import named_devices, refuse_taken_devices
 from robbie_mp.run.live_runs import NoSuchRun
+from robbie_mp.run.profile.model import ModuleSpec, Profile
+from robbie_mp.run.run_directory import KnownRun
 from tests._support.robot import Ended, Robot, wait_until
 
 PROFILE = "modules: {pulse: {class: 'zoo.modules:Pulse'}}\n"
@@ -88,6 +93,30 @@ def test_network_device_that_a_live_run_names_is_refused(robot: Robot, other: Ro
     robot.start()
     wait_until(lambda: is_running(robot))
     assert "laser.port is socket://localhost:1, which run" in other.run().stderr
+
+
+def test_doctor_and_run_agree_on_what_names_a_device() -> None:
+    settings = {
+        "port": "/dev/no-such-port",
+        "others": ["/dev/no-such-camera", "socket://localhost:1"],
+        "shared": "/dev/shm/no-such-file",
+    }
+    module = ModuleSpec("laser", "zoo:Laser", settings)
+    found = [finding.found for finding in look_at_devices(Profile("p", (module,)))]
+    assert found == ["/dev/no-such-port is not there", "/dev/no-such-camera is not there"]
+    assert [device for _, device in named_devices([module])] == [
+        "/dev/no-such-port",
+        "/dev/no-such-camera",
+        "socket://localhost:1",
+    ]
+
+
+def test_plan_of_another_version_takes_no_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exclusive_use, "live_runs", lambda: [KnownRun("0" * 8, tmp_path, True, None)])
+    modules = [ModuleSpec("laser", "zoo:Laser", {"port": "/dev/no-such-port"})]
+    for plan in ("[]", '{"modules": [{"name": "laser", "settings": []}], "types": []}', "{"):
+        (tmp_path / "plan.json").write_text(plan)
+        refuse_taken_devices(modules)
 
 
 def test_command_takes_the_run_that_is_meant(

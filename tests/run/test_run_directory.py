@@ -98,6 +98,19 @@ def test_run_whose_supervisor_died_early_is_listed_as_dead(tmp_path: Path) -> No
     ]
 
 
+def test_record_of_another_version_is_none_or_is_read(tmp_path: Path) -> None:
+    run = RunDirectory.create("arena", tmp_path / "output", tmp_path / "runs", tmp_path)
+    record = json.loads((run.folder / "run.json").read_text())
+    for number, other in enumerate(({"started_at": 5}, {"workspace": None}, {"is_robot": "no"})):
+        folder = tmp_path / "runs" / f"ffff000{number}"
+        folder.mkdir()
+        (folder / "run.json").write_text(json.dumps(record | other))
+    (run.folder / "run.json").write_text(json.dumps(record | {"new_in_the_next_version": 1}))
+    listed = list_runs([tmp_path / "runs"])
+    assert [one.record for one in listed] == [None, None, None, run.record]
+    run.remove()
+
+
 def test_folder_that_others_can_enter_is_refused(tmp_path: Path) -> None:
     base = tmp_path / "robbie"
     base.mkdir(mode=0o755)

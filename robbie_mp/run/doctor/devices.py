@@ -5,17 +5,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from robbie_mp.run.doctor.finding import Finding, fail, ok
+from robbie_mp.run.exclusive_use import named_devices
 from robbie_mp.run.profile.model import Profile
-
-FOLDER = "/dev/"
 
 
 def look_at_devices(profile: Profile) -> Iterator[Finding]:
     """Look for each device that a module's settings name by its path."""
-    for module in profile.modules:
-        for name, value in module.settings.items():
-            if isinstance(value, str) and value.startswith(FOLDER):
-                yield check_device(f"{module.name}.{name}", value)
+    for setting, device in named_devices(profile.modules):
+        if device.startswith("/"):
+            yield check_device(setting, device)
 
 
 def check_device(setting: str, path: str) -> Finding:

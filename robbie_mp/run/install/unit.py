@@ -33,6 +33,7 @@ User={user}
 EnvironmentFile=-/etc/robbie/{name}.env
 {prepare}ExecStart={command}
 # Exit code 0: the run has ended as it should. 2: the profile is wrong, which another start cannot fix.
+# 3: the run has ended in order, but a module had been DEGRADED.
 Restart=on-failure
 RestartSec=1
 RestartPreventExitStatus=2 3
