@@ -1,7 +1,11 @@
 """Clocks: the machine's, and one that a test sets by hand. The run's is in `robbie_mp.run.run_clock`."""
 
 import time
-from typing import Protocol
+from numbers import Real
+from typing import Any, Protocol
+
+AGES_S = 1e9
+"""Upper limit of times, about 30 years: longer than any run, and accepted by all system calls."""
 
 
 class Clock(Protocol):
@@ -26,6 +30,12 @@ class Clock(Protocol):
 
     def machine_s_until(self, monotonic_ns: int) -> float:
         """Return the machine's time until this clock reaches `monotonic_ns`, in s; infinite if it stands."""
+
+
+def is_span(time_s: Any) -> bool:
+    """Whether something can be a period, a deadline or a timeout: a number above 0, at most `AGES_S`."""
+    is_number = type(time_s) is not bool and isinstance(time_s, Real)
+    return is_number and bool(0 < time_s <= AGES_S)
 
 
 class SystemClock:

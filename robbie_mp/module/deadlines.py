@@ -1,6 +1,5 @@
 """Watches input that must keep coming; see `Module.subscribe`."""
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due
-from robbie_mp.module.clock import Clock
+from robbie_mp.module.clock import Clock, is_span
 from robbie_mp.module.health import Health
 
 LOOK_NS = 100_000_000
@@ -20,7 +19,7 @@ class InvalidDeadline(RobbieError, ValueError):
     """A subscription has a deadline that cannot be kept.
 
     Example scenarios:
-      - `deadline_s` is 0, negative, infinite or NaN
+      - `deadline_s` is 0, negative, longer than 30 years, or NaN
       - there is an `on_late`, but no `deadline_s`
     """
 
@@ -173,5 +172,5 @@ def check_deadline(deadline_s: float | None, on_late: Callable[[], None] | None)
     if deadline_s is None:
         if on_late is not None:
             raise InvalidDeadline("on_late is never called without a deadline_s; give both")
-    elif not 0 < deadline_s < math.inf:
-        raise InvalidDeadline(f"deadline_s is {deadline_s}; give a time greater than 0, in s")
+    elif not is_span(deadline_s):
+        raise InvalidDeadline(f"deadline_s is {deadline_s}; give a time greater than 0, at most 1e9, in s")

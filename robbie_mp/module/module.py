@@ -32,7 +32,7 @@ from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.client import SentGoal
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.calls.server import ActiveGoal
-from robbie_mp.module.clock import Clock
+from robbie_mp.module.clock import Clock, is_span
 from robbie_mp.module.deadlines import check_deadline
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
 from robbie_mp.module.handlers import check_handler
@@ -53,7 +53,7 @@ class InvalidPeriod(RobbieError, ValueError):
     """A module's `period_s` cannot be used.
 
     Example scenarios:
-      - it is 0 or negative
+      - it is 0, negative, longer than 30 years, or no number
       - the module has a `tick()`, but nothing sets `period_s`, so `tick()` would never run
     """
 
@@ -800,14 +800,14 @@ def check_period(module: Module) -> None:
     """Check `period_s` after `setup()`.
 
     Raises:
-        InvalidPeriod: it is not positive, or the module has a `tick()` and no class of its own sets a period.
+        InvalidPeriod: it is no positive time, or the module has a `tick()` and no class sets a period.
     """
     cls = type(module)
     period_s = module.period_s
-    if period_s is not None and not period_s > 0:
+    if period_s is not None and not is_span(period_s):
         raise InvalidPeriod(
-            f"{cls.__name__}.period_s is {period_s}; it must be greater than 0, or None for a module that "
-            "only reacts to messages"
+            f"{cls.__name__}.period_s is {period_s}; it must be greater than 0, at most 1e9, or None "
+            "for a module that only reacts to messages"
         )
     own = [module, *(base for base in cls.__mro__ if base is not Module)]
     is_set = any("period_s" in vars(one) for one in own if one is not object)

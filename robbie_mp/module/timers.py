@@ -7,7 +7,7 @@ from collections.abc import Callable
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due
-from robbie_mp.module.clock import Clock
+from robbie_mp.module.clock import Clock, is_span
 from robbie_mp.module.handlers import check_handler
 
 LOOK_NS = 20_000_000
@@ -20,7 +20,7 @@ class InvalidTimer(RobbieError, ValueError):
     """A function cannot be called with this period.
 
     Example scenarios:
-      - the period is 0, negative, infinite or NaN
+      - the period is 0, negative, longer than 30 years, or NaN
       - period and function are given in the wrong order
     """
 
@@ -154,6 +154,8 @@ def check_timer(period_s: object, action: object) -> None:
         InvalidTimer: the period is no positive time.
         InvalidHandler: the function cannot be called without arguments.
     """
-    if isinstance(period_s, bool) or not isinstance(period_s, int | float) or not 0 < period_s < math.inf:
-        raise InvalidTimer(f"every: the period is {period_s!r:.60}; give a time greater than 0, in s")
+    if not is_span(period_s):
+        raise InvalidTimer(
+            f"every: the period is {period_s!r:.60}; give a time greater than 0, at most 1e9, in s"
+        )
     check_handler("every", action)

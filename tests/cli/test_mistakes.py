@@ -376,7 +376,7 @@ WHILE_IT_RUNS: dict[str, tuple[Callable[[Any], object], type[Exception], str]] =
     "deadline of nothing": (
         lambda module: module.subscribe(LaserScan, module.on_scan, deadline_s=0),
         InvalidDeadline,
-        "deadline_s is 0; give a time greater than 0, in s",
+        "deadline_s is 0; give a time greater than 0, at most 1e9, in s",
     ),
     "write to a loan that has ended": (kept, ValueError, "read-only"),
 }

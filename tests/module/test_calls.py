@@ -234,7 +234,7 @@ def test_number_of_calls_is_bounded() -> None:
         harness.module.ask()
 
 
-@pytest.mark.parametrize("timeout_s", [0.0, -1.0, float("inf"), float("nan")])
+@pytest.mark.parametrize("timeout_s", [0.0, -1.0, 1e300, float("inf"), float("nan")])
 def test_timeout_must_be_positive_and_finite(timeout_s: float) -> None:
     with ModuleHarness(Client) as harness, pytest.raises(InvalidTimeout, match="greater than 0"):
         harness.module.ask(timeout_s=timeout_s)

@@ -1,5 +1,6 @@
 """Mistakes that authors make with a module's methods get an error that says what was wanted."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -75,11 +76,24 @@ class NotPositive(Ticking):
     period_s = 0.0
 
 
+class Endless(Ticking):
+    """Has more time between ticks than a clock can show."""
+
+    period_s = 1e300
+
+
+class Text(Ticking):
+    """Has a text as its time between ticks."""
+
+    period_s = "0.1"
+
+
 def test_tick_without_a_period_is_an_error() -> None:
     with pytest.raises(InvalidPeriod, match=r"Ticking has a tick\(\), but nothing sets period_s"):
         ModuleHarness(Ticking).__enter__()
-    with pytest.raises(InvalidPeriod, match=r"period_s is 0.0"):
-        ModuleHarness(NotPositive).__enter__()
+    for cls in (NotPositive, Endless, Text):
+        with pytest.raises(InvalidPeriod, match=rf"period_s is {re.escape(str(cls.period_s))}; it must be"):
+            ModuleHarness(cls).__enter__()
 
 
 @pytest.mark.parametrize("cls", [Plain, TicksLater, SetsItInSetup])

@@ -1,7 +1,6 @@
 """The client's side of calls: sends requests, and ends each call exactly once."""
 
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +36,7 @@ from robbie_mp.module.calls.errors import (
     TooManyCalls,
 )
 from robbie_mp.module.calls.peers import Server, service_topic
-from robbie_mp.module.clock import Clock
+from robbie_mp.module.clock import Clock, is_span
 
 MAX_CALLS = 1000
 """Limit of the calls of a module that have not ended."""
@@ -168,8 +167,8 @@ class ClientCalls:
         Returns:
             The number of the call.
         """
-        if timeout_s is not None and not 0 < timeout_s < math.inf:
-            raise InvalidTimeout(f"timeout_s={timeout_s}; expected a number of seconds greater than 0")
+        if timeout_s is not None and not is_span(timeout_s):
+            raise InvalidTimeout(f"timeout_s={timeout_s}; give a time greater than 0, at most 1e9, in s")
         if len(self._calls) + len(self._failed) >= MAX_CALLS:
             raise TooManyCalls(
                 f"{len(self)} calls have not ended; wait for replies, or give a shorter timeout"

@@ -9,11 +9,10 @@ from strenum import StrEnum
 
 from robbie_mp.base.linux.priority import MAX_SLICE_MS, MIN_SLICE_MS
 from robbie_mp.base.problem import SourcePlace
+from robbie_mp.module.clock import AGES_S
 from robbie_mp.module.value_check import ValueLimits
 from robbie_mp.run.trace.kinds import Kind
 
-AGES_S = 1e9
-"""Upper limit of times, about 30 years: longer than any run, and accepted by all system calls."""
 MAX_ENTRIES = 1 << 24
 """Upper limit of table sizes."""
 MAX_BYTES = 1 << 48
