@@ -62,7 +62,9 @@ def _result_folders(folder: Path) -> Iterator[Path]:
 
 
 def _read(folder: Path) -> Results:
-    changed_s, size, has_recording = folder.lstat().st_mtime, 0, False
+    changed_s, size, has_recording = 0.0, 0, False
+    with contextlib.suppress(FileNotFoundError):  # another run that starts has just removed it
+        changed_s = folder.lstat().st_mtime
     for root, _, files in os.walk(folder):
         for name in files:
             with contextlib.suppress(FileNotFoundError):

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli import main
+from robbie_mp.run import results
 from robbie_mp.run.results import remove_oldest, results_below
 from tests._support.robot import Robot
 
@@ -102,3 +103,12 @@ def test_folder_without_an_age_is_bad_usage(capsys: pytest.CaptureFixture[str]) 
         main(["clean", "output/demo"])
     assert ended.value.code == 2
     assert "name the age of results to remove" in capsys.readouterr().err
+
+
+def test_folder_that_another_run_removes_meanwhile_is_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = tmp_path / "20260101T000000Z-1"
+    monkeypatch.setattr(results, "_result_folders", lambda _folder: iter([gone]))
+    assert [one.folder for one in results.remove_oldest(tmp_path, 0)] == []
+    assert [one.bytes for one in results.results_below(tmp_path)] == [0]
