@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.attached.views import quantities
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.parser import add_command
-from robbie_mp.run.results import Results, results_below
+from robbie_mp.run.results import RunResults, results_below
 from robbie_mp.run.supervisor.sweep import Swept, sweep
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def clean(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _print_results(old: list[Results], is_dry_run: bool) -> None:
+def _print_results(old: list[RunResults], is_dry_run: bool) -> None:
     for one in old:
         left = "  could not be removed completely" * (not is_dry_run and one.folder.exists())
         print(f"{one.folder}  {quantities.size(one.bytes)}{'  with a recording' * one.has_recording}{left}")

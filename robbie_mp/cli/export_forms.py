@@ -14,7 +14,7 @@ import numpy as np
 
 from robbie_mp.attached.views.message_text import to_csv
 from robbie_mp.base.balance import Balance
-from robbie_mp.cli.export_table import Table
+from robbie_mp.cli.export_table import ChannelTable
 from robbie_mp.cli.file_names import safe_name
 from robbie_mp.logs.recording.columns import Columns, columns
 from robbie_mp.logs.recording.errors import LogError, LogNotWritten
@@ -141,7 +141,7 @@ class Rows:
         log: the log.
         channel: the channel.
         message_type: of its messages.
-        balance: counts what is left out; who writes a message counts it as used.
+        balance: counts what is left out. The caller counts each message that it has written as used.
         progress: called for each message.
         most: read the first ones only; None: all.
     """
@@ -215,7 +215,7 @@ def _write_csv(rows: Rows, files: NewFiles, name: str) -> None:
         def open_array(field: str) -> BinaryIO:
             return opened.enter_context(files.open(f"{folder}/{safe_name(field)}.npy"))
 
-        table = Table(rows.message_type, open_array)
+        table = ChannelTable(rows.message_type, open_array)
         headings = [f"{one} [{unit[field]}]" if field in unit else one for one, field in table.names]
         file.write(f"{to_csv(['time_ns', 'sequence', *headings])}\n".encode())
         for time_ns, sequence, message in rows:

@@ -42,7 +42,7 @@ class ArrayFile:
         np.lib.format.write_array_header_1_0(self._file, about)
 
 
-class Table:
+class ChannelTable:
     """Turns messages of a type into rows.
 
     Args:

@@ -14,7 +14,7 @@ from robbie_mp.attached.tool.message_stream import MessageStream
 from robbie_mp.attached.tool.tool import RunEnded
 from robbie_mp.attached.views.known_channels import channels_of_run
 from robbie_mp.attached.views.known_types import types_of_run
-from robbie_mp.attached.views.series import Series, number_field, splits
+from robbie_mp.attached.views.series import PlotSeries, number_field, splits
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.problem import refuse
@@ -58,7 +58,7 @@ class Curve:
     channel: ChannelName
     path: str
     read: Callable[[bytes], float | None]
-    series: Series
+    series: PlotSeries
 
     def add(self, time_s: float, data: bytes) -> None:
         """Add the value of a message, if it has one."""
@@ -127,7 +127,7 @@ def find_curve(name: str, types: KnownTypes, channels: Sequence[ChannelName]) ->
             continue
         message_type = types.get(channel.type_name)
         read = _reader(message_type, number_field(message_type, path))
-        return Curve(channel, path, read, Series(name))
+        return Curve(channel, path, read, PlotSeries(name))
     raise problem
 
 
@@ -254,25 +254,25 @@ def _reader(
     return lambda data: number_of(message_type.decode(data))
 
 
-def _chart() -> Callable[[Sequence[Series]], None]:
+def _chart() -> Callable[[Sequence[PlotSeries]], None]:
     """Return the function that prints series as a chart."""
     draw = _terminal_chart()
 
-    def finish(series: Sequence[Series]) -> None:
+    def finish(series: Sequence[PlotSeries]) -> None:
         width = console().size.width if sys.stdout.isatty() else WIDTH
         _print(draw(series, width, HEIGHT))
 
     return finish
 
 
-def _picture(path: Path) -> Callable[[Sequence[Series]], None]:
+def _picture(path: Path) -> Callable[[Sequence[PlotSeries]], None]:
     """Return the function that writes series as a picture to a new file."""
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise NoPlotter(f"a picture needs the library matplotlib ({error}): {ADVICE}") from error
 
-    def finish(series: Sequence[Series]) -> None:
+    def finish(series: Sequence[PlotSeries]) -> None:
         figure = Figure(figsize=(WIDTH / 10, HEIGHT / 5), layout="tight")
         axes = figure.add_subplot(xlabel="time since the beginning (s)")
         axes.grid(visible=True, alpha=0.3)
@@ -296,7 +296,7 @@ def _terminal_chart() -> Callable[..., str]:
         raise NoPlotter(f"robbie plot needs the library plotext ({error}): {ADVICE}") from error
 
     def draw(
-        series: Sequence[Series], width: int, height: int, shown_s: tuple[float, float] | None = None
+        series: Sequence[PlotSeries], width: int, height: int, shown_s: tuple[float, float] | None = None
     ) -> str:
         plotext.clear_figure()
         plotext.plotsize(width, height)

@@ -16,7 +16,7 @@ RECORDING = ".mcap"
 
 
 @dataclass(frozen=True)
-class Results:
+class RunResults:
     """Results of a run that has ended."""
 
     folder: Path
@@ -30,14 +30,14 @@ class Results:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def results_below(folder: Path) -> list[Results]:
+def results_below(folder: Path) -> list[RunResults]:
     """Return the results below a folder, those that were changed longest ago first; none of live runs."""
     live = {run.record.output_directory for run in list_runs() if run.is_live and run.record}
     found = [_read(path) for path in _result_folders(folder) if str(path.resolve()) not in live]
     return sorted(found, key=lambda one: one.changed_s)
 
 
-def remove_oldest(folder: Path, kept: int) -> list[Results]:
+def remove_oldest(folder: Path, kept: int) -> list[RunResults]:
     """Remove the oldest results in the folder of a profile, and return them.
 
     Recordings cannot be made again, so results with recordings are neither counted nor removed.
@@ -61,7 +61,7 @@ def _result_folders(folder: Path) -> Iterator[Path]:
         folders[:] = [name for name in folders if name not in results]
 
 
-def _read(folder: Path) -> Results:
+def _read(folder: Path) -> RunResults:
     changed_s, size, has_recording = 0.0, 0, False
     with contextlib.suppress(FileNotFoundError):  # another run that starts has just removed it
         changed_s = folder.lstat().st_mtime
@@ -71,4 +71,4 @@ def _read(folder: Path) -> Results:
                 found = os.lstat(os.path.join(root, name))
                 changed_s, size = max(changed_s, found.st_mtime), size + found.st_size
                 has_recording |= name.endswith(RECORDING)
-    return Results(folder, changed_s, size, has_recording)
+    return RunResults(folder, changed_s, size, has_recording)

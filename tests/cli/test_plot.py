@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.attached.views.series import MOST_POINTS, Series
+from robbie_mp.attached.views.series import MOST_POINTS, PlotSeries
 from robbie_mp.cli import main
 from robbie_mp.messages import Odometry, Point, Pose, PoseWithCovariance, String
 from tests._support.robot import COMMAND
@@ -95,7 +95,7 @@ def test_missing_library_is_reported_with_advice(
 
 
 def test_long_series_is_thinned_out_evenly() -> None:
-    series = Series("x")
+    series = PlotSeries("x")
     for number in range(10 * MOST_POINTS):
         series.add(float(number), -float(number))
     assert MOST_POINTS / 2 <= len(series.values) <= MOST_POINTS
@@ -106,7 +106,7 @@ def test_long_series_is_thinned_out_evenly() -> None:
 
 
 def test_infinite_values_are_not_drawn() -> None:
-    series = Series("x")
+    series = PlotSeries("x")
     for value in (1.0, float("inf"), float("nan"), 2.0):
         series.add(0.0, value)
     assert series.values == [1.0, 2.0]

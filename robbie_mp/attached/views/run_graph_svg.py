@@ -21,7 +21,7 @@ STYLE = (
 
 
 @dataclass
-class Box:
+class GraphBox:
     """A rectangle with lines of text; `top` is set when the column is laid out."""
 
     lines: Sequence[str]
@@ -45,11 +45,11 @@ class Box:
 
 
 @dataclass
-class Column:
+class GraphColumn:
     """Boxes of one width, below one another."""
 
     left: float
-    boxes: Sequence[Box]
+    boxes: Sequence[GraphBox]
 
     @property
     def right(self) -> float:
@@ -69,16 +69,16 @@ class Column:
 
 def svg(graph: RunGraph) -> str:
     """Return the graph as the text of an SVG file."""
-    topics = [Box(topic.lines, "topic") for topic in graph.topics]
+    topics = [GraphBox(topic.lines, "topic") for topic in graph.topics]
     _stack(topics)
     takers = [(*topic.subscribers, *topic.pattern_subscribers) for topic in graph.topics]
     givers = [topic.publishers for topic in graph.topics]
     others = [name for name in graph.modules if not any(name in names for names in (*givers, *takers))]
     publishers = _modules(topics, givers, others)
     subscribers = _modules(topics, takers, [])
-    left = Column(GAP, list(publishers.values()))
-    middle = Column(left.right + BETWEEN, topics)
-    right = Column(middle.right + BETWEEN, list(subscribers.values()))
+    left = GraphColumn(GAP, list(publishers.values()))
+    middle = GraphColumn(left.right + BETWEEN, topics)
+    right = GraphColumn(middle.right + BETWEEN, list(subscribers.values()))
     curves = []
     for topic, box in zip(graph.topics, topics, strict=True):
         curves += [_curve(left.right, publishers[name], middle.left, box) for name in topic.publishers]
@@ -93,8 +93,8 @@ def svg(graph: RunGraph) -> str:
 
 
 def _modules(
-    topics: Sequence[Box], names_of: Sequence[Sequence[str]], others: Sequence[str]
-) -> dict[str, Box]:
+    topics: Sequence[GraphBox], names_of: Sequence[Sequence[str]], others: Sequence[str]
+) -> dict[str, GraphBox]:
     """Return the boxes of modules by name, each about as high as the topics with which it is connected."""
     heights: dict[str, list[float]] = {}
     for box, names in zip(topics, names_of, strict=True):
@@ -102,12 +102,12 @@ def _modules(
             heights.setdefault(name, []).append(box.middle)
     means = {name: sum(middles) / len(middles) for name, middles in heights.items()}
     ordered = [*sorted(means, key=lambda name: means[name]), *others]
-    boxes = {name: Box([one_line(name)], "module", means.get(name, 0.0)) for name in ordered}
+    boxes = {name: GraphBox([one_line(name)], "module", means.get(name, 0.0)) for name in ordered}
     _stack(list(boxes.values()))
     return boxes
 
 
-def _stack(boxes: Sequence[Box]) -> None:
+def _stack(boxes: Sequence[GraphBox]) -> None:
     """Move boxes downwards until none covers another: `top` is where the middle of each should be."""
     free = float(GAP)
     for box in boxes:
@@ -115,7 +115,7 @@ def _stack(boxes: Sequence[Box]) -> None:
         free = box.top + box.height + GAP
 
 
-def _curve(x: float, source: Box, end: float, target: Box, kind: str = "named") -> str:
+def _curve(x: float, source: GraphBox, end: float, target: GraphBox, kind: str = "named") -> str:
     bend = (end - x) / 2
     ends = f"M{x:.0f},{source.middle:.1f} C{x + bend:.0f},{source.middle:.1f} "
     return (

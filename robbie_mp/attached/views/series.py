@@ -65,7 +65,7 @@ def number_field(message_type: type[Message], path: str) -> Callable[[Message], 
 
 
 @dataclass
-class Series:
+class PlotSeries:
     """The newest values of a field, or, of a recording, all of them, thinned out evenly.
 
     Attributes:
