@@ -11,7 +11,7 @@ from rich.text import Text
 
 from robbie_mp.attached.views import quantities
 from robbie_mp.attached.views.plain_table import PlainTable
-from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, state_name
+from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, said, state_name
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import RunObserver
 from robbie_mp.bus.observe.declarations import ObservedDeclaration, read_declarations
@@ -102,7 +102,7 @@ def _modules(run: KnownRun) -> list[Row]:
                 "pid": module.pid,
                 "restarts": module.restarts,
                 HEALTH: module.health,
-                "status": module.status,
+                "status": said(module),
                 RENAMED: renamed_topics(module.renamed),
             }
             for module in observer.modules()[1:]

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.text import Text
 
 from robbie_mp.attached.views.quantities import size
-from robbie_mp.attached.views.run_figures import state_name, table
+from robbie_mp.attached.views.run_figures import said, state_name, table
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import ModuleFigures
 from robbie_mp.cli.output import console
@@ -37,8 +37,7 @@ def last_words(figures: Sequence[ModuleFigures]) -> Iterator[str]:
     """Return a line for each process that did not end in order, or that shows what it has done."""
     for module in figures[1:]:
         is_in_order = state_name(module) == ChildState.STOPPED and IN_ORDER in module.reason
-        states = f"[{module.states}]" if module.states else ""
-        parts = ("" if is_in_order else module.reason, states, module.status)
+        parts = ("" if is_in_order else module.reason, said(module))
         if any(parts):
             yield f"{module.name}: {'  '.join(filter(None, parts))}"
 

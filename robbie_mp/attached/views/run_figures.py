@@ -80,8 +80,13 @@ def renamed_topics(renamed: Iterable[tuple[str, str]]) -> list[str]:
     return [f"{own or NO_TOPIC} → {actual or NO_TOPIC}" for own, actual in renamed]
 
 
+def said(module: ModuleFigures) -> str:
+    """Return the states and the status line of a module, as it shows them."""
+    return "  ".join(filter(None, (f"[{module.states}]" if module.states else "", module.status)))
+
+
 def _live_line(module: ModuleFigures) -> str:
-    return "  ".join(filter(None, (module.health, module.status, *map(str, module.unconnected))))
+    return "  ".join(filter(None, (module.health, said(module), *map(str, module.unconnected))))
 
 
 def _alarming(count: int) -> Text:
