@@ -21,7 +21,7 @@ from tests.run.supervisor._support.running import is_gone, wait_for
 @contextmanager
 def started(code: str, **environment: str) -> Iterator[ChildProcess]:
     process = ChildProcess.start(
-        (sys.executable, "-S", "-P", "-c", code), {"PYTHONPATH": str(PROJECT), **environment}, "run/child/1"
+        (sys.executable, "-S", "-c", code), {"PYTHONPATH": str(PROJECT), **environment}, "run/child/1"
     )
     try:
         yield process
@@ -144,7 +144,7 @@ def test_child_dies_with_a_parent_that_is_killed(tmp_path: Path) -> None:
             {child}
         signal.pause()
     """
-    command = [sys.executable, "-S", "-P", "-c", parent]
+    command = [sys.executable, "-S", "-c", parent]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env={"PYTHONPATH": str(PROJECT)}
     ) as process:

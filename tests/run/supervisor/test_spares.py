@@ -24,7 +24,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def command(folder: Path, behaviour: str, count: int = 1) -> SpareCommand:
-    argv = (sys.executable, "-S", "-P", zoo.__file__, behaviour, str(folder / "ready"), str(os.getpid()))
+    argv = (sys.executable, "-S", zoo.__file__, behaviour, str(folder / "ready"), str(os.getpid()))
     return SpareCommand(count, argv, {"PYTHONPATH": str(PROJECT)})
 
 

@@ -23,7 +23,7 @@ def supervisor(tmp_path: Path, *behaviours: str, terminal: str = "-") -> Iterato
     """Start a supervisor; nothing of it is left afterwards, whatever the test does."""
     arguments = [str(tmp_path / "runs"), str(tmp_path), terminal, *behaviours]
     process = subprocess.Popen(
-        [sys.executable, "-P", supervise.__file__, *arguments],
+        [sys.executable, supervise.__file__, *arguments],
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": str(PROJECT)},

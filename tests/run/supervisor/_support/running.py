@@ -191,7 +191,7 @@ def animal(behaviour: Callable[[zoo.Animal], None], name: str = "", **fields: ob
     settings: dict[str, object] = {
         "restart": QUICK, "start_deadline_s": 5.0, "handler_deadline_s": 0.0, **fields,
     }  # fmt: skip
-    argv = (sys.executable, "-S", "-P", zoo.__file__, behaviour.__name__)
+    argv = (sys.executable, "-S", zoo.__file__, behaviour.__name__)
     own = {key: settings.pop(key) for key in ("kind", "may_be_warm") if key in settings}
     module = ModuleSpec(name or behaviour.__name__, "", **settings)  # type: ignore[arg-type]
     return ChildSpec(module, argv, {"PYTHONPATH": str(PROJECT)}, **own)  # type: ignore[arg-type]
