@@ -15,7 +15,7 @@ PYTEST := .venv/bin/python -m pytest
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/bus/_hot/*.[ch])
 
-.PHONY: demo team test test-all test-slow test-alone test-pure test-arm64 lint types docs bench clean
+.PHONY: demo team test test-all test-slow test-alone test-pure test-arm64 ros lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -74,6 +74,17 @@ bench: .venv/bench
 	$(PIP_INSTALL) -e '.[robot,dev]'
 	# The tests need its network only; what it requires would bring in a second OpenCV.
 	$(PIP_INSTALL) --no-deps 'rapidocr>=3.0,<3.8'
+	touch $@
+
+# Real nodes of ROS 2, with its default middleware, for the slow tests of its bridge: wheels of rclpy for CPython
+# 3.11, each distribution in an environment of its own. The robot needs none of them.
+ros: .venv/ros-jazzy/done .venv/ros-kilted/done
+
+.venv/ros-%/done:
+	$(PYTHON) -m venv .venv/ros-$*
+	.venv/ros-$*/bin/pip install --disable-pip-version-check ros-$*-rclpy ros-$*-rmw-fastrtps-cpp \
+	    ros-$*-rosidl-typesupport-fastrtps-c ros-$*-rosidl-typesupport-fastrtps-cpp ros-$*-common-interfaces \
+	    ros-$*-test-msgs
 	touch $@
 
 .venv/docs: $(INSTALLED)

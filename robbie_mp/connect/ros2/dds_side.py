@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robbie_mp.connect.bridge.mapping import DEFAULT_DEPTH
-from robbie_mp.connect.ros2.idl_types import raw_type, sample_of
+from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
 from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, Ros2Unavailable, RosChannel
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import Message, from_dict
@@ -127,7 +127,6 @@ class DdsSide:
             )
             from cyclonedds.core import DDSException, Policy, Qos  # noqa: PLC0415
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
-            from cyclonedds.topic import Topic  # noqa: PLC0415
         except ImportError as error:
             raise Ros2Unavailable(
                 "the bridge to ROS 2 needs the extra `ros2`: run `pip install 'robbie-mp[ros2]'`"
@@ -147,7 +146,7 @@ class DdsSide:
             BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication),
             BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription),
         )
-        self._nodes = self._writer(Topic(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
+        self._nodes = self._writer(topic_of(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
         self._tell()
 
     def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
@@ -186,13 +185,12 @@ class DdsSide:
         """Offer a service: a topic for requests, and one for responses."""
         from cyclonedds.core import Listener  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
-        from cyclonedds.topic import Topic  # noqa: PLC0415
 
         side = self
         asked, answered = service.over_dds
         identity = f"serviceid={self._service_id()};".encode()
-        requests = Topic(self._participant, f"rq{name}Request", raw_type(asked))
-        responses = Topic(self._participant, f"rr{name}Reply", raw_type(answered))
+        requests = topic_of(self._participant, f"rq{name}Request", raw_type(asked))
+        responses = topic_of(self._participant, f"rr{name}Reply", raw_type(answered))
         writer = self._writer(responses, True, False, DEFAULT_DEPTH, service.response, identity)
 
         class Taking(Listener):  # type: ignore[misc, unused-ignore]
@@ -247,10 +245,9 @@ class DdsSide:
         self._domain._delete(self._domain._ref)
 
     def _topic(self, channel: RosChannel) -> tuple[Any, type[Message]]:
-        from cyclonedds.topic import Topic  # noqa: PLC0415
 
         message_type = self.types(channel.type_name)
-        return Topic(self._participant, f"rt{channel.name}", raw_type(message_type)), message_type
+        return topic_of(self._participant, f"rt{channel.name}", raw_type(message_type)), message_type
 
     def _service_id(self) -> str:
         """Return the identity of the next service: that of the participant, and a number."""

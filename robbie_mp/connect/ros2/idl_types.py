@@ -1,11 +1,62 @@
-"""Types for CycloneDDS made from declarations. They describe messages to others; the bytes pass unread."""
+"""Types and topics for CycloneDDS made from declarations; the bytes of messages pass unread."""
 
-from typing import Any
+import ctypes
+from functools import cache
+from typing import Any, Final
 
 from robbie_mp.connect.ros2.type_hash import FILLER
 from robbie_mp.messages import Message
 from robbie_mp.messages.field_types import FieldType, Nested, Primitive, Several
 from robbie_mp.messages.message import fields_of
+
+OPERATIONS: Final = 14
+"""Pointers in a `ddsi_sertype_ops` of CycloneDDS, of which the first is its version."""
+TYPE_OPERATIONS: Final = (8, 9, 10)
+"""Those that return a type's identifier, its map, and its information."""
+
+
+def topic_of(participant: Any, name: str, raw: Any) -> Any:
+    """Return a topic whose endpoints others match by its type's name, as nodes of ROS 2 do.
+
+    CycloneDDS also compares the structure of both types if both sides tell it. FastDDS of ROS 2 Kilted
+    tells it in a form that CycloneDDS does not understand, so endpoints with lists of messages would never
+    match. As rmw_cyclonedds, this side tells no structure.
+
+    Args:
+        participant: the participant.
+        name: the topic's name in DDS.
+        raw: a `raw_type`.
+    """
+    from cyclonedds.topic import Topic  # noqa: PLC0415
+
+    topic = Topic(participant, name, raw)
+    library = _library()
+    found = ctypes.POINTER(ctypes.c_void_p)()
+    if library.dds_get_entity_sertype(topic._ref, ctypes.byref(found)) == 0:
+        own = _without_structure(found[0] or 0)
+        if own is not None:
+            found[0] = ctypes.addressof(own)
+    return topic
+
+
+@cache
+def _library() -> Any:
+    from cyclonedds.__library__ import library_path  # noqa: PLC0415
+
+    return ctypes.CDLL(str(library_path))
+
+
+@cache
+def _without_structure(operations: int) -> Any:
+    """Return a copy of a type's operations that tells no structure; None if they are of another version."""
+    array = ctypes.c_void_p * OPERATIONS
+    version = ctypes.cast(_library().ddsi_sertype_v0, ctypes.c_void_p).value
+    if not operations or ctypes.c_void_p.from_address(operations).value != version:
+        return None
+    copy = array.from_buffer_copy(array.from_address(operations))
+    for one in TYPE_OPERATIONS:
+        copy[one] = None
+    return copy
 
 
 def raw_type(message_type: type[Message]) -> Any:

@@ -1,31 +1,25 @@
 """Whole robots and every stock type, over both middlewares."""
 
 import hashlib
-import itertools
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap_ros2._dynamic import generate_dynamic
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp import ModuleHarness
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.type_hash import type_hash
-from robbie_mp.messages import DriveCommand, Time, Twist, Vector3, from_dict, schema_text
+from robbie_mp.messages import DriveCommand, Time, Twist, Vector3
 from robbie_mp.messages.stock.registry import stock_registry
-from tests._support.places import PROJECT
 from tests._support.robot import Robot, kill, wait_until
 from tests.connect.ros2.test_type_hash import PUBLISHED
 from tests.connect.ros2.test_zenoh import ROS, TWIST, Node, free_port, session, zenoh_has_started
-from tests.messages._support.rosbags_bridge import assert_same
 
 __all__ = ["zenoh_has_started"]
 DOMAIN = 120 + os.getpid() % 80
@@ -69,55 +63,6 @@ def test_every_stock_type_crosses_unchanged(middleware: str) -> None:
         wait_until(has_ended, 60.0)
         found = json.loads(other.communicate()[0])
     assert found == {topic: hashlib.sha256(one().encode()).hexdigest() for topic, one in stock.items()}
-
-
-def filled(definition: Any, count: Iterator[int]) -> Any:
-    """Return plain data for a field of a definition of Jazzy, with texts of several lengths."""
-    kind, about = definition
-    if kind is Nodetype.NAME:
-        return {name: filled(inner, count) for name, inner in JAZZY.fielddefs[about][1]}
-    if kind is Nodetype.ARRAY:
-        return [filled(about[0], count) for _ in range(about[1])]
-    if kind is Nodetype.SEQUENCE:
-        return [filled(about[0], count) for _ in range(3)]
-    number = next(count) % 100
-    return {"string": "x" * (number % 7), "bool": bool(number % 2)}.get(about[0], number)
-
-
-@pytest.mark.slow
-def test_types_of_cyclonedds_read_and_write_every_stock_type_of_ros() -> None:
-    stock = [one for one in stock_registry() if one.type_name in JAZZY.fielddefs]
-    assert len(stock) >= 35
-    count = itertools.count(1)
-    messages = [from_dict(one, filled((Nodetype.NAME, one.type_name), count)) for one in stock]
-    names = [one.type_name for one in stock]
-    settings = {
-        "middleware": "dds",
-        "domain": DOMAIN,
-        "send": {"*": "/all/{topic}"},
-        "accept": {f"/back/t{number}": f"{name} t{number}" for number, name in enumerate(names)},
-    }
-    command = [sys.executable, "-m", "tests.connect.ros2.dds_echo", str(DOMAIN), *names]
-    with ModuleHarness(Ros2Bridge, settings) as bridge, subprocess.Popen(command, cwd=PROJECT) as echo:
-        bridge.module.ill_formed.admits = lambda *_: True  # type: ignore[method-assign]  # bytes, not sense
-        found: dict[str, bytes] = {}
-
-        def have_all_returned() -> bool:
-            for number, message in enumerate(messages):
-                if f"t{number}" not in found:
-                    bridge.send(message, topic=f"t{number}")
-            bridge.advance(0.02)
-            found.update({one.topic: one.data for one in bridge.published_encoded})
-            return len(found) == len(messages)
-
-        try:
-            wait_until(have_all_returned, 30.0)
-        finally:
-            echo.terminate()
-    assert found == {f"t{number}": message.encode() for number, message in enumerate(messages)}
-    for number, one in enumerate(stock):  # mcap-ros2-support decodes what has come over DDS, too
-        read = generate_dynamic(one.type_name, schema_text(one))[one.type_name](found[f"t{number}"])
-        assert_same(messages[number], read)
 
 
 @pytest.mark.slow

@@ -1,0 +1,198 @@
+"""The bridge over DDS beside real nodes of ROS 2: rclpy from wheels, and the ROS of this shell."""
+
+import itertools
+import os
+import time
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+
+from robbie_mp import ModuleHarness
+from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.type_hash import type_hash
+from robbie_mp.messages import (
+    DriveCommand,
+    Header,
+    Image,
+    LaserScan,
+    Message,
+    Path,
+    PoseStamped,
+    String,
+    from_dict,
+)
+from robbie_mp.messages.stock.registry import stock_registry
+from tests.connect.ros2._support.ros_nodes import DISTRIBUTIONS, RosNode, ros_node, until
+
+pytestmark = pytest.mark.slow
+RESEND_S = 1.0
+DOMAIN = 20 + os.getpid() % 80
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+STOCK = {f"t{number}": one for number, one in enumerate(stock_registry()) if one.type_name in JAZZY.fielddefs}
+SETTINGS: dict[str, Any] = {
+    "middleware": "dds",
+    "node": "red",
+    "namespace": "team",
+    "send": {
+        "* all/*": "/{topic}",
+        "LaserScan": "/scan best_effort depth=5",
+        "String": "/name latched depth=1",
+    },
+    "accept": {
+        "/text": "String text latched",
+        "/cmd_vel": "Twist as DriveCommand ros",
+        **{f"/back/{topic}": f"{one.type_name} {topic}" for topic, one in STOCK.items()},
+    },
+}
+LISTEN = """
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import String
+from geometry_msgs.msg import Twist
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+node.create_subscription(LaserScan, "/scan", lambda scan: got["scan"].append(list(scan.ranges)), best_effort)
+node.create_subscription(String, "/name", lambda text: got["name"].append(text.data), latched)
+node.create_subscription(LaserScan, "/scan", got["strict"].append, 10)
+node.create_publisher(String, "/text", latched).publish(String(data="from ROS"))
+velocity = node.create_publisher(Twist, "/cmd_vel", 10)
+"""
+LOOK = """
+twist = Twist()
+twist.linear.x, twist.angular.z = 0.4, 0.1
+velocity.publish(twist)
+kinds = [str(one.topic_type_hash) for one in node.get_publishers_info_by_topic("/scan")]
+is_seen = ("red", "/team") in node.get_node_names_and_namespaces()
+own = dict(node.get_publisher_names_and_types_by_node("red", "/team")) if is_seen else {}
+result = {**got, "own": own, "kinds": kinds}
+"""
+CONFUSE = """
+from std_msgs.msg import Bool
+context = rclpy.Context()
+rclpy.init(context=context, domain_id=domain)
+other = rclpy.create_node("confused", context=context)
+other.create_publisher(Bool, "/cmd_vel", 10)
+"""
+ECHO = """
+from importlib import import_module
+for topic, name in kinds.items():
+    package, _, short = name.split("/")
+    try:
+        kind = getattr(import_module(package + ".msg"), short)
+    except (ImportError, AttributeError):
+        continue  # this ROS is installed without the package
+    back = node.create_publisher(kind, "/back/" + topic, 10)
+    node.create_subscription(kind, "/all/" + topic, back.publish, 10)
+    got["kinds"].append(topic)
+result = got["kinds"]
+"""
+
+
+class Ros(NamedTuple):
+    """A bridge, and a real node beside it."""
+
+    bridge: ModuleHarness[Ros2Bridge]
+    node: RosNode
+
+
+@pytest.fixture(scope="module", params=DISTRIBUTIONS)
+def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros]:
+    domain = DOMAIN + DISTRIBUTIONS.index(request.param)
+    with (
+        ros_node(request.param, domain, tmp_path_factory.mktemp("ros")) as node,
+        ModuleHarness(Ros2Bridge, {**SETTINGS, "domain": domain}) as bridge,
+    ):
+        bridge.module.ill_formed.admits = lambda *_: True  # type: ignore[method-assign]  # bytes, not sense
+        yield Ros(bridge, node)
+
+
+def test_messages_pass_both_ways_and_ros_sees_the_node(ros: Ros) -> None:
+    bridge, node = ros
+    bridge.send(String(data="red robot"), topic="name")  # before anybody listens
+    node.run(LISTEN)
+    scan = LaserScan(header=Header(frame_id="laser"), ranges=np.array([1.0, 2.5], np.float32))
+    told: dict[str, Any] = {}
+
+    def is_done() -> bool:
+        bridge.send(scan, topic="laser")
+        told.update(node.run(LOOK))
+        is_heard = bridge.published and bridge.published_encoded and bridge.module.side.incompatible
+        return bool(is_heard and "/scan" in told["own"] and told.get("scan") and told.get("name"))
+
+    until(bridge, is_done)
+    assert told["scan"][0] == [1.0, 2.5]
+    assert told["name"] == ["red robot"]
+    assert type_hash(LaserScan).partition("_")[2] in told["kinds"][0].lower()
+    assert not told["strict"]  # it needs reliable scans
+    assert String.decode(bridge.published_encoded[0].data) == String(data="from ROS")
+    drive = bridge.take(DriveCommand, "ros")[-1]
+    assert (drive.linear_m_per_s, drive.angular_rad_per_s) == (0.4, 0.1)
+    assert 0 < drive.valid_for.nanoseconds <= 500_000_000
+
+
+def test_publisher_of_another_type_is_named(ros: Ros, caplog: pytest.LogCaptureFixture) -> None:
+    bridge, node = ros
+    node.run(CONFUSE, domain=bridge.module.domain)
+    until(bridge, lambda: any("/cmd_vel has the type" in one for one in caplog.messages))
+    (named,) = [one for one in caplog.messages if "/cmd_vel has the type" in one]
+    assert "std_msgs::msg::dds_::Bool_" in named
+    node.run("other.destroy_node()\nrclpy.shutdown(context=context)")
+
+
+def test_every_stock_type_of_ros_returns_from_a_node_unchanged(ros: Ros) -> None:
+    bridge, node = ros
+    count = itertools.count(1)
+    topics = node.run(ECHO, kinds={topic: one.type_name for topic, one in STOCK.items()})
+    assert len(topics) >= 30
+    sent = {
+        topic: from_dict(STOCK[topic], filled((Nodetype.NAME, STOCK[topic].type_name), count))
+        for topic in topics
+    }
+    wait_until_returned(bridge, sent)
+
+
+def test_large_image_and_long_path_return_from_a_node_unchanged(ros: Ros) -> None:
+    bridge, _ = ros
+    topics = {one: topic for topic, one in STOCK.items()}
+    pixels = np.random.default_rng(1).integers(0, 256, 1920 * 1080 * 3, np.uint8)
+    image = Image(height=1080, width=1920, encoding="rgb8", step=5760, data=pixels)
+    path = Path(poses=[PoseStamped(header=Header(frame_id="map")) for _ in range(1000)])
+    sent: dict[str, Message] = {topics[Image]: image, topics[Path]: path}
+    wait_until_returned(bridge, sent)
+
+
+def wait_until_returned(bridge: ModuleHarness[Ros2Bridge], sent: dict[str, Message]) -> None:
+    """Send messages, once a second those that have not returned, until each has with the same bytes."""
+    missing = {topic: message.encode() for topic, message in sent.items()}
+    sent_s = -RESEND_S
+
+    def have_all_returned() -> bool:
+        nonlocal sent_s
+        if time.monotonic() - sent_s >= RESEND_S:
+            sent_s = time.monotonic()
+            for topic in missing:
+                bridge.send(sent[topic], topic=f"all/{topic}")
+        for one in bridge.published_encoded:
+            if missing.get(one.topic) == one.data:
+                del missing[one.topic]
+        bridge.bus.published_encoded.clear()
+        return not missing
+
+    until(bridge, have_all_returned)
+
+
+def filled(definition: Any, count: Iterator[int]) -> Any:
+    """Return plain data for a field of a definition of Jazzy, with texts of several lengths."""
+    kind, about = definition
+    if kind is Nodetype.NAME:
+        return {name: filled(inner, count) for name, inner in JAZZY.fielddefs[about][1]}
+    if kind is Nodetype.ARRAY:
+        return [filled(about[0], count) for _ in range(about[1])]
+    if kind is Nodetype.SEQUENCE:
+        return [filled(about[0], count) for _ in range(3)]
+    number = next(count) % 100
+    return {"string": "x" * (number % 7), "bool": bool(number % 2)}.get(about[0], number)
