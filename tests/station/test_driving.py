@@ -112,11 +112,11 @@ def test_robot_stops_when_key_page_or_server_fails_and_the_page_reconnects(
                 page.press("#linear-limit [tabindex]", key)
             stops(journal, page, lambda: let_go_elsewhere(page))
             assert all(row[1] >= 0 for row in journal.rows("command"))
-            page.wait_for_selector("#drivers-seat:has-text('this page drives')")
+            page.wait_for_selector("#control-who:has-text('you drive')")
             stops(journal, page, lambda: hold(page, []), lambda: hold(page, [DEAD_MAN_BUTTON]))
             what_is_held_since_before_does_not_drive(journal, page)
             with page_of(started, address) as other:
-                other.wait_for_selector("#take-over:visible")
+                other.wait_for_selector("#take-over:enabled")
                 commands = len(journal.rows("command"))
                 other.keyboard.press("KeyW")
                 other.click("#take-over")

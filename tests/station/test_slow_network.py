@@ -136,14 +136,14 @@ def test_page_says_that_the_delay_is_too_long_to_drive(robot: Robot, journal: Jo
     ):
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
-        page.wait_for_selector("#state-driver:has-text('s: too long to drive')")
+        page.wait_for_selector("#control-why:has-text('s: too long to drive')")
         page.keyboard.down("KeyW")
-        page.wait_for_selector("#drivers-seat:has-text('too long to drive')")
+        page.wait_for_selector("#control-why:has-text('too long to drive')")
         page.wait_for_timeout(1500)
         page.keyboard.up("KeyW")
         assert driven(journal) == []
         proxy.delay_s = 0.0
-        page.wait_for_selector("#state-driver:has-text('nobody drives')")
+        page.wait_for_selector("#control-who:has-text('nobody drives')")
         page.keyboard.down("KeyW")
         wait_until(lambda: journal.speed() > 0.1)
         page.keyboard.up("KeyW")

@@ -13,7 +13,6 @@ from nicegui import ui
 
 from robbie_mp.attached.views.run_figures import state_name
 from robbie_mp.messages import BatteryState, LinkState
-from robbie_mp.station.page.control_buttons import ControlButtons
 from robbie_mp.station.page.state_item import ALERT, GOOD, UNKNOWN, WARNING, StateItem, clock_text
 
 if TYPE_CHECKING:
@@ -43,9 +42,6 @@ class StateStrip:
     Args:
         station: source of messages and figures.
         panels: add their own items, or replace one of the strip's of the same name.
-
-    Attributes:
-        control: who controls the robot, and the buttons to change that.
     """
 
     def __init__(self, station: StationContext, panels: Sequence[Panel] = ()):
@@ -54,7 +50,6 @@ class StateStrip:
         self._panels = panels
         self._battery = station.messages.newest(BatteryState)
         self._link = station.messages.newest(LinkState)
-        self.control = ControlButtons(station.messages, station.operators.command)
         self._charges: deque[tuple[float, float]] = deque(maxlen=600)
         self._charges_count = 0
         self._restarts: deque[tuple[float, int]] = deque(maxlen=round(RESTARTS_S / PERIOD_S) * 4)
@@ -74,15 +69,10 @@ class StateStrip:
     def build(self, page: Page) -> None:
         """Build the strip of a page."""
         chips: dict[str, Chip] = {}
-        with (
-            ui.element("div")
-            .classes("state-strip")
-            .props('id=state-strip role=group aria-label="State"') as strip
-        ):
-            chips["driver"] = Chip("driver")
+        strip = ui.element("div").classes("state-strip")
+        strip.props('id=state-strip role=group aria-label="State"')
 
         def update() -> None:
-            chips["driver"].show(self._driver(page))
             for item in self._items:
                 if item.name not in chips:
                     with strip:
@@ -91,25 +81,7 @@ class StateStrip:
 
         page.always(PERIOD_S, update)
 
-    def _driver(self, page: Page) -> StateItem:
-        holder, robot = self._operators.seat.holder, self._operators.command
-        if page.driver is not None and (delay := page.driver.delay):
-            detail = "this page does not drive until the network is quicker and you take hold again"
-            return StateItem("driver", "network_check", delay, ALERT, detail)
-        if robot.other:
-            detail = "an operator elsewhere drives; the commands of this page are refused"
-            return StateItem("driver", "sports_esports", robot.text[:24], WARNING, detail)
-        if holder is None:
-            return StateItem("driver", "person_off", "nobody drives", UNKNOWN)
-        mine = holder == page.key
-        text, rival = "you drive" if mine else "another page drives", robot.rival
-        if rival:
-            return StateItem("driver", "sports_esports", text, WARNING, f"commands of {rival} are refused")
-        return StateItem("driver", "sports_esports", text)
-
     def _look(self) -> Iterator[StateItem]:
-        if (control := self.control.item) is not None:
-            yield control
         reading, rates = self._run.figures.reading, self._run.figures.rates
         if reading is None:
             return

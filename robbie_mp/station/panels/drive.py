@@ -1,4 +1,4 @@
-"""Manual driving: the pad, the maximum speeds, and the page that drives."""
+"""Manual driving: the pad and the maximum speeds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class DrivePad(Element, component="drive_pad.js"):
 
 
 class DrivePanel(Panel):
-    """Shows the pad, speed limits, and the page that drives."""
+    """Shows the pad and speed limits."""
 
     name = "drive"
     title = "Drive"
@@ -30,7 +30,7 @@ class DrivePanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._settings, self._operators = station.settings, station.operators
+        self._settings = station.settings
         self._motion = station.robot.motion
 
     def build(self, page: Page) -> None:
@@ -56,8 +56,6 @@ class DrivePanel(Panel):
         page.every(0.2, self.name, update)
 
     def _build_controls(self, page: Page, driver: Drives) -> None:
-        seat = ui.label("").props("id=drivers-seat")
-        take_over = ui.button("Take over", on_click=driver.take_over).props("id=take-over dense no-caps")
         linear_text = ui.label("")
         linear = ui.slider(min=0.05, max=self._settings.max_linear_m_per_s, step=0.05)
         linear.props('id=linear-limit dense aria-label="Fastest ahead in m/s"')
@@ -88,15 +86,7 @@ class DrivePanel(Panel):
             angular.set_value(driver.angular_rad_per_s)
             linear_text.set_text(f"fastest ahead {driver.linear_m_per_s:.2f} m/s")
             angular_text.set_text(f"fastest turn {driver.angular_rad_per_s:.2f} rad/s")
-            take_over.set_visibility(driver.is_other_driving)
             without_guard.set_value(driver.without_guard)
-            late = f"; {driver.stale} commands came too late" if driver.stale else ""
-            robot = self._operators.command
-            own = f"this page drives{late}" if self._operators.seat.holder else "nobody drives"
-            own += f"; commands of {robot.rival} are refused" if robot.rival else ""
-            page = "another page drives" if driver.is_other_driving else own
-            refused = f"; {driver.refused} commands were refused" if driver.refused else ""
-            seat.set_text(driver.delay or (f"{robot.text}{refused}" if robot.other else page))
 
         update()
         page.every(0.25, self.name, update)

@@ -28,6 +28,8 @@ export default {
     return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, has_ended: false, refusal: "", kept: kept_press() };
   },
   mounted() {
+    this.unanswered = []; // times of the questions without an answer
+    this.trip_ms = 0;
     this.on_key = (event) => {
       if (event.key === "Escape" && !event.repeat) this.press();
     };
@@ -105,6 +107,7 @@ export default {
     beat() {
       this.now_ms = performance.now();
       if (window.socket?.connected) this.page_ms = this.now_ms;
+      this.tell_age();
       const { socket } = this;
       const limit_ms = socket.readyState === WebSocket.CONNECTING ? CONNECT_MS : LOST_MS;
       const silent_ms = this.now_ms - Math.max(this.heard_ms, socket.opened_ms ?? 0, socket.made_ms);
@@ -132,7 +135,16 @@ export default {
       if (this.socket.readyState !== WebSocket.OPEN) return;
       // Data that has not left this machine would only delay later questions.
       if (this.socket.bufferedAmount > MAX_UNSENT_BYTES) return;
-      this.socket.send(JSON.stringify({ asked_ms: performance.now(), press: this.kept?.name ?? "" }));
+      const asked_ms = performance.now();
+      this.unanswered = [...this.unanswered.slice(-MAX_UNANSWERED), asked_ms];
+      this.socket.send(JSON.stringify({ asked_ms, press: this.kept?.name ?? "" }));
+    },
+    // Tells the rest of the page how late it is: the time until the last answer, or since the first question without one.
+    tell_age() {
+      const is_open = this.socket.readyState === WebSocket.OPEN;
+      const since_ms = is_open ? (this.unanswered[0] ?? this.now_ms) : this.heard_ms;
+      const age_ms = Math.max(this.trip_ms, this.now_ms - since_ms);
+      dispatchEvent(new CustomEvent("robbie-link", { detail: { age_ms } }));
     },
     // Says why a page that was loaded gets no connection: what the robot, or a proxy before it, answers otherwise.
     async ask_why() {
@@ -152,6 +164,9 @@ export default {
     hear(answer) {
       this.now_ms = performance.now();
       this.heard_ms = Math.max(this.heard_ms, answer.asked_ms);
+      this.trip_ms = this.now_ms - answer.asked_ms;
+      this.unanswered = this.unanswered.filter((asked_ms) => asked_ms > answer.asked_ms);
+      this.tell_age();
       this.answer = answer;
       this.has_ended = answer.ends;
       if (this.kept && answer.press === this.kept.name && SETTLED.includes(answer.fate)) {
@@ -170,6 +185,7 @@ const ASK_WHY_MS = 5000;
 const STALE_S = 1; // a base tells its state several times a second
 const SOON_MS = 700; // a press that is settled within this is not worth a word
 const MAX_UNSENT_BYTES = 1000;
+const MAX_UNANSWERED = 100;
 const KEPT = "robbie-emergency-stop";
 const SETTLED = ["confirmed", "withdrawn"];
 

@@ -19,6 +19,7 @@ from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
 from robbie_mp.station.page.build import BrowserLink, PageParts, build_page
 from robbie_mp.station.page.cockpit import TILE_PATH
+from robbie_mp.station.page.control_bar import ControlBar
 from robbie_mp.station.page.layouts import LayoutCollection, check_layout, default_layouts
 from robbie_mp.station.page.moment_marker import MomentMarker
 from robbie_mp.station.page.page import Page
@@ -136,15 +137,16 @@ class Website:
 
     def _parts(self, titled: Sequence[tuple[Panel, str]]) -> PageParts:
         station, strip = self._context, self._strip
+        control = ControlBar(station.messages, station.operators)
         playback = PlaybackBar(station.messages, [kind for one in self._panels for kind in one.log_events])
         marker = MomentMarker(station.clock, station.log)
         below = [panel.build_below_tiles for panel in self._panels]
         return PageParts(
             driver=lambda page: Driver(station, page, self._module.publish),
             strip=strip.build,
-            tools=[strip.control.build, marker.build, self._emergency_stop.build],
-            bars=[panel.build_on_every_tab for panel in self._panels],
-            foot=[*below, playback.build, strip.control.add_keys],
+            tools=[marker.build, self._emergency_stop.build],
+            bars=[control.build, *(panel.build_on_every_tab for panel in self._panels)],
+            foot=[*below, playback.build, control.add_keys],
             panels=titled,
             plays_log=lambda: playback.has_log,
         )
