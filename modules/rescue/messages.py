@@ -30,10 +30,10 @@ class OrderAccepted(Reply, name="rescue_msgs/srv/OrderMission_Response", version
 class OrderMission(Request[OrderAccepted], name="rescue_msgs/srv/OrderMission_Request", version=1):
     """The operator orders the mission to do something. The mission refuses what does not fit its state."""
 
-    START: ClassVar[uint8] = 0  # also: continue after a pause
+    START: ClassVar[uint8] = 0  # also: continue after a pause, or begin another mission after the end of one
     PAUSE: ClassVar[uint8] = 1  # stop, and stand still until START
     ABORT: ClassVar[uint8] = 2  # stop, and end the mission where the robot is
-    RETURN: ClassVar[uint8] = 3  # drive home at once
+    RETURN: ClassVar[uint8] = 3  # drive home at once, also after the end of the mission
 
     order: uint8 = START
 
@@ -57,17 +57,28 @@ class MissionStatus(
     """The mission's state, and the orders that it accepts now. Published on each change and at intervals."""
 
     header: Header = DEFAULT
-    state: str = DEFAULT  # of its state machine, such as EXPLORE, PAUSE, RETURN, DONE
+    state: str = DEFAULT  # of its state machine, such as EXPLORE, PAUSE, RETURN, DONE, FAILED, ABORTED
     text: str = DEFAULT  # description of the state and its reason
     orders: Array[uint8] = DEFAULT  # constants of OrderMission that the mission accepts now
     used_s: float32 = math.nan  # time of the mission, which stands in a pause; NaN: not known
     limit_s: float32 = math.nan  # time by which the robot is to be home; NaN: not known
 
 
-class MissionResult(Message, name="rescue_msgs/msg/MissionResult", version=1):
+def _without_files(fields: dict[str, Any]) -> dict[str, Any]:
+    """Add how the mission has ended, and its files, which are not known."""
+    return {**fields, "state": "DONE", "files": []}
+
+
+class MissionResult(
+    Message,
+    name="rescue_msgs/msg/MissionResult",
+    version=2,
+    upgrades={1: Upgrade(_without_files)},
+):
     """The results of a mission that has ended. Published once, latched."""
 
     header: Header = DEFAULT
+    state: str = "DONE"  # DONE, FAILED or ABORTED
     reason: str = DEFAULT  # why the mission has ended
     used_s: float32 = DEFAULT  # time of the mission, without its pauses
     limit_s: float32 = DEFAULT  # time by which the robot was to be home
@@ -79,6 +90,7 @@ class MissionResult(Message, name="rescue_msgs/msg/MissionResult", version=1):
     collisions: int32 = -1  # number of times that the bumper was pressed; -1: there is no bumper
     battery: float32 = math.nan  # 0 … 1: charge that is left; NaN: not known
     notes: list[str] = DEFAULT  # what went wrong
+    files: list[str] = DEFAULT  # names of the report's files in the folder for results
 
 
 class VictimFound(Message, name="rescue_msgs/msg/VictimFound", version=1):

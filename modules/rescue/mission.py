@@ -49,7 +49,7 @@ from robbie_robots.workers.planar_pose import compose
 from robbie_robots.workers.rescue.look_around import LookAround
 from robbie_robots.workers.rescue.mission import Mission
 from robbie_robots.workers.rescue.mission_orders import OperatorOrder
-from robbie_robots.workers.rescue.mission_states import MissionSettings, MissionState
+from robbie_robots.workers.rescue.mission_states import ENDS, MissionSettings, MissionState
 from robbie_robots.workers.rescue.mission_targets import SearchedGrid
 from robbie_robots.workers.rescue.mission_victims import VictimReport
 from robbie_robots.workers.rescue.rescue_report import MissionFigures, known_m2, travelled_m, write_report
@@ -58,7 +58,7 @@ from robbie_robots.workers.rescue.victim_map import VictimState
 CLAIM_VALID_S = 3.0
 """How long the others leave this robot's target alone when it falls silent."""
 
-HOLDS = (MissionState.PAUSE, MissionState.DONE)
+HOLDS = {MissionState.PAUSE} | ENDS
 SETTLED = (VictimState.CONFIRMED, VictimState.REJECTED)
 TELL_S = 1.0
 """Period of the mission's status while it does not change."""
@@ -73,7 +73,9 @@ class RescueMission(MovingModule):
     The module also publishes the `Frontiers` that it can choose from.
 
     At the end, it publishes `MissionResult`, and writes the report: a map with victims and path in the style
-    of RoboCup Rescue (`NAME_map.png`), the victims (`NAME_victims.csv`), and figures (`mission.json`).
+    of RoboCup Rescue (`NAME_map.png`), the victims (`NAME_victims.csv`), and figures (`mission.json`). With
+    `goes_on` the module goes on, for an operator who drives by hand, calls the robot home or
+    starts another mission.
 
     After a restart, it continues: it still knows its home, the victims, the time used, the operator's order,
     and whether it was on its way home.
@@ -98,6 +100,7 @@ class RescueMission(MovingModule):
     ends_after_s: float = setting(
         1.0, "time between the end of the mission and that of the module", minimum=0.0
     )
+    goes_on: bool = setting(False, "whether the module goes on after the mission, for another one")
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -127,8 +130,13 @@ class RescueMission(MovingModule):
         self.look = LookAround()
         self.pose: tuple[float, float, float] | None = None
         self.pose_stamp = Time()
-        mission = self.mission
-        self.goals = NavigationGoals(self, mission.arrived, mission.unreachable, mission.see_stopped)
+        self.goals = NavigationGoals(
+            self,
+            # Not bound to this mission: another one may follow it.
+            lambda: self.mission.arrived(),  # noqa: PLW0108
+            lambda reason: self.mission.unreachable(reason),  # noqa: PLW0108
+            lambda reason: self.mission.see_stopped(reason),  # noqa: PLW0108
+        )
         # With its feedback, navigation says whether the robot can drive.
         self.mission.see_stopped(None)
         self.camera_turn = CameraTurn(self)
@@ -262,6 +270,8 @@ class RescueMission(MovingModule):
         if order.order in (OperatorOrder.START, OperatorOrder.RETURN):
             check_order(self)
         refusal = self.mission.order(order.order)
+        if refusal is None and order.order == OperatorOrder.START and self.mission.has_ended:
+            self._begin_another()
         if refusal is not None:
             self.log.warning("refused an order of %s: %s", self.envelope.sender, refusal)
             raise CallRefused(refusal)
@@ -287,16 +297,29 @@ class RescueMission(MovingModule):
             self.log.warning("%s", note)
         self.notes_told = len(self.mission.notes)
         self._tell()
-        if self.mission.machine.is_final and not self.has_told_result:
-            self.has_told_result = True
-            self.publish(self._result(), latched=True)
+        if self.mission.has_ended and not self.has_told_result:
+            self.publish(self._result(self._write_report()), latched=True)
+        self.has_told_result = self.mission.has_ended
         self.status = self.mission.status
-        if self.mission.machine.is_final and self.mission.machine.time_in_state_s >= self.ends_after_s:
+        is_over = self.mission.has_ended and not self.goes_on
+        if is_over and self.mission.machine.time_in_state_s >= self.ends_after_s:
             self.log.info("the mission has ended: %s", self.status)
             self.stop()
 
     def teardown(self) -> None:
-        """Write the report."""
+        """Write the report, unless the mission has ended and it is there."""
+        if not self.has_told_result:
+            self._write_report()
+
+    def _begin_another(self) -> None:
+        """Begin another mission where the robot stands."""
+        self.mission = self.mission.following()
+        self.notes_told = 0
+        self.show_state(self.mission.state)
+        self.log.info("mission %d begins", self.mission.number)
+
+    def _write_report(self) -> list[str]:
+        """Write the report, and return the names of its files."""
         mission = self.mission
         figures = MissionFigures(
             state=mission.state.name,
@@ -306,7 +329,7 @@ class RescueMission(MovingModule):
             notes=mission.notes,
             collisions=mission.collisions,
         )
-        write_report(
+        return write_report(
             self.write_result,
             self.report_name,
             figures,
@@ -315,6 +338,7 @@ class RescueMission(MovingModule):
             list(mission.victims.reports.values()),
             mission.path_m,
             mission.home,
+            mission.number,
         )
 
     def _tell(self) -> None:
@@ -370,13 +394,14 @@ class RescueMission(MovingModule):
             )
         )
 
-    def _result(self) -> MissionResult:
+    def _result(self, files: list[str]) -> MissionResult:
         mission = self.mission
         states = [report.state for report in mission.victims.reports.values()]
         mapped_m2 = 0.0 if self.map is None else known_m2(*map_cells(self.map)[:2])
         battery, searched = mission.limits.battery, mission.searched
         return MissionResult(
             header=self._header(),
+            state=mission.state.name,
             reason=mission.machine.reason,
             used_s=mission.limits.used_s,
             limit_s=self.time_limit_s,
@@ -388,6 +413,7 @@ class RescueMission(MovingModule):
             collisions=-1 if mission.collisions is None else mission.collisions,
             battery=math.nan if battery is None else battery,
             notes=mission.notes,
+            files=files,
         )
 
     def _state_changed(self, state: MissionState) -> None:

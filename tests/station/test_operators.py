@@ -103,7 +103,7 @@ def test_pages_of_two_laptops_show_who_drives_and_both_stop_the_robot(robot: Rob
     laptops = {name: connected(robot, address, name) for name in ("anna", "ben")}
     journal = Journal(robot)
     with browser() as started, page_of(started, page_address(laptops["anna"])) as anna:
-        anna.wait_for_selector("#control-who:has-text('nobody drives')")
+        anna.wait_for_selector("#control-who:has-text('modules drive')")
         held(anna, "KeyW", lambda: journal.speed() > 0.1)
         anna.wait_for_selector("#control-who:has-text('you drive')")
         anna.keyboard.up("KeyW")
@@ -128,8 +128,8 @@ def test_pages_of_two_laptops_show_who_drives_and_both_stop_the_robot(robot: Rob
             ben.keyboard.up("KeyW")
             ben.click("#take-over")
             anna.wait_for_selector("#control-who:has-text('ben drives')")
-            ben.wait_for_selector("#control-who:has-text('you drive')")
             held(ben, "KeyW", lambda: journal.speed() > 0.1)
+            ben.wait_for_selector("#control-who:has-text('you drive')")
             anna.bring_to_front()
             anna.keyboard.press("Escape")
             ben.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")

@@ -5,7 +5,7 @@ The mission decides; it does not drive. Call `step` a few times each second and 
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,13 @@ from robbie_robots.workers.exploration.frontiers import Frontier
 from robbie_robots.workers.exploration.team_claims import Claim, TeamClaims
 from robbie_robots.workers.rescue.mission_limits import MissionLimits
 from robbie_robots.workers.rescue.mission_orders import OperatorOrder, OperatorOrders
-from robbie_robots.workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
+from robbie_robots.workers.rescue.mission_states import (
+    ENDS,
+    TIME_OUTS,
+    TRANSITIONS,
+    MissionSettings,
+    MissionState,
+)
 from robbie_robots.workers.rescue.mission_targets import (
     MissionMap,
     MissionTargets,
@@ -74,6 +80,7 @@ class Mission:
         collisions: how often the bumper has been pressed. None: no bumper has reported.
         claims: what other robots drive to.
         away: devices that are disconnected.
+        number: the number of this mission in the run, from 1.
     """
 
     def __init__(
@@ -93,11 +100,12 @@ class Mission:
         self.collisions: int | None = None
         self.claims = TeamClaims(clock)
         self.away: list[str] = []
+        self.number = 1
         self._devices: set[str] = set()
         self._right_of_way = RightOfWay(clock)
         self._way_m = 0.0
         self._touches = False
-        self._clock = clock
+        self._clock, self._on_change = clock, on_change
         self._targets = MissionTargets(self.settings)
         self._target: RescueTarget | None = None
         self._around: MissionMap | None = None
@@ -110,6 +118,8 @@ class Mission:
         self._home_attempts = 0
         self._last_goal: Points | None = None
         self._ended: str | None = None
+        self._is_over_time = False
+        """The operator has called the robot home after the end of its mission, when no limit counts."""
         self._known_at_end: set[int] = set()
 
     @property
@@ -135,9 +145,14 @@ class Mission:
         return self._searched
 
     @property
+    def has_ended(self) -> bool:
+        """Return whether the mission has ended; the operator may start another one."""
+        return self.state in ENDS
+
+    @property
     def is_working(self) -> bool:
         """Return whether the robot works, or may find work again."""
-        return self._ended is None and not self.machine.is_final
+        return self._ended is None and not self.has_ended
 
     @property
     def claim(self) -> Claim | None:
@@ -204,8 +219,10 @@ class Mission:
         if refusal is None:
             self.operator.is_held = order == OperatorOrder.PAUSE
             if order == OperatorOrder.ABORT:
-                self._end("aborted by the operator")
+                self._end(MissionState.ABORTED, "aborted by the operator")
             elif order == OperatorOrder.RETURN:
+                self._is_over_time |= self.has_ended
+                self._home_attempts = 0
                 self._return("ordered by the operator")
         return refusal
 
@@ -229,7 +246,7 @@ class Mission:
 
     def step(self) -> RescueOrder:
         """Decide what the robot does now, and return it."""
-        if self.machine.is_final:
+        if self.has_ended:
             return RescueOrder()
         if self.operator.is_awaited:
             self.limits.begin()
@@ -245,13 +262,13 @@ class Mission:
 
     def _wait(self) -> RescueOrder:
         if self.limits.is_over:
-            self._end("the time is over, and it never began")
+            self._end(MissionState.FAILED, "the time is over, and it never began")
         return RescueOrder()
 
     def _judge(self) -> None:
         """Change the state if an input requires it."""
-        if self.limits.is_over:
-            self._end("the time is over")
+        if self.limits.is_over and not self._is_over_time:
+            self._end(MissionState.FAILED, "the time is over")
         elif self.operator.is_held:
             if self.operator.has_begun and self.state is not MissionState.PAUSE:
                 self.machine.go(MissionState.PAUSE, "ordered by the operator")
@@ -382,13 +399,13 @@ class Mission:
             return
         self._home_attempts += 1
         if away_m <= self.settings.arrived_m or self._home_attempts >= HOME_ATTEMPTS:
-            self._end(
-                "is home" if away_m <= self.settings.arrived_m else f"{away_m:.1f} m from home: {reason}"
-            )
+            is_home = away_m <= self.settings.arrived_m
+            end = MissionState.DONE if is_home else MissionState.FAILED
+            self._end(end, "is home" if is_home else f"{away_m:.1f} m from home: {reason}")
 
-    def _end(self, reason: str) -> None:
+    def _end(self, state: MissionState, reason: str) -> None:
         self._target = None
-        self.machine.go(MissionState.DONE, reason)
+        self.machine.go(state, reason)
 
     def _give_up_target(self, *, was_there: bool) -> None:
         if self._target is not None:
@@ -412,10 +429,23 @@ class Mission:
 
     # -- restarts --------------------------------------------------------------------------------------
 
+    def following(self) -> "Mission":
+        """Return the next mission of this robot. It begins where the robot stands, and knows the victims."""
+        settings = replace(self.settings, starts_by_itself=True)
+        following = Mission(self._clock, settings, self._on_change)
+        following.number = self.number + 1
+        following.victims, following.claims, following.collisions = self.victims, self.claims, self.collisions
+        following.operator.must_order = self.operator.must_order
+        following.away, following._devices = self.away, self._devices
+        following._stopped = self._stopped
+        return following
+
     def memory(self) -> dict[str, Any]:
         """Return what a restarted mission needs to go on, as plain data."""
         return {
-            "over": self.machine.reason if self.machine.is_final else None,
+            "over": (self.state.name, self.machine.reason) if self.has_ended else None,
+            "number": self.number,
+            "is_over_time": self._is_over_time,
             "is_held": self.operator.is_held,
             "has_begun": self.operator.has_begun,
             "home": self.home,
@@ -440,5 +470,7 @@ class Mission:
         self.limits.remember(memory["limits"])
         self.collisions = memory["collisions"]
         self.operator.is_held, self.operator.has_begun = memory["is_held"], memory["has_begun"]
+        self.number, self._is_over_time = memory["number"], memory["is_over_time"]
         if memory["over"] is not None:
-            self._end(memory["over"])
+            state, reason = memory["over"]
+            self._end(MissionState[state], reason)

@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from robbie_robots.workers.rescue.mission_states import MissionState
+from robbie_robots.workers.rescue.mission_states import ENDS, MissionState
 
 
 class OperatorOrder(IntEnum):
@@ -42,10 +42,11 @@ class OperatorOrders:
             return f"there is no order {order}; orders are " + ", ".join(
                 f"{known.value} ({known.name})" for known in OperatorOrder
             )
-        if state is MissionState.DONE:
+        if state in ENDS and order in (OperatorOrder.PAUSE, OperatorOrder.ABORT):
             return f"{OperatorOrder(order).name}: the mission has ended"
+        may_start = self.is_held or self.must_order or state in ENDS
         refusals = {
-            OperatorOrder.START: None if self.is_held or self.must_order else "the mission is under way",
+            OperatorOrder.START: None if may_start else "the mission is under way",
             OperatorOrder.PAUSE: "the robot stands already, until START" if self.is_held else None,
             OperatorOrder.ABORT: None,
             OperatorOrder.RETURN: self._refuses_return(state),

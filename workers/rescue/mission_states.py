@@ -22,12 +22,16 @@ class MissionState(StrEnum):
     HALT = "stands, until it may and can drive"
     PAUSE = "stands, until the operator resumes"
     RETURN = "drives home"
-    DONE = "stands, its mission ended"
+    DONE = "stands, its mission done"
+    FAILED = "stands, its mission failed"
+    ABORTED = "stands, its mission aborted"
 
 
 _S = MissionState
 _WORK = {_S.EXPLORE, _S.SEARCH, _S.APPROACH}
-_ALWAYS = {_S.GIVE_WAY, _S.HALT, _S.PAUSE, _S.RETURN, _S.DONE}
+ENDS = frozenset({_S.DONE, _S.FAILED, _S.ABORTED})
+"""In these the mission has ended; the operator may still call the robot home."""
+_ALWAYS = {_S.GIVE_WAY, _S.HALT, _S.PAUSE, _S.RETURN} | ENDS
 TRANSITIONS = {
     _S.WAIT: _WORK | _ALWAYS,
     _S.EXPLORE: _WORK | {_S.ASK} | _ALWAYS,
@@ -37,10 +41,12 @@ TRANSITIONS = {
     _S.INSPECT: {_S.EXPLORE, _S.ASK} | _ALWAYS,
     _S.ASK: {_S.EXPLORE} | _ALWAYS,
     _S.GIVE_WAY: {_S.EXPLORE} | (_ALWAYS - {_S.GIVE_WAY}),
-    _S.HALT: {_S.EXPLORE, _S.PAUSE, _S.RETURN, _S.DONE},
-    _S.PAUSE: {_S.EXPLORE, _S.HALT, _S.RETURN, _S.DONE},
-    _S.RETURN: {_S.EXPLORE, _S.GIVE_WAY, _S.HALT, _S.PAUSE, _S.DONE},
-    _S.DONE: set(),
+    _S.HALT: {_S.EXPLORE, _S.PAUSE, _S.RETURN} | ENDS,
+    _S.PAUSE: {_S.EXPLORE, _S.HALT, _S.RETURN} | ENDS,
+    _S.RETURN: {_S.EXPLORE, _S.GIVE_WAY, _S.HALT, _S.PAUSE} | ENDS,
+    _S.DONE: {_S.RETURN},
+    _S.FAILED: {_S.RETURN},
+    _S.ABORTED: {_S.RETURN},
 }
 TIME_OUTS = {
     _S.LOOK: TimeOut(1.5, _S.EXPLORE),

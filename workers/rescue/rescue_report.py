@@ -67,8 +67,9 @@ def write_report(
     victims: Sequence[VictimReport],
     path_m: Sequence[tuple[float, float]],
     home: ArrayLike | None,
-) -> None:
-    """Write `NAME_map.png` (if there is a map), `NAME_victims.csv` and `mission.json`.
+    number: int = 1,
+) -> list[str]:
+    """Write `NAME_map.png` (if there is a map), `NAME_victims.csv` and `mission.json`; return their names.
 
     Args:
         write: writes a file, given its name and content.
@@ -79,7 +80,10 @@ def write_report(
         victims: all reported victims.
         path_m: where the robot was, m, map frame.
         home: x, y (m) and heading (rad) where the mission began.
+        number: of the mission in the run; from the second on, it follows the names of the files.
     """
+    ending = "" if number == 1 else f"_{number}"
+    names = [f"{name}_victims{ending}.csv", f"mission{ending}.json"]
     if made_map is not None:
         picture = RescuePicture(*made_map)
         if searched is not None:
@@ -89,8 +93,9 @@ def write_report(
             picture.draw_start(home)
         for victim in victims:
             picture.draw_victim(victim)
-        write(f"{name}_map.png", picture.png(f"{name}_map.png"))
-    write(f"{name}_victims.csv", _victims_csv(victims))
+        names.append(f"{name}_map{ending}.png")
+        write(names[-1], picture.png(names[-1]))
+    write(names[0], _victims_csv(victims))
     described = {
         **asdict(figures),
         "notes": list(figures.notes),
@@ -98,7 +103,8 @@ def write_report(
         "mapped_m2": None if made_map is None else round(known_m2(*made_map[:2]), 2),
         "victims": [{**asdict(victim), "state": victim.state.name} for victim in victims],
     }
-    write("mission.json", json.dumps(described, indent=2) + "\n")
+    write(names[1], json.dumps(described, indent=2) + "\n")
+    return names
 
 
 def travelled_m(path_m: Sequence[tuple[float, float]]) -> float:

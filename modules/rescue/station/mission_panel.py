@@ -19,10 +19,11 @@ from robbie_mp.station.watch.latest import silence
 from robbie_mp.station.watch.run import REFRESH_S
 from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.messages import MissionStatus, OrderMission, VictimFound
-from robbie_robots.modules.rescue.station.mission_results import MissionResults
+from robbie_robots.modules.rescue.station.mission_results import DONE, ENDS, MissionResults
 from robbie_robots.modules.rescue.station.victim_question import VictimQuestion
 from robbie_robots.modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
 from robbie_robots.modules.rescue.station.wall_layers import add_wall_layers
+from robbie_robots.modules.rescue.station.way_home import WayHome
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
@@ -37,7 +38,7 @@ BUTTONS = (
 """Each with its icon, colour and key."""
 SILENT_AFTER_S = 5.0
 """Maximum time between two messages of a mission that works."""
-DONE, PAUSE = "DONE", "PAUSE"
+PAUSE = "PAUSE"
 MAX_ITEM_CHARACTERS = 28
 
 
@@ -53,12 +54,13 @@ class MissionPanel(Panel):
         super().__init__(station)
         messages, marks = station.messages, station.map.marks
         self._figures = station.run.figures
-        self._results = MissionResults(messages)
+        self._results = MissionResults(messages, station.run.output_directory)
         self._control = MissionControl(messages)
         self._watch = VictimWatch(messages)
         self._question = VictimQuestion(self._watch)
         marks.add("victims", self._watch.marks)
         add_wall_layers(messages, marks)
+        marks.area_warnings.append(WayHome(station).warning)
 
     def build_on_every_tab(self, page: Page) -> None:
         """Build the results of the mission."""
@@ -149,7 +151,9 @@ class MissionControl:
             give(OrderMission.ABORT)
 
         with dialog, ui.card():
-            ui.label("Really abort the mission? The robot stops where it is, and the mission ends.")
+            ui.label(
+                "Really abort the mission? The robot stops where it is, and the mission cannot continue."
+            )
             with ui.row():
                 ui.button("Abort", on_click=abort, color="red-10").props("id=confirm-abort")
                 ui.button("No", on_click=dialog.close)
@@ -179,8 +183,9 @@ def mission_item(status: MissionStatus, silent: str) -> StateItem:
     limit = f" / {clock_text(status.limit_s)}" if math.isfinite(status.limit_s) else ""
     used = f" {clock_text(status.used_s)}{limit}" if math.isfinite(status.used_s) else ""
     text, detail = f"{status.state}{used}"[:MAX_ITEM_CHARACTERS], status.text
-    if status.state == DONE:
-        return StateItem("mission", "flag", text, GOOD, detail)
+    if status.state in ENDS:
+        look = GOOD if status.state == DONE else WARNING
+        return StateItem("mission", "flag", text, look, detail)
     if silent:
         return StateItem("mission", "flag", text, ALERT, f"the mission has been silent for {silent}")
     if status.state == PAUSE:

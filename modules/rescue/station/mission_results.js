@@ -2,11 +2,15 @@
 export default {
   template: `<div style="position: absolute"><section v-if="rows.length && !is_closed" id="mission-results" class="mission-results"
       aria-label="Results of the mission">
-    <h2>The mission has ended</h2>
+    <h2>{{ title }}</h2>
     <dl><template v-for="[name, text] in rows" :key="name"><dt>{{ name }}</dt><dd>{{ text }}</dd></template></dl>
+    <p v-if="files.length">Report: <a v-for="name in files" :key="name" :href="prefix + '/results/' + name" :download="name">{{ name }}</a></p>
     <button type="button" id="close-results" @click="is_closed = true">Close</button>
   </section></div>`,
-  props: { rows: Array },
+  props: { title: String, rows: Array, files: Array },
+  created() {
+    this.prefix = window.path_prefix;
+  },
   data() {
     return { is_closed: false };
   },

@@ -1,13 +1,18 @@
-"""The results of a mission that has ended. The page keeps them when the robot's run ends, too."""
+"""The results of a mission that has ended, and its report. The page keeps them when the run ends, too."""
 
 from __future__ import annotations
 
 import math
+import os
+import re
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nicegui import ui
+from nicegui import app, ui
 from nicegui.element import Element
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
 
 from robbie_mp.messages import TimeJump
 from robbie_mp.station.page.state_item import clock_text
@@ -19,6 +24,10 @@ if TYPE_CHECKING:
 
 STYLE = Path(__file__).parent / "mission_results.css"
 DONE = "DONE"
+ENDS = {DONE: "The mission is done", "FAILED": "The mission has failed", "ABORTED": "The mission was aborted"}
+"""States of a mission that has ended, each with the title of its results."""
+ADDRESS = "/results/{name}"
+MAX_FILE_BYTES = 1 << 25
 Rows = list[tuple[str, str]]
 
 
@@ -27,12 +36,13 @@ class ResultsCard(Element, component="mission_results.js"):
 
     def __init__(self) -> None:
         super().__init__()
-        self._props["rows"] = []
+        self._props.update(title="", rows=[], files=[])
 
-    def show(self, rows: Rows) -> None:
+    def show(self, title: str, rows: Rows, files: list[str]) -> None:
         """Show other results; none hide the card."""
-        if self._props["rows"] != rows:
-            self._props["rows"] = rows
+        now = {"title": title, "rows": rows, "files": files}
+        if any(self._props[name] != value for name, value in now.items()):
+            self._props.update(now)
             self.update()
 
 
@@ -41,10 +51,13 @@ class MissionResults:
 
     Args:
         messages: source of the messages.
+        folder: where the report's files are, if the mission runs on this machine.
     """
 
-    def __init__(self, messages: MessageSource):
-        self.rows: Rows = []
+    def __init__(self, messages: MessageSource, folder: Path):
+        self._folder = folder
+        self.title, self.rows, self.files = "", Rows(), list[str]()
+        app.add_api_route(ADDRESS, self._answer, include_in_schema=False, response_class=Response)
         messages.hear(MissionResult, self._on_result)
         messages.hear(MissionStatus, self._on_status)
         messages.hear(TimeJump, lambda _jump: self._forget())
@@ -53,17 +66,40 @@ class MissionResults:
         """Add the card to a page."""
         ui.add_css(STYLE)
         card = ResultsCard()
-        page.always(0.2, lambda: card.show(self.rows))
+        page.always(0.2, lambda: card.show(self.title, self.rows, self.files))
 
     def _on_result(self, result: MissionResult) -> None:
-        self.rows = rows_of(result)
+        self.title, self.rows = ENDS.get(result.state, "The mission has ended"), rows_of(result)
+        self.files = [name for name in result.files if self._content(name) is not None]
 
     def _on_status(self, status: MissionStatus) -> None:
-        if status.state != DONE:
+        if status.state not in ENDS:
             self._forget()
 
     def _forget(self) -> None:
-        self.rows = []
+        self.rows, self.files = [], []
+
+    def _answer(self, name: str) -> Response:
+        """Answer the request for a file of the report, and for no other one."""
+        content = self._content(name) if name in self.files else None
+        if content is None:
+            raise HTTPException(404)
+        headers = {
+            "Content-Disposition": f'attachment; filename="{name}"',
+            "X-Content-Type-Options": "nosniff",
+        }
+        return Response(content, media_type="application/octet-stream", headers=headers)
+
+    def _content(self, name: str) -> bytes | None:
+        """Return what a file of the report holds; None if it is not there, or no plain file."""
+        if not re.fullmatch(r"[\w.-]{1,100}", name, re.ASCII):
+            return None
+        try:
+            descriptor = os.open(self._folder / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except OSError:
+            return None
+        with open(descriptor, "rb") as file:
+            return file.read(MAX_FILE_BYTES) if stat.S_ISREG(os.fstat(descriptor).st_mode) else None
 
 
 def rows_of(result: MissionResult) -> Rows:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -38,10 +39,18 @@ class MapDrawing:
         page: the operator's page.
         annotations: the newest annotations; without any, no module keeps them, and the menu is hidden.
         draw: called with the kind of drawing that the operator begins, one of `DRAWN`.
+        area_warnings: return what is wrong with a no-go area that has these corners; '' if nothing is.
     """
 
-    def __init__(self, page: Page, annotations: Latest[MapAnnotations], draw: Callable[[str], None]):
+    def __init__(
+        self,
+        page: Page,
+        annotations: Latest[MapAnnotations],
+        draw: Callable[[str], None],
+        area_warnings: Sequence[Callable[[Sequence[Point]], str]] = (),
+    ):
         self._page = page
+        self._area_warnings = area_warnings
         self._annotations = annotations
         self._shown = 0
         self._keep: Callable[[str], None] = lambda _name: None
@@ -56,6 +65,7 @@ class MapDrawing:
             self._list = ui.column().classes("q-px-sm gap-0")
         with ui.dialog() as self._dialog, ui.card():
             self._question = ui.label("")
+            self._warning = ui.label("").props("id=map-draw-warning role=alert").classes("text-negative")
             self._name = ui.input("Name").props(f"for=map-draw-name autofocus maxlength={MAX_NAME}")
             self._name.on("keyup.enter", self._named)
             with ui.row():
@@ -77,8 +87,11 @@ class MapDrawing:
             for area in newest.no_go:
                 self._build_entry(area.name, is_place=False)
 
-    def outlined(self, sent: Any) -> None:
-        """Ask for the name of an area whose corners the page's script has sent, then save it."""
+    async def outlined(self, sent: Any) -> None:
+        """Ask for the name of an area whose corners the page's script has sent, then save it.
+
+        What is wrong with the area stands beside the question.
+        """
         corners = checked_corners(sent)
         if corners is None:
             return
@@ -88,8 +101,10 @@ class MapDrawing:
             self._page.ask(AnnotateMap(no_go=[area]), "the no-go area", "the no-go area is saved")
 
         self._ask_name("Name of the no-go area (empty: a number)", keep)
+        found = [await asyncio.to_thread(warning, corners) for warning in self._area_warnings]
+        self._warning.set_text("; ".join(filter(None, found)))
 
-    def pointed(self, sent: Any) -> None:
+    async def pointed(self, sent: Any) -> None:
         """Ask for the name of a place that the page's script has sent, then save it."""
         pose = checked_place(sent)
         if pose is None:
@@ -103,6 +118,7 @@ class MapDrawing:
 
     def _ask_name(self, question: str, keep: Callable[[str], None]) -> None:
         self._question.set_text(question)
+        self._warning.set_text("")
         self._keep = keep
         self._dialog.open()
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.messages import PointOfInterest, PointsOfInterest, TimeJump
+from robbie_mp.messages import Point, PointOfInterest, PointsOfInterest, TimeJump
 from robbie_mp.station.watch.latest import MessageSource
 
 MAX_TOPICS = 16
@@ -72,9 +72,12 @@ class MapMarks:
 
     Attributes:
         layers: the layers with cells.
+        area_warnings: return what is wrong with a no-go area that has these corners; '' if nothing is. They
+            run in threads beside the page server.
     """
 
     def __init__(self) -> None:
+        self.area_warnings: list[Callable[[Sequence[Point]], str]] = []
         self.layers: list[CellLayer] = []
         self._sources: dict[str, Callable[[], Iterable[MapMark]]] = {}
 

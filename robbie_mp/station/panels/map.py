@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -184,11 +184,11 @@ class MapPanel(Panel):
             mode.set_value(None)
             view.set(placing=what)
 
-        drawing = MapDrawing(page, self._annotations, draw)
+        drawing = MapDrawing(page, self._annotations, draw, self._marks.area_warnings)
 
-        def drawn(event: GenericEventArguments, keep: Callable[[Any], None]) -> None:
+        async def drawn(event: GenericEventArguments, keep: Callable[[Any], Awaitable[None]]) -> None:
             mode.set_value("")
-            keep(event.args)
+            await keep(event.args)
 
         view.on("outlined", lambda event: drawn(event, drawing.outlined))
         view.on("pointed", lambda event: drawn(event, drawing.pointed))

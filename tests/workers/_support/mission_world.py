@@ -70,7 +70,7 @@ class Rescue:
             orders = self.step()
             if not states or states[-1] is not self.state():
                 states.append(self.state())
-            if self.state() is S.DONE:
+            if self.mission.has_ended:
                 return states
             if orders.goal is not None:
                 self.pose = orders.goal

@@ -104,7 +104,7 @@ def test_goal_is_kept_while_the_map_shifts_only_slightly() -> None:
     assert np.array_equal(present(rescue.step().goal), present(first))
 
 
-@pytest.mark.parametrize(("passed_s", "state"), [(70.0, S.EXPLORE), (81.0, S.RETURN), (101.0, S.DONE)])
+@pytest.mark.parametrize(("passed_s", "state"), [(70.0, S.EXPLORE), (81.0, S.RETURN), (101.0, S.FAILED)])
 def test_mission_turns_back_before_the_time_is_over(passed_s: float, state: S) -> None:
     rescue = Rescue(HALF_KNOWN, time_limit_s=100.0, spare_s=20.0)
     rescue.search_everything()
@@ -141,7 +141,7 @@ def test_robot_that_can_never_drive_again_ends_its_mission_in_time() -> None:
     rescue.mission.see_stopped("STOPPED_NO_LASER: the laser is silent")
     rescue.step()
     rescue.step(100.0)
-    assert (rescue.state(), rescue.mission.machine.reason) == (S.DONE, "the time is over")
+    assert (rescue.state(), rescue.mission.machine.reason) == (S.FAILED, "the time is over")
 
 
 def test_mission_without_a_camera_continues_without_victims_and_reports_it() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from robbie_robots.workers.rescue.mission_orders import OperatorOrder, OperatorOrders
 from robbie_robots.workers.rescue.mission_states import MissionState
+from robbie_robots.workers.rescue.victim_map import VictimState
 from tests._support.present import present
 from tests.workers._support.mission_world import HALL, START, Rescue
 
@@ -60,7 +61,7 @@ def test_time_continues_during_a_pause() -> None:
     rescue.begin()
     rescue.mission.order(OperatorOrder.PAUSE)
     rescue.step(99.0)
-    assert (rescue.state(), rescue.mission.machine.reason) == (S.DONE, "the time is over")
+    assert (rescue.state(), rescue.mission.machine.reason) == (S.FAILED, "the time is over")
 
 
 def test_time_may_stand_during_a_pause_also_if_the_mission_is_restarted() -> None:
@@ -79,7 +80,7 @@ def test_time_may_stand_during_a_pause_also_if_the_mission_is_restarted() -> Non
     again.step()
     assert again.state() is S.SEARCH
     again.step(again.mission.settings.time_limit_s)
-    assert (again.state(), again.mission.machine.reason) == (S.DONE, "the time is over")
+    assert (again.state(), again.mission.machine.reason) == (S.FAILED, "the time is over")
 
 
 def test_battery_is_judged_by_all_the_time_with_pauses() -> None:
@@ -141,7 +142,7 @@ def test_robot_called_home_while_it_cannot_drive_returns_when_it_can() -> None:
 def test_aborted_mission_ends_where_the_robot_is() -> None:
     rescue = under_way()
     assert rescue.mission.order(OperatorOrder.ABORT) is None
-    assert (rescue.state(), rescue.mission.machine.reason) == (S.DONE, "aborted by the operator")
+    assert (rescue.state(), rescue.mission.machine.reason) == (S.ABORTED, "aborted by the operator")
     assert rescue.step().goal is None
 
 
@@ -150,7 +151,7 @@ def test_aborted_mission_ends_where_the_robot_is() -> None:
     [
         (OperatorOrder.PAUSE, S.PAUSE),
         (OperatorOrder.RETURN, S.RETURN),
-        (OperatorOrder.ABORT, S.DONE),
+        (OperatorOrder.ABORT, S.ABORTED),
         (OperatorOrder.START, S.SEARCH),
     ],
 )
@@ -183,7 +184,8 @@ def test_mission_restarted_before_its_start_still_waits_for_it() -> None:
         (False, True, S.HALT, [OperatorOrder.PAUSE, OperatorOrder.ABORT, OperatorOrder.RETURN]),
         (True, True, S.PAUSE, [OperatorOrder.START, OperatorOrder.ABORT, OperatorOrder.RETURN]),
         (False, True, S.RETURN, [OperatorOrder.PAUSE, OperatorOrder.ABORT]),
-        (False, True, S.DONE, []),
+        (False, True, S.DONE, [OperatorOrder.START, OperatorOrder.RETURN]),
+        (False, False, S.FAILED, [OperatorOrder.START]),
     ],
 )
 def test_only_orders_that_fit_the_state_are_obeyed(
@@ -204,5 +206,33 @@ def test_refused_order_changes_nothing_and_has_a_reason() -> None:
     assert present(rescue.mission.order(9)).startswith("there is no order 9; orders are 0 (START)")
     assert rescue.state() is S.SEARCH
     rescue.mission.order(OperatorOrder.ABORT)
-    assert rescue.mission.order(OperatorOrder.RETURN) == "RETURN: the mission has ended"
-    assert rescue.state() is S.DONE
+    assert rescue.mission.order(OperatorOrder.PAUSE) == "PAUSE: the mission has ended"
+    assert rescue.state() is S.ABORTED
+
+
+def test_operator_calls_the_robot_home_after_a_mission_that_has_failed() -> None:
+    rescue = Rescue(HALL, time_limit_s=100.0)
+    rescue.begin()
+    rescue.pose = np.add(rescue.pose, (2.0, 0.0, 0.0))
+    rescue.step(200.0)
+    assert rescue.state() is S.FAILED
+    assert rescue.mission.order(OperatorOrder.RETURN) is None
+    again = restarted(rescue, time_limit_s=100.0)
+    again.begin()
+    assert again.step().goal == pytest.approx(rescue.mission.home)
+    assert again.drive()[-1] is S.DONE
+
+
+def test_following_mission_begins_where_the_robot_stands_and_knows_the_victims() -> None:
+    rescue = under_way()
+    rescue.tell(VictimState.CONFIRMED)
+    rescue.mission.order(OperatorOrder.ABORT)
+    rescue.pose = np.add(rescue.pose, (1.0, 0.0, 0.0))
+    rescue.step()
+    first, rescue.mission = rescue.mission, rescue.mission.following()
+    rescue.begin()
+    assert (rescue.state(), rescue.mission.number) == (S.SEARCH, 2)
+    assert rescue.mission.home == pytest.approx(rescue.pose)
+    assert rescue.mission.victims.reports == first.victims.reports
+    assert rescue.mission.limits.used_s < 10.0
+    assert restarted(rescue).mission.number == 2

@@ -119,6 +119,11 @@ def results_stay_when_the_run_ends(page: Page, robot: Robot) -> None:
     heard(robot, "order 2")
     results = page.locator("#mission-results")
     results.wait_for()
+    page.wait_for_selector("#mission-results h2:has-text('The mission was aborted')")
+    with page.expect_download() as report:
+        page.click("#mission-results a:text-is('rescue.txt')")
+    assert report.value.path().read_text() == (robot.output / "rescue.txt").read_text()
+    assert page.locator("#mission-results a").count() == 1  # and no file elsewhere
     shown = results.inner_text()
     page.wait_for_selector("#station-ended")
     assert results.inner_text() == shown

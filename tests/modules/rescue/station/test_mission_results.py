@@ -37,6 +37,7 @@ def test_results_name_what_is_known_and_leave_out_the_rest() -> None:
         ("PAUSE", "", "PAUSE 1:01 / 10:00", WARNING),
         ("EXPLORE", "7 s", "EXPLORE 1:01 / 10:00", ALERT),
         ("DONE", "7 s", "DONE 1:01 / 10:00", GOOD),
+        ("FAILED", "", "FAILED 1:01 / 10:00", WARNING),
     ],
 )
 def test_strip_shows_state_and_time_of_the_mission(state: str, silent: str, text: str, look: str) -> None:

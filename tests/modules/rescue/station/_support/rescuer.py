@@ -54,7 +54,7 @@ class Rescuer(Module):
         )
         self.publish(PoseStamped(header=header, pose=Pose(position=Point(x=1.5, y=3.25))), topic="map_pose")
         self.publish(self.mission)
-        if self.mission.state == "DONE":
+        if self.mission.state == "ABORTED":
             self.ticks_left -= 1
             if not self.ticks_left:
                 self.stop()
@@ -68,10 +68,19 @@ class Rescuer(Module):
         """Pause, or end the mission; refuse all other orders."""
         print("order", order.order, file=self.file, flush=True)
         if order.order == OrderMission.ABORT:
-            self.mission = MissionStatus(state="DONE", text="stands", used_s=62.0, limit_s=600.0)
-            result = MissionResult(reason="aborted", confirmed=1, used_s=62.0, limit_s=600.0, mapped_m2=12.5)
+            self.mission = MissionStatus(state="ABORTED", text="stands", used_s=62.0, limit_s=600.0)
+            files = ["rescue.txt", "../secret.txt"]
+            result = MissionResult(
+                state="ABORTED",
+                files=files,
+                reason="aborted",
+                confirmed=1,
+                used_s=62.0,
+                limit_s=600.0,
+                mapped_m2=12.5,
+            )
             self.publish(result, latched=True)
-            return OrderAccepted(state="DONE")
+            return OrderAccepted(state="ABORTED")
         if order.order != OrderMission.PAUSE:
             raise CallRefused(f"no {order.order} today")
         orders = np.array([OrderMission.START, OrderMission.RETURN, OrderMission.ABORT], np.uint8)
