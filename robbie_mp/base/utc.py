@@ -4,6 +4,7 @@ A robot, the operator's machine and a log from elsewhere may be in different zon
 ambiguous when summer time ends. So no command, page or file name uses a local time.
 """
 
+import re
 import time
 from datetime import datetime, timezone
 
@@ -19,6 +20,16 @@ def time_text(time_s: float) -> str:
     except (OverflowError, OSError, ValueError):
         return "?"
     return found.replace(tzinfo=None).isoformat(timespec="milliseconds") + "Z"
+
+
+def time_from(text: str) -> datetime:
+    """Return a time in ISO 8601, as Python 3.11 and later read it; 3.10 knows no `Z` and no `.25`.
+
+    Raises:
+        ValueError: it is no such time.
+    """
+    whole = re.sub(r"\.(\d{1,6})\d*", lambda digits: f".{digits[1]:0<6}", text)
+    return datetime.fromisoformat(re.sub("[Zz]$", "+00:00", whole))
 
 
 def time_of_day(time_s: float) -> str:

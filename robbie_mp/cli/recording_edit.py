@@ -1,7 +1,6 @@
 """`robbie recording cut|filter|merge`: a new recording of parts of others."""
 
 import argparse
-import re
 from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.base.amount import BadAmount, seconds_of
+from robbie_mp.base.utc import time_from
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import warn
@@ -99,7 +99,7 @@ def _moment(text: str) -> float | datetime:
     else:
         return time_between(0)(text)
     try:
-        time = datetime.fromisoformat(re.sub("[Zz]$", "+00:00", text))  # Python 3.10 knows no Z
+        time = time_from(text)
     except ValueError:
         time = None
     if time is None or time.tzinfo is None:

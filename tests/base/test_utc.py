@@ -4,12 +4,11 @@ import os
 import re
 import time
 from collections.abc import Iterator
-from datetime import datetime
 from pathlib import Path
 
 import pytest
 
-from robbie_mp.base.utc import file_stamp, time_of_day, time_text
+from robbie_mp.base.utc import file_stamp, time_from, time_of_day, time_text
 from robbie_mp.cli import main
 from robbie_mp.cli.log import EntryPrinter
 from robbie_mp.run.supervisor.run import default_output_directory
@@ -41,8 +40,14 @@ def test_times_are_utc_in_every_zone(tokyo: None) -> None:
     assert time_text(TIME_S) == "2023-11-14T22:13:20.000Z"
     assert time_of_day(TIME_S + 0.25) == "22:13:20.250Z"
     assert file_stamp(TIME_S) == "20231114T221320Z"
-    assert datetime.fromisoformat(time_text(TIME_S)).timestamp() == TIME_S
+    assert time_from(time_text(TIME_S)).timestamp() == TIME_S
     assert time_text(1e300) == time_text(float("nan")) == "?"
+
+
+@pytest.mark.parametrize("fraction", [".25", ".250", ".25000000"])
+@pytest.mark.parametrize("offset", ["Z", "z", "+00:00"])
+def test_times_are_read_with_any_number_of_digits(fraction: str, offset: str) -> None:
+    assert time_from(f"2023-11-14T22:13:20{fraction}{offset}").timestamp() == TIME_S + 0.25
 
 
 def test_commands_pages_and_names_agree(

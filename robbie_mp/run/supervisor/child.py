@@ -87,11 +87,11 @@ def _outcome(
     except BaseException as error:  # every exception is logged, then the process ends
         if os.getpid() != own_pid:
             _end_fork(name, error)
-        leave_out_our_frames(error)
+        leave_out_our_frames(error)  # of the exception; in Python 3.10, sys.exc_info() still has them
         limit = _memory_limit(plan, name) if isinstance(error, MemoryError) else ""
-        logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, limit, exc_info=True)
+        logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, limit, exc_info=error)
         if channel is None or channel.dropped:
-            traceback.print_exc()
+            traceback.print_exception(error)
         return 1
     return 0
 
@@ -110,7 +110,7 @@ def _end_fork(name: str, error: BaseException) -> NoReturn:
     logging.getLogger(name).error(
         "a process that this module forked ended with %s: %s. A forked process must not return from the code "
         "that forked it: end it with os._exit(), or start it with multiprocessing.get_context('spawn')",
-        type(error).__name__, error, exc_info=True,
+        type(error).__name__, error, exc_info=error,
     )  # fmt: skip
     os._exit(1)
 

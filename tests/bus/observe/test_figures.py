@@ -3,7 +3,6 @@
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
-from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import psutil
 import pytest
 
+from robbie_mp.base.utc import time_from
 from robbie_mp.bus.observe import rates_between
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
@@ -130,7 +130,7 @@ def sent_until(evidence: Evidence, number: int, at_s: float) -> int:
 def test_rates_under_load_agree_with_the_publishers(evidence: Evidence) -> None:
     loaded = evidence.loaded
     interval_s = loaded["interval_s"]
-    end_s = datetime.fromisoformat(loaded["time"]).timestamp()
+    end_s = time_from(loaded["time"]).timestamp()
     begin_s = end_s - interval_s
     total_hz = 0.0
     for number in range(PAIRS):
@@ -174,7 +174,7 @@ def test_processor_time_memory_and_threads_agree_with_psutil(evidence: Evidence)
         low, high = sorted((before["rss"], after["rss"]))
         assert 0.9 * low <= module["rss_bytes"] <= 1.1 * high
         assert module["threads"] in (before["threads"], after["threads"])
-        now_s = datetime.fromisoformat(evidence.loaded["time"]).timestamp()
+        now_s = time_from(evidence.loaded["time"]).timestamp()
         assert now_s - evidence.begun.wall_time_s - 0.1 < module["uptime_s"] < now_s - before["start"] + 0.1
     for early_s, found_s, late_s in zip(
         evidence.processors[0], evidence.loaded["machine"]["cpu_busy_s"], evidence.processors[1], strict=True

@@ -222,7 +222,11 @@ def test_wakeup_that_is_closed_while_a_thread_waits_ends_the_wait(wakeup: Wakeup
 
 
 def is_asleep(thread: threading.Thread) -> bool:
-    return Path(f"/proc/self/task/{thread.native_id}/stat").read_text().rpartition(")")[2].split()[0] == "S"
+    try:
+        stat = Path(f"/proc/self/task/{thread.native_id}/stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):  # the thread has just ended
+        return False
+    return stat.rpartition(")")[2].split()[0] == "S"
 
 
 def test_closing_twice_is_no_error(wakeup: Wakeup) -> None:
