@@ -12,7 +12,7 @@ from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run
 from robbie_mp.messages import Message
 from robbie_mp.messages.calls import (
     FEEDBACK_SUFFIX,
@@ -64,6 +64,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument("--json", action="store_true", help="print the reply as one line of JSON")
     add_run_argument(parser)
+    add_robot_argument(parser)
     parser.set_defaults(command=call)
 
 

@@ -32,7 +32,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "see and steer a robot on another machine",
         "Start a run on this machine with a link to a robot. What the robot sends can be seen here as if it "
         "ran here: on the operator's page, and by `robbie top`, `echo` and `record`. The robot's profile "
-        "decides what it sends, and what it accepts from here.",
+        "decides what it sends, and what it accepts from here. `robbie param`, `call`, `log` and `top` with "
+        "--robot work on the robot itself.",
         [
             "robbie connect red --at tcp/192.168.0.7:7447",
             "robbie connect red --at tls/red.local:7447 --keys ~/.config/robbie/keys --as laptop",

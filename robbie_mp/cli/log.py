@@ -18,7 +18,7 @@ from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console, print_styled
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
+from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run, live_runs
 from robbie_mp.run.control import control
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
@@ -63,6 +63,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument("directory", metavar="DIR", nargs="?", type=Path, help="output directory of a run")
     add_run_argument(parser)
+    add_robot_argument(parser)
     parser.add_argument(
         "--kind",
         metavar="KINDS",

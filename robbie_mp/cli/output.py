@@ -197,5 +197,10 @@ def print_in_place(text: str) -> None:
     below.flush()
 
 
+def clear_screen() -> None:
+    """Clear the terminal, and print from its top."""
+    _below(sys.stdout).write("\x1b[H\x1b[J")
+
+
 def _below(stream: IO[str]) -> IO[str]:
     return stream.below if isinstance(stream, PlainStream) else stream

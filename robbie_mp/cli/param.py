@@ -16,7 +16,7 @@ from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run
 from robbie_mp.module.setting_changes import NotChangeable
 from robbie_mp.run.profile.show import inline
 from robbie_mp.run.run_directory import KnownRun
@@ -77,7 +77,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "`robbie run FILE` starts with them, and `robbie param load FILE` sets them again.",
         ["robbie param dump profiles/tuned.yaml", "robbie param dump"],
     )
-    dumped.add_argument("file", metavar="FILE", nargs="?", help="file to write (standard output)")
+    dumped.add_argument("file", metavar="FILE", nargs="?", help="file to write (-: standard output)")
     dumped.set_defaults(command=dump)
     loaded = add_command(
         actions,
@@ -88,8 +88,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "module refuses a value, those changed before get their old values back.",
         ["robbie param load profiles/tuned.yaml"],
     )
-    loaded.add_argument("file", metavar="FILE", help="file to read; its parents are not read")
-    loaded.set_defaults(command=load)
+    loaded.add_argument(
+        "file", metavar="FILE", help="file to read, - for standard input; without its parents"
+    )
+    loaded.set_defaults(command=load, reads_input=True)
     for action in (changed, loaded):
         action.add_argument(
             "--timeout",
@@ -102,6 +104,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         action.add_argument("--json", action="store_true", help="print JSON for a program to read")
     for action in (listed, got, changed, dumped, loaded):
         add_run_argument(action)
+        add_robot_argument(action)
 
 
 def _add_setting_argument(parser: argparse.ArgumentParser) -> None:
@@ -172,7 +175,7 @@ def dump(arguments: argparse.Namespace) -> int:
     """Write all settings."""
     run = choose_run(arguments.run)
     text = "".join(f"{line}\n" for line in _dumped(run, Parameters(run)))
-    if arguments.file is None:
+    if arguments.file in (None, "-"):
         print(text, end="")
         return 0
     try:
@@ -204,7 +207,7 @@ def load(arguments: argparse.Namespace) -> int:
     """Set the settings in a file that differ, all or none."""
     run = choose_run(arguments.run)
     parameters = Parameters(run)
-    wanted = _read(Path(arguments.file))
+    wanted = _read(Path("/dev/stdin" if arguments.file == "-" else arguments.file))
     before = _check(parameters, wanted, arguments.file)
     done: dict[str, ChangeAnswer] = {}
     try:

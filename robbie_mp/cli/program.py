@@ -100,11 +100,15 @@ def _run_command(arguments: Sequence[str] | None) -> int:
     if "_ARGCOMPLETE" in os.environ:
         _complete()
     with interrupts_end_at_once():
-        parser = _parser(argv[:1])
+        parser = parser_of(argv)
     if not argv:
         parser.print_help()
         return 0
     parsed = parser.parse_args(argv)
+    if getattr(parsed, "on_robot", None) is not None:
+        from robbie_mp.cli.remote import run_on_robot  # noqa: PLC0415
+
+        return run_on_robot(parsed, argv)
     with surviving_truncation(f"{SHARED_MEMORY / names.folder('')}"):  # of a run that it looks at
         code: int = parsed.command(parsed)
     return code
@@ -114,7 +118,7 @@ def _complete() -> None:
     """Print the possible completions for the shell, and exit; see `robbie completion`."""
     import argcomplete  # noqa: PLC0415
 
-    argcomplete.autocomplete(_parser(os.environ.get("COMP_LINE", "").split()[1:2]))
+    argcomplete.autocomplete(parser_of(os.environ.get("COMP_LINE", "").split()[1:2]))
 
 
 def _exit_code(error: RobbieError) -> int:
@@ -124,8 +128,9 @@ def _exit_code(error: RobbieError) -> int:
     return BAD_USAGE if isinstance(error, ProfileError | LogError) else FAILED
 
 
-def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
+def parser_of(argv: Sequence[str]) -> argparse.ArgumentParser:
     """Return a parser with only the command that is called, or with all of them."""
+    first = argv[:1]
     parser = Parser(
         prog="robbie",
         description="Run a robot whose modules are separate processes, and inspect it.",

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 from robbie_mp.attached.views.process_table import modules_table, totals_line
 from robbie_mp.attached.views.run_figures import run_as_data
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.utc import time_text
 from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run
 from robbie_mp.cli.top_csv import record
+from robbie_mp.run.run_directory import is_live
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -51,6 +53,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument("--once", action="store_true", help="print the figures once, and exit")
     forms = parser.add_mutually_exclusive_group()
+    forms.add_argument(
+        "--plain", action="store_true", help="print the figures after each interval, until the run ends"
+    )
     forms.add_argument("--json", action="store_true", help="print the figures once as JSON, and exit")
     forms.add_argument(
         "--csv",
@@ -65,6 +70,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         help="time between two readings, over which rates are measured (1s); 0 with --once: no rates",
     )
     add_run_argument(parser)
+    add_robot_argument(parser)
     parser.set_defaults(command=top)
 
 
@@ -73,6 +79,8 @@ def top(arguments: argparse.Namespace) -> int:
     if arguments.csv:
         interval_s = max(arguments.interval, SHORTEST_INTERVAL_S)
         return record(choose_run(arguments.run), arguments.csv, interval_s, once=arguments.once)
+    if arguments.plain and not arguments.once:
+        return show_again_and_again(arguments)
     if arguments.json or arguments.once:
         return show_once(arguments)
     try:
@@ -99,10 +107,28 @@ def show_once(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(run_as_data(run, reading, rates), indent=2))
     else:
-        out = console()
-        out.print(totals_line(reading, rates), soft_wrap=True)
-        out.print(modules_table(reading, rates))
+        _print(reading, rates)
     return 0
+
+
+def show_again_and_again(arguments: argparse.Namespace) -> int:
+    """Print a run's figures after each interval, until the run ends."""
+    run = choose_run(arguments.run)
+    with closing(RunObserver(run.run_id)) as observer:
+        before = observer.read()
+        while is_live(run.folder):
+            time.sleep(max(arguments.interval, SHORTEST_INTERVAL_S))
+            now = observer.read()
+            _print(now, rates_between(before, now))
+            sys.stdout.flush()
+            before = now
+    return 0
+
+
+def _print(reading: RunReading, rates: RunRates | None) -> None:
+    out = console()
+    out.print(time_text(reading.wall_time_s), totals_line(reading, rates), soft_wrap=True)
+    out.print(modules_table(reading, rates))
 
 
 def _read(observer: RunObserver, interval_s: float) -> tuple[RunReading, RunRates | None]:

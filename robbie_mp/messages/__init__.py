@@ -69,6 +69,8 @@ from robbie_mp.messages.stock.link_msgs import (
     LinkTypes,
     OperatorRequest,
     OperatorState,
+    ToolReply,
+    ToolRequest,
 )
 from robbie_mp.messages.stock.nav2_msgs import Costmap, CostmapMetaData
 from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
@@ -274,6 +276,8 @@ __all__ = [
     "Tick",
     "Time",
     "TimeJump",
+    "ToolReply",
+    "ToolRequest",
     "Transform",
     "TransformStamped",
     "Twist",

@@ -14,7 +14,7 @@ import pytest
 
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
-from robbie_mp.cli.program import GROUPS, _parser
+from robbie_mp.cli.program import GROUPS, parser_of
 from tests._support.robot import COMMAND
 
 ASK = """
@@ -90,7 +90,7 @@ def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]
             yield from leaves(command)
 
 
-@pytest.mark.parametrize("command", tuple(leaves(_parser(()))), ids=lambda command: command.prog)
+@pytest.mark.parametrize("command", tuple(leaves(parser_of(()))), ids=lambda command: command.prog)
 def test_help_of_every_command_has_examples(command: argparse.ArgumentParser) -> None:
     shown = command.format_help()
     assert re.search(rf"^examples:\n  .*{command.prog}\b", shown, re.MULTILINE), shown
@@ -141,7 +141,7 @@ def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_commands_are_loaded_one_by_one() -> None:
-    choices = _parser(["echo"])._subparsers._group_actions[0].choices  # type: ignore[union-attr]
+    choices = parser_of(["echo"])._subparsers._group_actions[0].choices  # type: ignore[union-attr]
     assert choices is not None
     assert list(choices) == ["echo"]
 
@@ -166,7 +166,7 @@ CHANGING = {
 """Commands that do something, rather than list or show it, or that draw."""
 
 
-@pytest.mark.parametrize("command", tuple(leaves(_parser(()))), ids=lambda command: command.prog)
+@pytest.mark.parametrize("command", tuple(leaves(parser_of(()))), ids=lambda command: command.prog)
 def test_every_command_that_lists_or_shows_something_has_json(command: argparse.ArgumentParser) -> None:
     _, *words = command.prog.split()
     does = {words[0], " ".join(words)} & CHANGING

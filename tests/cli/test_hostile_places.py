@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.cli.program import _parser
+from robbie_mp.cli.program import parser_of
 from tests.docs._support.pages import ROOT
 from tests.logs.recording._support.logs import write_log
 from tests.logs.recording.test_imports import CARMEN, write_bag
@@ -50,7 +50,7 @@ def leaves(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> Iter
         yield " ".join(words), parser
 
 
-COMMANDS = dict(leaves(_parser(())))
+COMMANDS = dict(leaves(parser_of(())))
 
 
 class Place:

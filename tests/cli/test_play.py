@@ -8,7 +8,7 @@ import pytest
 
 from robbie_mp.cli import main
 from robbie_mp.cli.play import _alone, _settings, gaps, rate
-from robbie_mp.cli.program import _parser
+from robbie_mp.cli.program import parser_of
 from robbie_mp.logs.playback.module import Playback
 from robbie_mp.logs.recording.time_jumps import LONGEST_GAP_S
 from robbie_mp.module.settings import check_settings
@@ -26,7 +26,7 @@ def log(tmp_path: Path) -> Path:
 def test_options_are_settings_of_the_playback(log: Path) -> None:
     words = ["--rate", "max", "--start", "0.1", "--end", "0.3", "--loop", "--paused"]
     words += ["--topics", "battery", "DriveCommand", "--gaps", "keep", "--strict"]
-    arguments = _parser(["play"]).parse_args(["play", str(log), "demo-playback", *words])
+    arguments = parser_of(["play"]).parse_args(["play", str(log), "demo-playback", *words])
     settings = check_settings(Playback, _settings(arguments))
     Playback.check(settings)
     given = ("file", "rate", "start_s", "end_s", "loop", "paused", "topics", "longest_gap_s", "strict")
@@ -36,7 +36,7 @@ def test_options_are_settings_of_the_playback(log: Path) -> None:
 
 
 def test_options_not_given_keep_the_profiles_values_or_real_time(log: Path) -> None:
-    settings = _settings(_parser(["play"]).parse_args(["play", str(log)]))
+    settings = _settings(parser_of(["play"]).parse_args(["play", str(log)]))
     assert settings == {"file": str(log)}
     alone = _alone(settings)
     assert alone.modules[0].settings["rate"] == 1.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.cli.program import COMMANDS, _parser
+from robbie_mp.cli.program import COMMANDS, parser_of
 from tests.docs._support.pages import PAGES, ROOT
 
 COMMAND = re.compile(r"\b(?<![\w/.-])robbie((?: [a-z][\w./-]*| --?[a-z][a-z0-9-]*)*)")
@@ -24,7 +24,7 @@ def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, ...]]:
     yield ()
 
 
-KNOWN = set(options(_parser(())))
+KNOWN = set(options(parser_of(())))
 
 
 def mentioned(page: Path) -> list[str]:

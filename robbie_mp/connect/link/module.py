@@ -39,6 +39,7 @@ from robbie_mp.connect.link.peer import Peer
 from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.safety import EXPIRING, Ages, expires, shortened
 from robbie_mp.connect.link.sending import SendLimits
+from robbie_mp.connect.link.tools import EXPIRES_S, LinkTools
 from robbie_mp.connect.link.traffic import TrafficClass
 from robbie_mp.connect.link.wire import Endpoints, InboxLimits, ReceivedPacket, Wire, only_own_names
 from robbie_mp.logs.capture.selection import TypeAndTopic
@@ -57,6 +58,8 @@ from robbie_mp.messages import (
     OperatorRequest,
     OperatorState,
     SetControl,
+    ToolReply,
+    ToolRequest,
     UnknownType,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
@@ -81,6 +84,12 @@ MAX_ORDERS = 8
 NS = 1e-9
 
 
+_FOR_LINK = (OperatorRequest.type_name, LinkTypes.type_name, ToolRequest.type_name)
+MAX_TOOL_REQUESTS = 16
+"""Requests to run commands that wait until the next tick; of more, the newest count."""
+TOOL_REPLY_TOPIC = "tool_reply"
+
+
 class LinkOutgoing(NamedTuple):
     """How the messages of one channel of this robot are sent."""
 
@@ -91,13 +100,22 @@ class LinkOutgoing(NamedTuple):
     may_be_jpeg: bool
 
 
+class ToolCall(NamedTuple):
+    """A request of another robot's side to run a command here, as `LinkTools.take` takes it."""
+
+    client: str
+    tool: str
+    request: ToolRequest
+    refusal: str
+
+
 class LinkIncoming(NamedTuple):
     """What becomes of the messages of one channel of another robot."""
 
     topic: str
     """On which they are published."""
     is_for_link: bool
-    """Whether they are for the link alone: an operator's requests, and descriptions of types."""
+    """Whether they are for the link alone: requests of operators and tools, and descriptions of types."""
     tells_driver: bool
     """Whether they tell who drives that robot."""
     commands: bool
@@ -147,7 +165,7 @@ class Link(Module):
     send: dict[str, list[str]] = setting({}, "what is sent, by class: a type, or a type and a topic")
     accept: dict[str, list[str]] = setting({}, "what is accepted, by robot: a type, or a type and a topic")
     commanding: list[str] = setting(
-        ["DriveCommand", "JointCommand", "PanTiltCommand", "PoseStamped goal"],
+        ["DriveCommand", "JointCommand", "PanTiltCommand", "PoseStamped goal", "ToolRequest call"],
         "what is obeyed only from the operator who has control: a type, or a type and a topic",
     )
     jpeg_quality: int = setting(
@@ -219,6 +237,10 @@ class Link(Module):
         self.operators = LinkOperators(self.robot, None if self.checkpoint_lost else self.restored)
         self._orders: deque[tuple[SetControl, int]] = deque(maxlen=MAX_ORDERS)
         """Orders of operators, and when each arrived."""
+        self._tool_requests: deque[ToolCall] = deque(maxlen=MAX_TOOL_REQUESTS)
+        self._tools = LinkTools(self.robot, self.run_id, LinkClients(self))
+        self._asked: set[str] = set()
+        """Robots that tools on this machine have asked to run commands."""
         self._drivers: dict[str, str] = {}
         """The operators who have control of other robots, as far as those have said."""
         self.late = 0
@@ -255,6 +277,12 @@ class Link(Module):
         settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes, self._may_exchange)
         self.node = LinkNode(self.robot, session, self.counts, settings, self.wire, self.on_arrived)
         self._meet_robots()
+        self._take_part()
+        # Not where this module must do nothing between its ticks: in lockstep and in tests.
+        self._begins_at_once = at_once
+
+    def _take_part(self) -> None:
+        """Say what this link publishes, and subscribe."""
         self.advertise(LinkState)
         # A side that sends drive commands is an operator's; the robots at its other ends decide who drives.
         self._is_operators = any(
@@ -264,10 +292,10 @@ class Link(Module):
         self.operators.is_news = not self._is_operators and self.access.may_send(None, DriveCommand.type_name)
         self.subscribe(OperatorRequest, self.on_request, topic=REQUEST_TOPIC, optional=True)
         self.advertise(OperatorState, topic=STATE_TOPIC)
+        self.subscribe(ToolRequest, self.on_tool_request, optional=True)
+        self.advertise(ToolReply, topic=TOOL_REPLY_TOPIC)
         for pair, _ in self.rules:
             self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
-        # Not where this module must do nothing between its ticks: in lockstep and in tests.
-        self._begins_at_once = at_once
 
     def _meet_robots(self) -> None:
         """Let messages wait for others, and first of all the types that they may not know."""
@@ -297,6 +325,7 @@ class Link(Module):
 
     def teardown(self) -> None:
         """Close the network and the counts."""
+        self._tools.close()
         self.wire.take_at_once(None)
         self.wire.close()
         for account in self.counts.channels():
@@ -403,6 +432,7 @@ class Link(Module):
         self.node.look_after(now_ns)
         self._look_after_operators(now_ns)
         self._give_orders()
+        self._run_tools()
         if now_ns - self._state_at_ns >= STATE_NS:
             self._state_at_ns = now_ns
             self._find_latched()
@@ -424,11 +454,12 @@ class Link(Module):
         """Publish a message of another robot, unless it is late, not allowed, or of another type."""
         incoming = self._may_come_in(message)
         if incoming is None or not self._is_well_formed(message):
-            return Fate.REFUSED
+            why = "does not accept this from here, as the setting `accept` of its link says"
+            return self._refuse(message, f"{self.robot} {why}, or has another version of Robbie-MP")
         if (data := self._in_time(message)) is None:
-            return Fate.REFUSED
+            return self._refuse(message, f"{self.robot} got this more than {EXPIRES_S:g} s late; try again")
         if incoming.is_for_link:
-            return self._take_for_itself(message, data)
+            return self._take_for_itself(message, data, incoming)
         is_wrong = incoming.tells_driver and not self._note_driver(message.robot, data)
         name = message.name
         if incoming.commands and name.type_name == DriveCommand.type_name and name.topic == MANUAL_TOPIC:
@@ -446,9 +477,13 @@ class Link(Module):
             return Fate.REFUSED
         return Fate.PUBLISHED if done else Fate.NO_ROOM
 
-    def _take_for_itself(self, message: Arrived, data: bytes) -> Fate:
+    def _take_for_itself(self, message: Arrived, data: bytes, incoming: LinkIncoming) -> Fate:
         if message.name.type_name == OperatorRequest.type_name:
             return self._follow_encoded(message.robot, data)
+        if message.name.type_name == ToolRequest.type_name:
+            if incoming.commands and not self._is_obeyed(message.robot):
+                return self._refuse(message, f"{self.operators.text}; take over first")
+            return self._queue_tool(message)
         is_taken = self._types.learn(
             message.robot, data, lambda type_name: self.access.may_send(message.robot, type_name)
         )
@@ -475,7 +510,11 @@ class Link(Module):
         They are refused one by one, so that each is counted.
         """
         name, robot = message.name, message.robot
-        needs_none = name.type_name == LinkTypes.type_name or self._is_about_operators(message)
+        needs_none = (
+            name.type_name == LinkTypes.type_name
+            or self._is_about_operators(message)
+            or (name.type_name == ToolReply.type_name and robot in self._asked)
+        )
         if not needs_none and not self.access.allows(robot, name.type_name, name.topic):
             return None
         known = self._hash(name.type_name, name.version)
@@ -487,7 +526,7 @@ class Link(Module):
             self._incoming.clear()
         found = self._incoming[robot, name, message.type_hash] = LinkIncoming(
             topic,
-            is_for_link=name.type_name in (OperatorRequest.type_name, LinkTypes.type_name),
+            is_for_link=name.type_name in _FOR_LINK,
             tells_driver=name.type_name == OperatorState.type_name,
             commands=any(pair.matches(name.type_name, topic) for pair in self._commanding),
             framed=self._with_frames(name) if self.prefix_frames else None,
@@ -511,11 +550,52 @@ class Link(Module):
             peer.newest_state_ns = now_ns - sum(ages) // 2
         if not may_expire:
             return message.data
-        data, max_age_ns = None, round(self.command_expires_s * 1e9)
+        is_tool = message.name.type_name == ToolRequest.type_name
+        data, max_age_ns = None, round((EXPIRES_S if is_tool else self.command_expires_s) * 1e9)
         if ages is not None and ages[1] <= max_age_ns:
             data = shortened(message, Ages(*ages), self.clock.now_ns(), max_age_ns)
         self.late += data is None
         return data
+
+    # -- commands of `robbie` that robots run for others --------------------------------------------------
+
+    def on_tool_request(self, request: ToolRequest) -> None:
+        """Send a request of a tool on this machine to its robot, or say at once that it cannot be reached."""
+        if self.envelope.sender in self._links:
+            return
+        with self.wire.turns:
+            peer = self.node.peers.get(request.robot)
+            if peer is not None and peer.is_up(self.clock.monotonic_ns()):
+                self._asked.add(request.robot)
+                self._offer(request, self.envelope.topic, TrafficClass.RELIABLE, to=request.robot)
+                return
+        if peer is None and len(self._links - {self.name}):
+            return  # another link may know it
+        problem = f"{request.robot} cannot be reached; the link says: {self.status or 'nothing yet'}\n"
+        reply = ToolReply(
+            request=request.request, robot=request.robot, error=problem, is_over=True, exit_code=1
+        )
+        self.publish(reply, topic=TOOL_REPLY_TOPIC)
+
+    def _refuse(self, message: Arrived, why: str) -> Fate:
+        """Refuse a message; somebody who waits for a command gets to know why."""
+        if message.name.type_name == ToolRequest.type_name:
+            self._queue_tool(message, why)
+        return Fate.REFUSED
+
+    def _queue_tool(self, message: Arrived, refusal: str = "") -> Fate:
+        """Leave a request to the module's thread: a process dies with the thread that has started it."""
+        try:
+            request = ToolRequest.decode(message.data)
+        except MessageError:
+            return Fate.REFUSED
+        self._tool_requests.append(ToolCall(message.robot, message.name.topic, request, refusal))
+        return Fate.PUBLISHED
+
+    def _run_tools(self) -> None:
+        while self._tool_requests:
+            self._tools.take(*self._tool_requests.popleft())
+        self._tools.look_after()
 
     # -- who drives ------------------------------------------------------------------------------------
 
@@ -631,14 +711,17 @@ class Link(Module):
         *,
         is_latched: bool = False,
         waited_ns: int = 0,
+        to: str = "",
     ) -> None:
-        """Send a message of the link itself, or one that has waited for it."""
+        """Send a message of the link itself, or one that has waited for it, to all robots or to one."""
         name = ChannelId(message.type_name, message.version, topic)
         now_ns = self.clock.monotonic_ns()
         type_hash = self._hash(message.type_name, message.version)
-        self.node.offer(
-            Offered(name, traffic, message.encode(), now_ns - waited_ns, is_latched, type_hash), now_ns
-        )
+        offered = Offered(name, traffic, message.encode(), now_ns - waited_ns, is_latched, type_hash)
+        if to:
+            self.node.offer_to(to, offered, now_ns)
+        else:
+            self.node.offer(offered, now_ns)
 
     def _now(self) -> tuple[int, int]:
         """Return the module's time, and the clock's."""
@@ -654,6 +737,8 @@ class Link(Module):
             shown.append(self.operators.text)
         if self.ill_formed.total:
             shown.append(self.ill_formed.summary)
+        if self._tools.started or self._tools.refused:
+            shown.append(f"{self._tools.started} commands run for others, {self._tools.refused} refused")
         if self.withheld:
             shown.append(f"{self.withheld} commands of a run with a time of its own withheld")
         self.status = "; ".join(shown) or "no other robot has been found"
@@ -683,6 +768,25 @@ class Link(Module):
                 for (type_name, field), count in self.ill_formed.by_kind.most_common()
             ],
         )
+
+
+class LinkClients:
+    """Those for whom a link runs commands."""
+
+    def __init__(self, link: Link):
+        self._link = link
+
+    def is_up(self, robot: str) -> bool:
+        """Whether one is heard."""
+        return self._link.node.peers[robot].is_up(self._link.clock.monotonic_ns())
+
+    def has_room(self, robot: str, name: ChannelId) -> bool:
+        """Whether the last reply on a channel has been sent."""
+        return self.is_up(robot) and not self._link.node.holds(robot, name, TrafficClass.RELIABLE)
+
+    def reply(self, robot: str, reply: ToolReply, name: ChannelId) -> None:
+        """Send a reply."""
+        self._link._offer(reply, name.topic, TrafficClass.RELIABLE, to=robot)
 
 
 def schema_hash(types: KnownTypes, type_name: str, version: int) -> int:

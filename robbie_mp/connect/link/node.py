@@ -126,6 +126,16 @@ class LinkNode:
             self._offer_to(peer, message, now_ns)
             peer.pump(now_ns)
 
+    def offer_to(self, robot: str, message: Offered, now_ns: int) -> None:
+        """Send a message to one robot that has been met."""
+        self._offer_to(self.peers[robot], message, now_ns)
+        self.peers[robot].pump(now_ns)
+
+    def holds(self, robot: str, name: ChannelId, traffic: TrafficClass) -> bool:
+        """Whether a message of a channel still waits to be sent to a robot."""
+        number = self._numbers.get((name, traffic))
+        return number is not None and self.peers[robot].holds_number(traffic, number)
+
     def take(
         self, robot: str, header: bytes, payload: bytes, now_ns: int, *, is_datagram: bool = False
     ) -> None:

@@ -185,6 +185,11 @@ class Peer:
         """Whether a message of a channel waits."""
         return self.streams[traffic].holds(channel)
 
+    def holds_number(self, traffic: TrafficClass, number: int) -> bool:
+        """Whether a message of the channel with a number waits."""
+        channel = self._channels.get(number)
+        return channel is not None and self.holds(traffic, channel)
+
     def pump(self, now_ns: int) -> None:
         """Send what may be sent now."""
         if not self.is_up(now_ns):

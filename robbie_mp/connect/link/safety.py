@@ -17,6 +17,7 @@ from robbie_mp.messages import (
     OperatorRequest,
     PanTiltCommand,
     Time,
+    ToolRequest,
     replace,
 )
 
@@ -24,6 +25,9 @@ EXPIRING = {each.type_name: each for each in (DriveCommand, JointCommand, PanTil
 """Commands that tell how long they last, and what they rest on."""
 AHEAD_NS = 100_000_000
 """A stamp may lie this far in the future: clocks of devices are estimated."""
+
+
+_ORDERS = (EmergencyStop.type_name, OperatorRequest.type_name, ToolRequest.type_name)
 
 
 class Ages(NamedTuple):
@@ -45,18 +49,19 @@ def expires(message: Arrived) -> bool:
         message: a message that has arrived.
     """
     return not _stops(message) and (
-        message.traffic is TrafficClass.COMMAND
-        or message.name.type_name in (*EXPIRING, EmergencyStop.type_name, OperatorRequest.type_name)
+        message.traffic is TrafficClass.COMMAND or message.name.type_name in (*EXPIRING, *_ORDERS)
     )
 
 
 def _stops(message: Arrived) -> bool:
-    """Whether a message lets the robot stand, by an emergency stop or a wish."""
+    """Whether a message lets the robot stand, by an emergency stop or a wish, or ends a command."""
     try:
         if message.name.type_name == EmergencyStop.type_name:
             return EmergencyStop.decode(message.data).engaged
         if message.name.type_name == OperatorRequest.type_name:
             return OperatorRequest.decode(message.data).wish == OperatorRequest.HOLD
+        if message.name.type_name == ToolRequest.type_name:
+            return ToolRequest.decode(message.data).interrupts
     except MessageError:
         return False
     return False

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import float32, float64, uint8, uint32, uint64
+from robbie_mp.messages.primitives import float32, float64, int32, uint8, uint16, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Time
 
 
@@ -114,3 +114,29 @@ class LinkTypes(Message, name="robbie_msgs/msg/LinkTypes", version=1):
 
     robot: str = DEFAULT
     types: list[LinkType] = DEFAULT
+
+
+class ToolRequest(Message, name="robbie_msgs/msg/ToolRequest", version=1):
+    """Has a robot run a command of `robbie` for somebody at the other end of its link.
+
+    Its topic is the command, such as `param`, so the setting `accept` can tell commands apart.
+    """
+
+    request: uint64 = DEFAULT  # a random number, which the replies repeat
+    robot: str = DEFAULT  # the robot that is to run it
+    arguments: list[str] = DEFAULT  # after the command
+    input: str = DEFAULT  # its standard input
+    columns: uint16 = 80  # of the terminal
+    interrupts: bool = DEFAULT  # do not run it, but interrupt the one of this number, as Ctrl-C does
+
+
+class ToolReply(Message, name="robbie_msgs/msg/ToolReply", version=1):
+    """What a command that a robot runs for somebody else has printed since the last reply."""
+
+    request: uint64 = DEFAULT
+    robot: str = DEFAULT
+    number: uint32 = DEFAULT  # of this reply, from 0
+    output: str = DEFAULT
+    error: str = DEFAULT  # what it has printed on standard error, or why it is not run
+    is_over: bool = DEFAULT  # it has ended, and this is the last reply
+    exit_code: int32 = DEFAULT

@@ -36,6 +36,8 @@ def stock_registry() -> TypeRegistry:
             link_msgs.LinkTypes,
             link_msgs.OperatorRequest,
             link_msgs.OperatorState,
+            link_msgs.ToolReply,
+            link_msgs.ToolRequest,
             nav2_msgs.Costmap,
             nav_msgs.OccupancyGrid,
             nav_msgs.Odometry,

@@ -13,7 +13,7 @@ from tempfile import TemporaryFile, mkdtemp
 from typing import IO, Any, NoReturn
 
 from robbie_mp.cli import main
-from robbie_mp.cli.program import _parser
+from robbie_mp.cli.program import parser_of
 from tests._support.own_runs import see_own_runs_only
 
 AT_A_TIME = 6
@@ -105,5 +105,5 @@ def take_output(kind: str, output: IO[str]) -> None:
 
 if __name__ == "__main__":
     see_own_runs_only()
-    _parser(())  # imports all commands
+    parser_of(())  # imports all commands
     json.dump(results(json.load(sys.stdin)), sys.stdout)

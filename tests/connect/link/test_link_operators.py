@@ -24,6 +24,8 @@ from robbie_mp.messages import (
     OperatorState,
     PanTiltCommand,
     SetControl,
+    ToolReply,
+    ToolRequest,
 )
 from tests._support.commands import waits
 from tests._support.robot import Robot, wait_until
@@ -59,7 +61,7 @@ class RedRobot:
         name = ChannelId(message.type_name, message.version, topic)
         stamp_ns = now_ns - round(age_s * 1e9)
         traffic = TrafficClass.URGENT
-        if not isinstance(message, EmergencyStop | OperatorRequest | OperatorState):
+        if not isinstance(message, EmergencyStop | OperatorRequest | OperatorState | ToolRequest):
             traffic = TrafficClass.COMMAND
         arrived = Arrived(operator, 1, traffic, 0, name, message.encode(), stamp_ns, 0, False, (operator,))
         return self.link.on_arrived(arrived) is Fate.PUBLISHED
@@ -205,6 +207,44 @@ def test_restarted_link_gives_the_command_to_nobody_else(red: RedRobot) -> None:
     with ModuleHarness(Link, settings, restored=red.harness.checkpoint) as harness:
         harness.advance(0.1)
         assert not RedRobot(harness).drives("ben")
+
+
+@pytest.mark.parametrize(
+    ("operator", "tool", "age_s", "why"),
+    [
+        ("guest", "param", 0.0, "red does not accept this from here"),
+        ("anna", "param", 0.0, "red does not accept this from here"),
+        ("ben", "call", 0.0, "anna drives; take over first"),
+        ("ben", "top", 6.0, "red got this more than 5 s late"),
+    ],
+)
+def test_command_that_is_refused_is_answered_with_the_reason(
+    operator: str, tool: str, age_s: float, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    accept = {**ACCEPT, "ben": [*ACCEPT["ben"], "ToolRequest call", "ToolRequest top"]}
+    with ModuleHarness(Link, {"robot": "red", "listen": [], "accept": accept}) as harness:
+        harness.advance(2.0)
+        red = RedRobot(harness)
+        assert red.drives("anna")
+        sent: list[tuple[str, bytes]] = []
+        monkeypatch.setattr(
+            harness.module.node, "offer_to", lambda robot, one, _now_ns: sent.append((robot, one.data))
+        )
+        red.arrives(operator, ToolRequest(request=3, robot="red"), tool, age_s=age_s)
+        harness.advance(0.02)
+        ((robot, data),) = sent
+        reply = ToolReply.decode(data)
+        assert (robot, reply.request, reply.is_over) == (operator, 3, True)
+        assert reply.error.startswith(why)
+        harness.advance(1.0)
+        assert "0 commands run for others, 1 refused" in harness.module.status
+
+
+def test_replies_come_only_from_robots_that_were_asked(red: RedRobot) -> None:
+    assert not red.arrives("guest", ToolReply(request=1), "tool_reply/0")
+    red.harness.send(ToolRequest(request=1, robot="green"), topic="top", sender="tool")
+    (said,) = red.harness.take(ToolReply)
+    assert said.error.startswith("green cannot be reached; the link says: ")
 
 
 def test_emergency_stop_cannot_be_limited_to_one_operator() -> None:
