@@ -11,6 +11,8 @@ PARALLEL := --numprocesses 3 --dist loadfile --max-worker-restart 0
 
 # .ci/run has another one, which repeats failed tests once.
 PYTEST := .venv/bin/python -m pytest
+# Each worker imports all tests; without bytecode, it compiles them all, too.
+export PYTHONDONTWRITEBYTECODE :=
 
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/bus/_hot/*.[ch])

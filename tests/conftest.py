@@ -54,11 +54,10 @@ def interrupts_take_effect() -> None:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let the many interpreters that tests start find compiled code, even on read-only folders."""
+def bytecode_is_kept() -> Iterator[None]:
+    """Let the many interpreters that tests start find compiled code."""
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
-        patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
         yield
 
 

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tools.trials.__main__ import subjects
 
 ROOT = Path(__file__).parents[1]
@@ -48,6 +50,7 @@ def programs() -> list[str]:
     return sorted(names | {f"tools.trials {name}" for name in subjects()})
 
 
+@pytest.mark.slow
 def test_every_tool_starts_and_explains_itself(tmp_path: Path) -> None:
     names = programs()
     assert {"tools.trials rescue", "tools.pictures.top", "tools.bench"} <= set(names)

@@ -66,6 +66,7 @@ def person(robot: Robot, capsys: pytest.CaptureFixture[str]) -> Iterator[Person]
     yield Person(robot, run.run_id, capsys)
 
 
+@pytest.mark.slow
 def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None:
     lists_what_there_is(person)
     draws_what_there_is(person)

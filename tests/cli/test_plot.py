@@ -37,6 +37,7 @@ def test_recording_is_drawn_as_text(recording: Path, capsys: pytest.CaptureFixtu
     assert "200" in errors
 
 
+@pytest.mark.slow
 def test_recording_is_drawn_as_a_picture(recording: Path, tmp_path: Path) -> None:
     # In a process of its own: matplotlib keeps its fonts open.
     target = tmp_path / "x.png"

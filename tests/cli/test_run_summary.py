@@ -76,6 +76,7 @@ modules:
     assert text.splitlines()[-1] == f"results: {robot.folder}/out: map.png (2.9K)"
 
 
+@pytest.mark.slow
 def test_module_that_missed_messages_has_a_line_of_its_own(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,6 +98,7 @@ modules:
     assert lines[head + 2].startswith("run ended after")
 
 
+@pytest.mark.slow
 def test_messages_of_another_version_are_not_said_to_be_handled(robot: Robot) -> None:
     (robot.folder / "search.py").write_text(MODULES)
     robot.write_profile(

@@ -154,6 +154,7 @@ def test_frozen_figures_do_not_change() -> None:
     play(feed, script)
 
 
+@pytest.mark.slow
 def test_details_show_times_counters_log_and_the_last_crash(tmp_path: Path) -> None:
     (tmp_path / "log").mkdir()
     crash = entry(1, "ZeroDivisionError", "log", level="CRITICAL", traceback=TRACEBACK)
@@ -178,6 +179,7 @@ def test_details_show_times_counters_log_and_the_last_crash(tmp_path: Path) -> N
     play(feed, script, size=(120, 50))
 
 
+@pytest.mark.slow
 def test_program_that_ends_while_details_are_shown_is_quiet() -> None:
     async def script(pilot: Pilot[None]) -> None:
         await pilot.press("enter")

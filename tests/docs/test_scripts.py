@@ -19,6 +19,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 def test_scripts_on_the_page_work(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
     robot.write_profile(PROFILE)
     robot.start()

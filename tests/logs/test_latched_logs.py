@@ -90,6 +90,7 @@ def parts(robot: Robot) -> list[Path]:
     return sorted(robot.folder.glob("logs/*/*.mcap"))
 
 
+@pytest.mark.slow
 def test_log_begins_with_what_was_newest_and_plays_as_latched_in_lockstep(recorded: Robot) -> None:
     first, second = parts(recorded)
     with open_log(first) as log:

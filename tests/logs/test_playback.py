@@ -84,6 +84,7 @@ class Steered:
         wait_until(lambda: len(witnessed(self._robot, "command", "battery")) > before)
 
 
+@pytest.mark.slow
 def test_controlled_and_killed_playback_loses_and_repeats_no_message(player_robot: Robot, log: Path) -> None:
     process = start(player_robot, log, "--paused", "--topics", "DriveCommand", "battery", "strange", "no/*")
     steer = Steered(player_robot)
@@ -134,6 +135,7 @@ def clock_went_back(robot: Robot) -> list[tuple[int, int]]:
     return found
 
 
+@pytest.mark.slow
 def test_runs_in_lockstep_are_identical_even_if_the_playback_is_killed(
     player_robot: Robot, log: Path
 ) -> None:
@@ -159,6 +161,7 @@ def test_runs_in_lockstep_are_identical_even_if_the_playback_is_killed(
     assert witnessed(player_robot) == first
 
 
+@pytest.mark.slow
 def test_charged_handler_times_of_an_earlier_playback_repeat_it(player_robot: Robot, log: Path) -> None:
     options = ["--lockstep", "--rate", "max", "--topics", "DriveCommand", "battery", "--charge"]
     ended = Ended.wait_for(start(player_robot, log, *options, "measured"))
@@ -174,6 +177,7 @@ def test_charged_handler_times_of_an_earlier_playback_repeat_it(player_robot: Ro
     ).read_text()
 
 
+@pytest.mark.slow
 def test_seek_and_end_do_not_wait_for_an_image_that_a_page_shows(player_robot: Robot, tmp_path: Path) -> None:
     """Only for handlers: what was handled may be kept for ever."""
     limit_s = PATIENCE_NS / 1e9 / 2

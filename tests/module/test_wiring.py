@@ -149,6 +149,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("python_only", [False, True])
 def test_two_copies_of_a_robot_in_one_run_do_not_hear_each_other(
     robot: Robot, monkeypatch: pytest.MonkeyPatch, *, python_only: bool

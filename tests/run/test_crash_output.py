@@ -28,6 +28,7 @@ class Misspells(Module):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--quiet",)], ids=["all", "quiet"])
 @pytest.mark.parametrize(
     ("name", "error", "frames"), [("Divides", "ZeroDivisionError", 2), ("Misspells", "FieldTypeError", 1)]

@@ -60,6 +60,7 @@ def test_robot_of_a_workspace_runs_once_unless_another_is_asked_for(robot: Robot
     assert robot.run().exit_code == 1, "the other one runs still"
 
 
+@pytest.mark.slow
 def test_of_two_robots_that_start_at_once_one_is_refused(robot: Robot) -> None:
     robot.write_profile(PROFILE)
     both = [robot.start(output=robot.folder / name) for name in ("one", "two")]
@@ -69,6 +70,7 @@ def test_of_two_robots_that_start_at_once_one_is_refused(robot: Robot) -> None:
     robot.until(lambda modules: modules["pulse"]["state"] == "RUNNING")
 
 
+@pytest.mark.slow
 def test_device_that_a_live_run_names_is_refused(robot: Robot, other: Robot) -> None:
     controller, device = pty.openpty()
     port = os.ttyname(device)
@@ -87,6 +89,7 @@ def test_device_that_a_live_run_names_is_refused(robot: Robot, other: Robot) -> 
         os.close(device)
 
 
+@pytest.mark.slow
 def test_network_device_that_a_live_run_names_is_refused(robot: Robot, other: Robot) -> None:
     for each, port in ((robot, "socket://localhost:1"), (other, "socket://LOCALHOST:1/")):
         each.write_profile(LASER.format(port=port))
@@ -119,6 +122,7 @@ def test_plan_of_another_version_takes_no_device(tmp_path: Path, monkeypatch: py
         refuse_taken_devices(modules)
 
 
+@pytest.mark.slow
 def test_command_takes_the_run_that_is_meant(
     robot: Robot, other: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -162,3 +162,20 @@ modules:
     assert ended.exit_code == 1
     assert ended.summary["reason"] == "SIGINT; broken never came up"
     assert "broken never came up: " in robot.log("supervisor")
+
+
+def test_run_that_ends_while_a_module_starts_for_the_first_time_has_not_failed(robot: Robot) -> None:
+    (robot.folder / "zoo" / "late.py").write_text(
+        "import time\n\nfrom robbie_mp import Module\n\n\n"
+        "class Late(Module):\n    def setup(self) -> None:\n        time.sleep(30)\n"
+    )
+    robot.write_profile("""
+modules:
+  idle: {class: "zoo.modules:Idle"}
+  late: {class: "zoo.late:Late"}
+""")
+    process = robot.start()
+    robot.until(lambda top: top["idle"]["state"] == "RUNNING" and top["late"]["state"] == "STARTING")
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert (ended.exit_code, ended.summary["reason"]) == (0, "SIGINT")

@@ -6,6 +6,8 @@ import signal
 from contextlib import closing
 from typing import Any
 
+import pytest
+
 from robbie_mp.bus.observe.unhandled import UnhandledMessages
 from tests._support.robot import Robot, wait_until
 
@@ -70,6 +72,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 def test_late_module_has_the_newest_map_though_publisher_and_core_were_killed(robot: Robot) -> None:
     (robot.folder / "zoo" / "maps.py").write_text(MODULES)
     robot.write_profile(PROFILE)
@@ -132,6 +135,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 def test_latched_message_that_kills_its_handler_is_not_given_a_third_time(robot: Robot) -> None:
     (robot.folder / "zoo" / "pilots.py").write_text(DEADLY)
     robot.write_profile(DEADLY_PROFILE)

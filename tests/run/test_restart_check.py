@@ -1,5 +1,7 @@
 """`robbie module restart` checks the code first, so that a mistake does not stop a module that runs well."""
 
+import pytest
+
 from tests._support.robot import Robot
 
 MODULES = """\
@@ -21,6 +23,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.slow
 def test_module_whose_code_is_wrong_is_not_restarted(robot: Robot) -> None:
     ground, above = robot.folder / "ground.py", robot.folder / "above.py"
     ground.write_text(MODULES)

@@ -93,6 +93,7 @@ def test_hot_path_in_python_is_reported_once_and_in_the_figures(
     ]
 
 
+@pytest.mark.slow
 def test_stopped_supervisor_is_continued_and_its_run_can_be_stopped(robot: Robot) -> None:
     """As by a module that sends SIGSTOP: Ctrl-C hung, and nobody supervised the robot."""
     robot.write_profile(ENDLESS)
@@ -137,6 +138,7 @@ def test_core_ends_while_its_supervisor_hangs_and_comes_back_with_it(robot: Robo
     assert "nothing may move without it" in robot.log("core")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("removed", ["{memory}", "{memory}/core", "{memory}/wakeup-core", "{folder}"])
 def test_run_whose_files_are_removed_ends_with_the_reason(robot: Robot, removed: str) -> None:
     """Otherwise it went on for ever, and none of its modules could be restarted."""
@@ -358,6 +360,7 @@ def test_children_die_with_a_killed_supervisor_and_the_next_run_sweeps(robot: Ro
     assert robot.run(profile="second").exit_code == 0
 
 
+@pytest.mark.slow
 def test_list_shows_the_run_and_its_modules(robot: Robot) -> None:
     robot.write_profile(ENDLESS)
     robot.start()

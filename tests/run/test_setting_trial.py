@@ -1,5 +1,7 @@
 """A value set with `robbie param set` that kills its module is taken back, and can be changed again."""
 
+import pytest
+
 from tests._support.robot import Robot
 
 MODULES = """
@@ -28,6 +30,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 def test_value_that_kills_its_module_is_taken_back_and_one_that_cures_it_is_taken_at_its_start(
     robot: Robot,
 ) -> None:

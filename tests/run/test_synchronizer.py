@@ -1,5 +1,7 @@
 """A synchronizer in a live robot: what waits stays in shared memory, bounded, and a restart begins again."""
 
+import pytest
+
 from tests._support.robot import Robot, kill, wait_until
 
 MODULES = '''
@@ -58,6 +60,7 @@ def start(robot: Robot, scans: str) -> None:
     robot.start()
 
 
+@pytest.mark.slow
 def test_pairs_are_exact_and_go_on_after_a_crash(robot: Robot) -> None:
     start(robot, "true")
     wait_until(lambda: len(robot.journal("pairs")) > 10)
@@ -69,6 +72,7 @@ def test_pairs_are_exact_and_go_on_after_a_crash(robot: Robot) -> None:
     assert all(number % 10 == 0 for number in numbers)
 
 
+@pytest.mark.slow
 def test_messages_that_wait_for_a_silent_topic_are_bounded(robot: Robot) -> None:
     start(robot, "false")
     robot.until(lambda modules: modules["pairs"]["handled"] > 300)

@@ -56,6 +56,7 @@ def command_lines() -> list[bytes]:
     return found
 
 
+@pytest.mark.slow
 def test_secret_reaches_its_module_and_appears_in_no_file_or_output(keeper: Robot) -> None:
     process = keeper.start()
     keeper.until(lambda modules: modules["keeper"]["restarts"] == 1 and modules["keeper"]["ticks"] > 3)

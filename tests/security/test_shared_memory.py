@@ -237,6 +237,7 @@ def is_restarted(modules: dict[str, dict[str, Any]], restarts: int) -> bool:
     return (keeper["restarts"], keeper["state"]) == (restarts, "RUNNING") and keeper["pid"] != 0
 
 
+@pytest.mark.slow
 @needs_root
 def test_module_restarts_although_another_user_takes_every_guessable_name(robot: Robot) -> None:
     source = Path(__file__).parent / "_support" / "secret_modules.py"

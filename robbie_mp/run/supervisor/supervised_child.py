@@ -63,7 +63,8 @@ class SupervisedChild:
         incarnation: counts the starts.
         reason: why the state changed last.
         was_settled: whether it has left STARTING at least once.
-        was_up: whether it has been RUNNING.
+        never_came_up: whether it has been in BACKOFF or FAILED and never RUNNING. A child that the end of
+            the run meets in its first start has not failed.
         ended_run: whether it ended in the way that ends the run.
         awaits_retry: whether it is FAILED and will be retried.
         unfinished: why it did not end in order when the run stopped, so that what it writes at its end, such
@@ -77,7 +78,7 @@ class SupervisedChild:
         self.state: ChildState | None = None
         self.incarnation = 0
         self.reason = ""
-        self.was_settled = self.was_up = False
+        self.was_settled = self._was_up = self.never_came_up = False
         self.ended_run = False
         self.output = output
         self._budget = budget
@@ -479,7 +480,8 @@ class SupervisedChild:
         kind = Kind.ERROR if new is ChildState.FAILED else Kind.SYSTEM
         self.output.say(kind, f"{old} → {new}: {reason}{again}")
         self.was_settled = self.was_settled or new is not ChildState.STARTING
-        self.was_up = self.was_up or new is ChildState.RUNNING
+        self._was_up = self._was_up or new is ChildState.RUNNING
+        self.never_came_up = not self._was_up and (self.never_came_up or failed)
         self.state = new
         self.reason = reason
         self._incarnations.state_changed(change)

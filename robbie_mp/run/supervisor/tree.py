@@ -215,7 +215,7 @@ class Tree:
             self._report_unfinished()
             self._report_never_up()
         is_failed = (
-            child.state is ChildState.FAILED or child.unfinished or not child.was_up
+            child.state is ChildState.FAILED or child.unfinished or child.never_came_up
             for child in self.children
         )
         return int(self._has_failed or any(is_failed))
@@ -457,9 +457,9 @@ class Tree:
             self.say(Kind.ERROR, f"{name} did not end in order: {child.unfinished}; {missing} are missing")
 
     def _report_never_up(self) -> None:
-        """Report the children that never were RUNNING and are not FAILED, which is reported by itself."""
+        """Report the children that never were RUNNING; one that is FAILED has its own report."""
         for child in self.children:
-            if not child.was_up and child.state is not ChildState.FAILED:
+            if child.never_came_up and child.state is not ChildState.FAILED:
                 self.stop_reason += f"; {child.spec.name} never came up"
                 self.say(Kind.ERROR, f"{child.spec.name} never came up: {child.reason}")
 

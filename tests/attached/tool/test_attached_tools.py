@@ -155,6 +155,7 @@ def test_modules_lose_no_message_while_tools_attach_detach_die_and_stall(
     assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2 * attached
 
 
+@pytest.mark.slow
 def test_modules_lose_no_message_while_they_do_not_run(robot: Robot) -> None:
     """As on a machine that is so busy that they get no processor time for seconds."""
     robot.write_profile(PROFILE.replace('modules:Pulse"', 'modules:Pulse", settings: {burst: 200}'))
@@ -208,6 +209,7 @@ def names_of(run: KnownRun) -> set[str]:
     return {str(path) for path in SHARED_MEMORY.rglob("*") if run.run_id in str(path)}
 
 
+@pytest.mark.slow
 def test_stalled_or_misbehaving_tool_is_detached_and_leaves_nothing(robot: Robot) -> None:
     robot.write_profile(PROFILE.replace("count: 1", "count: 2"))
     process = robot.start()

@@ -50,6 +50,7 @@ def run(robot: Robot) -> Iterator[AttachedRun]:
     wait_until(lambda: all(thread.name != "robbie listen" for thread in threading.enumerate()))
 
 
+@pytest.mark.slow
 def test_script_does_everything_on_one_robot(robot: Robot, run: AttachedRun) -> None:
     listens(run)
     listens_slowly(run)

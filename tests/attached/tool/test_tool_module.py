@@ -66,6 +66,7 @@ class Visitor(Module):
         self.ticks += 1
 
 
+@pytest.mark.slow
 def test_module_run_as_a_tool_handles_publishes_ticks_and_reattaches(
     robot: Robot, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,6 +165,7 @@ time.sleep(1000)
 """
 
 
+@pytest.mark.slow
 def test_fork_of_a_tool_does_not_keep_its_place(robot: Robot) -> None:
     """The place is free when the connection is closed, and a fork has a copy of the tool's end."""
     robot.write_profile(PROFILE)

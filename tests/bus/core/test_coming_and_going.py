@@ -1,5 +1,7 @@
 """Modules die, come back, stay away or break the protocol: messages are counted, others get notices."""
 
+import pytest
+
 from robbie_mp import MessageHandling
 from robbie_mp.bus.core.members import MAX_NOTICES
 from robbie_mp.bus.transport import layout
@@ -139,6 +141,7 @@ def test_module_that_was_never_sent_a_message_is_sent_no_notices() -> None:
     assert subscriber.endpoint.take() is None
 
 
+@pytest.mark.slow
 def test_notices_for_a_module_that_takes_none_are_bounded() -> None:
     run = SimulatedRun()
     publisher, channel, (stopped,) = connected(run, MessageHandling.ALWAYS_DELIVER)
@@ -172,6 +175,7 @@ def test_messages_that_waited_when_a_module_was_stopped_can_be_told_from_what_di
     assert (run.counts(0)["dropped"], left_waiting(run)) == (2 + CREDIT + 3, CREDIT + 3)
 
 
+@pytest.mark.slow
 def test_module_stopped_and_started_a_thousand_times_keeps_its_subscriptions() -> None:
     run = SimulatedRun(subscriptions=4)
     publisher, channel, _ = connected(run)

@@ -143,6 +143,7 @@ def test_messages_wait_for_the_next_incarnation_and_for_the_next_core() -> None:
     assert second.handle_all() == [1, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", (fan_out, full_table, subscriber_dead, both_dead))
 def test_core_may_die_before_any_store_and_patterns_stay(scenario: object) -> None:
     def play(deaths: tuple[int, ...]) -> History:

@@ -121,6 +121,7 @@ def note_every_death(row: SubscriptionRow, sequence: int, incarnation: int) -> N
         note_death(row, sequence, incarnation + 1)
 
 
+@pytest.mark.slow
 def test_death_that_is_counted_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SubscriptionRow, "note_death", note_every_death)
     with pytest.raises(AssertionError, match="came late"):

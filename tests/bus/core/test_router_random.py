@@ -2,6 +2,7 @@
 
 from unittest.mock import patch
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,6 +26,7 @@ def test_any_history_keeps_order_and_books(steps: list[tuple[str, int]]) -> None
     history.finish()
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(STEPS, DEATHS, st.booleans(), st.booleans(), st.sampled_from([1, 3, 16]))
 def test_any_history_survives_any_deaths_of_the_core(

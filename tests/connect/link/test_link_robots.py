@@ -20,6 +20,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 def test_messages_of_every_class_cross_in_order_and_the_books_balance(robot: Robot) -> None:
     pair = Pair(robot, RED, BLUE)
     pair.start("red", "blue")

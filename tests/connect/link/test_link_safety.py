@@ -14,6 +14,7 @@ PILOT = '  pilot: {class: "crew.modules:Pilot"}'
 WHEELS = '  wheels: {class: "crew.modules:Wheels"}'
 
 
+@pytest.mark.slow
 def test_no_command_arrives_late_or_of_a_held_stick_after_a_stopped_link_goes_on(robot: Robot) -> None:
     pair = Pair(robot, PILOT, WHEELS)
     pair.start("red", "blue")

@@ -28,6 +28,7 @@ def test_clients_of_a_router_and_links_without_datagrams_have_one_way() -> None:
         assert ways(endpoints, ["tcp/10.0.0.1:7447"]) == ["tcp/10.0.0.1:7447"]
 
 
+@pytest.mark.slow
 def test_a_trusted_robot_cannot_send_under_the_name_of_another_one(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.connect.link._support.impostor", str(tmp_path)]
     ended = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)

@@ -233,6 +233,7 @@ def test_broken_line_is_left_out_and_counted(tmp_path: Path, line: str) -> None:
     assert reason.startswith(f"broken {line.split(maxsplit=1)[0]} lines; the first is line 2: ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compress", [gzip.compress, bz2.compress, lzma.compress])
 def test_compressed_log_is_read_and_a_cut_one_as_far_as_it_goes(
     tmp_path: Path, compress: Callable[[bytes], bytes]

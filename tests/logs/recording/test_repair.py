@@ -62,6 +62,7 @@ def quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "fsync", lambda _fd: None)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_disk")
 @pytest.mark.parametrize(
     ("form", "step"),

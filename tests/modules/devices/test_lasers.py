@@ -15,6 +15,7 @@ from robbie_robots.modules.devices.sick_cola import SickColaRangeFinder
 from robbie_robots.modules.devices.sick_lms2xx import SickLms2xxRangeFinder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [RpLidarRangeFinder, SickLms2xxRangeFinder])
 def test_missing_laser_is_told_each_second_and_nothing_is_published(
     kind: type[PluggableLaserModule], tmp_path: Path

@@ -150,6 +150,7 @@ def until(harness: ModuleHarness[Any], is_reached: Callable[[], object]) -> None
         harness.advance(LOOK_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRIALS)
 def test_device_is_read_pulled_out_and_plugged_in_again(name: str, tmp_path: Path) -> None:
     trial, world = TRIALS[name], World()

@@ -90,6 +90,7 @@ def test_pose_is_published_once_it_is_certain_and_survives_a_restart(
         assert not restarted.take(PoseStamped, "map_pose_guess")
 
 
+@pytest.mark.slow
 def test_robot_is_localized_anew_when_time_jumps(drive: DrivenRobot, map_file: Path) -> None:
     with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
         list(along(drive, harness, 2.0))

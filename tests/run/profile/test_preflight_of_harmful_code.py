@@ -28,6 +28,7 @@ def wait_until(condition: Callable[[], bool], limit_s: float = 20.0) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_hanging_import_is_abandoned_and_the_rest_is_checked(robot: Robot) -> None:
     robot.write_code("mods.slow", "import threading; threading.Event().wait()")
     robot.write("demo", f"modules: {{slow: {{class: 'mods.slow:A'}}, bad: {{class: 'no:A'}}, ok: {PLAIN}}}")

@@ -170,6 +170,7 @@ def test_hostile_packet_is_at_most_an_entry(pair: Pair, packet: bytes) -> None:
     assert Entry.from_line(entries[0].to_line()) == entries[0]
 
 
+@pytest.mark.slow
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(), st.lists))
 def test_any_json_is_a_valid_packet_or_ignored(value: object) -> None:
     keys = ("text", "level", "time_s", "logger", "dropped", "traceback", "thread", "where", "level_name")

@@ -37,6 +37,7 @@ modules:
 )
 
 
+@pytest.mark.slow
 def test_trace_has_the_last_output_and_the_reason_of_every_kind_of_end(robot: Robot) -> None:
     modules = Path(__file__).parent / "_support" / "misbehaving_modules.py"
     (robot.folder / "zoo" / "misbehaving.py").write_text(modules.read_text())

@@ -26,6 +26,7 @@ def free_by_steps(point: tuple[float, float], curvature: float, limit_m: float) 
     return limit_m
 
 
+@pytest.mark.slow
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-2, 2))
 @settings(max_examples=25, deadline=None)
 def test_free_way_is_where_the_disc_touches(x_m: float, y_m: float, curvature: float) -> None:

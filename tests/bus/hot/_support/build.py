@@ -3,6 +3,7 @@
 The compiler is the one that setuptools uses for the installed module.
 """
 
+import fcntl
 import hashlib
 import importlib.machinery
 import importlib.util
@@ -11,7 +12,8 @@ import shlex
 import shutil
 import subprocess
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
@@ -51,6 +53,14 @@ def compile_c(command: Sequence[str], target: Path, sources: Sequence[Path], *op
     assert done.returncode == 0, f"{shlex.join(line)}\n{done.stderr}"
 
 
+@contextmanager
+def exclusively(lock: Path) -> Iterator[None]:
+    """Wait until no other process is in such a block with the same file."""
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
 def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
     """Return the hot path with a fuse in every store, built into a folder unless it is there already.
 
@@ -66,12 +76,13 @@ def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
     made_with = f"{sysconfig.get_config_var('SOABI')} {command} {options}"
     name = hashlib.sha256(texts + made_with.encode()).hexdigest()[:16]
     built = folder / f"native-{name}.so"
-    if not built.exists():
-        being_built = folder / f"{name}-{os.getpid()}.so"
-        include = f"-I{hot}", f"-I{sysconfig.get_paths()['include']}"
-        defined = "-DROBBIE_FUSE", f'-DROBBIE_SOURCES="{digest(hot)}"'
-        compile_c(command, being_built, sources, "-O1", "-fPIC", "-shared", *defined, *include, *options)
-        being_built.rename(built)
+    with exclusively(folder / "lock"):  # of several test processes, one builds
+        if not built.exists():
+            being_built = folder / f"{name}-{os.getpid()}.so"
+            include = f"-I{hot}", f"-I{sysconfig.get_paths()['include']}"
+            defined = "-DROBBIE_FUSE", f'-DROBBIE_SOURCES="{digest(hot)}"'
+            compile_c(command, being_built, sources, "-O1", "-fPIC", "-shared", *defined, *include, *options)
+            being_built.rename(built)
     loader = importlib.machinery.ExtensionFileLoader("native", str(built))
     spec = importlib.util.spec_from_file_location("native", built, loader=loader)
     assert spec is not None
