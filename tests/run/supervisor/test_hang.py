@@ -117,7 +117,7 @@ def test_pause_of_the_whole_machine_causes_no_time_out(tmp_path: Path) -> None:
         assert run.states("slow") == [ChildState.STARTING]
         run.tree.stop("seen enough")
 
-    assert run.play(scenario()) == 1  # one was never ready
+    assert run.play(scenario()) == 0
 
 
 def test_signal_of_the_watchdog_reaches_only_the_hung_child(tmp_path: Path) -> None:
