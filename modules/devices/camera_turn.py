@@ -8,10 +8,12 @@ from robbie_robots.modules.devices.command_age import LOOK_FOR
 
 MIN_TURN_RAD = 0.02
 """Smaller turns are not worth a command."""
+REPEAT_S = 0.5
+"""Time after which a direction is commanded again: the unit drops what it may not follow for longer."""
 
 
 class CameraTurn:
-    """Commands directions of the camera, each only if it differs from the one before.
+    """Commands directions of the camera, each if it differs from the one before, and again after a while.
 
     Args:
         module: the module that looks.
@@ -22,6 +24,7 @@ class CameraTurn:
         self._module = module
         self._min_turn_rad = min_turn_rad
         self._direction = (math.nan, math.nan)
+        self._commanded_s = -math.inf
 
     def to(self, pan_rad: float, tilt_rad: float, based_on: Time) -> None:
         """Turn the camera.
@@ -31,9 +34,11 @@ class CameraTurn:
             tilt_rad: direction from level, down, rad.
             based_on: stamp of the pose from which the direction was computed.
         """
-        if math.dist((pan_rad, tilt_rad), self._direction) < self._min_turn_rad:
+        now_s = self._module.monotonic_s()
+        is_small = math.dist((pan_rad, tilt_rad), self._direction) < self._min_turn_rad
+        if is_small and now_s - self._commanded_s < REPEAT_S:
             return
-        self._direction = pan_rad, tilt_rad
+        self._direction, self._commanded_s = (pan_rad, tilt_rad), now_s
         self._module.publish(
             PanTiltCommand(
                 header=Header(stamp=self._module.now(), frame_id="base_link"),

@@ -45,6 +45,7 @@ class JointControl:
         self._wanted_s: dict[str, float] = {}
         """Since when each joint has had its goal."""
         self._direction: dict[str, float] = {}
+        self._direction_until_s = -math.inf
         self._sent_s: dict[JointSource, float] = {}
         self._must_let_go: set[JointSource] = set()
         self._mover: JointSource | None = None
@@ -53,8 +54,10 @@ class JointControl:
         self.is_stopped = self.holds = False
 
     def see(self, at: Mapping[str, tuple[float, float]]) -> None:
-        """Take the position and the speed of each joint."""
+        """Take the position and the speed of each joint, and drop a direction whose time is over."""
         self._at = dict(at)
+        if self._clock() >= self._direction_until_s:
+            self._direction = {}  # what was ordered before a stop must not move a joint after it
 
     def stop(self) -> None:
         """Keep the joints where they are and follow no source."""
@@ -104,9 +107,14 @@ class JointControl:
         self._want(wanted)
         return dict(wanted)
 
-    def direct(self, wanted: Mapping[str, float]) -> None:
-        """Take positions that a module has ordered once, and that do not expire; the newest count."""
-        self._direction = dict(wanted)
+    def direct(self, wanted: Mapping[str, float], until_s: float) -> None:
+        """Take positions that joints keep once they are there; the newest count.
+
+        Args:
+            wanted: positions, by the joints' names.
+            until_s: by when modules must be allowed to move the joints, by the clock.
+        """
+        self._direction, self._direction_until_s = dict(wanted), until_s
 
     def due_direction(self) -> dict[str, float]:
         """Return the positions of `direct`, once, as soon as modules may move the joints; before, nothing."""

@@ -31,8 +31,8 @@ PAN_TILT = ["pan", "tilt"]
 class CommandedJoints(Module):
     """A module whose joints follow `JointCommand` and, if they are `pan` and `tilt`, `PanTiltCommand`.
 
-    When a `JointCommand` expires, the joints are let go. A `PanTiltCommand` has no expiry: the unit holds
-    its direction.
+    When a `JointCommand` expires, the joints are let go. After a `PanTiltCommand` the unit holds its
+    direction.
 
     One sender at a time moves the joints, until it is silent for 0.5 s. A command by hand (`by_hand`) takes
     over, and then the robot holds: the module orders it from the base.
@@ -40,8 +40,8 @@ class CommandedJoints(Module):
     While the base tells that the emergency stop is engaged, joints stay where they are, as long as commands
     come; so they do at commands of modules while the base does not tell AUTO. After it, a control that was
     held must be let go first, or commands must begin where the joints were stopped. The direction of a
-    `PanTiltCommand` is kept until modules may move the unit. A pan-tilt unit only turns a camera: the robot
-    does not hold because an operator moves it.
+    `PanTiltCommand` is kept until it expires. A pan-tilt unit only turns a camera: the robot does not hold
+    because an operator moves it.
 
     Publishes `JointState` on a topic named after the module, and follows `JointCommand` on the same topic.
     There it also publishes `JointLimits`, which is latched.
@@ -109,11 +109,11 @@ class CommandedJoints(Module):
     def on_pan_tilt(self, command: PanTiltCommand) -> None:
         """Look in a direction, as soon as modules may move the unit."""
         try:
-            left_s(self, command, self.max_age_s)
+            until_s = self.monotonic_s() + left_s(self, command, self.max_age_s)
         except StaleCommand as error:
             self._log_invalid(error)
             return
-        self.control.direct({"pan": command.pan_rad, "tilt": command.tilt_rad})
+        self.control.direct({"pan": command.pan_rad, "tilt": command.tilt_rad}, until_s)
         self._look()
 
     def _look(self) -> None:

@@ -24,7 +24,7 @@ class PanTiltByHand:
     expires, the unit stops where it is.
 
     While the emergency stop is engaged, the unit stands. While the robot holds or an operator drives, no
-    module turns it; the newest `PanTiltCommand` is kept until modules may. The same holds while an operator
+    module turns it; the newest `PanTiltCommand` is kept until it expires. The same holds while an operator
     turns it. See `JointControl` for the rest.
 
     Args:
@@ -73,11 +73,11 @@ class PanTiltByHand:
 
     def _on_direction(self, command: PanTiltCommand) -> None:
         try:
-            left_s(self._module, command, self._max_age_s)
+            until_s = self._module.monotonic_s() + left_s(self._module, command, self._max_age_s)
         except StaleCommand as error:
             self._log_invalid(error)
             return
-        self._control.direct({"pan": command.pan_rad, "tilt": command.tilt_rad})
+        self._control.direct({"pan": command.pan_rad, "tilt": command.tilt_rad}, until_s)
         self._look_where_modules_want()
 
     def _look_where_modules_want(self) -> None:

@@ -27,6 +27,8 @@ from robbie_robots.hw.emulation.line import EmulatedLine
 from robbie_robots.modules.devices.joints import DynamixelModule, SimulatedJointsModule
 from tests._support.commands import fresh
 
+LOOK = PanTiltCommand(pan_rad=0.3, valid_for=Duration(sec=1))
+
 
 def command(valid_for_s: float = 0.5, **positions: float) -> JointCommand:
     goals = np.array(list(positions.values()))
@@ -298,7 +300,7 @@ def test_no_module_turns_a_pan_tilt_unit_while_the_robot_holds() -> None:
         head.advance(10.0)
         control(head, ControlState.HOLD)
         head.send(fresh(head, command(pan=0.2)), topic="head", sender="mission")
-        head.send(fresh(head, PanTiltCommand(pan_rad=0.3)))
+        head.send(fresh(head, LOOK))
         head.advance(0.4)
         assert at(head) == 0.0
         by_hand = replace(fresh(head, command(pan=-0.1)), by_hand=True)
@@ -306,7 +308,18 @@ def test_no_module_turns_a_pan_tilt_unit_while_the_robot_holds() -> None:
         head.advance(0.4)
         assert at(head) == pytest.approx(-0.1)
         head.advance(1.0)
+        head.send(fresh(head, LOOK))
         control(head, ControlState.AUTO)
         head.advance(0.6)
         assert at(head) == pytest.approx(0.3)
         assert not head.take(SetControl)
+
+
+def test_direction_that_expired_while_the_robot_held_turns_nothing_afterwards() -> None:
+    with ModuleHarness(SimulatedJointsModule, {"names": ["pan", "tilt"]}, name="head") as head:
+        control(head, ControlState.HOLD)
+        head.send(fresh(head, LOOK))
+        head.advance(1.1)
+        control(head, ControlState.AUTO)
+        head.advance(0.6)
+        assert at(head) == 0.0

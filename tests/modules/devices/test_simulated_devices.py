@@ -373,7 +373,7 @@ def unit() -> Iterator[Unit]:
 
 
 def look(unit: Unit, pan: float) -> None:
-    unit.send(fresh(unit, PanTiltCommand(pan_rad=pan)))
+    unit.send(fresh(unit, PanTiltCommand(pan_rad=pan, valid_for=Duration(sec=1))))
 
 
 def turn(unit: Unit, pan: float) -> float:
@@ -414,8 +414,10 @@ def test_pan_tilt_unit_stops_at_once_and_looks_where_a_module_wants_when_the_rob
     unit.advance(1.0)
     tell_stop(unit, False)
     unit.advance(1.0)
-    assert pan_of(unit) == pytest.approx(stopped)
     tell_control(unit, ControlState.AUTO)
+    unit.advance(1.0)
+    assert pan_of(unit) == pytest.approx(stopped), "what was ordered during the stop has expired"
+    look(unit, -1.0)
     unit.advance(2.0)
     assert pan_of(unit) == pytest.approx(-1.0)
 
@@ -442,6 +444,7 @@ def test_module_turns_the_pan_tilt_unit_back_when_the_operator_has_let_go(unit: 
     look(unit, -0.9)
     assert turn(unit, 1.0) > -0.4
     assert not unit.take(SetControl), "the robot goes on while its operator looks around"
+    look(unit, -0.9)  # as modules do twice a second
     unit.advance(2.0)
     assert pan_of(unit) == pytest.approx(-0.9)
 
