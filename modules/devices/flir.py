@@ -42,6 +42,7 @@ class FlirPanTiltModule(PluggableDeviceModule[PanTiltState]):
         """Publish the direction, and the unit's limits once it has reported them."""
         self.by_hand.offer(self.unit.limits)
         self.by_hand.tick()
+        self.checkpoint({"orders": self.by_hand.orders.memory})
         self.publish(
             JointState(
                 header=Header(stamp=Time.from_nanoseconds(round(value.stamp_s * 1e9))),

@@ -56,6 +56,8 @@ class JointControl:
     def see(self, at: Mapping[str, tuple[float, float]]) -> None:
         """Take the position and the speed of each joint, and drop a direction whose time is over."""
         self._at = dict(at)
+        if (self.is_stopped or self.holds) and not self.kept:  # since before it was known where they are
+            self._end(())
         if self._clock() >= self._direction_until_s:
             self._direction = {}  # what was ordered before a stop must not move a joint after it
 

@@ -1,4 +1,4 @@
-"""Stops joints, and lets them go on, as the base tells."""
+"""Stops joints, and lets them go on, as the base tells. A restarted module knows what the base told last."""
 
 from collections.abc import Callable
 
@@ -9,6 +9,8 @@ from robbie_robots.modules.devices.joint_control import JointControl
 
 class JointOrders:
     """Binds the joints of a module to the emergency stop, and to who controls the robot.
+
+    A module that was restarted resumes the `orders` of its checkpoint.
 
     Args:
         module: the module of the joints.
@@ -27,6 +29,21 @@ class JointOrders:
             EmergencyStop, self._on_emergency_stop, newest, topic="emergency_stop_state", optional=True
         )
         module.subscribe(ControlState, self._on_control, newest, topic="control", optional=True)
+        # The base may have died as well, and be back later than this module.
+        if isinstance(module.restored, dict):
+            self._resume(**module.restored["orders"])
+
+    @property
+    def memory(self) -> dict[str, object]:
+        """What the base has told, for the `orders` of the module's checkpoint."""
+        return {"is_stopped": self._control.is_stopped, "mode": self.mode}
+
+    def _resume(self, *, is_stopped: bool, mode: int | None) -> None:
+        self.mode = mode
+        if is_stopped:
+            self._control.stop()
+        if mode not in (None, ControlState.AUTO):
+            self._control.hold(hands_too=mode == ControlState.HOLD)
 
     def _on_emergency_stop(self, state: EmergencyStop) -> None:
         """Stop the joints at once, and keep them there, or let them follow new commands."""

@@ -123,6 +123,7 @@ class CommandedJoints(Module):
     def publish_state(self, reading: JointReading) -> None:
         """Publish where the joints are."""
         self.see_joints(reading)
+        self.checkpoint({"orders": self.orders.memory})
         self.publish(
             JointState(
                 header=Header(stamp=Time.from_nanoseconds(round(reading.stamp_s * 1e9))),

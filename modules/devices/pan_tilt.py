@@ -40,7 +40,7 @@ class PanTiltByHand:
         self._offered: PanTiltLimits | None = None
         self._until_s = math.inf
         self._control = JointControl(self._module.monotonic_s)
-        JointOrders(module, self._control, self._keep)
+        self.orders = JointOrders(module, self._control, self._keep)
         module.subscribe(PanTiltCommand, self._on_direction, optional=True)
         module.subscribe(JointCommand, self._on_joints, topic=TOPIC, optional=True)
 
@@ -142,5 +142,6 @@ class SimulatedPanTiltModule(Module):
             ),
             topic=TOPIC,
         )
-        self.checkpoint({"direction": (state.pan_rad, state.tilt_rad)})
+        direction = state.pan_rad, state.tilt_rad
+        self.checkpoint({"direction": direction, "orders": self.by_hand.orders.memory})
         self.status = f"pan {state.pan_rad:.2f} rad, tilt {state.tilt_rad:.2f} rad"

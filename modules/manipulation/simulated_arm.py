@@ -124,7 +124,8 @@ class SimulatedArm(CommandedJoints, SimulatedDevice):
         efforts = [self.shapes.torque_nm(name, robot, hand[:3, 3], pull) for name in self.names]
         now = self.now()
         self._publish(reading, np.array(efforts), now)
-        self.checkpoint({"joints": self._positions(), "objects": self.objects.memory()})
+        memory = {"joints": self._positions(), "objects": self.objects.memory()}
+        self.checkpoint({**memory, "orders": self.orders.memory})
         held = f"holds {self.objects.held}" if self.objects.held else "holds nothing"
         self.status = f"{held}, {self.figures(self.simulated.expired_commands)}"
 

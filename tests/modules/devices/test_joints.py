@@ -295,6 +295,33 @@ def test_arm_whose_command_has_expired_does_not_move_during_an_emergency_stop(ar
     assert lift(arm, 1.0) == pytest.approx(before, abs=0.03)
 
 
+def test_restarted_arm_stands_until_a_base_that_died_too_is_back_and_lets_it_go(arm: Arm) -> None:
+    lift(arm, 1.0)
+    stop(arm, True)
+    arm.advance(0.02)
+    with ModuleHarness(
+        SimulatedJointsModule, {"names": ["elbow"]}, name="arm", restored=arm.checkpoint
+    ) as again:
+        again.advance(1.0)
+        before = at(again)
+        assert lift(again, 1.0) == lift(again, 1.0, "manipulation") == pytest.approx(before, abs=0.03)
+        stop(again, False)
+        again.advance(1.0)
+        assert lift(again, 1.0) > before + 0.15
+
+
+def test_restarted_arm_follows_no_module_if_the_robot_held(arm: Arm) -> None:
+    control(arm, ControlState.HOLD)
+    arm.advance(0.02)
+    with ModuleHarness(
+        SimulatedJointsModule, {"names": ["elbow"]}, name="arm", restored=arm.checkpoint
+    ) as again:
+        again.advance(1.0)
+        before = at(again)
+        assert lift(again, 1.0, "manipulation") == pytest.approx(before, abs=0.03)
+        assert lift(again, 1.0) > before + 0.15, "an operator drives it"
+
+
 def test_no_module_turns_a_pan_tilt_unit_while_the_robot_holds() -> None:
     with ModuleHarness(SimulatedJointsModule, {"names": ["pan", "tilt"]}, name="head") as head:
         head.advance(10.0)
