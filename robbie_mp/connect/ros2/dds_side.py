@@ -5,14 +5,14 @@ CycloneDDS calls back in its own threads. They only put messages into the inbox.
 
 import re
 import time
-from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robbie_mp.connect.bridge.mapping import DEFAULT_DEPTH
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
+from robbie_mp.connect.ros2.rtps.participant import NoInterface
+from robbie_mp.connect.ros2.rtps.services import DdsServices
 from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, Ros2Unavailable, RosChannel
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import Message, from_dict
@@ -50,18 +50,11 @@ _SETTINGS = """<CycloneDDS><Domain>
 {peers}</Discovery></Domain></CycloneDDS>"""
 
 
-ENCAPSULATION_BYTES, HEADER_BYTES = 4, 16
-"""Before each message; and, after that, before each request and response: the client and a number."""
-LITTLE_ENDIAN = 1
 PADDED_TO = 4
 LOOK_NS = 1_000_000_000
 """Time between two looks at the types of others' endpoints."""
 MAX_ENDPOINTS = 1000
 HASH = re.compile(rb"typehash=(RIHS01_[0-9a-f]{64});")
-RESPONSE_WAIT_NS = 1_000_000_000
-"""How long a response waits until the client's reader has been discovered, which can be after its request."""
-MAX_RESPONSES = 64
-"""Most responses that wait for that."""
 
 
 def settings_of_domain(interface: str) -> str:
@@ -74,16 +67,6 @@ def settings_of_domain(interface: str) -> str:
     multicast = f"<AllowMulticast>false</AllowMulticast>{_LARGE}" if is_local else ""
     peers = '<Peers><Peer address="127.0.0.1"/></Peers>' if is_local else ""
     return _SETTINGS.format(interface=interface, multicast=multicast, peers=peers)
-
-
-@dataclass
-class _Response:
-    """A response that waits for the client's reader."""
-
-    writer: Any
-    participant: Any
-    data: bytes
-    until_ns: int
 
 
 @dataclass
@@ -104,13 +87,13 @@ class DdsSide:
     inbox: MiddlewareInbox
     types: "Callable[[str], type[Message]]"
     interface: str = LOOPBACK
-    unsent: int = 0
     incompatible: int = 0
     """Endpoints of others that do not fit because of their quality of service."""
     _writers: dict[RosChannel, Any] = field(default_factory=dict)
     _readers: list[Any] = field(default_factory=list)
-    _responders: list[Any] = field(default_factory=list)
-    _responses: deque[_Response] = field(default_factory=deque)
+    _services: DdsServices | None = None
+    _untaken: int = 0
+    """Messages that CycloneDDS did not take."""
     _asked: dict[str, RosChannel] = field(default_factory=dict)
     """Channels by their topic in DDS: those that this node reads; `_offered` has those that it writes."""
     _offered: dict[str, RosChannel] = field(default_factory=dict)
@@ -149,6 +132,11 @@ class DdsSide:
         self._nodes = self._writer(topic_of(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
         self._tell()
 
+    @property
+    def unsent(self) -> int:
+        """Messages that the middleware did not take."""
+        return self._untaken + (self._services.unsent if self._services is not None else 0)
+
     def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher."""
         if channel not in self._writers:
@@ -182,39 +170,23 @@ class DdsSide:
         self._tell()
 
     def serve(self, name: str, service: "ServiceType") -> None:
-        """Offer a service: a topic for requests, and one for responses."""
-        from cyclonedds.core import Listener  # noqa: PLC0415
-        from cyclonedds.sub import DataReader  # noqa: PLC0415
-
-        side = self
-        asked, answered = service.over_dds
-        identity = f"serviceid={self._service_id()};".encode()
-        requests = topic_of(self._participant, f"rq{name}Request", raw_type(asked))
-        responses = topic_of(self._participant, f"rr{name}Reply", raw_type(answered))
-        writer = self._writer(responses, True, False, DEFAULT_DEPTH, service.response, identity)
-
-        class Taking(Listener):  # type: ignore[misc, unused-ignore]
-            def on_data_available(self, reader: Any) -> None:
-                for sample in reader.take(MAX_TAKEN):
-                    if hasattr(sample, "raw"):
-                        side._on_request(name, reader, writer, sample)
-
-        policies = self._quality(True, False, DEFAULT_DEPTH, service.request, identity)
-        self._responders.append(writer)
-        self._readers.append(DataReader(self._participant, requests, policies, Taking()))
+        """Offer a service."""
+        self._with_services().serve(name, service)
         self._tell()
 
     def look_after(self) -> None:
-        """Send responses whose clients are known now, and count endpoints that do not fit."""
+        """Count endpoints that do not fit.
+
+        Raises:
+            Ros2Unavailable: what serves requests has failed.
+        """
+        if self._services is not None and self._services.has_failed:
+            raise Ros2Unavailable("the thread that serves requests has ended; the trace has its error")
         if time.monotonic_ns() - self._looked_ns >= LOOK_NS:
             self._looked_ns = time.monotonic_ns()
             for reader, channels in zip(self._endpoints, (self._asked, self._offered), strict=True):
                 for endpoint in reader.read(MAX_ENDPOINTS):
                     self._compare(endpoint, channels)
-        for _ in range(len(self._responses)):
-            response = self._responses.popleft()
-            if not self._respond(response):
-                self._responses.append(response)
         readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
         writers = self._writers.values()
         self.incompatible = readers + sum(
@@ -241,6 +213,8 @@ class DdsSide:
 
     def close(self) -> None:
         """Leave the domain."""
+        if self._services is not None:
+            self._services.close()
         self._participant._delete(self._participant._ref)
         self._domain._delete(self._domain._ref)
 
@@ -249,28 +223,13 @@ class DdsSide:
         message_type = self.types(channel.type_name)
         return topic_of(self._participant, f"rt{channel.name}", raw_type(message_type)), message_type
 
-    def _service_id(self) -> str:
-        """Return the identity of the next service: that of the participant, and a number."""
-        number = len(self._responders) + 1
-        identity = self._participant.guid.bytes[:12] + number.to_bytes(4, "big")
-        return ".".join(f"{one:x}" for one in identity)
-
-    def _answer(self, response: _Response) -> None:
-        if len(self._responses) >= MAX_RESPONSES:
-            self.unsent += 1
-        elif not self._respond(response):
-            self._responses.append(response)
-
-    def _respond(self, response: _Response) -> bool:
-        """Send a response if its client has a reader; return False if it must wait for that."""
-        writer = response.writer
-        found = map(writer.get_matched_subscription_data, writer.get_matched_subscriptions())
-        if not any(one is not None and one.participant_key == response.participant for one in found):
-            is_over = time.monotonic_ns() >= response.until_ns
-            self.unsent += is_over
-            return is_over
-        self._write(writer, response.data)
-        return True
+    def _with_services(self) -> DdsServices:
+        if self._services is None:
+            try:
+                self._services = DdsServices(self.node.domain, self.interface, self.inbox)
+            except NoInterface as error:
+                raise Ros2Unavailable(f"services cannot use the interface: {error}") from error
+        return self._services
 
     def _write(self, writer: Any, data: memoryview | bytes) -> None:
         """Write a message from where it is: `DataWriter.write` would take no view, and copy more."""
@@ -278,7 +237,7 @@ class DdsSide:
 
         beyond = len(data) % PADDED_TO
         padded = data if not beyond else bytes(data).ljust(len(data) - beyond + PADDED_TO, b"\0")
-        self.unsent += ddspy_write(writer._ref, padded) < 0
+        self._untaken += ddspy_write(writer._ref, padded) < 0
 
     def _writer(
         self,
@@ -287,11 +246,10 @@ class DdsSide:
         is_latched: bool,
         depth: int,
         message_type: type[Message],
-        identity: bytes = b"",
     ) -> Any:
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
 
-        policies = self._quality(is_reliable, is_latched, depth, message_type, identity)
+        policies = self._quality(is_reliable, is_latched, depth, message_type)
         return DataWriter(self._participant, topic, policies)
 
     def _quality(
@@ -300,7 +258,6 @@ class DdsSide:
         is_latched: bool,
         depth: int,
         message_type: type[Message],
-        identity: bytes = b"",
     ) -> Any:
         from cyclonedds.core import Policy, Qos  # noqa: PLC0415
 
@@ -315,42 +272,25 @@ class DdsSide:
             Policy.DurabilityService(0, kept, -1, -1, -1),
             Policy.DataRepresentation(use_cdrv0_representation=True),
             Policy.IgnoreLocal.Participant,
-            Policy.Userdata(identity + f"typehash={type_hash(message_type)};".encode()),
+            Policy.Userdata(f"typehash={type_hash(message_type)};".encode()),
         )
 
     def _tell(self) -> None:
         """Tell other participants of the node and its endpoints."""
+        readers = [one.guid.bytes for one in self._readers]
+        writers = [one.guid.bytes for one in self._writers.values()]
+        if self._services is not None:
+            readers, writers = readers + self._services.readers, writers + self._services.writers
         node = {
             "node_namespace": self.node.namespace,
             "node_name": self.node.name,
-            "reader_gid_seq": [_gid(one) for one in self._readers],
-            "writer_gid_seq": [_gid(one) for one in (*self._writers.values(), *self._responders)],
+            "reader_gid_seq": [_gid(one) for one in readers],
+            "writer_gid_seq": [_gid(one) for one in writers],
         }
-        told = from_dict(NODES, {"gid": _gid(self._participant), "node_entities_info_seq": [node]})
+        participant = _gid(self._participant.guid.bytes)
+        told = from_dict(NODES, {"gid": participant, "node_entities_info_seq": [node]})
         self._nodes.write(sample_of(self._told, told.encode()))
 
-    # -- in threads of CycloneDDS ----------------------------------------------------------------------
 
-    def _on_request(self, name: str, reader: Any, writer: Any, sample: Any) -> None:
-        data: bytes = sample.raw
-        begin = ENCAPSULATION_BYTES + HEADER_BYTES
-        handle = sample.sample_info.publication_handle
-        if len(data) <= begin or data[1] != LITTLE_ENDIAN:
-            self.inbox.put_stranger(f"a request to {name} without its header, or not little endian")
-            return
-        header = data[ENCAPSULATION_BYTES:begin]
-
-        def answer(response: bytes) -> None:
-            client = reader.get_matched_publication_data(handle)
-            if client is None:  # it has gone
-                self.unsent += 1
-                return
-            whole = response[:ENCAPSULATION_BYTES] + header + response[ENCAPSULATION_BYTES:]
-            until_ns = time.monotonic_ns() + RESPONSE_WAIT_NS
-            self._answer(_Response(writer, client.participant_key, whole, until_ns))
-
-        self.inbox.put_call(name, data[:ENCAPSULATION_BYTES] + data[begin:], answer)
-
-
-def _gid(entity: Any) -> dict[str, Any]:
-    return {"data": np.frombuffer(entity.guid.bytes, np.uint8)}
+def _gid(guid: bytes) -> dict[str, Any]:
+    return {"data": np.frombuffer(guid, np.uint8)}

@@ -6,8 +6,6 @@ from robbie_mp.connect.ros2.type_hash import FILLER, service_hash
 from robbie_mp.messages import Message
 from robbie_mp.messages.schema_parser import message_type_from_schema
 
-HEADER: Final = "uint64 guid\nint64 seq\n"
-"""Header of rmw_cyclonedds before each request and response: the client, and the number of its request."""
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 
 
@@ -18,14 +16,12 @@ class ServiceType(NamedTuple):
         name: as `std_srvs/srv/Trigger`.
         request: the class of its requests.
         response: the class of its responses.
-        over_dds: the same two with the header that they have in DDS.
         type_hash: the hash of the service, with requests, responses and events.
     """
 
     name: str
     request: type[Message]
     response: type[Message]
-    over_dds: tuple[type[Message], type[Message]]
     type_hash: str
 
 
@@ -43,8 +39,8 @@ def service_type(name: str, definition: str, **nested: str) -> ServiceType:
     package = name.partition("/")[0]
     halves = [half.strip() or f"uint8 {FILLER}" for half in definition.split("---")]
 
-    def build(half: int, header: str = "") -> type[Message]:
-        text = f"{header}{halves[half]}\n"
+    def build(half: int) -> type[Message]:
+        text = f"{halves[half]}\n"
         used: dict[str, None] = {}
         waiting = [text]
         while waiting:
@@ -56,8 +52,7 @@ def service_type(name: str, definition: str, **nested: str) -> ServiceType:
         return message_type_from_schema(f"{name}{('_Request', '_Response')[half]}", text)
 
     request, response = build(0), build(1)
-    over_dds = build(0, HEADER), build(1, HEADER)
-    return ServiceType(name, request, response, over_dds, service_hash(name, request, response))
+    return ServiceType(name, request, response, service_hash(name, request, response))
 
 
 TRIGGER: Final = service_type("std_srvs/srv/Trigger", "---\nbool success\nstring message")

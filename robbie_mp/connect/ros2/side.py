@@ -111,13 +111,14 @@ class MiddlewareInbox:
         wake: called in another thread when messages wait.
 
     Attributes:
+        max_bytes: size of the largest message that is taken.
         overflowed: messages dropped because too many waited.
         oversized: messages dropped because they were too large.
         strangers: messages of a type, or with a type hash, that was not asked for, by what they are.
     """
 
     def __init__(self, max_messages: int, max_bytes: int, wake: Callable[[], None]):
-        self._max_messages, self._max_bytes, self._wake = max_messages, max_bytes, wake
+        self._max_messages, self.max_bytes, self._wake = max_messages, max_bytes, wake
         self._waiting: deque[RosArrival] = deque()
         self._calls: deque[Call] = deque()
         self.overflowed = 0
@@ -128,7 +129,7 @@ class MiddlewareInbox:
 
     def put(self, channel: RosChannel, data: bytes, sent_ns: int) -> None:
         """Keep a message for the module, and when its sender says that it has sent it; in any thread."""
-        if len(data) > self._max_bytes:
+        if len(data) > self.max_bytes:
             self.oversized += 1
         elif len(self._waiting) >= self._max_messages:
             self.overflowed += 1
@@ -138,7 +139,7 @@ class MiddlewareInbox:
 
     def put_call(self, service: str, data: bytes, answer: Callable[[bytes], None]) -> None:
         """Keep a request for the module; in any thread."""
-        if len(data) > self._max_bytes:
+        if len(data) > self.max_bytes:
             self.oversized += 1
         elif len(self._calls) >= MAX_CALLS:
             self.overflowed += 1
@@ -189,8 +190,10 @@ class ReusedMemory:
 class Side(Protocol):
     """A middleware of ROS 2, with the robot as one node in it."""
 
-    unsent: int
-    """Messages that the middleware did not take."""
+    @property
+    def unsent(self) -> int:
+        """Messages that the middleware did not take."""
+
     incompatible: int
     """Endpoints of others that do not fit because of their quality of service."""
 

@@ -1,7 +1,11 @@
 """The bridge over DDS beside real nodes of ROS 2: rclpy from wheels, and the ROS of this shell."""
 
 import itertools
+import json
 import os
+import pathlib
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -11,21 +15,28 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from robbie_mp import ModuleHarness
+from robbie_mp import Module, ModuleHarness, setting
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import (
+    CancelNavigation,
     DriveCommand,
+    EmergencyStop,
     Header,
     Image,
     LaserScan,
     Message,
+    NavigationCancelled,
     Path,
     PoseStamped,
+    SettingChange,
+    SettingChanged,
     String,
     from_dict,
 )
 from robbie_mp.messages.stock.registry import stock_registry
+from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
+from tests._support.places import PROJECT
 from tests.connect.ros2._support.ros_nodes import DISTRIBUTIONS, RosNode, ros_node, until
 
 pytestmark = pytest.mark.slow
@@ -47,7 +58,13 @@ SETTINGS: dict[str, Any] = {
         "/cmd_vel": "Twist as DriveCommand ros",
         **{f"/back/{topic}": f"{one.type_name} {topic}" for topic, one in STOCK.items()},
     },
+    "services": {
+        "/abort": "CancelNavigation {reason: from ROS}",
+        "/go": "CancelNavigation {client: go} or {client: halt}",
+    },
 }
+NAMES = [f"setting_{number}_with_a_name_that_is_longer_than_most" for number in range(3000)]
+"""Enough for responses and requests that do not fit into one datagram."""
 LISTEN = """
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
@@ -90,6 +107,39 @@ for topic, name in kinds.items():
     got["kinds"].append(topic)
 result = got["kinds"]
 """
+
+
+# A client keeps ten responses that it has not looked at yet, so no more may come at once.
+CALL = """
+from std_srvs.srv import SetBool, Trigger
+abort, go = node.create_client(Trigger, "/abort"), node.create_client(SetBool, "/go")
+assert abort.wait_for_service(10.0) and go.wait_for_service(10.0)
+calls = [go.call_async(SetBool.Request(data=number % 2 == 0)) for number in range(8)]
+calls.append(abort.call_async(Trigger.Request()))
+"""
+HAVE_ENDED = "result = [one.done() and (one.result().success, one.result().message) for one in calls]"
+ASK = """
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+settings = AsyncParameterClient(node, "/team/red")
+assert settings.wait_for_services(10.0)
+changed = [Parameter("mapping.frame", value="odom"), Parameter("mapping.resolution_m", value=0.1)]
+answers = [settings.list_parameters([], 0), settings.get_parameters(names), settings.set_parameters(changed)]
+"""
+ANSWERS = """
+result = None
+if all(one.done() for one in answers):
+    listed, values, done = (one.result() for one in answers)
+    types, are_changed = [one.type for one in values.values], [one.successful for one in done.results]
+    result = [listed.result.names, types, are_changed]
+"""
+
+
+class Mapping(Module):
+    """A module with two settings."""
+
+    resolution_m: float = setting(0.05, "edge of a cell", minimum=0.01, maximum=1.0, changeable=True)
+    frame: str = setting("map", "its frame")
 
 
 class Ros(NamedTuple):
@@ -163,6 +213,83 @@ def test_large_image_and_long_path_return_from_a_node_unchanged(ros: Ros) -> Non
     path = Path(poses=[PoseStamped(header=Header(frame_id="map")) for _ in range(1000)])
     sent: dict[str, Message] = {topics[Image]: image, topics[Path]: path}
     wait_until_returned(bridge, sent)
+
+
+def asked_of_the_robot(bridge: ModuleHarness[Ros2Bridge]) -> list[Any]:
+    """Return the requests that the bridge has sent to modules of the robot since this was called last."""
+    name = CancelNavigation.type_name
+    found = [one.message for one in bridge.published if one.message.type_name == name]
+    bridge.bus.published.clear()
+    return found
+
+
+def test_each_of_many_requests_gets_its_own_response(ros: Ros) -> None:
+    bridge, node = ros
+    node.run(CALL)
+    told: list[Any] = []
+
+    def have_all_ended() -> bool:
+        for request in reversed(asked_of_the_robot(bridge)):
+            if request.reason:
+                bridge.refuse(request, "not now")
+            else:
+                bridge.reply(request, NavigationCancelled(client=request.client))
+        told[:] = node.run(HAVE_ENDED)
+        return all(told)
+
+    until(bridge, have_all_ended)
+    replies = [[True, json.dumps({"client": client})] for client in ("go", "halt")]
+    assert told == [*(replies * 4), [False, "not now"]]
+
+
+def test_client_of_cyclonedds_is_served_beside_one_of_fastdds(ros: Ros) -> None:
+    bridge, node = ros
+    node.run(CALL)
+    command = [sys.executable, "-m", "tests.connect.ros2.dds_client", str(bridge.module.domain)]
+    with subprocess.Popen(command, cwd=PROJECT, stdout=subprocess.PIPE, text=True) as client:
+
+        def have_all_ended() -> bool:
+            for request in asked_of_the_robot(bridge):
+                bridge.reply(request, NavigationCancelled(client=f"{request.client}ed"))
+            return all(node.run(HAVE_ENDED)) and client.poll() is not None
+
+        until(bridge, have_all_ended)
+        told = json.loads(client.communicate()[0])
+    assert told["response"] == [0x1122334455667788, 5, True, '{"client": "halted"}']
+
+
+def test_emergency_stop_is_answered_by_what_the_base_says(ros: Ros) -> None:
+    bridge, node = ros
+    node.run(CALL.replace("/abort", "/team/emergency_stop/engage"))
+
+    def has_ended() -> bool:
+        if bridge.take(EmergencyStop, "emergency_stop"):
+            bridge.send(EmergencyStop(engaged=True), topic="emergency_stop_state")
+        return bool(node.run(HAVE_ENDED)[-1])
+
+    until(bridge, has_ended)
+    assert node.run(HAVE_ENDED)[-1] == [True, "the robot stands still"]
+
+
+def test_settings_are_parameters_also_if_they_need_many_datagrams(ros: Ros, tmp_path: pathlib.Path) -> None:
+    bridge, node = ros
+    file = SettingsFile(tmp_path, "mapping")
+    mapping = ModuleHarness(Mapping, name="mapping")
+    SettingChanges(mapping.module, mapping.bus, file).listen()
+    assert bridge.module.node_parameters is not None
+    bridge.module.node_parameters.files = {"mapping": file}
+    node.run(ASK, names=["mapping.frame", *NAMES])
+
+    def have_all_ended() -> bool:
+        for change in bridge.take(SettingChange, "mapping"):
+            bridge.send(SettingChanged(request=change.request), topic="mapping")
+        return node.run(ANSWERS) is not None
+
+    until(bridge, have_all_ended)
+    names, types, are_changed = node.run(ANSWERS)
+    assert sorted(names) == ["mapping.frame", "mapping.resolution_m"]
+    assert types == [4, *([0] * len(NAMES))]
+    assert are_changed == [False, True]
 
 
 def wait_until_returned(bridge: ModuleHarness[Ros2Bridge], sent: dict[str, Message]) -> None:

@@ -1,0 +1,225 @@
+"""Reliable writers and readers of RTPS: what is lost is sent again, and nothing comes twice."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from robbie_mp.connect.ros2.rtps import wire
+
+Send = Callable[[bytes, list[bytes]], None]
+"""Sends submessages to a participant, each list in as few datagrams as possible."""
+KEPT: Final = 64
+"""Messages that a writer of responses keeps for readers that have missed them."""
+MAX_PEERS: Final = 1000
+"""Most endpoints of others that one of this side has to do with."""
+MAX_PARTIAL: Final = 4
+"""Most messages of which a reader has only parts; the oldest goes first."""
+MAX_AHEAD: Final = wire.MAX_BITS
+"""Most numbers that a reader remembers beyond the first that it misses."""
+
+
+class Written(NamedTuple):
+    """A message that a writer keeps.
+
+    Attributes:
+        to: the participant that it is for; empty: all.
+    """
+
+    parameters: bytes
+    payload: bytes
+    to: bytes
+
+
+@dataclass
+class _ReaderProxy:
+    """A reader of another participant: what it needs, and what it has."""
+
+    first: int
+    acknowledged: int
+
+
+@dataclass
+class Writer:
+    """A reliable writer.
+
+    Args:
+        entity: its number in its participant.
+        send: sends to a participant.
+        is_latched: whether readers that come later get what is kept.
+        kept: number of messages that are kept.
+    """
+
+    entity: bytes
+    send: Send
+    is_latched: bool = False
+    kept: int = KEPT
+    readers: dict[bytes, _ReaderProxy] = field(default_factory=dict)
+    _history: "OrderedDict[int, Written]" = field(default_factory=OrderedDict)
+    _last: int = 0
+    _count: int = 0
+
+    def match(self, reader: bytes) -> None:
+        """Begin to send to a reader."""
+        if reader not in self.readers and len(self.readers) < MAX_PEERS:
+            done = 0 if self.is_latched else self._last
+            self.readers[reader] = _ReaderProxy(done + 1, done)
+            self._send(reader, (self._heartbeat(reader),))
+
+    def write(self, payload: bytes, parameters: bytes = b"", to: bytes = b"") -> int:
+        """Send a message to the readers of all participants, or of one; return its number."""
+        self._last += 1
+        self._history[self._last] = Written(parameters, payload, to)
+        if len(self._history) > self.kept:
+            self._history.popitem(last=False)
+        for reader in self.readers:
+            self._send(reader, (*self._parts(reader, self._last), self._heartbeat(reader)))
+        return self._last
+
+    def on_acknack(self, reader: bytes, base: int, missing: list[int]) -> None:
+        """Send again what a reader misses."""
+        proxy = self.readers.get(reader)
+        if proxy is None:
+            return
+        proxy.acknowledged = max(proxy.acknowledged, min(base - 1, self._last))
+        parts = [part for one in missing if 0 < one <= self._last for part in self._parts(reader, one)]
+        if parts or base <= self._last:
+            self._send(reader, (*parts, self._heartbeat(reader)))
+
+    def look_after(self) -> None:
+        """Ask readers that have not confirmed everything; called a few times in a second."""
+        for reader, proxy in self.readers.items():
+            if proxy.acknowledged < self._last:
+                self._send(reader, (self._heartbeat(reader),))
+
+    def forget(self, prefix: bytes) -> None:
+        """Forget a reader, or all of a participant."""
+        for one in [one for one in self.readers if one.startswith(prefix)]:
+            del self.readers[one]
+
+    def _parts(self, reader: bytes, sequence: int) -> Iterator[bytes]:
+        written, entity = self._history.get(sequence), reader[wire.PREFIX_BYTES :]
+        is_for = written is not None and (not written.to or reader.startswith(written.to))
+        if written is None or not is_for or sequence < self.readers[reader].first:
+            yield wire.gap(entity, self.entity, sequence)
+            return
+        yield from wire.data_parts(entity, self.entity, sequence, written.parameters, written.payload)
+
+    def _heartbeat(self, reader: bytes) -> bytes:
+        self._count += 1
+        first = next(iter(self._history), self._last + 1)
+        return wire.heartbeat(reader[wire.PREFIX_BYTES :], self.entity, first, self._last, self._count)
+
+    def _send(self, reader: bytes, parts: tuple[bytes, ...]) -> None:
+        self.send(reader[: wire.PREFIX_BYTES], list(parts))
+
+
+@dataclass
+class _WriterProxy:
+    """A writer of another participant: what has come of it."""
+
+    base: int = 1
+    """The first number that is missing."""
+    ahead: set[int] = field(default_factory=set)
+    partial: "OrderedDict[int, dict[int, bytes]]" = field(default_factory=OrderedDict)
+    count: int = 0
+
+    def is_new(self, sequence: int) -> bool:
+        return self.base <= sequence < self.base + MAX_AHEAD and sequence not in self.ahead
+
+    def note(self, sequence: int) -> None:
+        self.ahead.add(sequence)
+        self.skip_to(self.base)
+
+    def skip_to(self, base: int) -> None:
+        self.base = max(self.base, base)
+        self.ahead = {one for one in self.ahead if one >= self.base}
+        while self.base in self.ahead:
+            self.ahead.remove(self.base)
+            self.base += 1
+
+
+@dataclass
+class Reader:
+    """A reliable reader.
+
+    Args:
+        entity: its number in its participant.
+        send: sends to a participant.
+        take: gets each message once.
+        max_bytes: size of the largest message that it takes.
+    """
+
+    entity: bytes
+    send: Send
+    take: Callable[[wire.Sample], None]
+    max_bytes: int = 1 << 20
+    writers: dict[bytes, _WriterProxy] = field(default_factory=dict)
+
+    def match(self, writer: bytes) -> None:
+        """Begin to listen to a writer."""
+        if writer not in self.writers and len(self.writers) < MAX_PEERS:
+            self.writers[writer] = _WriterProxy()
+            self._acknowledge(writer, [], is_final=False)  # what it has sent before comes at once
+
+    def on_sample(self, sample: wire.Sample) -> None:
+        """Take a message, or a part of one."""
+        proxy = self.writers.get(sample.writer)
+        if proxy is None or not proxy.is_new(sample.sequence):
+            return
+        whole = self._whole(proxy, sample) if sample.fragment else sample
+        if whole is not None:
+            proxy.note(sample.sequence)
+            self.take(whole)
+
+    def _whole(self, proxy: _WriterProxy, sample: wire.Sample) -> wire.Sample | None:
+        if sample.size > self.max_bytes:
+            proxy.note(sample.sequence)
+            return None
+        parts = proxy.partial.setdefault(sample.sequence, {})
+        for number, at in enumerate(range(0, len(sample.payload), sample.fragment_bytes), sample.fragment):
+            parts[number] = sample.payload[at : at + sample.fragment_bytes]
+        if len(proxy.partial) > MAX_PARTIAL:
+            proxy.partial.popitem(last=False)
+        total = -(-sample.size // sample.fragment_bytes)
+        if len(parts) < total or any(one not in parts for one in range(1, total + 1)):
+            return None
+        proxy.partial.pop(sample.sequence, None)
+        data = b"".join(parts[one] for one in range(1, total + 1))
+        return sample._replace(payload=data[: sample.size])
+
+    def on_heartbeat(self, writer: bytes, first: int, last: int, is_final: bool) -> None:
+        """Tell a writer what is missing."""
+        proxy = self.writers.get(writer)
+        if proxy is None:
+            return
+        proxy.skip_to(first)
+        end = min(last + 1, proxy.base + wire.MAX_BITS)
+        missing = [one for one in range(proxy.base, end) if one not in proxy.ahead]
+        if missing or not is_final:
+            self._acknowledge(writer, missing)
+
+    def on_gap(self, writer: bytes, start: int, base: int, single: list[int]) -> None:
+        """Note numbers that bring nothing."""
+        proxy = self.writers.get(writer)
+        if proxy is None:
+            return
+        if start <= proxy.base:
+            proxy.skip_to(base)
+        else:
+            single = [*range(start, min(base, start + MAX_AHEAD)), *single]
+        for one in single:
+            if proxy.is_new(one):
+                proxy.note(one)
+
+    def forget(self, prefix: bytes) -> None:
+        """Forget a writer, or all of a participant."""
+        for one in [one for one in self.writers if one.startswith(prefix)]:
+            del self.writers[one]
+
+    def _acknowledge(self, writer: bytes, missing: list[int], *, is_final: bool = True) -> None:
+        proxy = self.writers[writer]
+        proxy.count += 1
+        entity = writer[wire.PREFIX_BYTES :]
+        part = wire.acknack(self.entity, entity, proxy.base, missing, proxy.count, is_final=is_final)
+        self.send(writer[: wire.PREFIX_BYTES], [part])

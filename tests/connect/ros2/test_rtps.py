@@ -1,0 +1,120 @@
+"""Reliable writers and readers of RTPS over a network that loses and repeats, and hostile bytes."""
+
+import random
+from collections.abc import Callable
+from functools import partial
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robbie_mp.connect.ros2.rtps import wire
+from robbie_mp.connect.ros2.rtps.endpoints import MAX_AHEAD, MAX_PARTIAL, Reader, Writer
+
+ALICE, BOB, CAROL = b"A" * 12, b"B" * 12, b"C" * 12
+WRITER, READER = b"\x00\x00\x01\x03", b"\x00\x00\x02\x04"
+
+
+class Network:
+    """A writer and readers, of which datagrams get lost or come twice."""
+
+    def __init__(self, loss: float):
+        self.random, self.loss = random.Random(1), loss
+        self.got: dict[bytes, list[bytes]] = {BOB: [], CAROL: []}
+        self.writer = Writer(WRITER, self.sender(ALICE))
+        self.readers = {
+            one: Reader(READER, self.sender(one), partial(self.take, one)) for one in (BOB, CAROL)
+        }
+
+    def take(self, reader: bytes, sample: wire.Sample) -> None:
+        self.got[reader].append(sample.payload.rstrip(b"\0"))
+
+    def sender(self, prefix: bytes) -> Callable[[bytes, list[bytes]], None]:
+        def send(to: bytes, parts: list[bytes]) -> None:
+            for part in parts:
+                for _ in range(self.random.choice((1, 1, 2))):
+                    if self.random.random() >= self.loss:
+                        self.arrive(to, wire.datagram(prefix, to, [part]))
+
+        return send
+
+    def arrive(self, to: bytes, data: bytes) -> None:
+        for one in wire.submessages(data, to):
+            if one.kind in (wire.DATA, wire.DATA_FRAG):
+                self.readers[to].on_sample(wire.sample_of(one))
+            elif one.kind == wire.HEARTBEAT:
+                _, writer, first, last = wire.heartbeat_of(one)
+                self.readers[to].on_heartbeat(writer, first, last, bool(one.flags & wire.FINAL))
+            elif one.kind == wire.GAP:
+                _, writer, *numbers = wire.gap_of(one)
+                self.readers[to].on_gap(writer, *numbers)  # type: ignore[arg-type]
+            else:
+                reader, _, base, missing = wire.acknack_of(one)
+                self.writer.on_acknack(reader, base, missing)
+
+    def match(self) -> None:
+        for one, reader in self.readers.items():
+            self.writer.match(one + READER)
+            reader.match(ALICE + WRITER)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_each_reader_gets_what_is_for_it_once(loss: float) -> None:
+    network = Network(loss)
+    network.writer.write(b"before anybody is there")
+    network.match()
+    large = b"x" * (3 * wire.FRAGMENT_BYTES + 5)
+    for number in range(20):
+        network.writer.write(b"%04d" % number, to=BOB if number % 2 else CAROL)
+    network.writer.write(large)
+    for _ in range(100):
+        network.writer.look_after()
+    for one, odd in ((BOB, 1), (CAROL, 0)):
+        assert sorted(network.got[one]) == sorted([large, *(b"%04d" % n for n in range(odd, 20, 2))])
+    assert all(one.acknowledged == 22 for one in network.writer.readers.values())
+
+
+def test_reader_that_has_gone_gets_nothing() -> None:
+    network = Network(0.0)
+    network.match()
+    network.writer.forget(BOB)
+    network.readers[BOB].forget(ALICE)
+    network.writer.write(b"hello")
+    assert network.got == {BOB: [], CAROL: [b"hello"]}
+
+
+def test_parts_of_messages_and_numbers_far_ahead_take_little_memory() -> None:
+    taken: list[wire.Sample] = []
+    reader = Reader(READER, lambda *_: None, taken.append, max_bytes=1000)
+    reader.match(ALICE + WRITER)
+    sample = wire.Sample(READER, ALICE + WRITER, 1, {}, b"x" * 300)
+    for number in range(1, 2 * MAX_AHEAD):
+        reader.on_sample(sample._replace(sequence=number, fragment=1, fragment_bytes=300, size=900))
+    (proxy,) = reader.writers.values()
+    assert len(proxy.partial) <= MAX_PARTIAL
+    reader.on_sample(sample._replace(sequence=1, fragment=1, fragment_bytes=300, size=1 << 30))
+    for number in range(3, 10_000):
+        reader.on_sample(sample._replace(sequence=number))
+    assert len(taken) <= MAX_AHEAD
+    assert len(proxy.ahead) <= MAX_AHEAD
+
+
+@given(st.binary(max_size=200), st.integers(0, 255), st.integers(0, 255))
+def test_hostile_bytes_are_read_or_refused(data: bytes, kind: int, flags: int) -> None:
+    whole = wire.datagram(ALICE, BOB, [wire.submessage(kind, flags, data)])
+    for one in (whole, whole[:-3], data):
+        try:
+            for read in wire.submessages(one, BOB):
+                for reading in (wire.sample_of, wire.heartbeat_of, wire.gap_of, wire.acknack_of):
+                    reading(read)
+                wire.nack_frag_of(read)
+        except wire.Wrong:
+            pass
+
+
+@given(st.binary(min_size=16, max_size=16), st.integers(1, 2**40))
+def test_identity_of_a_request_is_read_as_it_was_written(guid: bytes, number: int) -> None:
+    parameters, end = wire.parameters_of(wire.related(guid, number))
+    assert wire.identity_of(parameters) == (guid, number)
+    assert end == len(wire.related(guid, number))
+    assert wire.identity_of({}) is None
