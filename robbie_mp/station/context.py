@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from robbie_mp.messages import Header, Time, TimeJump
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.scene import SceneGraphListener
 from robbie_mp.station.driving.command import RobotCommand
 from robbie_mp.station.driving.motion import RobotMotion
 from robbie_mp.station.driving.operators import Operators
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map.marks import MapMarks, PlacesWatch
+from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.cameras import Cameras
 from robbie_mp.station.watch.lights import LightsWatch
 from robbie_mp.station.watch.run import RunWatch
@@ -52,6 +54,8 @@ class RobotView:
     cameras: Cameras
     """Those that have sent an image."""
     lights: LightsWatch
+    births: Births
+    """When what they saw was measured."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,9 @@ def context_of(station: StationModule) -> StationContext:
     places = PlacesWatch(station)
     operators = Operators(RobotCommand(station, station.publish))
     motion = RobotMotion(station, scene, operators.pages, station.robot_size_m)
-    robot = RobotView(scene, motion, Cameras(station), LightsWatch(station))
+    is_real = RunPlan.load(station.known_run.folder).clock.source is None
+    births = Births(station.clock, is_real=is_real)
+    robot = RobotView(scene, motion, Cameras(station, births), LightsWatch(station), births)
     return StationContext(
         messages=station,
         settings=station,

@@ -2,12 +2,16 @@
 
 import os
 import signal
+import statistics
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Browser, Page
 
+from tests._support.delaying_proxy import delaying_proxy
 from tests._support.left_behind import leaving_nothing_behind
 from tests._support.robot import Robot, robot_in, wait_until
 from tests.station._support.browser import LAPTOP, browser, choose_layout, needs_chromium, page_of
@@ -22,10 +26,22 @@ modules:
   base: {class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
   cruise: {class: "zoo.cruise:Cruise"}
   witness: {class: "zoo.witness:Witness"}
+  clockface: {class: "zoo.clockface:Clockface"}
 """
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
 BUTTONS = ("#go-on", "#hold", "#take-over")
 MIN_TARGET_PX = 44
+READ = """() => {
+  const image = document.querySelector(".camera-picture img"), canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
+  const pen = canvas.getContext("2d");
+  pen.drawImage(image, 0, 0);
+  const bit = (at) => (pen.getImageData(16 * at + 8, 16, 1, 1).data[0] > 127 ? 1 << at : 0);
+  const taken_ms = [...Array(16).keys()].reduce((sum, at) => sum + bit(at), 0);
+  return [taken_ms, document.querySelector(".camera-picture .picture-age").textContent];
+}"""
+"""Returns what time is in the picture, ms, and what the page says of its age."""
+SAMPLES, MAX_ERROR_S = 15, 0.1
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -44,9 +60,9 @@ def started(nothing_left_behind: None) -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def cruising(nothing_left_behind: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
-    """A robot that a module turns."""
+    """A robot that a module turns, with a camera and a pose."""
     with robot_in(tmp_path_factory.mktemp("cockpit")) as robot:
-        for name in ("cruise", "witness"):
+        for name in ("cruise", "witness", "clockface"):
             (robot.folder / "zoo" / f"{name}.py").write_text((HERE / "_support" / f"{name}.py").read_text())
         (robot.folder / "arena.yaml").write_text(ARENA)
         robot.write_profile(PROFILE)
@@ -110,3 +126,42 @@ def test_bar_shows_the_age_of_the_pages_own_link(cruising: Robot, started: Brows
         finally:
             os.kill(pid, signal.SIGCONT)
         page.wait_for_selector("#control-link:not(.is-late):has-text('ms')")
+
+
+@pytest.mark.parametrize(("delay_s", "look"), [(0.0, ""), (0.04, ""), (0.3, "is-old")])
+def test_age_of_the_picture_is_the_true_one_over_any_network(
+    cruising: Robot, started: Browser, delay_s: float, look: str
+) -> None:
+    address = urlsplit(address_of(cruising))
+    with delaying_proxy(address.port or 0, delay_s) as proxy:
+        near = address._replace(netloc=f"127.0.0.1:{proxy.port}").geturl()
+        with page_of(started, near, may_say=("",)) as page:
+            page.wait_for_selector(f".camera-picture .picture-age{f'.{look}' if look else ''}")
+            errors = []
+            for _ in range(SAMPLES):
+                page.wait_for_timeout(70)  # to meet pictures of all ages
+                taken_ms, shown = page.evaluate(READ)
+                true_s = (time.monotonic_ns() // 1_000_000 - taken_ms) % (1 << 16) / 1000
+                errors.append(float(shown.split()[0]) - true_s)
+    assert abs(statistics.median(errors)) <= MAX_ERROR_S, errors
+
+
+def test_old_picture_and_pose_are_grey_and_the_robot_drives_slowly(cruising: Robot, started: Browser) -> None:
+    with page_of(started, address_of(cruising)) as page:
+        page.wait_for_selector(".map-stage:not([data-age])")
+        page.wait_for_selector(".camera-picture .picture-age")
+        pid = int(cruising.top()["clockface"]["pid"])
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            page.wait_for_selector(".camera-picture .picture-age.is-silent")
+            page.wait_for_selector(".map-stage[data-age^='Position ']")
+            page.wait_for_selector(".scene-moving[data-age^='Position ']")
+            page.keyboard.down("KeyW")
+            page.wait_for_selector("#hud-slowed:has-text('old picture')")
+            page.keyboard.up("KeyW")
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        page.wait_for_selector(".camera-picture .newest-image:not(.grayscale)")
+        page.wait_for_selector(".map-stage:not([data-age])")
+    fastest = max(row[1] for row in Journal(cruising).rows("command")[-5:])
+    assert fastest <= 0.2 * 0.5 / 2.0

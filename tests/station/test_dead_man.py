@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robbie_mp.station.driving.dead_man import LIMIT_S, MAX_WAITING, PING_PERIOD_S, WINDOW_S, DeadManSwitch
-from robbie_mp.station.driving.driver import DriverInput, checked
+from robbie_mp.station.driving.driver import DriverInput, checked, share_of_speed
 
 PAGE_AHEAD_S = 1000.0
 """How far the page's clock is ahead of the robot's."""
@@ -150,6 +150,25 @@ def test_malformed_commands_are_ignored(sent: Any) -> None:
 def test_speeds_beyond_the_pad_are_clamped() -> None:
     sent = {"linear": 7, "angular": -7, "sent_s": 1, "held": True}
     assert checked(sent) == DriverInput(held=True, begins=False, linear=1.0, angular=-1.0, sent_s=1.0)
+
+
+@pytest.mark.parametrize(
+    ("seen", "age_s", "share"),
+    [
+        (None, 0.0, 1.0),
+        (0.5, 0.5, 1.0),
+        (1.0, 1.0, 0.5),
+        (60.0, 60.0, 0.1),
+        (math.inf, math.inf, 0.1),
+        (math.nan, 0.0, 1.0),
+        (-3, 0.0, 1.0),
+        ("old", 0.0, 1.0),
+    ],
+)
+def test_top_speed_falls_with_the_age_of_the_operators_picture(seen: Any, age_s: float, share: float) -> None:
+    wish = checked({"linear": 1, "angular": 1, "sent_s": 1, "held": True, "picture_age_s": seen})
+    assert wish is not None
+    assert (wish.picture_age_s, share_of_speed(wish.picture_age_s)) == (age_s, share)
 
 
 def test_who_has_let_go_does_not_move_the_robot() -> None:

@@ -503,7 +503,7 @@ def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
     page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
     page.wait_for_selector("#panel-cameras :text('silent')", state="hidden")
     robot.command("module", "stop", "known", "--run", robot.known_run().run_id)
-    page.wait_for_selector("#panel-cameras .camera-silent:text-matches('silent: this image is [0-9]+ s old')")
+    page.wait_for_selector("#panel-cameras .picture-age.is-silent:text-matches('[0-9.]+ s old')")
     page.wait_for_selector("#panel-cameras img.grayscale")
 
 

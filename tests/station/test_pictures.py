@@ -1,13 +1,16 @@
 """Images in forms that browsers can show, and images that cannot be shown."""
 
 import io
+import time
 
 import numpy as np
 import pytest
 from PIL import Image as PillowImage
 
 from robbie_mp.attached.views.image_pixels import NoPicture, pixels_of
-from robbie_mp.messages import CompressedImage, Image
+from robbie_mp.messages import CompressedImage, Header, Image, Time
+from robbie_mp.module.clock import ManualClock
+from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest
 from robbie_mp.station.watch.pictures import MAX_PIXELS, NewestPicture, Picture, encode_image
 
@@ -85,3 +88,22 @@ def test_picture_is_encoded_once_for_all_pages_and_again_for_a_newer_message() -
     latest.put(Image(width=0))
     assert picture.answer().headers["x-robbie-reason"] == "it is empty"
     assert drawn == [3, 0]
+
+
+@pytest.mark.parametrize(("stamp_ns", "age_s"), [(9_000_000_000, 1.0), (11_000_000_000, 0.0), (0, 0.0)])
+def test_answer_says_when_its_picture_was_taken(stamp_ns: int, age_s: float) -> None:
+    """A stamp of the future, or of long ago, is not believed: then it counts as taken when it arrived."""
+    base_ns = 0 if stamp_ns else 10_000_000_000_000
+    births = Births(ManualClock(base_ns + 10_000_000_000), is_real=True)
+    latest = Latest[Image]()
+    picture = NewestPicture(latest, encode_image, births)
+    header = Header(stamp=Time.from_nanoseconds(base_ns + stamp_ns if base_ns == 0 else 0))
+    latest.put(Image(header=header, height=1, width=1, encoding="mono8", step=1, data=np.zeros(1, np.uint8)))
+    born_s = float(picture.answer().headers["X-Robbie-Born"])
+    assert time.monotonic() - born_s == pytest.approx(age_s, abs=0.5)
+
+
+def test_messages_of_a_simulated_time_count_from_their_arrival() -> None:
+    latest = Latest[Image]()
+    latest.put(Image())
+    assert Births(ManualClock(5_000_000_000), is_real=False).of(latest) == latest.arrived_s

@@ -94,13 +94,20 @@ export default {
       this.held = held;
       dispatchEvent(new CustomEvent("robbie-driven", { detail: { linear, angular } }));
       const { unguarded } = this;
-      this.$emit("drive", { held, begins, linear, angular, unguarded, sent_s: performance.now() / 1000 });
+      const picture_age_s = age_of_picture();
+      this.$emit("drive", { held, begins, linear, angular, unguarded, picture_age_s, sent_s: performance.now() / 1000 });
     },
     answer(number) {
       this.$emit("pong", { number, page_s: performance.now() / 1000 });
     },
   },
 };
+
+// The age of the picture that the operator drives by, s; null if none is in sight.
+function age_of_picture() {
+  const picture = window.picture_to_drive_by;
+  return picture && picture.element.offsetParent !== null ? window.robot_age_s(picture.born_s) : null;
+}
 
 const KEYS = {
   KeyW: [1, 0], ArrowUp: [1, 0], KeyS: [-1, 0], ArrowDown: [-1, 0],

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from robbie_mp.station.page.page import Page
 
 MIN_LINEAR_M_PER_S, MIN_ANGULAR_RAD_PER_S = 0.05, 0.1
+FULL_SPEED_AGE_S, MIN_SHARE = 0.5, 0.1
+"""Up to this age of the picture there is the whole top speed; of any older one, at least this share."""
 STEP = 1.25
 """Factor by which one press on a key changes the maximum speeds."""
 
@@ -41,6 +43,8 @@ class DriverInput(NamedTuple):
     angular: float
     sent_s: float
     unguarded: bool = False
+    picture_age_s: float = 0.0
+    """Of the picture that the operator sees; 0 if none is in sight."""
 
 
 class Driver:
@@ -55,6 +59,7 @@ class Driver:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
         without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
+        slowed: the share of these speeds that the picture's age allows.
     """
 
     def __init__(self, station: StationContext, page: Page, publish: Publish):
@@ -70,6 +75,7 @@ class Driver:
         self._last = DriveCommand()
         self._last_s = -math.inf
         self.without_guard = False
+        self.slowed = 1.0
         self._keys = DriverKeys().props("id=driver")
         self._keys.on("drive", self._on_drive).on("pong", self._on_pong)
         ui.timer(PING_PERIOD_S, self._look_at_network)  # also while the browser does not keep up
@@ -116,14 +122,15 @@ class Driver:
         if wish is None:
             return
         self.without_guard = self.without_guard and wish.held
+        self.slowed = share_of_speed(wish.picture_age_s)
         header = header_of_now(self._clock, "base_link")  # first: the age counts from then
         age_s = self._control.age_s(held=wish.held, begins=wish.begins, sent_s=wish.sent_s)
         if age_s is None:
             return
         command_message = DriveCommand(
             header=header,
-            linear_m_per_s=wish.linear * self.linear_m_per_s,
-            angular_rad_per_s=wish.angular * self.angular_rad_per_s,
+            linear_m_per_s=wish.linear * self.linear_m_per_s * self.slowed,
+            angular_rad_per_s=wish.angular * self.angular_rad_per_s * self.slowed,
             valid_for=VALID_FOR,
             based_on=time_before(header.stamp, age_s),
             unguarded=wish.unguarded or self.without_guard,
@@ -174,4 +181,15 @@ def checked(sent: Any) -> DriverInput | None:
         return None
     held = bool(sent.get("held"))
     linear, angular = (max(-1.0, min(1.0, speed)) if held else 0.0 for speed in (linear, angular))
-    return DriverInput(held, bool(sent.get("begins")), linear, angular, sent_s, bool(sent.get("unguarded")))
+    begins, unguarded = bool(sent.get("begins")), bool(sent.get("unguarded"))
+    seen_s = sent.get("picture_age_s")
+    picture_age_s = float(seen_s) if isinstance(seen_s, int | float) and seen_s >= 0.0 else 0.0
+    return DriverInput(held, begins, linear, angular, sent_s, unguarded, picture_age_s)
+
+
+def share_of_speed(picture_age_s: float) -> float:
+    """Return the share of the top speed that the age of the operator's picture allows.
+
+    So the way that the robot goes until the operator sees it does not grow with that age.
+    """
+    return max(MIN_SHARE, min(1.0, FULL_SPEED_AGE_S / max(picture_age_s, FULL_SPEED_AGE_S)))

@@ -42,11 +42,13 @@ class Drives(Protocol):
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
         without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
+        slowed: the share of these speeds that the age of the operator's picture allows.
     """
 
     linear_m_per_s: float
     angular_rad_per_s: float
     without_guard: bool
+    slowed: float
 
     @property
     def refused(self) -> int:

@@ -10,11 +10,10 @@ from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.panels.cameras import REFRESH_S, SILENT_AFTER_S, DetectionBoxes, NewestImage
+from robbie_mp.station.panels.cameras import REFRESH_S, DetectionBoxes, NewestImage
 from robbie_mp.station.panels.light_controls import LightSwitch
 from robbie_mp.station.panels.teaching import Teaching
 from robbie_mp.station.watch.cameras import ADDRESS, CameraTopic
-from robbie_mp.station.watch.latest import silence
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -64,7 +63,11 @@ class CameraPanel(Panel):
             self._teaching.build(page, self.name, stage.root, lambda: stage.chosen)
             LightSwitch(page, self._robot.lights, self.name)
         page.add_key("c", "Next camera", stage.turn)
-        page.every(REFRESH_S, self.name, lambda: stage.update(self._robot.motion.now))
+        page.every(
+            REFRESH_S,
+            self.name,
+            lambda: stage.update(self._robot.motion.now, page.driver.slowed if page.driver else 1.0),
+        )
 
 
 class Stage:
@@ -103,32 +106,28 @@ class Stage:
         """Show a camera large."""
         self._chosen = name
 
-    def update(self, movement: Movement) -> None:
-        """Show the newest pictures and the movement."""
+    def update(self, movement: Movement, slowed: float = 1.0) -> None:
+        """Show the newest pictures and the movement, and how much slower the page drives for old ones."""
         found = self._cameras.found
         names = sorted(found)
         if self._chosen not in found and names:
             self._chosen = names[0]
-        age = ""
         if self._chosen in found:
-            age = self._show_large(self._chosen, found[self._chosen])
+            self._show_large(self._chosen, found[self._chosen])
         self._show_small([name for name in names if name != self._chosen][:MAX_SMALL])
-        self._display.show(display_of(movement, self._chosen, age, self._scale_m_per_s))
+        self._display.show(display_of(movement, self._chosen, self._scale_m_per_s, slowed))
 
-    def _show_large(self, name: str, camera: CameraTopic) -> str:
+    def _show_large(self, name: str, camera: CameraTopic) -> None:
         if self._large is None or self._large[0] != name:
             self._none.set_visibility(False)
             self._picture.clear()
             with self._picture:
-                image = NewestImage(address_of(name), f"camera {name}")
+                image = NewestImage(address_of(name), f"camera {name}", drives=True)
                 boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
             self._large = (name, image, boxes)
         _, image, boxes = self._large
         image.show(camera.latest.count)
         boxes.show(self._cameras.boxes(name))
-        silent = silence(camera.latest.age_s, SILENT_AFTER_S)
-        image.classes(add="grayscale" if silent else "", remove="" if silent else "grayscale")
-        return f"silent: this image is {silent} old" if silent else f"{camera.latest.age_s or 0.0:.1f} s old"
 
     def _show_small(self, names: list[str]) -> None:
         if list(self._small) != names:
@@ -149,7 +148,7 @@ def address_of(name: str) -> str:
     return ADDRESS.replace("{name:path}", name)
 
 
-def display_of(now: Movement, camera: str, age: str, scale_m_per_s: float) -> dict[str, Any]:
+def display_of(now: Movement, camera: str, scale_m_per_s: float, slowed: float = 1.0) -> dict[str, Any]:
     """Return what the display shows, rounded so that it changes only if that can be seen."""
 
     def rounded(value: float | None, digits: int) -> float | None:
@@ -161,7 +160,7 @@ def display_of(now: Movement, camera: str, age: str, scale_m_per_s: float) -> di
     heading = degrees(now.heading_rad)
     return {
         "camera": camera,
-        "age": age,
+        "slowed": round(100 * slowed),
         "scale": scale_m_per_s,
         "linear": rounded(now.linear_m_per_s, 2),
         "angular": rounded(now.angular_rad_per_s, 1),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -10,15 +11,13 @@ from nicegui.element import Element
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.watch.cameras import ADDRESS, CameraTopic, ImageBox
-from robbie_mp.station.watch.latest import silence
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 REFRESH_S = 0.1
 """Minimum time between two notifications of a new image to a page."""
-SILENT_AFTER_S = 2.0
-"""Maximum time between two images of a working camera."""
+STYLE = Path(__file__).parent / "newest_image.css"
 
 
 class DetectionBoxes(Element, component="detection_boxes.js"):
@@ -42,11 +41,14 @@ class NewestImage(Element, component="newest_image.js"):
     Args:
         address: address of the pictures.
         description: the alternative text.
+        drives: whether operators drive by it: the older it is, the slower.
     """
 
-    def __init__(self, address: str, description: str):
+    def __init__(self, address: str, description: str, *, drives: bool = False):
         super().__init__()
+        ui.add_css(STYLE)
         self._props["address"] = address
+        self._props["drives"] = drives
         self._props["alt"] = description
         self.show(0)
 
@@ -99,13 +101,9 @@ class CameraCard:
             self._image.classes("w-full block").style("image-rendering: pixelated")
             self._boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
         self._text = ui.label("").classes("text-sm")
-        self._silent = ui.label("").classes("text-orange font-bold camera-silent")
 
     def show(self, camera: CameraTopic, boxes: list[ImageBox]) -> None:
         """Show the newest image and the detections in it."""
         self._image.show(camera.latest.count)
         self._boxes.show(boxes)
         self._text.set_text(camera.description)
-        silent = silence(camera.latest.age_s, SILENT_AFTER_S)
-        self._silent.set_text(f"silent: this image is {silent} old" if silent else "")
-        self._image.classes(add="grayscale" if silent else "", remove="" if silent else "grayscale")

@@ -1,7 +1,7 @@
 // The robot's movement over the picture that one drives by. What is not known is left out.
 export default {
   template: `<div class="hud" aria-hidden="false">
-    <div class="hud-name" v-if="now.camera">{{ now.camera }} · <b :class="{ warn: now.age?.startsWith('silent') }">{{ now.age }}</b></div>
+    <div class="hud-name" v-if="now.camera">{{ now.camera }}</div>
     <div class="hud-hint" v-if="now.hint" role="alert">{{ now.hint }}</div>
     <svg class="hud-level" v-if="now.roll != null && now.camera" viewBox="-50 -30 100 60" role="img"
       :aria-label="'pitch ' + now.pitch + '°, roll ' + now.roll + '°'">
@@ -17,6 +17,7 @@ export default {
       <div class="hud-item" v-if="now.heading != null">heading <b>{{ now.heading }}°</b></div>
       <div class="hud-item" v-if="now.pitch != null">pitch <b>{{ now.pitch }}°</b> roll <b>{{ now.roll }}°</b></div>
       <div class="hud-item" v-if="now.ahead != null">ahead <b :class="{ warn: now.ahead < 0.3 }">{{ now.ahead }} m</b></div>
+      <div class="hud-item warn" id="hud-slowed" v-if="now.slowed < 100">top speed <b>{{ now.slowed }} %</b>: old picture</div>
       <div class="hud-item warn" v-if="now.silent">odometry silent for {{ now.silent }}</div>
     </div></div>`,
   props: { now: Object },

@@ -98,6 +98,7 @@ class MapPanel(Panel):
         super().__init__(station)
         self._run_id, self._clock = station.run.known.run_id, station.clock
         self._scene, self._live = station.robot.scene, station.live
+        self._births = station.robot.births
         self._marks, self._places = station.map.marks, station.map.places
         messages = station.messages
         self._grid = messages.newest(OccupancyGrid, station.settings.map_topic)
@@ -130,7 +131,7 @@ class MapPanel(Panel):
             cancel.set_visibility(page.role is Role.OPERATOR)
             drawing_tools = ui.row().classes("items-center")
             follows = ui.toggle(FOLLOWS, value="stay").props("id=map-follow")
-        with ui.element("div").classes("map-stage fills"):
+        with ui.element("div").classes("map-stage shows-age fills"):
             view = MapView().props("id=map-view")
             view.style("width: 100%; height: 100%; touch-action: none; display: block")
             with ui.element("div").classes("map-view-tools"):
@@ -250,6 +251,7 @@ class MapPanel(Panel):
             parts = {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
             parts |= self._encoded_cells()
             parts |= {"path": self._encoded_path(), "trail": self._encoded_trail()}
+            parts["born"] = json.dumps(self._births.of(self._pose)).encode()
             self._live.put(GROUP, parts | self._scans.look(self._pose_at, MAP))
 
     def _pose_at(self, frame: str, time_ns: int) -> RigidTransform | None:

@@ -1,4 +1,4 @@
-import { from_json, Live, MapPicture } from "robbie-live";
+import { from_json, Live, MapPicture, show_age } from "robbie-live";
 
 const MAX_FIT_SCALE = 150; // pixels per m
 const STEP_M = 0.01; // of packed points
@@ -61,10 +61,12 @@ export default {
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.observer = new ResizeObserver(() => this.redraw());
     this.observer.observe(canvas);
+    this.ageing = setInterval(() => show_age(canvas.parentElement, this.marks.born), 200);
     this.live = new Live("marks+map", canvas, (parts) => this.take(parts));
   },
   unmounted() {
     clearTimeout(this.focus_timer);
+    clearInterval(this.ageing);
     this.observer.disconnect();
     this.live.close();
   },
@@ -174,6 +176,7 @@ export default {
     // visitor has begun. A menu that is about to close would take the focus back, so the map waits for it.
     take_focus() {
       clearTimeout(this.focus_timer);
+    clearInterval(this.ageing);
       if (!this.placing) return;
       if (document.activeElement?.closest(".q-menu")) this.focus_timer = setTimeout(() => this.take_focus(), 50);
       else this.$el.focus({ preventScroll: true });

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,7 @@ class ViewPanel(Panel):
         super().__init__(station)
         self._surveyor = Surveyor(station)
         self._live, self._clock = station.live, station.clock
+        self._births = station.robot.births
         self._size_m, model = station.settings.robot_size_m, station.settings.robot_model
         self._pose = station.messages.newest(PoseStamped, "map_pose")
         self.surroundings: SceneContents | None = None
@@ -52,7 +54,8 @@ class ViewPanel(Panel):
         """Update the surroundings, if any page shows them."""
         if self._live.is_wanted(GROUP):
             self.surroundings = self._surveyor.look()
-            self._live.put(GROUP, self.surroundings.parts())
+            born = json.dumps(self._births.of(self._pose)).encode()
+            self._live.put(GROUP, {**self.surroundings.parts(), "born": born})
 
     def build(self, page: Page) -> None:
         """Build the scene."""

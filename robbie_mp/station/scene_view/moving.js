@@ -1,4 +1,4 @@
-import { from_json, Live, MapPicture } from "robbie-live";
+import { from_json, Live, MapPicture, show_age } from "robbie-live";
 import { THREE } from "nicegui-scene";
 
 const STEP_M = 0.01; // of packed points
@@ -41,7 +41,7 @@ THREE.DefaultLoadingManager.setURLModifier((url) => (url.startsWith("/") ? windo
 
 // Holds a scene and draws what moves there: follows live parts, and moves the scene's nodes and camera.
 export default {
-  template: `<div class="scene-moving" :data-placing="placing"><slot></slot></div>`,
+  template: `<div class="scene-moving shows-age" :data-placing="placing"><slot></slot></div>`,
   props: {
     scene: Number,
     follows: Boolean,
@@ -101,6 +101,7 @@ export default {
     this.paint();
     this.live = new Live("view+map", this.$el, (parts) => this.take(parts));
     this.timer = setInterval(() => this.look(), LOOK_MS);
+    this.ageing = setInterval(() => show_age(this.$el, this.born_s), 200);
     this.$nextTick(() => this.look());
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(this.$el);
@@ -108,11 +109,13 @@ export default {
   },
   unmounted() {
     clearInterval(this.timer);
+    clearInterval(this.ageing);
     this.observer.disconnect();
     this.live.close();
   },
   methods: {
     async take(parts) {
+      if (parts["view/born"]) this.born_s = from_json(parts["view/born"]);
       if (parts["view/poses"]) this.poses = from_json(parts["view/poses"]);
       for (const [name, part] of Object.entries(parts))
         if (name.startsWith("view/shades/")) this.shades.set(name.replace("shades", "points"), new Uint8Array(part));

@@ -1,8 +1,9 @@
 """A separate connection of the page for the emergency stop, so that nothing else on the page can delay it.
 
 The page sends a question several times a second. Each answer repeats the page's time of its last question. So
-the page knows the maximum age of what it shows, even on a slow link. The page names a press in each question
-until an answer says that the press is settled.
+the page knows the maximum age of what it shows, even on a slow link. From the robot's time in the answer it
+knows how far the robot's clock is ahead of its own. The page names a press in each question until an answer
+says that the press is settled.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import asyncio
 import contextlib
 import json
 import math
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -94,6 +96,7 @@ class StopService:
                 "engaged": None if state is None else state.engaged,
                 "reason": "" if state is None else state.reason,
                 "age_s": self._state.age_s,
+                "now_s": time.monotonic(),
                 "ends": self._ends,
             }
         )

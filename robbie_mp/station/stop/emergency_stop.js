@@ -166,6 +166,7 @@ export default {
       this.heard_ms = Math.max(this.heard_ms, answer.asked_ms);
       this.trip_ms = this.now_ms - answer.asked_ms;
       this.unanswered = this.unanswered.filter((asked_ms) => asked_ms > answer.asked_ms);
+      robot_clock.add(answer.now_s, answer.asked_ms / 1000, this.now_ms / 1000);
       this.tell_age();
       this.answer = answer;
       this.has_ended = answer.ends;
@@ -175,6 +176,32 @@ export default {
       }
     },
   },
+};
+
+// How far the robot's clock is ahead of this browser's, with its limits: the robot answered after the question was asked,
+// and before the answer came (clock_offset.py does the same between robots).
+const robot_clock = {
+  limits: null,
+  at_s: 0,
+  add(robot_s, asked_s, now_s) {
+    const [least, most] = [robot_s - now_s, robot_s - asked_s];
+    const drift_s = MAX_DRIFT * (now_s - this.at_s);
+    const [low, high] = this.limits ?? [-Infinity, Infinity];
+    const narrowed = [Math.max(least, low - drift_s), Math.min(most, high + drift_s)];
+    this.limits = narrowed[0] <= narrowed[1] ? narrowed : [least, most]; // otherwise a clock jumped
+    this.at_s = now_s;
+  },
+};
+const MAX_DRIFT = 1e-3;
+// The age of what was measured at a time of the robot's clock, s; null if that is not known.
+window.robot_age_s = (born_s) => {
+  if (born_s == null || !robot_clock.limits) return null;
+  const offset_s = (robot_clock.limits[0] + robot_clock.limits[1]) / 2;
+  return Math.max(0, performance.now() / 1000 + offset_s - born_s);
+};
+window.age_text = (age_s) => {
+  if (age_s < 9.95) return `${age_s.toFixed(1)} s old`;
+  return age_s < 120 ? `${Math.round(age_s)} s old` : `${Math.round(age_s / 60)} min old`;
 };
 
 const BEAT_MS = 250;

@@ -7,6 +7,7 @@ from starlette.responses import Response
 
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module.module import MessageHandling
+from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest, MessageSource
 from robbie_mp.station.watch.pictures import NewestPicture, encode_image, no_picture, serve_pictures
 
@@ -52,9 +53,9 @@ def boxes_of(found: Detection2DArray, width: int, height: int) -> list[ImageBox]
 class CameraTopic:
     """The images of one topic."""
 
-    def __init__(self) -> None:
+    def __init__(self, births: Births | None = None) -> None:
         self.latest: Latest[Image | CompressedImage] = Latest()
-        self.picture = NewestPicture(self.latest, encode_image)
+        self.picture = NewestPicture(self.latest, encode_image, births)
 
     def boxes(self, found: Iterable[Detection2DArray]) -> list[ImageBox]:
         """Return the boxes found in the newest image or shortly before it; older ones are left out."""
@@ -83,8 +84,9 @@ class Cameras:
         detections: the newest detections by the same topic, and by the module that sent them.
     """
 
-    def __init__(self, station: MessageSource):
+    def __init__(self, station: MessageSource, births: Births | None = None):
         self._station = station
+        self._births = births
         self.found: dict[str, CameraTopic] = {}
         self.detections: dict[str, dict[str, Detection2DArray]] = {}
         newest = MessageHandling.KEEP_ONLY_NEWEST
@@ -100,7 +102,7 @@ class Cameras:
         if camera is None:
             if len(self.found) >= MAX_CAMERAS:
                 return
-            camera = CameraTopic()
+            camera = CameraTopic(self._births)
             # A new dict, because pages read the old one.
             self.found = {**self.found, name: camera}
         camera.latest.put(image)

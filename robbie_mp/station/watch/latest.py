@@ -29,6 +29,11 @@ class Latest(Generic[MessageType]):
         """Time since the newest message arrived; None before the first one."""
         return time.monotonic() - self._put_s if self.count else None
 
+    @property
+    def arrived_s(self) -> float:
+        """When the newest message arrived, on the monotonic clock; 0 before the first one."""
+        return self._put_s
+
     def put(self, message: MessageType) -> None:
         """Replace the message by a newer one."""
         self._put_s = time.monotonic()

@@ -15,11 +15,14 @@ from starlette.responses import Response
 from robbie_mp.attached.views.image_pixels import NoPicture, jpeg
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.module.envelope import MessageType
+from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest
 
 JPEG_QUALITY = 80
 MAX_PIXELS = 1280
 """Maximum length of a picture's longer side. Larger pictures are scaled down."""
+BORN = "X-Robbie-Born"
+"""Header with the time at which a picture was taken, s, on the robot's monotonic clock."""
 MEDIA_TYPES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -38,9 +41,16 @@ class NewestPicture(Generic[MessageType]):
     Args:
         latest: holder of the newest message.
         draw: makes the picture, or raises NoPicture.
+        births: tells when it was taken, which the answer says; None: the answer does not.
     """
 
-    def __init__(self, latest: Latest[MessageType], draw: Callable[[MessageType], Picture]):
+    def __init__(
+        self,
+        latest: Latest[MessageType],
+        draw: Callable[[MessageType], Picture],
+        births: Births | None = None,
+    ):
+        self._births = births
         self._latest = latest
         self._draw = draw
         self._lock = threading.Lock()
@@ -52,7 +62,10 @@ class NewestPicture(Generic[MessageType]):
         with self._lock:
             count, message = self._latest.count, self._latest.message
             if message is not None and count != self._drawn:
+                born_s = self._births.of(self._latest) if self._births else None
                 self._drawn, self._answer = count, answer_with(self._draw, message)
+                if born_s is not None:
+                    self._answer.headers[BORN] = f"{born_s:.3f}"
             return self._answer
 
 

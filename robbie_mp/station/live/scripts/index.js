@@ -125,3 +125,13 @@ export class MapPicture {
     pen.drawImage(tile, x, y);
   }
 }
+
+const OLD_POSE_S = 1; // mapping tells the pose several times a second
+
+// Greys what an element draws, and says its age, when the robot's pose in it is old. The robot may have moved since.
+export function show_age(element, born_s) {
+  const age_s = window.robot_age_s?.(born_s);
+  if (!element) return;
+  if (age_s != null && age_s > OLD_POSE_S) element.dataset.age = `Position ${window.age_text(age_s)}`;
+  else delete element.dataset.age;
+}
