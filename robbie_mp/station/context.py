@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from robbie_mp.messages import Header, Time, TimeJump
@@ -13,8 +15,10 @@ from robbie_mp.station.driving.motion import RobotMotion
 from robbie_mp.station.driving.operators import Operators
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map.marks import MapMarks, PlacesWatch
+from robbie_mp.station.scene_view.surroundings import MAP, pose_for_picture
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.cameras import Cameras
+from robbie_mp.station.watch.joints import JointsWatch
 from robbie_mp.station.watch.lights import LightsWatch
 from robbie_mp.station.watch.run import RunWatch
 from robbie_mp.station.watch.settings import SettingsWatch
@@ -29,7 +33,9 @@ if TYPE_CHECKING:
     from robbie_mp.station.settings import StationSettings
     from robbie_mp.station.watch.latest import MessageSource
 
-MAX_AGE_S = 3600.0
+
+TURNED_RAD = 0.03
+"""A smaller turn of a camera moves what it sees by less than a thirtieth of its picture."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,7 @@ class RobotView:
     cameras: Cameras
     """Those that have sent an image."""
     lights: LightsWatch
+    joints: JointsWatch
     births: Births
     """When what they saw was measured."""
 
@@ -101,7 +108,14 @@ def context_of(station: StationModule) -> StationContext:
     motion = RobotMotion(station, scene, operators.pages, station.robot_size_m)
     is_real = RunPlan.load(station.known_run.folder).clock.source is None
     births = Births(station.clock, is_real=is_real)
-    robot = RobotView(scene, motion, Cameras(station, births), LightsWatch(station), births)
+    robot = RobotView(
+        scene,
+        motion,
+        Cameras(station, births, partial(has_turned, scene)),
+        LightsWatch(station),
+        JointsWatch(station),
+        births,
+    )
     return StationContext(
         messages=station,
         settings=station,
@@ -115,12 +129,15 @@ def context_of(station: StationModule) -> StationContext:
     )
 
 
+def has_turned(scene: SceneGraphListener, frame: str, before_ns: int, now_ns: int) -> bool:
+    """Return whether a frame has turned between two times by more than can be neglected in its picture."""
+    before, now = (pose_for_picture(scene, MAP, frame, at_ns) for at_ns in (before_ns, now_ns))
+    if before is None or now is None or before_ns == now_ns:
+        return False
+    turn = before.inverse() @ now
+    return 2.0 * math.acos(min(1.0, abs(turn.qw))) > TURNED_RAD
+
+
 def header_of_now(clock: Clock, frame_id: str = "") -> Header:
     """Return the header of a message that is created now."""
     return Header(stamp=Time.from_nanoseconds(clock.now_ns()), frame_id=frame_id)
-
-
-def time_before(stamp: Time, age_s: float) -> Time:
-    """Return the time before a stamp, such as that of an operator's input; 0 if too long ago."""
-    age_ns = min(max(age_s, 0.0), MAX_AGE_S) * 1e9
-    return Time.from_nanoseconds(max(0, stamp.nanoseconds - round(age_ns)))

@@ -27,6 +27,7 @@ modules:
   cruise: {class: "zoo.cruise:Cruise"}
   witness: {class: "zoo.witness:Witness"}
   clockface: {class: "zoo.clockface:Clockface"}
+  pan_tilt: {class: "robbie_robots.modules.devices.pan_tilt:SimulatedPanTiltModule"}
 """
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
 BUTTONS = ("#go-on", "#hold", "#take-over")
@@ -41,6 +42,7 @@ READ = """() => {
   return [taken_ms, document.querySelector(".camera-picture .picture-age").textContent];
 }"""
 """Returns what time is in the picture, ms, and what the page says of its age."""
+AHEAD = "[aria-label='The camera looks ahead']"
 SAMPLES, MAX_ERROR_S = 15, 0.1
 
 
@@ -122,7 +124,7 @@ def test_bar_shows_the_age_of_the_pages_own_link(cruising: Robot, started: Brows
         pid = int(cruising.top()["operator"]["pid"])
         os.kill(pid, signal.SIGSTOP)
         try:
-            page.wait_for_selector("#control-link.is-late:has-text('1.5 s')")
+            page.wait_for_selector("#control-link.is-late:text-matches('[1-9][.][0-9] s')")
         finally:
             os.kill(pid, signal.SIGCONT)
         page.wait_for_selector("#control-link:not(.is-late):has-text('ms')")
@@ -156,12 +158,62 @@ def test_old_picture_and_pose_are_grey_and_the_robot_drives_slowly(cruising: Rob
             page.wait_for_selector(".camera-picture .picture-age.is-silent")
             page.wait_for_selector(".map-stage[data-age^='Position ']")
             page.wait_for_selector(".scene-moving[data-age^='Position ']")
+            page.wait_for_selector("#take-over:disabled")
             page.keyboard.down("KeyW")
             page.wait_for_selector("#hud-slowed:has-text('old picture')")
             page.keyboard.up("KeyW")
+            is_controlled(page, "HOLD", "nobody drives")
+            page.keyboard.press("g")
+            is_controlled(page, "AUTO", "modules drive")
         finally:
             os.kill(pid, signal.SIGCONT)
         page.wait_for_selector(".camera-picture .newest-image:not(.grayscale)")
         page.wait_for_selector(".map-stage:not([data-age])")
     fastest = max(row[1] for row in Journal(cruising).rows("command")[-5:])
     assert fastest <= 0.2 * 0.5 / 2.0
+
+
+def test_camera_is_turned_and_centred_and_the_display_says_where_it_looks(
+    cruising: Robot, started: Browser
+) -> None:
+    commands = len(Journal(cruising).rows("command"))
+    with page_of(started, address_of(cruising)) as page:
+        page.wait_for_selector("#take-over:disabled")  # when the page of the test before has been given up
+        page.wait_for_selector(f"#hud-look{AHEAD}")
+        page.wait_for_selector(".camera-picture .detection-boxes > div")
+        page.keyboard.down("Shift")
+        page.keyboard.down("ArrowLeft")
+        page.wait_for_selector("#hud-look[aria-label$='° left']")
+        page.wait_for_selector(".camera-picture .detection-boxes:empty", state="attached")
+        page.keyboard.up("ArrowLeft")
+        page.keyboard.up("Shift")
+        page.wait_for_selector(".camera-picture .detection-boxes > div")  # the camera stands again
+        page.keyboard.press("v")
+        page.wait_for_selector(f"#hud-look{AHEAD}")
+        box = page.locator(".camera-picture").bounding_box()
+        assert box is not None
+        middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 3
+        page.mouse.move(*middle)
+        page.mouse.down()
+        page.mouse.move(middle[0] - box["width"] / 3, middle[1], steps=5)
+        page.wait_for_selector("#hud-look[aria-label$='° right']")
+        page.mouse.up()
+        page.keyboard.press("v")
+        page.wait_for_selector(f"#hud-look{AHEAD}")
+        page.wait_for_selector("#control-mode:has-text('AUTO')")
+    assert len(Journal(cruising).rows("command")) == commands  # the robot itself did not move by hand
+
+
+def test_shift_and_an_arrow_do_not_take_the_guard_away(cruising: Robot, started: Browser) -> None:
+    with page_of(started, address_of(cruising)) as page:
+        page.wait_for_selector("#take-over:disabled")
+        page.keyboard.down("ArrowUp")
+        is_controlled(page, "MANUAL", "you drive")
+        page.keyboard.down("Shift")
+        page.wait_for_timeout(500)  # in which a command without the guard would have come
+        assert not page.is_visible(".hud-hint:has-text('WITHOUT GUARD')")
+        page.keyboard.up("ArrowUp")
+        page.keyboard.up("Shift")
+        is_controlled(page, "HOLD", "nobody drives")
+        page.keyboard.press("g")
+        is_controlled(page, "AUTO", "modules drive")

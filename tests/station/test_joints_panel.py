@@ -13,7 +13,8 @@ from robbie_mp.station.context import header_of_now
 from robbie_mp.station.driving.dead_man import DeadManSwitch
 from robbie_mp.station.driving.held_control import HeldControl
 from robbie_mp.station.driving.seat import DriversSeat
-from robbie_mp.station.panels.joints import MAX_JOINTS, JointsPanel, checked
+from robbie_mp.station.panels.joints import JointsPanel, checked
+from robbie_mp.station.watch.joints import MAX_JOINTS, JointsWatch
 from robbie_robots.modules.devices.joints import SimulatedJointsModule
 
 POSES = {"wave": {"wrist": 0.5}, "of another arm": {"elbow": 1.0}}
@@ -25,12 +26,13 @@ class Station:
     def __init__(self) -> None:
         self.messages = self
         self.settings = SimpleNamespace(poses=POSES)
-        self.robot = SimpleNamespace(lights=None)
         self.command = SimpleNamespace(is_here=True, other="", text="", take=lambda: None)
         self.operators = SimpleNamespace(pages={}, seat=DriversSeat(), command=self.command)
         self.clock = SimpleNamespace(now_ns=lambda: 200_000_007)
         self.envelope = SimpleNamespace(topic="arm")
         self.handlers: dict[type[Message], Callable[[Any], None]] = {}
+        self.joints = JointsWatch(self)  # type: ignore[arg-type]
+        self.robot = SimpleNamespace(lights=None, joints=self.joints)
 
     def hear(self, message_type: type[Message], handler: Callable[[Any], None], _topic: str = "") -> None:
         self.handlers[message_type] = handler
@@ -83,7 +85,7 @@ def test_commands_expire_end_at_the_limits_and_go_to_the_module_of_each_joint(
 ) -> None:
     station.tell(limits("pan"), topic="neck")
     goals = {"arm/wrist": 9.0, "arm/gripper": -0.5, "neck/pan": 0.1, "arm/elbow": 1.0}
-    commands = panel.commands(goals, 0.1, header_of_now(station.clock))
+    commands = station.joints.commands(goals, 0.1, header_of_now(station.clock))
     assert {topic: dict(zip(one.name, one.position, strict=True)) for topic, one in commands.items()} == {
         "arm": {"wrist": 2.0, "gripper": -0.5},
         "neck": {"pan": 0.1},
@@ -158,7 +160,8 @@ def test_simulated_arm_follows_a_held_control_and_stops_when_it_is_released(stat
         station.tell(arm.take(JointLimits, "arm")[0])
         for _ in range(5):
             arm.send(
-                panel.commands({"arm/wrist": 2.0}, 0.0, header_of_now(station.clock))["arm"], topic="arm"
+                station.joints.commands({"arm/wrist": 2.0}, 0.0, header_of_now(station.clock))["arm"],
+                topic="arm",
             )
             arm.advance(0.1)
         arm.advance(1.0)

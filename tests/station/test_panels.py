@@ -504,7 +504,7 @@ def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
     page.wait_for_selector("#panel-cameras :text('silent')", state="hidden")
     robot.command("module", "stop", "known", "--run", robot.known_run().run_id)
     page.wait_for_selector("#panel-cameras .picture-age.is-silent:text-matches('[0-9.]+ s old')")
-    page.wait_for_selector("#panel-cameras img.grayscale")
+    page.wait_for_selector("#panel-cameras .newest-image.grayscale")
 
 
 def commands_of_the_profile_are_given(page: Page, told: Told) -> None:

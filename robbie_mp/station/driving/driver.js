@@ -15,16 +15,21 @@ export default {
     this.held = false;
     this.unguarded = false;
     this.on_key = (event) => {
-      this.unguarded = event.shiftKey;
-      if (!KEYS[event.code]) return;
+      if (!KEYS[event.code]) {
+        this.note_shift(event);
+        return;
+      }
       if (event.type === "keyup") {
         // A released key counts as released, wherever the focus is.
         this.keys.delete(event.code);
+        this.note_shift(event);
         this.beat();
       } else if (this.is_shown() && !is_meant_for_another(event)) {
         event.preventDefault();
+        if (event.shiftKey && event.code.startsWith("Arrow")) return; // turns the camera (panels/camera_look.js)
         if (event.repeat) return; // held since before it counted, if not known: the operator takes hold again
         this.keys.add(event.code);
+        this.note_shift(event);
         this.beat();
       }
     };
@@ -53,6 +58,10 @@ export default {
     this.let_go();
   },
   methods: {
+    // Shift with an arrow turns the camera: it does not take the guard away from a robot that arrows drive.
+    note_shift(event) {
+      this.unguarded = event.shiftKey && ![...this.keys].some((code) => code.startsWith("Arrow"));
+    },
     is_shown() {
       if (document.visibilityState !== "visible") return false;
       return [...document.querySelectorAll(".drives")].some((one) => one.offsetParent !== null);

@@ -11,9 +11,10 @@ from nicegui.element import Element
 
 from robbie_mp.connect.link.operators import MANUAL_TOPIC
 from robbie_mp.messages import DriveCommand
-from robbie_mp.station.context import header_of_now, time_before
+from robbie_mp.station.context import header_of_now
 from robbie_mp.station.driving.dead_man import PING_PERIOD_S
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
+from robbie_mp.station.watch.births import time_before
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments

@@ -10,6 +10,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.station.panel import Panel
+from robbie_mp.station.panels.camera_look import CameraLook, direction_of
 from robbie_mp.station.panels.cameras import REFRESH_S, DetectionBoxes, NewestImage
 from robbie_mp.station.panels.light_controls import LightSwitch
 from robbie_mp.station.panels.teaching import Teaching
@@ -17,6 +18,8 @@ from robbie_mp.station.watch.cameras import ADDRESS, CameraTopic
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from robbie_mp.station.context import StationContext
     from robbie_mp.station.driving.motion import Movement
     from robbie_mp.station.page.page import Page
@@ -50,18 +53,34 @@ class CameraPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._robot = station.robot
+        self._station, self._robot = station, station.robot
+        self._looks: dict[str, tuple[float, float]] = {}
         self._scale_m_per_s = station.settings.max_linear_m_per_s
         words = [*station.settings.objects, *station.settings.persons]
         self._teaching = Teaching(station.messages, station.robot.cameras, words)
 
+    def tick(self) -> None:
+        """Look where the cameras look."""
+        if not self.is_looked_at:
+            return
+        for name, camera in self._robot.cameras.found.items():
+            image = camera.latest.message
+            look = direction_of(self._robot.scene.graph, image.header.frame_id) if image else None
+            if look is not None:
+                self._looks[name] = look
+            else:
+                self._looks.pop(name, None)
+
     def build(self, page: Page) -> None:
         """Build the large picture, the small ones, the display, and an operator's tools."""
         ui.add_css(STYLE)
-        stage = Stage(self._robot.cameras, self._scale_m_per_s)
+        stage = Stage(self._robot.cameras, self._looks, self._scale_m_per_s)
         if page.role is Role.OPERATOR:
             self._teaching.build(page, self.name, stage.root, lambda: stage.chosen)
             LightSwitch(page, self._robot.lights, self.name)
+            with stage.root:
+                CameraLook(self._station, page)
+            page.add_key("v", "Camera: look ahead (Shift and arrows, or drag the picture: turn it)")
         page.add_key("c", "Next camera", stage.turn)
         page.every(
             REFRESH_S,
@@ -75,11 +94,12 @@ class Stage:
 
     Args:
         cameras: the cameras of the robot.
+        looks: where each camera looks: to the left and down, rad.
         scale_m_per_s: speed at the end of the display's scale.
     """
 
-    def __init__(self, cameras: Cameras, scale_m_per_s: float):
-        self._cameras = cameras
+    def __init__(self, cameras: Cameras, looks: Mapping[str, tuple[float, float]], scale_m_per_s: float):
+        self._cameras, self._looks = cameras, looks
         self._scale_m_per_s = scale_m_per_s
         self._chosen = ""
         self._large: tuple[str, NewestImage, DetectionBoxes] | None = None
@@ -115,7 +135,9 @@ class Stage:
         if self._chosen in found:
             self._show_large(self._chosen, found[self._chosen])
         self._show_small([name for name in names if name != self._chosen][:MAX_SMALL])
-        self._display.show(display_of(movement, self._chosen, self._scale_m_per_s, slowed))
+        self._display.show(
+            display_of(movement, self._chosen, self._scale_m_per_s, slowed, self._looks.get(self._chosen))
+        )
 
     def _show_large(self, name: str, camera: CameraTopic) -> None:
         if self._large is None or self._large[0] != name:
@@ -148,7 +170,13 @@ def address_of(name: str) -> str:
     return ADDRESS.replace("{name:path}", name)
 
 
-def display_of(now: Movement, camera: str, scale_m_per_s: float, slowed: float = 1.0) -> dict[str, Any]:
+def display_of(
+    now: Movement,
+    camera: str,
+    scale_m_per_s: float,
+    slowed: float = 1.0,
+    look: tuple[float, float] | None = None,
+) -> dict[str, Any]:
     """Return what the display shows, rounded so that it changes only if that can be seen."""
 
     def rounded(value: float | None, digits: int) -> float | None:
@@ -162,6 +190,7 @@ def display_of(now: Movement, camera: str, scale_m_per_s: float, slowed: float =
         "camera": camera,
         "slowed": round(100 * slowed),
         "scale": scale_m_per_s,
+        "look": None if look is None else [round(math.degrees(angle)) + 0 for angle in look],
         "linear": rounded(now.linear_m_per_s, 2),
         "angular": rounded(now.angular_rad_per_s, 1),
         "commanded": rounded(now.commanded_linear, 2),

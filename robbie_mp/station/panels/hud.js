@@ -8,6 +8,12 @@ export default {
       <g :transform="'rotate(' + -now.roll + ') translate(0 ' + -now.pitch + ')'"><path d="M-44 0H-14M14 0H44" /></g>
       <path class="own" d="M-8 0L0 4L8 0" />
     </svg>
+    <svg class="hud-look" :class="{ aside: is_aside }" id="hud-look" v-if="now.look" viewBox="-30 -34 60 64" role="img"
+      :aria-label="'The camera looks ' + way">
+      <path class="wedge" :transform="'rotate(' + -now.look[0] + ')'" d="M0 0L-15 -30A33 33 0 0 1 15 -30Z" />
+      <path class="robot" d="M-9 12V-7L0 -14L9 -7V12Z" />
+      <text y="28">{{ way }}</text>
+    </svg>
     <div class="hud-band" v-if="now.linear != null">
       <div class="hud-item"><b :class="{ warn: now.silent }">{{ now.linear.toFixed(2) }}</b> m/s
         <div class="hud-bar" title="commanded (line) and true (bar) speed">
@@ -21,6 +27,15 @@ export default {
       <div class="hud-item warn" v-if="now.silent">odometry silent for {{ now.silent }}</div>
     </div></div>`,
   props: { now: Object },
+  computed: {
+    is_aside() {
+      return Math.abs(this.now.look[0]) > 10;
+    },
+    way() {
+      const [left] = this.now.look;
+      return this.is_aside ? `${Math.abs(left)}° ${Math.abs(left) > 170 ? "behind" : left > 0 ? "left" : "right"}` : "ahead";
+    },
+  },
   methods: {
     share(speed) {
       return 50 * Math.max(-1, Math.min(1, speed / (this.now.scale || 1)));

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from nicegui import ui
 from nicegui.element import Element
 
-from robbie_mp.messages import Header, JointCommand, JointLimits, JointState
-from robbie_mp.station.context import header_of_now, time_before
-from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
+from robbie_mp.station.context import header_of_now
+from robbie_mp.station.driving.held_control import HeldControl
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.light_controls import LightSliders
+from robbie_mp.station.watch.joints import MAX_JOINTS
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -25,25 +23,8 @@ if TYPE_CHECKING:
     from robbie_mp.station.page.page import Page
 
 STYLE = Path(__file__).parent / "joints.css"
-MAX_JOINTS = 64
-"""Maximum number of joints that the page shows."""
-SILENT_S = 1.0
-"""A position that is older than this is not known any more."""
 GRIPPERS = ("gripper", "finger", "hand")
 """A joint with one of these in its name can be opened and closed: its greatest position is open."""
-
-
-class JointId(NamedTuple):
-    """One joint of the robot."""
-
-    topic: str
-    """The topic of its commands and states, which is the name of the module that moves it."""
-    name: str
-
-    @property
-    def key(self) -> str:
-        """A text that names the joint to the page's script."""
-        return f"{self.topic}/{self.name}"
 
 
 class Goals(NamedTuple):
@@ -79,48 +60,23 @@ class JointsPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._messages, self._clock = station.messages, station.clock
+        self._clock = station.clock
         self._poses, self._lights = station.settings.poses, station.robot.lights
         self._operators = station.operators
-        self._limits: dict[JointId, tuple[float, float]] = {}
-        self._at: dict[JointId, tuple[float, float]] = {}
-        """Position (rad) of each joint, and when it was told."""
-        station.messages.hear(JointLimits, self._on_limits)
-        station.messages.hear(JointState, self._on_state)
-
-    def _on_limits(self, limits: JointLimits) -> None:
-        topic = self._messages.envelope.topic
-        found = {joint: ends for joint, ends in self._limits.items() if joint.topic != topic}
-        ends = zip(limits.name, limits.lower.tolist(), limits.upper.tolist(), strict=False)
-        for name, lower, upper in ends:
-            if len(found) < MAX_JOINTS and math.isfinite(lower) and math.isfinite(upper) and lower < upper:
-                found[JointId(topic, name)] = (lower, upper)
-        self._limits = found  # a new dictionary, because the pages read the old one meanwhile
-
-    def _on_state(self, state: JointState) -> None:
-        topic, now_s = self._messages.envelope.topic, time.monotonic()
-        told = {
-            joint: (position, now_s)
-            for name, position in zip(state.name, state.position.tolist(), strict=False)
-            if (joint := JointId(topic, name)) in self._limits and math.isfinite(position)
-        }
-        if told:
-            self._at = {**self._at, **told}
+        self._joints = station.robot.joints
 
     def shown(self) -> list[dict[str, Any]]:
         """Return the data of each joint for the page's script; `at` is None while it is not known."""
-        now_s = time.monotonic()
-        told = self._at
         rows = []
-        for joint, (lower, upper) in self._limits.items():
-            position, told_s = told.get(joint, (0.0, -math.inf))
+        for joint, (lower, upper) in self._joints.limits.items():
+            position = self._joints.position_rad(joint)
             rows.append(
                 {
                     "key": joint.key,
                     "name": joint.name,
                     "lower": lower,
                     "upper": upper,
-                    "at": round(position, 4) if now_s - told_s <= SILENT_S else None,
+                    "at": None if position is None else round(position, 4),
                     "is_gripper": any(word in joint.name.lower() for word in GRIPPERS),
                 }
             )
@@ -128,37 +84,12 @@ class JointsPanel(Panel):
 
     def poses(self) -> list[dict[str, Any]]:
         """Return the poses of the profile whose joints are all there."""
-        by_name = {joint.name: joint.key for joint in self._limits}
+        by_name = {joint.name: joint.key for joint in self._joints.limits}
         return [
             {"name": name, "goals": [[by_name[joint], position] for joint, position in pose.items()]}
             for name, pose in self._poses.items()
             if pose and set(pose) <= set(by_name)
         ]
-
-    def commands(self, positions: dict[str, float], age_s: float, header: Header) -> dict[str, JointCommand]:
-        """Return the commands for goals, by topic; goals beyond a joint's limits end at the limit.
-
-        Args:
-            positions: by the keys of the joints, rad. Joints that do not exist are ignored.
-            age_s: greatest age of the operator's input.
-            header: from when that age counts.
-        """
-        wanted: dict[str, dict[str, float]] = {}
-        for joint, (lower, upper) in self._limits.items():
-            if joint.key in positions:
-                goal = max(lower, min(upper, positions[joint.key]))
-                wanted.setdefault(joint.topic, {})[joint.name] = goal
-        return {
-            topic: JointCommand(
-                header=header,
-                name=[*goals],
-                position=np.array([*goals.values()]),
-                valid_for=VALID_FOR,
-                based_on=time_before(header.stamp, age_s),
-                by_hand=True,
-            )
-            for topic, goals in wanted.items()
-        }
 
     def build(self, page: Page) -> None:
         """Build the sliders."""
@@ -176,7 +107,7 @@ class JointsPanel(Panel):
             header = header_of_now(self._clock)
             age_s = control.age_s(held=goals.held, begins=goals.begins, sent_s=goals.sent_s)
             if goals.held and age_s is not None:
-                for topic, command in self.commands(goals.positions, age_s, header).items():
+                for topic, command in self._joints.commands(goals.positions, age_s, header).items():
                     page.publish(command, "the command", topic)
 
         if page.role is Role.OPERATOR:

@@ -2,7 +2,7 @@
 // was taken, and what it knows of the robot's clock (stop/emergency_stop.js). It fetches one picture at a time, and the
 // next only when there is a newer one, so that a slow link shows fewer pictures and not older ones.
 export default {
-  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" :alt="alt">
+  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" :alt="alt" draggable="false">
     <span v-if="age" class="picture-age" :class="look">{{ age }}</span></div>`,
   props: { address: String, count: Number, alt: String, drives: Boolean },
   data() {

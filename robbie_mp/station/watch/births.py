@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from robbie_mp.messages import Time
+
 if TYPE_CHECKING:
     from robbie_mp.module.clock import Clock
     from robbie_mp.station.watch.latest import Latest
@@ -44,3 +46,9 @@ class Births:
             return arrived_s
         age_s = (self._clock.now_ns() - header.stamp.nanoseconds) / 1e9
         return time.monotonic() - age_s if 0.0 <= age_s <= MAX_AGE_S else arrived_s
+
+
+def time_before(stamp: Time, age_s: float) -> Time:
+    """Return the time before a stamp, such as that of an operator's input; 0 if too long ago."""
+    age_ns = min(max(age_s, 0.0), MAX_AGE_S) * 1e9
+    return Time.from_nanoseconds(max(0, stamp.nanoseconds - round(age_ns)))

@@ -1,6 +1,6 @@
 """The newest images of the robot's cameras, and what was detected in them."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from starlette.responses import Response
@@ -16,6 +16,8 @@ MAX_CAMERAS = 12
 FRESH_NS = 500_000_000
 """Detections in an image are also drawn if it is older than the shown one by up to this time."""
 MAX_BOXES = 100
+HasTurned = Callable[[str, int, int], bool]
+"""Returns whether a frame has turned between two times, ns."""
 MAX_SENDERS = 16
 """Maximum number of modules that send detections in the images of one topic."""
 
@@ -57,13 +59,25 @@ class CameraTopic:
         self.latest: Latest[Image | CompressedImage] = Latest()
         self.picture = NewestPicture(self.latest, encode_image, births)
 
-    def boxes(self, found: Iterable[Detection2DArray]) -> list[ImageBox]:
-        """Return the boxes found in the newest image or shortly before it; older ones are left out."""
+    def boxes(
+        self, found: Iterable[Detection2DArray], has_turned: HasTurned = lambda _frame, _before, _now: False
+    ) -> list[ImageBox]:
+        """Return the boxes found in the newest image or shortly before it.
+
+        Older ones are left out, and those from before the camera has turned, which would lie beside what
+        they are about.
+
+        Args:
+            found: the newest detections of each module.
+            has_turned: returns whether a frame has turned between two times, ns.
+        """
         image = self.latest.message
         if not isinstance(image, Image):
             return []
         now_ns = image.header.stamp.nanoseconds
         fresh = [one for one in found if abs(now_ns - one.header.stamp.nanoseconds) <= FRESH_NS]
+        frame = image.header.frame_id
+        fresh = [one for one in fresh if not has_turned(frame, one.header.stamp.nanoseconds, now_ns)]
         boxes = [box for one in fresh for box in boxes_of(one, image.width, image.height)]
         return boxes[:MAX_BOXES]
 
@@ -84,8 +98,14 @@ class Cameras:
         detections: the newest detections by the same topic, and by the module that sent them.
     """
 
-    def __init__(self, station: MessageSource, births: Births | None = None):
+    def __init__(
+        self,
+        station: MessageSource,
+        births: Births | None = None,
+        has_turned: HasTurned = lambda _frame, _before, _now: False,
+    ):
         self._station = station
+        self._has_turned = has_turned
         self._births = births
         self.found: dict[str, CameraTopic] = {}
         self.detections: dict[str, dict[str, Detection2DArray]] = {}
@@ -118,7 +138,7 @@ class Cameras:
 
     def boxes(self, name: str) -> list[ImageBox]:
         """Return what all modules together have found in the newest image of a camera."""
-        return self.found[name].boxes(self.detections.get(name, {}).values())
+        return self.found[name].boxes(self.detections.get(name, {}).values(), self._has_turned)
 
     def _answer(self, name: str) -> Response:
         camera = self.found.get(name)
