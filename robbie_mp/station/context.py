@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,7 +14,7 @@ from robbie_mp.station.driving.motion import RobotMotion
 from robbie_mp.station.driving.operators import Operators
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map.marks import MapMarks, PlacesWatch
-from robbie_mp.station.scene_view.surroundings import MAP, pose_for_picture
+from robbie_mp.station.scene_view.picture_pose import has_turned
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.cameras import Cameras
 from robbie_mp.station.watch.joints import JointsWatch
@@ -32,10 +31,6 @@ if TYPE_CHECKING:
     from robbie_mp.station.module import StationModule
     from robbie_mp.station.settings import StationSettings
     from robbie_mp.station.watch.latest import MessageSource
-
-
-TURNED_RAD = 0.03
-"""A smaller turn of a camera moves what it sees by less than a thirtieth of its picture."""
 
 
 @dataclass(frozen=True)
@@ -127,15 +122,6 @@ def context_of(station: StationModule) -> StationContext:
         clock=station.clock,
         log=station.log,
     )
-
-
-def has_turned(scene: SceneGraphListener, frame: str, before_ns: int, now_ns: int) -> bool:
-    """Return whether a frame has turned between two times by more than can be neglected in its picture."""
-    before, now = (pose_for_picture(scene, MAP, frame, at_ns) for at_ns in (before_ns, now_ns))
-    if before is None or now is None or before_ns == now_ns:
-        return False
-    turn = before.inverse() @ now
-    return 2.0 * math.acos(min(1.0, abs(turn.qw))) > TURNED_RAD
 
 
 def header_of_now(clock: Clock, frame_id: str = "") -> Header:

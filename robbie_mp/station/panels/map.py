@@ -36,9 +36,10 @@ from robbie_mp.station.map.trail import Trail
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
+from robbie_mp.station.scene_view.picture_pose import MAP, pose_for_picture
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
-from robbie_mp.station.scene_view.surroundings import MAP, other_robots, pose_for_picture
+from robbie_mp.station.scene_view.surroundings import other_robots
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:

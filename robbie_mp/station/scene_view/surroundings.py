@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from robbie_mp.messages import Path, Pose, PoseStamped
-from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener, TooNew, TooOld
+from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener
 from robbie_mp.station.map.marks import MapMark
 from robbie_mp.station.map.trail import Trail
+from robbie_mp.station.scene_view.picture_pose import MAP, pose_for_picture
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
 
@@ -40,20 +41,6 @@ def other_robots(scene: SceneGraphListener, world: str) -> dict[str, RigidTransf
     return found
 
 
-def pose_for_picture(
-    scene: SceneGraphListener, world: str, frame: str, time_ns: int | None = None
-) -> RigidTransform | None:
-    """Return the pose of a frame, X_WF, at a time or the nearest known one; None if none is known."""
-    try:
-        try:
-            return scene.pose(world, frame, time_ns)
-        except (TooNew, TooOld):
-            return scene.pose(world, frame)
-    except SceneGraphError:
-        return None
-
-
-MAP = "map"
 MAX_CORNERS = 1000
 PATH_HEIGHT_M = 0.02
 
