@@ -174,6 +174,15 @@ class DdsSide:
         self._with_services().serve(name, service)
         self._tell()
 
+    def join(self, name: str, service: "ServiceType") -> None:
+        """Prepare to call a service of ROS."""
+        self._with_services().join(name, service)
+        self._tell()
+
+    def call(self, name: str, data: bytes, done: "Callable[[bytes | str], None]") -> None:
+        """Call a service of ROS."""
+        self._with_services().call(name, data, done)
+
     def look_after(self) -> None:
         """Count endpoints that do not fit.
 

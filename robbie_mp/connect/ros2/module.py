@@ -29,6 +29,7 @@ from robbie_mp.connect.ros2.dds_side import LOOPBACK, DdsSide
 from robbie_mp.connect.ros2.desk import Desk, RosRequest
 from robbie_mp.connect.ros2.padding import unpadded
 from robbie_mp.connect.ros2.parameters import NodeParameters
+from robbie_mp.connect.ros2.ros_calls import RosCalls, calls_named, check_calls
 from robbie_mp.connect.ros2.service_types import SET_BOOL, TRIGGER
 from robbie_mp.connect.ros2.side import MAX_DOMAIN, MiddlewareInbox, NodeName, RosArrival, RosChannel, Side
 from robbie_mp.connect.ros2.type_hash import type_hash
@@ -127,6 +128,9 @@ class Ros2Bridge(Module):
     services: dict[str, str] = setting(
         {}, "services in ROS: a name, a service of this robot, and the fields of its requests"
     )
+    calls: dict[str, str] = setting(
+        {}, "services of ROS that modules call: a name in ROS, the type of the robot's service, and its topic"
+    )
     emergency_stop: str = setting(
         "engage", "what ROS may do with the emergency stop", choices=("none", "engage", "release")
     )
@@ -156,6 +160,12 @@ class Ros2Bridge(Module):
             check_orders(services)
         except MappingError as error:
             raise SettingError(str(error), "services") from error
+        calls = settings["calls"]
+        assert isinstance(calls, Mapping)
+        try:
+            check_calls(calls)
+        except MappingError as error:
+            raise SettingError(str(error), "calls") from error
 
     # -- begin and end ---------------------------------------------------------------------------------
 
@@ -180,6 +190,10 @@ class Ros2Bridge(Module):
             self._orders = orders_of(self.services, self._types)
         except MappingError as error:
             raise SettingError(str(error), "services") from error
+        try:
+            called = calls_named(self.calls, self._types)
+        except MappingError as error:
+            raise SettingError(str(error), "calls") from error
         self.inbox = MiddlewareInbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
         self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
         self._incoming: dict[RosChannel, tuple[Incoming, type[Message], Rename]] = {}
@@ -190,6 +204,9 @@ class Ros2Bridge(Module):
             self.side.listen(channel)
         self.desk = Desk(self.side, self.inbox, self.log)
         self._offer_services()
+        self.ros_calls = RosCalls(self, self.side, self.map.absolute)
+        for call in called:
+            self.ros_calls.offer(call)
         self.node_parameters: NodeParameters | None = None
         if self.parameters != "none":
             node = self.map.absolute(self.node)
@@ -312,6 +329,7 @@ class Ros2Bridge(Module):
         while self.inbox.unnamed:
             self._name(f"a message was not asked for: {one_line(self.inbox.unnamed.popleft())}")
         self.desk.serve()
+        self.ros_calls.tick()
         if self._stop is not None:
             self._stop.tick()
         if self.node_parameters is not None:
@@ -429,9 +447,11 @@ class Ros2Bridge(Module):
             "refused": self.refused,
             "overflowed": self.inbox.overflowed,
             "too large": self.inbox.oversized,
+            "calls of ROS failed": self.ros_calls.failed,
             "of the trace skipped": self._trace.skipped if self._trace is not None else 0,
         }
         served = f", {self.desk.handled} requests" if self.desk.handled else ""
+        served += f", {self.ros_calls.asked} calls of ROS" if self.ros_calls.asked else ""
         shown = served + "".join(f", {number} {what}" for what, number in lost.items() if number)
         return f"sent {self.sent}, received {self.received}{shown}"
 

@@ -206,6 +206,18 @@ class Side(Protocol):
     def serve(self, name: str, service: "ServiceType") -> None:
         """Offer a service; requests come into the inbox."""
 
+    def join(self, name: str, service: "ServiceType") -> None:
+        """Prepare to call a service of ROS."""
+
+    def call(self, name: str, data: bytes, done: Callable[[bytes | str], None]) -> None:
+        """Call a service of ROS that was joined.
+
+        Args:
+            name: its name.
+            data: the encoded request.
+            done: called once, in any thread, with the encoded response, or a text that says what is wrong.
+        """
+
     def look_after(self) -> None:
         """Do what is due; called a few times in a second."""
 

@@ -14,6 +14,7 @@ from robbie_mp.connect.ros2.side import NodeName, RosChannel
 PUBLISHER: Final = "MP"
 SUBSCRIPTION: Final = "MS"
 SERVICE: Final = "SS"
+CLIENT: Final = "SC"
 DEFAULT_DEPTH: Final = 42
 """The depth that rmw_zenoh leaves out."""
 GID_BYTES: Final = 16
@@ -43,7 +44,7 @@ def endpoint_token(zenoh_id: str, node: NodeName, entity: int, kind: str, channe
         zenoh_id: the session.
         node: the node that it belongs to.
         entity: its number in the session.
-        kind: PUBLISHER, SUBSCRIPTION or SERVICE.
+        kind: PUBLISHER, SUBSCRIPTION, SERVICE or CLIENT.
         channel: its topic, or the service with its type.
     """
     parts = (_mangled(channel.name), channel.dds_type, channel.type_hash, quality_text(channel.quality))

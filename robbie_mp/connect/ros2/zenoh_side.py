@@ -4,7 +4,7 @@ Zenoh calls back in its own threads. They only put messages into the inbox.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from robbie_mp.connect.bridge.mapping import Quality
 from robbie_mp.connect.link.wire import Endpoints, LinkUnavailable, open_session
 from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, ReusedMemory, Ros2Unavailable, RosChannel
 from robbie_mp.connect.ros2.tokens import (
+    CLIENT,
     PUBLISHER,
     SERVICE,
     SUBSCRIPTION,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 LARGE_BYTES = 1 << 16
 """Size from which a message fills Zenoh's batches: waiting for more to send with its end only costs time."""
+RESPONSE_LIMIT_S = 60.0
+"""After this time, a request without response has ended; its client may give up before."""
 ROUTER = "tcp/127.0.0.1:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
 
@@ -41,6 +44,15 @@ class _Publisher:
     zenoh: Any
     large: Any
     token: "zenoh.LivelinessToken"
+    gid: bytes
+    sent: int = 0
+
+
+@dataclass
+class _Client:
+    """A service of ROS that this node calls."""
+
+    key: str
     gid: bytes
     sent: int = 0
 
@@ -74,6 +86,7 @@ class ZenohSide:
     withheld: int = 0
     """Messages of this node that came back."""
     _publishers: dict[RosChannel, _Publisher] = field(default_factory=dict)
+    _clients: dict[str, _Client] = field(default_factory=dict)
     _declared: list[Any] = field(default_factory=list)
     _gids: set[bytes] = field(default_factory=set)
     _memory: ReusedMemory = field(default_factory=ReusedMemory)
@@ -153,6 +166,38 @@ class ZenohSide:
 
         served = self._zenoh.declare_queryable(key, on_query, complete=True)
         self._declared += [served, self._token(SERVICE, channel)[1]]
+
+    def join(self, name: str, service: "ServiceType") -> None:
+        """Prepare to call a service of ROS."""
+        channel = RosChannel(name, service.name, service.type_hash, Quality())
+        token, declared = self._token(CLIENT, channel)
+        self._declared.append(declared)
+        self._clients[name] = _Client(data_key(self.node.domain, channel), gid(token))
+
+    def call(self, name: str, data: bytes, done: "Callable[[bytes | str], None]") -> None:
+        """Call a service of ROS; Zenoh says by itself when there is no response any more."""
+        import zenoh  # noqa: PLC0415
+
+        client = self._clients[name]
+        client.sent += 1
+        answers: list[bytes] = []
+
+        def on_reply(reply: "zenoh.Reply") -> None:
+            if reply.ok is not None and not answers:
+                answers.append(reply.ok.payload.to_bytes())
+
+        def on_end() -> None:
+            done(answers[0] if answers else f"no node serves {name}, or it has gone")
+
+        self._zenoh.get(
+            client.key,
+            handler=zenoh.handlers.Callback(on_reply, on_end),
+            payload=data,
+            attachment=Attachment(client.sent, time.time_ns(), client.gid).encode(),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=RESPONSE_LIMIT_S,
+        )
 
     def look_after(self) -> None:
         """Nothing is due: Zenoh connects again by itself."""

@@ -145,6 +145,36 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
             raise GoalEnded(f"this {type(self.goal).__name__} of {self.client} has already ended")
 
 
+class LaterReply:
+    """A request whose reply comes later.
+
+    Args:
+        calls: the services of the module.
+        client: the module that called.
+        call: the number of the call.
+    """
+
+    def __init__(self, calls: "ServiceCalls", client: str, call: int):
+        self._calls, self._client, self._call = calls, client, call
+
+    def reply(self, reply: Message) -> None:
+        """Send the reply, unless this call has ended already."""
+        if self._end():
+            number_call(reply, self._call)
+            self._calls.send(self._client, reply)
+
+    def refuse(self, reason: str) -> None:
+        """Refuse the request, unless this call has ended already."""
+        if self._end():
+            self._calls.refuse(self._client, self._call, reason)
+
+    def _end(self) -> bool:
+        key = self._client, self._call
+        is_open = key in self._calls.later
+        self._calls.later.discard(key)
+        return is_open
+
+
 class ServiceCalls:
     """The services of one module.
 
@@ -155,6 +185,7 @@ class ServiceCalls:
 
     Attributes:
         goals: the goals that are being worked on, by client and call.
+        later: the requests whose replies come later, by client and call.
         refused: number of requests that a handler refused.
         repeated: number of goals ignored whose number belongs to a goal that has not ended.
         unsent: number of replies for which there was no memory.
@@ -166,6 +197,7 @@ class ServiceCalls:
         self._due = due
         self._services: list[ChannelName] = []
         self.goals: dict[tuple[str, int], ActiveGoal[Any, Any, Any]] = {}
+        self.later: set[tuple[str, int]] = set()
         self._on_cancels: dict[type[Message], Callable[[Any, str], None] | None] = {}
         self.refused = 0
         self.repeated = 0
@@ -206,6 +238,28 @@ class ServiceCalls:
             self.send(client, reply)
 
         on_request.__qualname__ = getattr(handler, "__qualname__", type(handler).__qualname__)
+        self.listen(request_type, on_request, topic)
+
+    def serve_later(
+        self,
+        request_type: type[Message],
+        handler: Callable[[Any, LaterReply], None],
+        topic: str,
+    ) -> None:
+        """Subscribe to the requests of a service whose handler replies when it can; raises as `serve`.
+
+        Args:
+            request_type: the class of the requests, which have a field `call`.
+            handler: gets each request, and what replies to it or refuses it, which it must do in the end.
+            topic: the name of the service.
+        """
+
+        def on_request(request: Any) -> None:
+            client = self._bus.sender()
+            if self._is_well_formed(request, client):
+                self.later.add((client, request.call))
+                handler(request, LaterReply(self, client, request.call))
+
         self.listen(request_type, on_request, topic)
 
     def _is_well_formed(self, request: Any, client: str) -> bool:
@@ -331,7 +385,8 @@ class ServiceCalls:
 
     def _on_question(self, question: CallsQuestion) -> None:
         client = self._bus.sender()
-        pending = [call for call in question.calls.tolist() if (client, call) in self.goals]
+        open_ = self.goals.keys() | self.later
+        pending = [call for call in question.calls.tolist() if (client, call) in open_]
         self.send(client, CallsAnswer(calls=question.calls, pending=np.array(pending, np.uint64)))
 
 

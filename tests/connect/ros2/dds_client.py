@@ -1,7 +1,8 @@
 """A client of a service over DDS, with CycloneDDS's own types: it shares no code with the bridge.
 
 As rmw_cyclonedds, it puts its number and that of the request before the request, and finds them before the
-response. It writes one line of JSON about the response and about who sent it.
+response. It writes one line of JSON about the response and about who sent it. With a second argument, it is a
+node that serves instead, until it is ended.
 """
 
 # mypy: disable-error-code="misc, call-arg"
@@ -66,5 +67,19 @@ def main(domain: int) -> None:
     del kept
 
 
+def serve(domain: int, name: str) -> None:
+    kept = Domain(domain, SETTINGS)
+    participant = DomainParticipant(domain)
+    reliable = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(10))
+    reader = DataReader(participant, Topic(participant, f"rq{name}Request", Request), reliable)
+    writer = DataWriter(participant, Topic(participant, f"rr{name}Reply", Response), reliable)
+    while kept:
+        for one in reader.take(10):
+            writer.write(Response(one.guid, one.seq, one.data, f"request {one.seq}"))
+        time.sleep(0.01)
+
+
 if __name__ == "__main__":
+    if len(sys.argv) > 2:
+        serve(int(sys.argv[1]), sys.argv[2])
     main(int(sys.argv[1]))

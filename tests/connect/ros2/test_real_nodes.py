@@ -15,7 +15,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from robbie_mp import Module, ModuleHarness, setting
+from robbie_mp import Module, ModuleHarness, Reply, Request, setting
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import (
@@ -35,6 +35,7 @@ from robbie_mp.messages import (
     from_dict,
 )
 from robbie_mp.messages.stock.registry import stock_registry
+from robbie_mp.module.calls.peers import service_topic
 from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
 from tests._support.places import PROJECT
 from tests.connect.ros2._support.ros_nodes import DISTRIBUTIONS, RosNode, ros_node, until
@@ -62,6 +63,7 @@ SETTINGS: dict[str, Any] = {
         "/abort": "CancelNavigation {reason: from ROS}",
         "/go": "CancelNavigation {client: go} or {client: halt}",
     },
+    "calls": {"/slam/save": "std_srvs/srv/Trigger", "/slam/load": "SetBool maps"},
 }
 NAMES = [f"setting_{number}_with_a_name_that_is_longer_than_most" for number in range(3000)]
 """Enough for responses and requests that do not fit into one datagram."""
@@ -140,6 +142,41 @@ class Mapping(Module):
 
     resolution_m: float = setting(0.05, "edge of a cell", minimum=0.01, maximum=1.0, changeable=True)
     frame: str = setting("map", "its frame")
+
+
+SERVE = """
+from std_srvs.srv import Trigger
+def save(request, response):
+    response.success, response.message = True, "x" * 100_000
+    return response
+serving = node.create_service(Trigger, "/slam/save", save)
+"""
+SERVE_SILENTLY = """
+from std_srvs.srv import SetBool
+context = rclpy.Context()
+rclpy.init(context=context, domain_id=domain)
+silent = rclpy.create_node("silent", context=context)
+silent.create_service(SetBool, "/slam/load", None)
+"""
+END_SILENTLY = "silent.destroy_node()\nrclpy.shutdown(context=context)"
+
+
+class Saved(Reply, name="std_srvs/srv/Trigger_Response"):
+    success: bool
+    message: str
+
+
+class SaveMap(Request[Saved], name="std_srvs/srv/Trigger_Request"):
+    pass
+
+
+class Loaded(Reply, name="std_srvs/srv/SetBool_Response"):
+    success: bool
+    message: str
+
+
+class LoadMap(Request[Loaded], name="std_srvs/srv/SetBool_Request"):
+    data: bool
 
 
 class Ros(NamedTuple):
@@ -290,6 +327,47 @@ def test_settings_are_parameters_also_if_they_need_many_datagrams(ros: Ros, tmp_
     assert sorted(names) == ["mapping.frame", "mapping.resolution_m"]
     assert types == [4, *([0] * len(NAMES))]
     assert are_changed == [False, True]
+
+
+def ends_of(bridge: ModuleHarness[Ros2Bridge], request: Request[Any], topic: str = "") -> list[Any]:
+    """Let a module call a service of ROS; return a list that its reply or refusal will come into."""
+    bridge.bus.published.clear()
+    bridge.send(request, topic=service_topic(topic), sender="mission")
+    return bridge.published
+
+
+def test_module_calls_a_service_of_ros(ros: Ros) -> None:
+    bridge, node = ros
+    node.run(SERVE)
+    ends = ends_of(bridge, SaveMap(call=7))
+    until(bridge, lambda: ends)
+    (reply,) = (one.message for one in ends)
+    assert (reply.type_name, reply.call, reply.success) == (Saved.type_name, 7, True)
+    assert reply.message == "x" * 100_000
+    assert ends[0].topic == "mission"
+    node.run("node.destroy_service(serving)")
+    until(bridge, lambda: "no node serves" in refusal_of(bridge, SaveMap(call=8)))
+
+
+def refusal_of(bridge: ModuleHarness[Ros2Bridge], request: Request[Any], topic: str = "") -> str:
+    """Let a module call a service of ROS; return why it was refused, or "" if it was not."""
+    ends = ends_of(bridge, request, topic)
+    until(bridge, lambda: ends)
+    return getattr(ends[0].message, "reason", "")
+
+
+def test_node_that_dies_before_it_responds_is_an_error(ros: Ros) -> None:
+    bridge, node = ros
+    assert "no node serves /slam/load" in refusal_of(bridge, LoadMap(call=1, data=True), "maps")
+    node.run(SERVE_SILENTLY, domain=bridge.module.domain)
+    side: Any = bridge.module.side
+    until(bridge, side._services._clients["/slam/load"].server)
+    ends = ends_of(bridge, LoadMap(call=2, data=True), "maps")
+    bridge.advance(0.1)
+    assert not ends
+    node.run(END_SILENTLY)
+    until(bridge, lambda: ends)
+    assert "has gone" in ends[0].message.reason
 
 
 def wait_until_returned(bridge: ModuleHarness[Ros2Bridge], sent: dict[str, Message]) -> None:

@@ -10,9 +10,10 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
-from robbie_mp import ModuleHarness, SettingError
+from robbie_mp import ModuleHarness, Reply, Request, SettingError
 from robbie_mp.connect.bridge.arrivals import hand_over
 from robbie_mp.connect.bridge.mapping import Incoming, Quality
 from robbie_mp.connect.bridge.orders import carry_out, orders_of
@@ -20,6 +21,8 @@ from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.service_types import SET_BOOL as SET_BOOL_TYPE
 from robbie_mp.connect.ros2.service_types import TRIGGER as TRIGGER_TYPE
 from robbie_mp.messages import (
+    CallsAnswer,
+    CallsQuestion,
     CancelNavigation,
     EmergencyStop,
     Message,
@@ -29,6 +32,7 @@ from robbie_mp.messages import (
     SetControl,
 )
 from robbie_mp.messages.descriptions import KnownTypes
+from robbie_mp.module.calls.peers import service_topic
 from tests._support.places import PROJECT
 from tests._support.robot import wait_until
 from tests.connect.ros2.test_zenoh import SET_BOOL, TRIGGER, Bridge, Node, network, until, zenoh_has_started
@@ -42,6 +46,8 @@ ORDERS = {
     },
     "emergency_stop": "release",
 }
+LOADED = b"\x00\x01\x00\x00\x01\x00\x00\x00\x06\x00\x00\x00hello\x00"
+"""A response of SetBool."""
 EMPTY = b"\x00\x01\x00\x00\x00"
 """A request without fields: ROS puts one byte into it."""
 
@@ -202,6 +208,90 @@ def test_wrong_services_are_explained(line: str, problem: str) -> None:
     with pytest.raises(SettingError, match=problem):
         ModuleHarness(Ros2Bridge, {"connect": [], "services": {"/abort": line}}).__enter__()
     assert log.filters == limits, "a bridge that has not started limits no log"
+
+
+class Loaded(Reply, name="std_srvs/srv/SetBool_Response"):
+    success: bool
+    message: str
+
+
+class LoadMap(Request[Loaded], name="std_srvs/srv/SetBool_Request"):
+    data: bool
+
+
+CALLS = {"calls": {"/slam/load": "SetBool maps"}}
+
+
+def ask_ros(bridge: Bridge, number: int) -> list[Any]:
+    """Let a module call a service of ROS; return a list that the reply or refusal will come into."""
+    bridge.bus.published.clear()
+    bridge.send(LoadMap(call=number, data=True), topic=service_topic("maps"), sender="mission")
+    return bridge.published
+
+
+def test_module_calls_a_service_over_zenoh(zenoh_has_started: None) -> None:
+    with network(CALLS) as (bridge, node):
+        ends = ask_ros(bridge, 1)
+        until(bridge, lambda: ends)
+        assert "no node serves /slam/load" in ends[0].message.reason
+
+        def respond(query: Any) -> None:
+            attached = struct.unpack("<qqB16s", query.attachment.to_bytes())
+            assert query.payload.to_bytes() == as_bool(True)
+            answer = struct.pack("<qqB16s", attached[0], 1, 16, attached[3])
+            query.reply(query.key_expr, LOADED, attachment=answer)
+
+        key = f"7/slam/load/{SET_BOOL}"
+        with node.session.declare_queryable(key, respond, complete=True):
+
+            def has_replied() -> bool:
+                ends = ask_ros(bridge, 2)
+                until(bridge, lambda: ends)
+                return getattr(ends[0].message, "message", "") == "hello"
+
+            until(bridge, has_replied)
+        assert any("/SC/" in one for one in node.tokens())
+
+
+def test_module_calls_a_service_of_a_node_with_cyclonedds() -> None:
+    settings = {**CALLS, "middleware": "dds", "domain": DOMAIN + 1}
+    with ModuleHarness(Ros2Bridge, settings) as bridge:
+        command = [sys.executable, "-m", "tests.connect.ros2.dds_client", str(DOMAIN + 1), "/slam/load"]
+        with subprocess.Popen(command, cwd=PROJECT) as server:
+
+            def has_replied() -> bool:
+                ends = ask_ros(bridge, 3)
+                until(bridge, lambda: ends)
+                reply = ends[0].message
+                return (getattr(reply, "success", False), reply.call) == (True, 3)
+
+            try:
+                until(bridge, has_replied)
+            finally:
+                server.terminate()
+
+
+def test_call_that_ros_has_not_answered_yet_is_not_lost() -> None:
+    settings = {**CALLS, "middleware": "dds", "domain": DOMAIN + 2}
+    with ModuleHarness(Ros2Bridge, settings) as bridge:
+        ask_ros(bridge, 4)
+        question = CallsQuestion(calls=np.array([4, 5], np.uint64))
+        bridge.send(question, topic=bridge.module.name, sender="mission")
+        (answer,) = bridge.take(CallsAnswer)
+        assert list(answer.pending) == [4]
+
+
+@pytest.mark.parametrize(
+    ("calls", "problem"),
+    [
+        ({"/slam/load": "Nothing"}, "declares a service 'Nothing'"),
+        ({"/slam/load": "NavigateTo"}, "is an action"),
+        ({"/1": "SetBool"}, "expected a name such as"),
+    ],
+)
+def test_wrong_calls_are_explained(calls: dict[str, str], problem: str) -> None:
+    with pytest.raises(SettingError, match=problem):
+        ModuleHarness(Ros2Bridge, {"connect": [], "calls": calls}).__enter__()
 
 
 def test_client_over_dds_gets_its_response() -> None:

@@ -1,5 +1,6 @@
 """Reliable writers and readers of RTPS: what is lost is sent again, and nothing comes twice."""
 
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -13,6 +14,8 @@ KEPT: Final = 64
 """Messages that a writer of responses keeps for readers that have missed them."""
 MAX_PEERS: Final = 1000
 """Most endpoints of others that one of this side has to do with."""
+GREETING_S: Final = 0.3
+"""After this time, a writer knows a reader that knows the writer."""
 MAX_PARTIAL: Final = 4
 """Most messages of which a reader has only parts; the oldest goes first."""
 MAX_AHEAD: Final = wire.MAX_BITS
@@ -58,6 +61,11 @@ class Writer:
     _history: "OrderedDict[int, Written]" = field(default_factory=OrderedDict)
     _last: int = 0
     _count: int = 0
+
+    @property
+    def next(self) -> int:
+        """The number of the next message."""
+        return self._last + 1
 
     def match(self, reader: bytes) -> None:
         """Begin to send to a reader."""
@@ -123,6 +131,14 @@ class _WriterProxy:
     ahead: set[int] = field(default_factory=set)
     partial: "OrderedDict[int, dict[int, bytes]]" = field(default_factory=OrderedDict)
     count: int = 0
+    is_met: bool = False
+    """Whether it has sent something, so that it knows this reader."""
+    since_s: float = field(default_factory=time.monotonic)
+
+    @property
+    def knows_reader(self) -> bool:
+        """Whether it knows this reader; one that has never written anything need not say so."""
+        return self.is_met or time.monotonic() - self.since_s >= GREETING_S
 
     def is_new(self, sequence: int) -> bool:
         return self.base <= sequence < self.base + MAX_AHEAD and sequence not in self.ahead
@@ -162,11 +178,18 @@ class Reader:
             self.writers[writer] = _WriterProxy()
             self._acknowledge(writer, [], is_final=False)  # what it has sent before comes at once
 
+    def look_after(self) -> None:
+        """Greet writers that have not sent anything yet; called a few times in a second."""
+        for writer, proxy in self.writers.items():
+            if not proxy.knows_reader:
+                self._acknowledge(writer, [], is_final=False)
+
     def on_sample(self, sample: wire.Sample) -> None:
         """Take a message, or a part of one."""
         proxy = self.writers.get(sample.writer)
         if proxy is None or not proxy.is_new(sample.sequence):
             return
+        proxy.is_met = True
         whole = self._whole(proxy, sample) if sample.fragment else sample
         if whole is not None:
             proxy.note(sample.sequence)
@@ -193,6 +216,7 @@ class Reader:
         proxy = self.writers.get(writer)
         if proxy is None:
             return
+        proxy.is_met = True
         proxy.skip_to(first)
         end = min(last + 1, proxy.base + wire.MAX_BITS)
         missing = [one for one in range(proxy.base, end) if one not in proxy.ahead]

@@ -236,6 +236,8 @@ class Participant:
                 self._forget_peer(prefix)
         for writer in self._writers():
             writer.look_after()
+        for reader in self._readers():
+            reader.look_after()
 
     def _receive(self, receiving: socket.socket) -> None:
         try:

@@ -5,13 +5,15 @@ bytes before its fields: the client, and a number. CycloneDDS's library does not
 those parameters, so services have a participant of their own here.
 """
 
+import struct
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from robbie_mp.connect.ros2.rtps import wire
-from robbie_mp.connect.ros2.rtps.endpoints import Writer
+from robbie_mp.connect.ros2.rtps.endpoints import Reader, Writer
 from robbie_mp.connect.ros2.rtps.participant import Participant
 from robbie_mp.connect.ros2.side import MiddlewareInbox
 from robbie_mp.connect.ros2.type_hash import type_hash
@@ -25,6 +27,13 @@ ENCAPSULATION_BYTES, HEADER_BYTES = 4, 16
 LITTLE_ENDIAN: Final = b"\x00\x01"
 RESPONSE_WAIT_S: Final = 1.0
 """How long a response waits until the client's reader has been discovered, which can be after its request."""
+Done = Callable[["bytes | str"], None]
+"""Gets the encoded response of a call, or a text that says why there is none."""
+SERVER_WAIT_S: Final = 1.0
+"""How long a request waits until a node that serves it has been found."""
+RESPONSE_LIMIT_S: Final = 60.0
+"""After this time, a request without response has ended; its client may give up before."""
+MAX_REQUESTS: Final = 64
 MAX_RESPONSES: Final = 64
 """Most responses that wait for that."""
 
@@ -40,9 +49,36 @@ class _Response:
     until_s: float
 
 
+class _Request(NamedTuple):
+    """A request of this node that has no response yet."""
+
+    data: bytes
+    done: Done
+    until_s: float
+    server: bytes = b""
+    """The participant that it was sent to."""
+
+
+@dataclass
+class _Client:
+    """A service of ROS that this node calls."""
+
+    name: str
+    writer: Writer
+    reader: Reader
+    waiting: "deque[_Request]" = field(default_factory=deque)
+    sent: dict[int, _Request] = field(default_factory=dict)
+
+    def server(self) -> bytes:
+        """Return a participant that serves it and knows this client; empty if there is none."""
+        met = {one[: wire.PREFIX_BYTES] for one, proxy in self.reader.writers.items() if proxy.knows_reader}
+        readers = (one[: wire.PREFIX_BYTES] for one in self.writer.readers)
+        return next((one for one in readers if one in met), b"")
+
+
 @dataclass
 class DdsServices:
-    """The services of a node.
+    """The services of a node, and those that it calls.
 
     Args:
         domain: the domain.
@@ -64,10 +100,11 @@ class DdsServices:
     """GUIDs of the readers of requests; `writers`: those of the writers of responses."""
     writers: list[bytes] = field(default_factory=list)
     _waiting: "deque[_Response]" = field(default_factory=deque)
+    _clients: dict[str, _Client] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._participant = Participant(self.domain, self.interface, _is_of_a_service)
-        self._participant.on_look = self._send_waiting
+        self._participant.on_look = self._look_after
         self._participant.on_malformed = lambda: self.inbox.put_stranger("a datagram that is not of RTPS")
 
     @property
@@ -77,7 +114,7 @@ class DdsServices:
 
     def serve(self, name: str, service: "ServiceType") -> None:
         """Offer a service: a topic for requests, and one for responses."""
-        dds_type = service.name.replace("/", "::").replace("::srv::", "::srv::dds_::")
+        dds_type = _dds_type(service)
         identity = f"serviceid={self._service_id()};typehash="
         asked, answered = (
             f"{identity}{type_hash(one)};".encode() for one in (service.request, service.response)
@@ -92,6 +129,41 @@ class DdsServices:
         )
         self.readers.append(self._participant.guid(reader))
         self.writers.append(self._participant.guid(writer))
+
+    def join(self, name: str, service: "ServiceType") -> None:
+        """Prepare to call a service of ROS."""
+        dds_type = _dds_type(service)
+        asked, answered = (
+            f"typehash={type_hash(one)};".encode() for one in (service.request, service.response)
+        )
+        with self._participant.lock:
+            writer = self._participant.add_writer(f"rq{name}Request", f"{dds_type}_Request_", asked)
+            reader = self._participant.add_reader(
+                f"rr{name}Reply",
+                f"{dds_type}_Response_",
+                answered,
+                lambda sample: self._on_response(name, sample),
+                self.inbox.max_bytes,
+            )
+            self._clients[name] = _Client(name, writer, reader)
+        self.readers.append(self._participant.guid(reader))
+        self.writers.append(self._participant.guid(writer))
+
+    def call(self, name: str, data: bytes, done: Done) -> None:
+        """Call a service of ROS, as soon as a node that serves it is found.
+
+        Args:
+            name: its name; `join` has prepared it.
+            data: the encoded request.
+            done: called once, in any thread, with the response, or with a text that says what is wrong.
+        """
+        client = self._clients[name]
+        with self._participant.lock:
+            if len(client.waiting) + len(client.sent) >= MAX_REQUESTS:
+                done(f"{MAX_REQUESTS} requests to {name} have no response yet")
+                return
+            client.waiting.append(_Request(data, done, time.monotonic() + SERVER_WAIT_S))
+            self._send_requests(client)
 
     def close(self) -> None:
         """Leave the domain."""
@@ -121,6 +193,64 @@ class DdsServices:
 
         self.inbox.put_call(name, data[:ENCAPSULATION_BYTES] + data[begin:], answer)
 
+    def _on_response(self, name: str, sample: wire.Sample) -> None:
+        client, data = self._clients[name], sample.payload
+        begin = ENCAPSULATION_BYTES
+        if sample.writer.startswith(CYCLONEDDS):
+            begin += HEADER_BYTES
+            if len(data) < begin or data[ENCAPSULATION_BYTES : begin - 8] != self._client_id(client):
+                return
+            (number,) = struct.unpack_from("<q", data, begin - 8)
+        else:
+            named = wire.identity_of(sample.parameters)
+            own = (self._participant.guid(client.reader), self._participant.guid(client.writer))
+            if named is None or named[0] not in own:
+                return
+            number = named[1]
+        request = client.sent.pop(number, None)
+        if request is not None:
+            request.done(data[:ENCAPSULATION_BYTES] + data[begin:])
+
+    def _look_after(self) -> None:
+        with self._participant.lock:
+            for client in self._clients.values():
+                self._send_requests(client)
+                self._end_requests(client)
+            self._send_waiting()
+
+    def _send_requests(self, client: _Client) -> None:
+        server = client.server() if client.waiting else b""
+        while server and client.waiting:
+            request = client.waiting.popleft()._replace(
+                server=server, until_s=time.monotonic() + RESPONSE_LIMIT_S
+            )
+            data, number = request.data, client.writer.next
+            client.sent[number] = request
+            if server.startswith(CYCLONEDDS):
+                header = self._client_id(client) + struct.pack("<q", number)
+                data = data[:ENCAPSULATION_BYTES] + header + data[ENCAPSULATION_BYTES:]
+                client.writer.write(data, to=server)
+            else:
+                client.writer.write(data, wire.related(self._participant.guid(client.reader), 0), server)
+
+    def _end_requests(self, client: _Client) -> None:
+        """Report requests that get no response any more."""
+        now_s = time.monotonic()
+        while client.waiting and client.waiting[0].until_s <= now_s:
+            client.waiting.popleft().done(f"no node serves {client.name}")
+        servers = {one[: wire.PREFIX_BYTES] for one in client.writer.readers}
+        for number, request in list(client.sent.items()):
+            if request.server not in servers:
+                del client.sent[number]
+                request.done(f"the node that serves {client.name} has gone")
+            elif request.until_s <= now_s:
+                del client.sent[number]
+                request.done(f"the node that serves {client.name} has not answered in {RESPONSE_LIMIT_S:g} s")
+
+    def _client_id(self, client: _Client) -> bytes:
+        """Return the eight bytes by which CycloneDDS's servers know a client."""
+        return self._participant.prefix[2:7] + client.writer.entity[:3]
+
     def _send_waiting(self) -> None:
         with self._participant.lock:
             for _ in range(len(self._waiting)):
@@ -145,6 +275,12 @@ class DdsServices:
             return is_over
         response.writer.write(response.payload, response.parameters, response.to)
         return True
+
+
+def _dds_type(service: "ServiceType") -> str:
+    """Return the beginning of the names of its types in DDS."""
+    package, kind, name = service.name.split("/")
+    return f"{package}::{kind}::dds_::{name}"
 
 
 def _is_of_a_service(topic: str) -> bool:
