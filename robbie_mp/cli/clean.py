@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views import quantities
 from robbie_mp.cli.amounts import time_between
+from robbie_mp.cli.output import say
 from robbie_mp.cli.parser import add_command
+from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.run.results import RunResults, results_below
 from robbie_mp.run.supervisor.sweep import Swept, sweep
 
@@ -49,12 +51,21 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.set_defaults(command=clean, usage_error=parser.error)
 
 
+def sweep_dead_runs() -> Swept:
+    """Remove what dead runs left, after their last messages have become clips."""
+    told: list[str] = []
+    swept = sweep(salvage=lambda run_id, folder: told.extend(salvage(run_id, folder)))
+    for line in told:
+        say(line)
+    return swept
+
+
 def clean(arguments: argparse.Namespace) -> int:
     """Remove the remains, and print what was removed."""
     age_s, is_dry_run = arguments.older_than, arguments.dry_run
     if age_s is None and (is_dry_run or arguments.folder != OUTPUT):
         arguments.usage_error("name the age of results to remove, such as --older-than 30d")
-    swept = Swept() if is_dry_run else sweep()
+    swept = Swept() if is_dry_run else sweep_dead_runs()
     old = (
         []
         if age_s is None

@@ -22,9 +22,9 @@ from robbie_mp.cli.parser import BAD_USAGE, HelpFormatter, Parser
 GROUPS = {
     "run a robot": ("run", "stop", "module", "play", "playback", "connect"),
     "look at a run": ("list", "top", "log", "echo", "hz", "bw", "plot", "graph", "type", "gui", "foxglove"),
-    "talk to a run": ("pub", "call", "param"),
+    "talk to a run": ("pub", "call", "param", "mark"),
     "record, and use recordings": (
-        "record", "info", "recording", "diff", "export", "import-carmen", "import-rosbag",
+        "record", "clips", "info", "recording", "diff", "export", "import-carmen", "import-rosbag",
     ),
     "set up robots and machines": (
         "new", "profile", "doctor", "devices", "install", "keys", "clean", "completion",

@@ -5,18 +5,21 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.run_figures import as_data
 from robbie_mp.base.balance import Balance
 from robbie_mp.bus.checkpoint.file import checkpoint_file, set_aside
+from robbie_mp.cli.clean import sweep_dead_runs
 from robbie_mp.cli.log_files import LEFT_OUT, print_balance
-from robbie_mp.cli.output import warn
+from robbie_mp.cli.output import say, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.run_summary import print_summary
 from robbie_mp.cli.screen import RunScreen
+from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
 from robbie_mp.run.results import remove_oldest
@@ -68,7 +71,7 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a profile."""
-    profile, findings = check(load(arguments))
+    profile, findings = check(load(arguments).with_black_box())
     if arguments.fresh:
         _set_checkpoints_aside(profile)
     return run_robot(profile, findings, arguments, is_robot=True)
@@ -102,6 +105,7 @@ def run_robot(
         balance_of: returns what was left out, from the folder for results; this makes the exit code 1.
         is_robot: whether it is the robot of its workspace, which runs once unless `arguments.another`.
     """
+    sweep_dead_runs()
     output = arguments.output or default_output_directory(profile.name)
     if arguments.output is None:
         _remove_oldest_results(output.parent, profile.trace.kept_runs)
@@ -121,7 +125,7 @@ def run_robot(
             findings.settings,
             types,
             output,
-            screen.listener,
+            replace(screen.listener, end=_end_black_box),
             summarize,
             is_robot=is_robot,
             another=is_robot and arguments.another,
@@ -141,6 +145,12 @@ def run_robot(
     if balance.read:
         print_balance(result.output_directory, balance, file=sys.stderr if arguments.json else sys.stdout)
     return result.exit_code or (LEFT_OUT if balance.left_out else 0)
+
+
+def _end_black_box(run_id: str, folder: Path) -> None:
+    """Write the clips of a black box that was killed at the end of its run."""
+    for line in salvage(run_id, folder, has_died=False):
+        say(line)
 
 
 def _remove_oldest_results(folder: Path, kept: int) -> None:

@@ -12,23 +12,20 @@ from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.logs.capture.position import Position
 from robbie_mp.logs.capture.recorded_run import RecordedRun
 from robbie_mp.logs.capture.recording_session import RecordingSession
-from robbie_mp.logs.capture.selection import Selection, TypeAndTopic, type_pattern
+from robbie_mp.logs.capture.selection import Selection
 from robbie_mp.logs.capture.tally import Tally, UnendedParts
 from robbie_mp.logs.recording.chunk import Compression
 from robbie_mp.logs.recording.chunk_queue import BufferLimits
 from robbie_mp.logs.recording.disk_budget import DiskBudget
-from robbie_mp.logs.recording.format import ChannelKey
+from robbie_mp.logs.recording.format import ChannelKey, RecordedCount
 from robbie_mp.logs.recording.log_writer import LogWriter, Split
 from robbie_mp.logs.recording.recorder import LOGGER_NICE
-from robbie_mp.messages import ModuleState
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.run_directory import list_runs
 
 WARN_UNMATCHED_AFTER_S = 10.0
-CRASHED = ("BACKOFF", "FAILED")
-MODULE_STATES = TypeAndTopic(ModuleState.type_name, "*")
 MEGABYTE = 1e6
 MAX_READ_S = 5.0
 """How long the end of a run waits until the part that a killed logger left has been read."""
@@ -60,11 +57,6 @@ class MessageLogger(Module):
     budget_bytes: int = setting(0, "total size of all recordings in the folder; 0: unlimited", minimum=0)
     sync_s: float = setting(1.0, "time within which a message is on the disk", minimum=0.01)
     buffer_bytes: int = setting(1 << 27, "bytes of messages that may wait in memory", minimum=1 << 16)
-    snapshot_s: float = setting(
-        0.0, "record only this many seconds before each trigger; 0: record everything", minimum=0.0
-    )
-    trigger: str = setting("", "pattern of the types whose messages trigger a snapshot")
-    trigger_topic: str = setting("*", "pattern of the topics of these messages")
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -82,13 +74,10 @@ class MessageLogger(Module):
         """Start the recording, or continue it after a restart, and subscribe."""
         self.run = RecordedRun(next(run.folder for run in list_runs() if run.run_id == self.run_id))
         self.selection = Selection.by_types_and_topics(self.types, self.topics, self.exclude)
-        self.triggers = [TypeAndTopic(type_pattern(self.trigger), self.trigger_topic)] if self.trigger else []
-        self.triggering: dict[ChannelKey, bool] = {}
-        pairs = self.selection.pairs + ([*self.triggers, MODULE_STATES] if self.snapshot_s else [])
-        for type_of, topic in dict.fromkeys(pairs):
+        for type_of, topic in self.selection.pairs:
             self.subscribe_encoded(type_of, self.on_message, topic=topic)
         slot = self.run.plan.names.index(self.name)
-        recording = self.run.recording_folder(self.folder or self.output_directory, self.name)
+        recording = self.recording_folder()
         self.position = self._open_position()
         self.tally = self._open_tally()
         self.unended = UnendedParts(recording, self.tally.next_part) if self.tally else None
@@ -96,7 +85,7 @@ class MessageLogger(Module):
             self.run,
             self.selection,
             lambda dropped: self.make_writer(recording, dropped),
-            BufferLimits(self.chunk_bytes, self.buffer_bytes, self.sync_s / 2, self.snapshot_s),
+            BufferLimits(self.chunk_bytes, self.buffer_bytes, self.sync_s / 2),
             total_missed=lambda: messages_missed(self.run.core, slot),
             passed=ChannelCounters(self.run.core).messages,
             log=self.log,
@@ -108,6 +97,10 @@ class MessageLogger(Module):
         self.shown = (self.began_ns, 0, 0)
         self.warned = False
         self.log.info("recording into %s", recording)
+
+    def recording_folder(self) -> Path:
+        """Return the folder of the recording, the same one after a restart."""
+        return self.run.recording_folder(self.folder or self.output_directory, self.name)
 
     def _open_position(self) -> Position:
         """Open the position in the order of the run, which outlives this process."""
@@ -123,9 +116,7 @@ class MessageLogger(Module):
         return SHARED_MEMORY / names.folder(self.run_id), f"tally-{self.name}"
 
     def _open_tally(self) -> Tally | None:
-        """Open the counts that outlive this process; None for snapshots, which are not to be complete."""
-        if self.snapshot_s:
-            return None
+        """Open the counts that outlive this process."""
         try:
             return Tally(*self._place)
         except OSError as error:
@@ -146,34 +137,22 @@ class MessageLogger(Module):
             Split(self.split_bytes, self.split_s),
             DiskBudget(recording.parent, self.budget_bytes),
             dropped,
-            self.tally.end_part if self.tally else lambda _number, _counts: None,
+            self.end_part,
             self.run.keep_limits,
         )
+
+    def end_part(self, number: int, counts: Mapping[ChannelKey, RecordedCount]) -> None:
+        """Note that a part of the log has ended; the writing thread calls it."""
+        if self.tally:
+            self.tally.end_part(number, counts)
 
     # -- messages --------------------------------------------------------------------------------------
 
     def on_message(self, message: EncodedMessage) -> None:
-        """Record a message; write a snapshot if it triggers one."""
+        """Record a message."""
         envelope = self.envelope
         key = ChannelKey(message.type_name, message.version, envelope.topic, envelope.sender)
         self.session.record(key, envelope.sequence, envelope.published_ns, message.data)
-        if self.snapshot_s:
-            self._check_triggers(key, message.data)
-
-    def _check_triggers(self, key: ChannelKey, data: bytes | memoryview) -> None:
-        if key not in self.triggering:
-            self.triggering[key] = any(pair.matches(key.type_name, key.topic) for pair in self.triggers)
-        if self.triggering[key]:
-            self._write_snapshot(f"{key.type_name} on topic {key.topic!r}")
-        if key.type_name == ModuleState.type_name:
-            state = ModuleState.decode(data)
-            if state.state in CRASHED:
-                self._write_snapshot(f"{state.module} is in state {state.state}: {state.reason}")
-
-    def _write_snapshot(self, reason: str) -> None:
-        recorder = self.session.recorder
-        self.log.info("snapshot of the last %.1f s: %s", recorder.kept_s(), reason)
-        recorder.write_kept()
 
     # -- ticks -----------------------------------------------------------------------------------------
 
@@ -240,18 +219,8 @@ class MessageLogger(Module):
 
     def teardown(self) -> None:
         """Write what waits in memory, end the log, and log a summary of it."""
-        self._count_missed()
-        self._count_lost(wait_s=MAX_READ_S)
-        if self.unended is not None:
-            self.log.error(
-                "what a killed logger had in memory is not counted: its part takes too long to read"
-            )
+        self._end_log()
         self._warn_unmatched("in this run")
-        with closing(self.run):
-            self.session.close()
-        self.position.close()
-        if self.tally:
-            self.tally.close()
         counts = self.session.recorder.counts()
         self.log.info(
             "recorded %d messages into %s, %d bytes",
@@ -263,6 +232,19 @@ class MessageLogger(Module):
             if dropped:
                 self.log.error("%d messages are missing: %s on topic %r", dropped, key.type_name, key.topic)
         self._show(self.clock.monotonic_ns())
+
+    def _end_log(self) -> None:
+        self._count_missed()
+        self._count_lost(wait_s=MAX_READ_S)
+        if self.unended is not None:
+            self.log.error(
+                "what a killed logger had in memory is not counted: its part takes too long to read"
+            )
+        with closing(self.run):
+            self.session.close()
+        self.position.close()
+        if self.tally:
+            self.tally.close()
 
 
 def _check_writable(folder: Path) -> None:

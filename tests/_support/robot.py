@@ -47,7 +47,10 @@ class Robot:
         (folder / "zoo" / "modules.py").write_text(ZOO.read_text())
         self._started: list[subprocess.Popen[str]] = []
 
-    def write_profile(self, text: str, name: str = "robot") -> None:
+    def write_profile(self, text: str, name: str = "robot", *, has_black_box: bool = False) -> None:
+        """Write a profile; without a black box a robot starts sooner."""
+        if not has_black_box:
+            text += "\nblack_box: false\n"
         (self.folder / "profiles" / f"{name}.yaml").write_text(text)
 
     def write_secret(self, name: str, text: str) -> None:

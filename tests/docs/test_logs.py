@@ -11,6 +11,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from robbie_mp.cli import main
+from robbie_mp.logs.black_box.module import BlackBox
 from robbie_mp.logs.message_logger import MessageLogger
 from robbie_mp.module.settings import check_settings, settings_of
 from tests.docs._support.pages import ROOT, block
@@ -100,7 +101,14 @@ def test_settings_of_the_logger_in_the_profile_are_valid() -> None:
     assert logger["class"] == f"{MessageLogger.__module__}:{MessageLogger.__name__}"
 
 
-def test_every_setting_of_the_logger_is_on_the_page() -> None:
-    table = (ROOT / PAGE).read_text().partition("| setting |")[2].partition("\n\n")[0]
-    named = {name for row in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])}
-    assert named == set(settings_of(MessageLogger))
+def test_every_setting_of_the_logger_and_the_black_box_is_on_the_page() -> None:
+    _, *tables = (ROOT / PAGE).read_text().split("| setting |")
+    for module, table in zip((MessageLogger, BlackBox), tables, strict=True):
+        rows = table.partition("\n\n")[0].splitlines()[2:]
+        named = {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+        assert named == set(settings_of(module))
+
+
+def test_settings_of_the_black_box_in_the_profile_are_valid() -> None:
+    settings = yaml.safe_load(block(PAGE, "profile of the black box"))["black_box"]
+    BlackBox.check(check_settings(BlackBox, settings))

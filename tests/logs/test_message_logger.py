@@ -20,7 +20,7 @@ from robbie_mp.logs.recording.errors import NotALog
 from robbie_mp.logs.recording.format import ChannelKey, RecordedCount, RunMetadata, counts_from_metadata
 from robbie_mp.logs.recording.info import describe
 from robbie_mp.logs.recording.reader import Log, open_log
-from robbie_mp.messages import LaserScan, ModuleState, Odometry
+from robbie_mp.messages import LaserScan, Odometry
 from robbie_mp.module.settings import check_settings
 from tests._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
@@ -70,14 +70,6 @@ modules:
   listener: {{class: "source:Listener"}}
   source: {{class: "source:Source"}}
 """
-SNAPSHOTS = """
-  snapshots:
-    class: robbie_mp.logs.message_logger:MessageLogger
-    settings: {folder: snapshots, snapshot_s: 3600, types: [LaserScan, ModuleState]}
-    queue: {messages: 100000}
-"""
-NOT_RUNNING = ("core", "logger", "logger")
-"""The modules that were killed, restarted by hand, and killed."""
 QUEUE = 20
 WAITING = QUEUE + 64
 """Maximum number of messages that wait for the logger; the share of a topic may differ by as many."""
@@ -85,9 +77,9 @@ FRONT = ChannelKey(LaserScan.type_name, 1, "front", "source")
 ODOMETRY = ChannelKey(Odometry.type_name, 1, "", "source")
 
 
-def start(robot: Robot, settings: str, queue: int, more: str = "") -> "subprocess.Popen[str]":
+def start(robot: Robot, settings: str, queue: int) -> "subprocess.Popen[str]":
     (robot.folder / "source.py").write_text(MODULES)
-    robot.write_profile(PROFILE.format(settings=settings, queue=queue) + more)
+    robot.write_profile(PROFILE.format(settings=settings, queue=queue))
     return robot.start()
 
 
@@ -223,9 +215,8 @@ def wait_for_more(robot: Robot) -> None:
 
 
 def test_kills_of_core_logger_and_supervisor_lose_no_synced_message(robot: Robot) -> None:
-    process = start(robot, "{sync_s: 0.05, compression: none}", queue=100_000, more=SNAPSHOTS)
+    process = start(robot, "{sync_s: 0.05, compression: none}", queue=100_000)
     robot.until(lambda modules: len(recorded(robot)) > 50)
-    assert not snapshots(robot)  # nothing has happened yet
 
     kill(robot.top()["core"]["pid"])
     robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
@@ -248,7 +239,6 @@ def test_kills_of_core_logger_and_supervisor_lose_no_synced_message(robot: Robot
     assert len(gaps) <= 1  # what was in memory; what waited in the core's queue is there
     assert after == sorted(after)
 
-    wait_until(lambda: len(snapshots(robot)) == len(NOT_RUNNING))
     pids = [module["pid"] for module in robot.top().values() if module["pid"]]
     kill(process.pid)
     process.wait(60)
@@ -258,7 +248,6 @@ def test_kills_of_core_logger_and_supervisor_lose_no_synced_message(robot: Robot
     with open_log(parts(robot)[0].parent) as log:
         assert [part.is_complete for part in log.parts] == [True, False, False]
         assert all(part.contents.message_count for part in log.parts)
-    check_snapshots_of_the_crashes(robot)
     assert robot.command("clean").returncode == 0
 
 
@@ -290,29 +279,6 @@ def test_what_killed_loggers_had_in_memory_is_counted(robot: Robot, sync_s: floa
     if sync_s > 1:  # otherwise a logger may be killed just after it has written everything
         assert missing >= 100
         assert "they were in the memory of a logger that was killed" in robot.log("logger")
-
-
-def snapshots(robot: Robot) -> list[Path]:
-    """Snapshots that are written to their ends."""
-    found = []
-    for path in sorted((robot.folder / "snapshots").glob("*/*")):
-        with opened(path) as log:
-            found += [path] * log.is_complete
-    return found
-
-
-def check_snapshots_of_the_crashes(robot: Robot) -> None:
-    """See that each is a log of its own, of what came before, up to the news of the crash."""
-    sequences = []
-    for path, name in zip(snapshots(robot), NOT_RUNNING, strict=True):
-        with open_log(path) as log:
-            messages = list(log.messages())
-        state = ModuleState.decode(messages[-1].data)
-        assert (state.module, state.state) == (name, "BACKOFF")
-        assert {message.channel.topic for message in messages} == {"front", "rear", ""}
-        sequences += [message.sequence for message in messages]
-    assert sequences == sorted(set(sequences))
-    assert len(sequences) > 300
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from robbie_mp import Header
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
 from robbie_mp.cli.program import COMMANDS
+from robbie_mp.logs.black_box.clip_folder import AboutClip, ClipFolder
 from robbie_mp.messages import PoseStamped, schema_text
 from robbie_mp.run.install.device_names import UsbDevice
 from tests._support.robot import COMMAND, Robot, wait_until
@@ -38,7 +39,7 @@ NAMES_IT = {
     "param",
     "gui", "top", "log", "info", "recording", "diff", "export", "import-carmen", "import-rosbag", "module",
     "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion", "devices", "install",
-    "foxglove",
+    "foxglove", "mark", "clips",
 }  # fmt: skip
 """Commands that a test below runs with hostile input."""
 
@@ -104,6 +105,9 @@ def test_logs_with_hostile_texts_print_plainly(reader: Reader, tmp_path: Path) -
         assert not obeyed(file.name) and not obeyed(file.read_text())
     reader.run("export", str(log), str(tmp_path / f"no{HOSTILE}"), "--topics", f"none{HOSTILE}")
     reader.run("export", str(log), str(tmp_path / "bag"), "--rosbag2")
+    clip = ClipFolder(tmp_path / "results", 1 << 30)
+    clip.finish("20261128T000000Z-x", AboutClip(HOSTILE, HOSTILE, [HOSTILE], [0.0], 0, HOSTILE))
+    assert "\\x1b]0;owned" in reader.run("clips", "--in", str(tmp_path / "results"))
     cut = tmp_path / f"cut{HOSTILE.replace('/', '')}.mcap"
     cut.write_bytes(log.read_bytes()[:-40])
     reader.run("info", str(cut), may_have_lines=True)  # the user's own word may have two lines
@@ -213,6 +217,7 @@ def test_runs_with_hostile_modules_print_plainly(
     run("param", "set", f"hostile.{HOSTILE}", HOSTILE, may_have_lines=True)
     assert "\\e" in run("profile", "show", "robot")
     run("profile", "show", "robot", "--json")
+    assert "no black box" in run("mark", HOSTILE)
     run("type", "list")
     run("type", "show", "zoo_msgs/Odd")
     run("pub", "PoseStamped", "{header: {frame_id: 1\x1b}}", "--once")

@@ -58,6 +58,8 @@ class RecordingSession:
         self._passed = passed
         self._channels: dict[ChannelKey, _Channel] = {}
         self._received: defaultdict[ChannelName, int] = defaultdict(int)
+        self._left_out: defaultdict[ChannelKey, int] = defaultdict(int)
+        """Messages left out since `count_missed` was called last."""
         self._drops = QueueDrops(total_missed, self._passed_and_subscribed, missed_before)
         self.recorder = Recorder(make_writer, limits, log)
         self._tally = tally
@@ -105,6 +107,30 @@ class RecordingSession:
             if self._tally is not None:
                 self._tally.receive(key)
 
+    def leave_out(self, key: ChannelKey, sequence: int, published_ns: int, data: bytes | memoryview) -> None:
+        """Leave out a message on purpose; the log counts it as missing.
+
+        If its channel is latched, the next part of the log begins with a copy of it all the same. The
+        arguments are those of `record`.
+        """
+        channel = self._channels.get(key) or self._open(key)
+        if channel.id and channel.is_latched:
+            self.recorder.carry(channel.id, sequence, self._run.time_ns(published_ns), data)
+            if sequence <= self._position.sequence:
+                return
+        self._position.sequence = sequence
+        self._received[channel.name] += 1
+        if channel.id:
+            self._left_out[key] += 1
+            if self._tally is not None:
+                self._tally.receive(key)
+
+    def add(self, key: ChannelKey, sequence: int, published_ns: int, data: bytes | memoryview) -> None:
+        """Record a message that the recorder has made itself; the arguments are those of `record`."""
+        channel = self._channels.get(key) or self._open(key)
+        if channel.id:
+            self.recorder.record(channel.id, sequence, self._run.time_ns(published_ns), data)
+
     def _open(self, key: ChannelKey) -> "_Channel":
         """Decide once whether the messages of a channel are recorded."""
         id_, is_latched = 0, ChannelName(*key[:3]) in self._run.latched()
@@ -121,7 +147,7 @@ class RecordingSession:
         return channel
 
     def count_missed(self) -> None:
-        """Count in the log the selected messages that the core has dropped since the last call.
+        """Count in the log the selected messages that were dropped or left out since the last call.
 
         It also notices which channels have been latched meanwhile.
         """
@@ -129,6 +155,8 @@ class RecordingSession:
         for key, channel in [*self._channels.items()]:
             if not channel.is_latched and channel.name in latched:
                 del self._channels[key]
+        while self._left_out:
+            self.recorder.count_dropped(*self._left_out.popitem())
         for name, missing in self._drops.look(self._received).items():
             if self._selection.wants(name.type_name, name.topic):
                 key = key_of_missing(name, self._channels)

@@ -76,6 +76,10 @@ class Tally:
         """Count messages that never reached the recorder."""
         self._words[(self._places.get(key) or self._open(key)) + MISSED] += messages
 
+    def received(self) -> dict[ChannelKey, int]:
+        """Return how many messages this process and earlier ones have received."""
+        return {key: self._words[place + RECEIVED] for key, place in self._places.copy().items()}
+
     def end_part(self, number: int, counts: Mapping[ChannelKey, RecordedCount]) -> None:
         """Add the counts of a part of the log that has ended."""
         with self._lock:

@@ -40,7 +40,7 @@ class Recorder:
         limits: BufferLimits,
         log: logging.Logger,
     ):
-        self._queue = ChunkQueue(limits, on_discard=self._keep_newest)
+        self._queue = ChunkQueue(limits)
         self._limits = limits
         self._log = log
         self._channels: dict[int, RecordedChannel] = {}
@@ -54,6 +54,7 @@ class Recorder:
         """Why nothing can be written at the moment."""
         self._failure: BaseException | None = None
         self._sync_due_ns: int | None = None
+        self._ends_part = False
         self.writer = make_writer(self.dropped)
         self._thread = threading.Thread(target=self._run, name="log writer", daemon=True)
         self._thread.start()
@@ -131,13 +132,10 @@ class Recorder:
         """Bytes of messages in memory."""
         return self._queue.waiting_bytes
 
-    def kept_s(self) -> float:
-        """How far back the messages in memory go."""
-        return self._queue.kept_s()
-
-    def write_kept(self) -> None:
-        """Write the messages kept so far as a separate part."""
-        self._queue.write_kept()
+    def end_part(self) -> None:
+        """End the part that is being written with the last message until now."""
+        self._ends_part = True
+        self._queue.flush()
 
     def close(self) -> None:
         """Write what still waits, end the log, and wait until that is done."""
@@ -152,8 +150,7 @@ class Recorder:
         try:
             while self._turn():
                 pass
-            if not self._limits.keep_s:
-                self._attempt(lambda: self.writer.write_newest(self._channels))
+            self._attempt(lambda: self.writer.write_newest(self._channels))
             self._attempt(self.writer.close)
         except BaseException as failure:
             self._failure = failure
@@ -161,16 +158,19 @@ class Recorder:
 
     def _turn(self) -> bool:
         """Write a chunk, or sync the written data. Return False at the end."""
-        queue, keeps = self._queue, bool(self._limits.keep_s)
+        queue = self._queue
         had_ended = queue.ended  # it may end during the disk sync, just after one more message arrived
         chunk = queue.take(self._sync_due_ns)
         if chunk is not None:
             self._write(chunk)
             queue.written(chunk)
         due = self._sync_due_ns
-        if due is not None and (chunk is None or (not keeps and time.monotonic_ns() >= due)):
+        if due is not None and (chunk is None or time.monotonic_ns() >= due):
             self._sync_due_ns = None
-            self._attempt(self.writer.end_part if keeps else self.writer.sync)
+            self._attempt(self.writer.sync)
+        if chunk is None and self._ends_part:
+            self._ends_part = False
+            self._attempt(self.writer.end_part)
         return chunk is not None or not had_ended
 
     def _write(self, chunk: Chunk) -> None:
@@ -183,14 +183,8 @@ class Recorder:
             self._queue.sleep(RETRY_S)
         for id_, count in chunk.counts().items():
             self.recorded[id_] += count
-        if self._limits.keep_s:
-            self._sync_due_ns = 0  # sync once the whole snapshot is written; this ends the part
-        elif self._sync_due_ns is None:
+        if self._sync_due_ns is None:
             self._sync_due_ns = chunk.opened_ns + round(self._limits.close_after_s * 1e9)
-
-    def _keep_newest(self, chunk: Chunk) -> None:
-        """Remember the latched messages in a chunk that is not written."""
-        self.writer.newest.keep_from(chunk, self._channels)
 
     def _attempt(self, step: Callable[[], None]) -> bool:
         try:

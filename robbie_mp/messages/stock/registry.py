@@ -53,6 +53,7 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.CallsAnswer,
             robbie_msgs.CallsQuestion,
             robbie_msgs.CancelNavigation,
+            robbie_msgs.Clip,
             robbie_msgs.ControlSet,
             robbie_msgs.ControlState,
             robbie_msgs.DeviceState,

@@ -502,3 +502,18 @@ class Mark(Message, name="robbie_msgs/msg/Mark", version=1):
 
     header: Header = DEFAULT  # stamp: the moment
     text: str = DEFAULT  # what for
+
+
+class Clip(Message, name="robbie_msgs/msg/Clip", version=1):
+    """What the black box does with a clip: the messages around something that happened."""
+
+    OPEN: ClassVar[uint8] = 0  # it still grows
+    WRITTEN: ClassVar[uint8] = 1  # it is on the disk
+    MISSED: ClassVar[uint8] = 2  # it is not on the disk, or not whole
+
+    stamp: Time = DEFAULT
+    folder: str = DEFAULT  # a log
+    state: uint8 = OPEN
+    triggers: list[str] = DEFAULT  # what happened, in plain words, in this order; a mark has its text
+    bytes: uint64 = DEFAULT  # of the clip, when it is on the disk
+    reason: str = DEFAULT  # why something of it is missing

@@ -14,6 +14,7 @@ from robbie_mp.module.value_check import NO_LIMITS, ValueMismatch, check_value
 from robbie_mp.module.wiring import InvalidTopic, check_topic
 from robbie_mp.run.profile.dependencies import read_dependencies
 from robbie_mp.run.profile.model import (
+    BLACK_BOX,
     CheckpointPolicy,
     ClockSettings,
     CoreLimits,
@@ -40,6 +41,7 @@ PROFILE_KEYS = (
     "trace",
     "tools",
     "clock",
+    "black_box",
 )
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
@@ -90,6 +92,7 @@ class _Builder:
             trace=self.section(TraceSettings, self.map_of(content.get("trace"), "trace"), "trace"),
             tools=self.section(ToolLimits, self.map_of(content.get("tools"), "tools"), "tools"),
             clock=self.clock(self.map_of(content.get("clock"), "clock"), list(modules)),
+            black_box=self.black_box(content, modules),
             description=self.value(str, content.get("description"), "description", ""),
             variables={
                 name: node.value for name, node in self.map_of(content.get("variables"), "variables").items()
@@ -143,14 +146,35 @@ class _Builder:
             scheduling=self.nested(Scheduling, content, where, "scheduling"),
         )
 
+    def black_box(self, content: dict[str, YamlNode], modules: dict[str, YamlNode]) -> ModuleSpec | None:
+        """Build the module that keeps the last messages, unless the profile has it already or wants none."""
+        node = content.get(BLACK_BOX)
+        lockstep = self.map_of(content.get("clock"), "clock").get("lockstep")
+        is_unwanted = node is not None and node.value is False
+        if is_unwanted or BLACK_BOX in modules or (lockstep is not None and lockstep.value is True):
+            return None
+        is_plain = node is None or node.value is True
+        settings = {} if is_plain else self.map_of(node, BLACK_BOX)
+        return ModuleSpec(
+            name=BLACK_BOX,
+            class_path="robbie_mp.logs.black_box.module:BlackBox",
+            settings={key: value.plain() for key, value in settings.items()},
+            queue=QueueLimits(messages=4000),
+            stop_grace_s=20.0,
+        )
+
     def inherited_origins(
         self, content: dict[str, YamlNode], modules: dict[str, YamlNode]
     ) -> dict[tuple[str, ...], SourcePlace]:
         """The places of values that the modules have from the profile as a whole."""
-        node = content.get("namespace")
-        if node is None:
-            return {}
-        return {("modules", name, "namespace"): node.place for name in modules}
+        box = content.get(BLACK_BOX)
+        settings = box.value if box is not None and isinstance(box.value, dict) else {}
+        found: dict[tuple[str, ...], SourcePlace] = {
+            ("modules", BLACK_BOX, "settings", name): value.place for name, value in settings.items()
+        }
+        if (node := content.get("namespace")) is not None:
+            found |= {("modules", name, "namespace"): node.place for name in modules}
+        return found
 
     def topics(self, module: dict[str, YamlNode], where: str) -> dict[str, str]:
         found: dict[str, str] = {}

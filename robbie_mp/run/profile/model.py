@@ -1,7 +1,7 @@
 """The content of a profile after it is read, merged and checked: frozen data, no YAML and no processes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -233,6 +233,12 @@ class ClockSettings:
     long as the handler took; or the folder with the times of an earlier run."""
 
 
+BLACK_BOX = "black_box"
+"""Name of the module that `robbie run` adds to every robot, and of the key with its settings."""
+CLIPS_BYTES = 2 << 30
+"""Disk space for its clips, if the profile says nothing else."""
+
+
 @dataclass(frozen=True)
 class Profile:
     """A merged and checked profile."""
@@ -245,6 +251,8 @@ class Profile:
     trace: TraceSettings = field(default_factory=TraceSettings)
     tools: ToolLimits = ToolLimits()
     clock: ClockSettings = ClockSettings()
+    black_box: ModuleSpec | None = None
+    """The module to add to the robot, which is not yet in `modules`; None: there is none to add."""
     description: str = ""
     variables: Mapping[str, Any] = field(default_factory=dict)
     """Their values in this run, which have been inserted everywhere."""
@@ -254,6 +262,12 @@ class Profile:
     """The folder that contains profiles/; imports and relative paths start from it."""
     origins: Mapping[tuple[str, ...], SourcePlace] = field(default_factory=dict)
     """Place of each written key, such as ("modules", "mapping", "settings", "rate_hz"); none for defaults."""
+
+    def with_black_box(self) -> "Profile":
+        """Return the profile of the robot with its black box, which starts first and so stops last."""
+        if self.black_box is None or not self.modules:
+            return self
+        return replace(self, modules=(self.black_box, *self.modules), black_box=None)
 
     def place_of(self, *path: str) -> SourcePlace | None:
         """Return where a key was written, or else where the nearest enclosing key was."""

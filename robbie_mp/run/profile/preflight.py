@@ -18,7 +18,7 @@ from typing import Any
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.run.profile.checking_process import PreflightError, check_events
-from robbie_mp.run.profile.model import ModuleSpec, Profile
+from robbie_mp.run.profile.model import BLACK_BOX, ModuleSpec, Profile
 
 BASE_CLASS = "robbie_mp:Module"
 OWN_CODE = "robbie_mp."
@@ -128,7 +128,7 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
         for module in profile.modules
         if module.name not in left_out
     )
-    if not kept:
+    if all(module.name == BLACK_BOX for module in kept):
         text = f"profile {profile.name} has no modules to run; list them under `modules:`"
         raise ProfileError([Problem(text, profile.place_of("modules"))])
     return replace(profile, modules=kept)

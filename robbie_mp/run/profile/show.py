@@ -53,6 +53,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
         "spares": _plain(profile.spares),
         "trace": _plain(profile.trace),
         "tools": _plain(profile.tools),
+        "black_box": profile.black_box is not None and (dict(profile.black_box.settings) or True),
     }
 
 

@@ -21,7 +21,7 @@ from robbie_mp.bus.transport.words import check_machine
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.run.exclusive_use import one_start_at_a_time, refuse_second_robot, refuse_taken_devices
 from robbie_mp.run.plan import CORE, PLAN_FILE, RunPlan
-from robbie_mp.run.profile.model import Profile, Scheduling
+from robbie_mp.run.profile.model import BLACK_BOX, Profile, Scheduling
 from robbie_mp.run.profile.show import as_profile
 from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory, UnsafeRunFolder
 from robbie_mp.run.supervisor.attached_tools import AttachedTools
@@ -55,6 +55,8 @@ class RunListener:
     change: Callable[[StateChange], None] = lambda _change: None
     begin: Callable[[str], None] = lambda _run_id: None
     """Called once, when a `RunObserver` can open the run's memory."""
+    end: Callable[[str, Path], None] = lambda _run_id, _folder: None
+    """Called once with the folder of the run, when all processes have ended but its memory is still there."""
 
 
 @dataclass(frozen=True)
@@ -178,8 +180,13 @@ def _run(
     output_directory = Path(plan.output_directory)
     memory = RunMemory(plan, listener.change)
     observer = RunObserver(plan.run_id)
-    memory.before_close = lambda: figures.extend(_without_tools(observer.modules()))
     figures: list[ModuleFigures] = []
+
+    def at_the_end() -> None:
+        figures.extend(_without_tools(observer.modules()))
+        listener.end(plan.run_id, run_folder)
+
+    memory.before_close = at_the_end
     service = ServiceManager.of_environment()
     connections.callback(service.close)
     environment = {
@@ -225,7 +232,7 @@ def _run(
         observer.close()
     outputs = {child.spec.name: child.output for child in tree.children}
     return RunResult(
-        exit_code=exit_code or (DEGRADED if health.lasting else 0),
+        exit_code=exit_code or (DEGRADED if set(health.lasting) - {BLACK_BOX} else 0),
         reason=tree.stop_reason,
         figures=figures,
         entries={name: output.lines for name, output in outputs.items()},

@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,15 +35,20 @@ class Swept:
     """Pids of killed processes."""
 
 
-def sweep(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) -> Swept:
+def sweep(
+    bases: list[Path] | None = None,
+    shared_memory: Path = SHARED_MEMORY,
+    salvage: Callable[[str, Path | None], object] = lambda _run_id, _folder: None,
+) -> Swept:
     """Remove what this user's dead runs left.
 
     Args:
         bases: the folders that hold runs; None: this user's.
         shared_memory: where named segments appear.
+        salvage: called with the id and the folder of each dead run before its memory is removed.
     """
     bases = safe_folders() if bases is None else bases
-    found = [_sweep_run(run_id, bases, shared_memory) for run_id in _run_ids(bases, shared_memory)]
+    found = [_sweep_run(run_id, bases, shared_memory, salvage) for run_id in _run_ids(bases, shared_memory)]
     for folder in _folders(bases):
         if _is_abandoned(folder):
             _sweep_unfinished(folder)
@@ -64,13 +69,19 @@ def dead_runs(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMO
     return dead
 
 
-def _sweep_run(run_id: str, bases: list[Path], shared_memory: Path) -> Swept:
+def _sweep_run(
+    run_id: str,
+    bases: list[Path],
+    shared_memory: Path,
+    salvage: Callable[[str, Path | None], object],
+) -> Swept:
     with _locked(run_id, bases, shared_memory) as is_dead:
         if not is_dead:
             return Swept()
         killed = kill_run_leftovers(run_id)
-        names = remove_names(run_id, shared_memory)
         folders = [base / run_id for base in bases if (base / run_id).exists()]
+        salvage(run_id, folders[0] if folders else None)
+        names = remove_names(run_id, shared_memory)
         for folder in folders:
             shutil.rmtree(folder, ignore_errors=True)
     if not (killed or names or folders):  # it has ended normally, or was swept, since it was listed

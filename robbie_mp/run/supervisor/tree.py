@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.run.profile.dependencies import with_dependents
+from robbie_mp.run.profile.model import BLACK_BOX
 from robbie_mp.run.supervisor.child_spec import ChildKind, ChildSpec, InvalidChild
 from robbie_mp.run.supervisor.deadlines import RunningTime
 from robbie_mp.run.supervisor.event_loop import EventLoop, signals_in_loop
@@ -358,7 +359,11 @@ class Tree:
         if news := self.output.turn():
             self.say(Kind.WARNING, news)
         self._each_turn()
-        modules = [child for child in self.children if child.spec.kind is ChildKind.MODULE]
+        modules = [
+            child
+            for child in self.children
+            if child.spec.kind is ChildKind.MODULE and child.spec.name != BLACK_BOX
+        ]
         if all(child.state and child.state.is_final and not child.may_return for child in modules):
             self.stop("all modules have ended")
         for stop in [self._stop] if self._stop else self._partial_stops:

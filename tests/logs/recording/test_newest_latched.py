@@ -159,8 +159,8 @@ def test_map_larger_than_a_part_does_not_begin_a_part_for_each_chunk(tmp_path: P
 class Messages:
     """A recorder whose writer the test can inspect."""
 
-    def __init__(self, folder: Path, *, keep_s: float = 0.0):
-        limits = BufferLimits(1 << 10, 1 << 12, close_after_s=0.01, keep_s=keep_s)
+    def __init__(self, folder: Path):
+        limits = BufferLimits(1 << 10, 1 << 12, close_after_s=0.01)
         log = logging.getLogger(__name__)
         self.recorder = Recorder(lambda _dropped: writer(folder), limits, log)
         self.map = self.recorder.channel(MAP_KEY, SCHEMA, is_latched=True)
@@ -176,20 +176,6 @@ def test_recording_in_which_nothing_happens_still_has_the_latched_messages(tmp_p
         assert newest(log, log.start_ns) == expected(7)
         assert log.message_count == 0
     assert sum(recorded for recorded, _ in made.recorder.counts().values()) == 0
-
-
-def test_snapshot_begins_with_a_map_that_is_older_than_what_it_kept(tmp_path: Path) -> None:
-    made = Messages(tmp_path / "snapshots", keep_s=1000.0)
-    made.recorder.record(made.map, 1, at_ns(1), map_of(1))
-    filler = Odometry(child_frame_id="x" * 900).encode()
-    for number in range(2, 12):  # more than the buffer holds
-        assert made.recorder.record(made.other, number, at_ns(number), filler)
-    made.recorder.write_kept()
-    made.recorder.close()
-    with open_log(tmp_path / "snapshots") as log:
-        assert newest(log, log.start_ns) == expected(1)
-        assert log.counts[next(one for one in log.channels if one.topic == "map")] == 0
-        assert log.message_count < 10
 
 
 def test_newest_messages_are_bounded_and_the_oldest_is_left_out() -> None:

@@ -3,7 +3,6 @@
 import logging
 import threading
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -28,8 +27,12 @@ LOG = logging.getLogger("test")
 class Disk(LogWriter):
     """A writer whose disk may be full, or slow, or its code wrong."""
 
-    def __init__(self, folder: Path, dropped: Callable[[], Mapping[ChannelKey, int]]):
-        super().__init__(folder, Compression.NONE, RUN, Split(), DiskBudget(folder.parent, 0), dropped)
+    def __init__(
+        self, folder: Path, dropped: Callable[[], Mapping[ChannelKey, int]], ended: list[int] | None = None
+    ):
+        budget = DiskBudget(folder.parent, 0)
+        on_end = (lambda number, _counts: ended.append(number)) if ended is not None else lambda _n, _c: None
+        super().__init__(folder, Compression.NONE, RUN, Split(), budget, dropped, on_end)
         self.free = threading.Event()
         self.free.set()
         self.refuse: Exception | None = None
@@ -143,22 +146,21 @@ def test_failing_writer_is_not_a_silent_loss(recorder: Recorder) -> None:
         record(recorder, range(1))
 
 
-def test_each_snapshot_is_a_complete_part_once_it_is_written(tmp_path: Path) -> None:
-    limits = BufferLimits(chunk_bytes=1000, buffer_bytes=1 << 20, close_after_s=0.0001, keep_s=3600.0)
-    recorder = Recorder(lambda dropped: Disk(tmp_path / "log", dropped), limits, LOG)
-
-    def are_whole(parts: int) -> bool:
-        paths = tmp_path.glob("log/*")
-        whole = [path.read_bytes().endswith(b"\x89MCAP0\r\n") for path in paths if path.stat().st_size > 99]
-        return sum(whole) == parts
-
-    for snapshot in (1, 2):
-        record(recorder, range(snapshot * 100, snapshot * 100 + 50))
-        recorder.write_kept()
-        wait_until(partial(are_whole, snapshot))
-    record(recorder, range(50))
+def test_part_ends_with_the_last_message_before_it_was_asked_to(tmp_path: Path) -> None:
+    limits = BufferLimits(chunk_bytes=1000, buffer_bytes=1 << 20, close_after_s=3600.0)
+    ended: list[int] = []
+    recorder = Recorder(lambda dropped: Disk(tmp_path / "log", dropped, ended), limits, LOG)
+    for part in range(3):
+        record(recorder, range(part * 100, part * 100 + 50))
+        recorder.end_part()
+        wait_until(lambda: len(ended) == part + 1)  # noqa: B023
+    recorder.end_part()  # nothing has been added
     recorder.close()
-    assert recorded(tmp_path / "log") == [*range(100, 150), *range(200, 250)]
+    assert ended == [0, 1, 2]
+    for number, path in enumerate(sorted(tmp_path.glob("log/*.mcap"))):
+        with open_log(path) as log:
+            assert log.is_complete
+            assert [m.sequence for m in log.messages()] == list(range(number * 100, number * 100 + 50))
 
 
 class Clock:
@@ -182,27 +184,3 @@ def test_chunk_is_due_a_fixed_time_after_its_first_message() -> None:
     chunk = queue.take(until_ns=None)
     assert chunk is not None and chunk.messages == 2
     assert queue.take(until_ns=0) is None
-
-
-def test_snapshot_keeps_the_last_seconds_within_the_buffer() -> None:
-    clock = Clock()
-    queue = ChunkQueue(BufferLimits(1 << 20, 3000, close_after_s=0.5, keep_s=4.0), clock)
-
-    def let_pass(numbers: range, size: int) -> None:
-        for number in numbers:
-            clock.now_ns = number * 1_000_000_000
-            assert queue.take(until_ns=0) is None
-            assert queue.add(1, number, number, bytes(size))
-
-    let_pass(range(20), 10)
-    assert 4.0 <= queue.kept_s() <= 5.0
-    queue.write_kept()
-    sequences = [chunk.first_sequence for chunk in iter(lambda: queue.take(until_ns=0), None)]
-    assert sequences == [15, 16, 17, 18, 19]
-    queue.write_kept()
-    assert queue.take(until_ns=0) is None
-    let_pass(range(20, 40), 1200)
-    assert queue.waiting_bytes <= 3000
-    assert queue.kept_s() == 1.0
-    queue.end()
-    assert queue.take(until_ns=None) is None

@@ -121,7 +121,8 @@ def test_code_that_cannot_be_imported_is_a_warning(robot: Robot, capsys: Out) ->
 def test_tree_of_an_unchecked_profile_is_that_of_its_files(robot: Robot) -> None:
     tree = as_tree(robot.load(), {})
     assert tree["modules"]["mapping"]["settings"] == {"resolution_m": 0.001, "weights": {"y": 2}}
-    assert list(tree) == ["description", "variables", "modules", "core", "spares", "trace", "tools"]
+    sections = ["core", "spares", "trace", "tools", "black_box"]
+    assert list(tree) == ["description", "variables", "modules", *sections]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,24 @@
+"""Where the black box keeps the last messages: in the run's shared memory, as parts of a log."""
+
+import os
+from pathlib import Path
+
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.logs.recording.format import PART_NAME
+
+RING, STATE = "ring", "state.json"
+
+
+def ring_home(run_id: str, shared_memory: Path = SHARED_MEMORY) -> Path:
+    """Return the folder of a run's ring and of the black box's state."""
+    return shared_memory / names.folder(run_id) / "black_box"
+
+
+def ring_parts(ring: Path) -> list[int]:
+    """Return the numbers of the parts that are in a ring; none if it does not exist."""
+    try:
+        found = map(PART_NAME.fullmatch, os.listdir(ring))
+    except OSError:
+        return []
+    return sorted(int(match["number"]) for match in found if match and match["name"] == ring.name)

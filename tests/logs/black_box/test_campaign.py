@@ -1,0 +1,123 @@
+"""The black box under kills and floods: every trigger has its clip, or is counted as missed."""
+
+import json
+import random
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.logs.black_box.clip_folder import SavedClip, clip_folders, saved_clips
+from robbie_mp.logs.recording.reader import open_log
+from tests._support.robot import Ended, Robot, kill, wait_until
+from tests.logs.black_box.test_black_box import MODULES, PROFILE, box, start
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+KILLS = 30
+LOGGER = "  logger: {class: robbie_mp.logs.message_logger:MessageLogger}\nblack_box:"
+FLOOD = """
+modules:
+  source: {class: "acts:Fast"}
+  camera: {class: "acts:Flood"}
+black_box: {before_s: 5, after_s: 1, ring_bytes: 16777216}
+"""
+FLOODING = '''
+
+class Fast(Source):
+    """Publishes a thousand times a second."""
+
+    period_s = 0.001
+
+class Flood(Module):
+    """Publishes depth images of 6 MB, which cannot be JPEG."""
+
+    period_s = 0.033
+
+    def setup(self):
+        self.pixels = np.random.default_rng(1).integers(0, 255, 6_000_000, np.uint8)
+
+    def tick(self):
+        self.publish(Image(height=1000, width=3000, encoding="16UC1", step=6000, data=self.pixels), topic="d")
+'''
+
+
+def all_clips(robot: Robot) -> list[SavedClip]:
+    return [clip for clip in saved_clips(clip_folders(robot.output)) if clip.about]
+
+
+def triggers_in(robot: Robot) -> list[str]:
+    return [text for clip in all_clips(robot) if clip.about for text in clip.about.triggers]
+
+
+def account(log: str) -> list[int]:
+    """Return triggers, those with a clip, and missed ones; zeros if the black box was killed at the end."""
+    found = re.findall(r"(\d+) triggers, (\d+) with a clip on the disk, (\d+) missed", log)
+    return [int(number) for number in found[-1]] if found else [0, 0, 0]
+
+
+def test_every_trigger_has_its_clip_while_core_logger_and_black_box_are_killed(robot: Robot) -> None:
+    chance = random.Random(38)
+    marks_only = PROFILE.replace(', triggers: ["battery.percentage < 0.1"]', "")
+    process = start(robot, marks_only.replace("black_box:", LOGGER))
+    wait_until(lambda: box(robot)["state"] == "RUNNING" and box(robot)["handled"] > 100)
+    marks: list[str] = []
+    unconfirmed: list[str] = []
+    killed = dict.fromkeys(["core", "black_box", "logger", "victim"], 0)
+    for number in range(KILLS):
+        name = chance.choice(list(killed))
+        pid = robot.until(lambda m: m[name]["state"] == "RUNNING")[name]["pid"]  # noqa: B023
+        kill(pid)
+        killed[name] += 1
+        ended = robot.command("mark", f"number {number}")
+        (marks if ended.returncode == 0 else unconfirmed).append(f"mark: number {number}")
+    robot.until(lambda m: all(m[name]["state"] == "RUNNING" for name in killed))
+    process.send_signal(signal.SIGINT)
+    Ended.wait_for(process)
+    found = triggers_in(robot)
+    total, written, missed = account(robot.log("black_box"))
+    assert total == written + missed
+    assert not [mark for mark in marks if mark not in found] or missed
+    lost = [mark for mark in (*marks, *unconfirmed) if mark not in found]
+    assert len(lost) <= missed, (lost, robot.log("black_box")[-2000:])
+    for name, times in killed.items():
+        if times:
+            assert any(text.startswith(f"{name} ended: killed by SIGKILL") for text in found) or missed, name
+    for clip in all_clips(robot):
+        with open_log(clip.folder) as log:
+            assert log.message_count
+            sequences = [message.sequence for message in log.messages()]
+            assert sequences == sorted(set(sequences))  # nothing twice, nothing out of order
+    print(robot.log("black_box").splitlines()[-1])
+    print(f"{killed} kills, {len(marks)} marks, {unconfirmed}, {total} triggers, {missed} missed")
+
+
+def test_supervisor_killed_while_triggers_come_owes_no_clip(robot: Robot) -> None:
+    process = start(robot)
+    wait_until(lambda: box(robot)["state"] == "RUNNING" and box(robot)["handled"] > 100)
+    assert robot.command("mark", "last words").returncode == 0
+    kill(process.pid)
+    process.wait(60)
+    wait_until(lambda: not robot.top())
+    assert "has left a clip" in robot.command("clean").stderr
+    assert {"mark: last words", "the supervisor was killed"} <= set(triggers_in(robot))
+    assert "has left a clip" not in robot.command("clean").stderr
+
+
+def test_flood_stays_within_the_ring_and_marks_get_through(robot: Robot) -> None:
+    process = start(robot, FLOOD, MODULES + FLOODING)
+    wait_until(lambda: box(robot)["state"] == "RUNNING" and box(robot)["handled"] > 3000)
+    sizes = []
+
+    def ring_bytes() -> int:
+        ring = next(Path("/dev/shm").glob(f"**/robbie-{robot.known_run().run_id}/black_box/ring"))
+        sizes.append(sum(path.stat().st_size for path in ring.glob("*.mcap")))
+        return sizes[-1]
+
+    wait_until(lambda: ring_bytes() > 0 and box(robot)["handled"] > 10_000)
+    told = json.loads(robot.command("mark", "flood", "--json").stdout)
+    process.send_signal(signal.SIGINT)
+    Ended.wait_for(process)
+    assert max(sizes) < 1.4 * 16777216
+    with open_log(Path(told["clip"])) as log:
+        assert log.message_count > 300
