@@ -74,6 +74,16 @@ def test_each_reader_gets_what_is_for_it_once(loss: float) -> None:
     assert all(one.acknowledged == 22 for one in network.writer.readers.values())
 
 
+@pytest.mark.parametrize(("vendor", "base"), [(b"\x01\x0f", 0), (b"\x01\x10", 1)])
+def test_request_sent_before_its_writer_was_found_comes_at_once(vendor: bytes, base: int) -> None:
+    sent: list[bytes] = []
+    reader = Reader(READER, lambda _, parts: sent.extend(parts), lambda _: None)
+    reader.match(vendor + ALICE[2:] + WRITER)
+    (greeting,) = wire.submessages(wire.datagram(BOB, ALICE, sent), ALICE)
+    assert wire.acknack_of(greeting) == (BOB + READER, WRITER, base, [])
+    assert not greeting.flags & wire.FINAL
+
+
 def test_reader_that_has_gone_gets_nothing() -> None:
     network = Network(0.0)
     network.match()

@@ -14,6 +14,8 @@ KEPT: Final = 64
 """Messages that a writer of responses keeps for readers that have missed them."""
 MAX_PEERS: Final = 1000
 """Most endpoints of others that one of this side has to do with."""
+FASTDDS: Final = b"\x01\x0f"
+"""The number of its vendor, with which the GUIDs of its participants begin."""
 GREETING_S: Final = 0.3
 """After this time, a writer knows a reader that knows the writer."""
 MAX_PARTIAL: Final = 4
@@ -176,13 +178,13 @@ class Reader:
         """Begin to listen to a writer."""
         if writer not in self.writers and len(self.writers) < MAX_PEERS:
             self.writers[writer] = _WriterProxy()
-            self._acknowledge(writer, [], is_final=False)  # what it has sent before comes at once
+            self._greet(writer)  # what it has sent before comes at once
 
     def look_after(self) -> None:
         """Greet writers that have not sent anything yet; called a few times in a second."""
         for writer, proxy in self.writers.items():
             if not proxy.knows_reader:
-                self._acknowledge(writer, [], is_final=False)
+                self._greet(writer)
 
     def on_sample(self, sample: wire.Sample) -> None:
         """Take a message, or a part of one."""
@@ -241,9 +243,17 @@ class Reader:
         for one in [one for one in self.writers if one.startswith(prefix)]:
             del self.writers[one]
 
-    def _acknowledge(self, writer: bytes, missing: list[int], *, is_final: bool = True) -> None:
+    def _greet(self, writer: bytes) -> None:
+        """Ask a writer for what it has. FastDDS answers at once only to 0, which CycloneDDS refuses."""
+        base = 0 if writer.startswith(FASTDDS) else self.writers[writer].base
+        self._tell(writer, base, [], is_final=False)
+
+    def _acknowledge(self, writer: bytes, missing: list[int]) -> None:
+        self._tell(writer, self.writers[writer].base, missing, is_final=True)
+
+    def _tell(self, writer: bytes, base: int, missing: list[int], *, is_final: bool) -> None:
         proxy = self.writers[writer]
         proxy.count += 1
         entity = writer[wire.PREFIX_BYTES :]
-        part = wire.acknack(self.entity, entity, proxy.base, missing, proxy.count, is_final=is_final)
+        part = wire.acknack(self.entity, entity, base, missing, proxy.count, is_final=is_final)
         self.send(writer[: wire.PREFIX_BYTES], [part])

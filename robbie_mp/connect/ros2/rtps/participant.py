@@ -403,6 +403,9 @@ class Participant:
                     bound.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
                     bound[-1].setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
                     bound[-1].bind((self._address, one))
+                    # Otherwise announcements leave by the interface of the default route.
+                    own = socket.inet_aton(self._address)
+                    bound[-1].setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, own)
             except OSError:
                 for taken in bound:
                     taken.close()
