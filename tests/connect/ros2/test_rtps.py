@@ -1,15 +1,17 @@
 """Reliable writers and readers of RTPS over a network that loses and repeats, and hostile bytes."""
 
+import os
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.connect.ros2.rtps import wire
+from robbie_mp.connect.ros2.rtps import participant, wire
 from robbie_mp.connect.ros2.rtps.endpoints import MAX_AHEAD, MAX_PARTIAL, Reader, Writer
+from robbie_mp.connect.ros2.rtps.participant import Participant
 
 ALICE, BOB, CAROL = b"A" * 12, b"B" * 12, b"C" * 12
 WRITER, READER = b"\x00\x00\x01\x03", b"\x00\x00\x02\x04"
@@ -128,3 +130,44 @@ def test_identity_of_a_request_is_read_as_it_was_written(guid: bytes, number: in
     assert wire.identity_of(parameters) == (guid, number)
     assert end == len(wire.related(guid, number))
     assert wire.identity_of({}) is None
+
+
+BUILTIN = participant.ANNOUNCED_AT + participant.PUBLICATIONS + participant.SUBSCRIPTIONS
+ENTITIES = [*BUILTIN, WRITER, READER, bytes(4)]
+PARAMETERS = st.lists(
+    st.tuples(
+        st.sampled_from([0x02, 0x05, 0x07, 0x1A, 0x1D, 0x31, 0x32, 0x50, 0x5A, 0x70, 0x71, 0x83, 0x800F]),
+        st.one_of(st.binary(max_size=30), st.sampled_from([CAROL + WRITER, wire.text("rq/goRequest")])),
+    ),
+    max_size=8,
+).map(lambda told: wire.PARAMETERS + wire.parameter_list(told))
+BODIES = st.builds(
+    lambda reader, writer, number, payload: b"".join(wire.data_parts(reader, writer, number, b"", payload)),
+    st.sampled_from(ENTITIES),
+    st.sampled_from(ENTITIES),
+    st.integers(1, 5),
+    st.one_of(PARAMETERS, st.binary(max_size=60)),
+)
+OTHERS = st.builds(
+    lambda kind, flags, entities, rest: wire.submessage(kind, flags, b"".join(entities) + rest),
+    st.sampled_from([wire.ACKNACK, wire.HEARTBEAT, wire.GAP, wire.NACK_FRAG, wire.DATA, wire.DATA_FRAG]),
+    st.integers(0, 7),
+    st.lists(st.sampled_from(ENTITIES), max_size=3),
+    st.binary(max_size=60),
+)
+
+
+@pytest.fixture(scope="module")
+def attacked() -> Iterator[Participant]:
+    found = Participant(80 + os.getpid() % 80, "lo", lambda topic: topic.startswith("rq/"))
+    found.add_reader("rq/goRequest", "Go", b"", lambda _: None, 1000)
+    found.add_writer("rr/goReply", "Go", b"")
+    yield found
+    found.close()
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(parts=st.lists(st.one_of(BODIES, OTHERS), max_size=6))
+def test_hostile_datagrams_do_not_end_a_participant(attacked: Participant, parts: list[bytes]) -> None:
+    attacked.take(wire.datagram(CAROL, attacked.prefix, parts), "127.0.0.1")
+    assert len(attacked.others) <= 1000

@@ -244,11 +244,20 @@ class Participant:
             data, source = receiving.recvfrom(MAX_DATAGRAM)
         except OSError:
             return
+        self.take(data, source[0])
+
+    def take(self, data: bytes, source: str) -> None:
+        """Take a datagram.
+
+        Args:
+            data: the datagram.
+            source: address of the machine that it came from.
+        """
         with self.lock:
             try:
                 for one in wire.submessages(data, self.prefix):
                     if one.sender != self.prefix:
-                        self._on_submessage(one, source[0])
+                        self._on_submessage(one, source)
             except wire.Wrong:
                 self.on_malformed()
 
