@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.connect.ros2.rtps import participant, wire
-from robbie_mp.connect.ros2.rtps.endpoints import MAX_AHEAD, MAX_PARTIAL, Reader, Writer
+from robbie_mp.connect.ros2.rtps.endpoints import MAX_AHEAD, MAX_PARTIAL, ReliableReader, ReliableWriter
 from robbie_mp.connect.ros2.rtps.participant import Participant
 
 ALICE, BOB, CAROL = b"A" * 12, b"B" * 12, b"C" * 12
@@ -23,9 +23,9 @@ class Network:
     def __init__(self, loss: float):
         self.random, self.loss = random.Random(1), loss
         self.got: dict[bytes, list[bytes]] = {BOB: [], CAROL: []}
-        self.writer = Writer(WRITER, self.sender(ALICE))
+        self.writer = ReliableWriter(WRITER, self.sender(ALICE))
         self.readers = {
-            one: Reader(READER, self.sender(one), partial(self.take, one)) for one in (BOB, CAROL)
+            one: ReliableReader(READER, self.sender(one), partial(self.take, one)) for one in (BOB, CAROL)
         }
 
     def take(self, reader: bytes, sample: wire.Sample) -> None:
@@ -79,7 +79,7 @@ def test_each_reader_gets_what_is_for_it_once(loss: float) -> None:
 @pytest.mark.parametrize(("vendor", "base"), [(b"\x01\x0f", 0), (b"\x01\x10", 1)])
 def test_request_sent_before_its_writer_was_found_comes_at_once(vendor: bytes, base: int) -> None:
     sent: list[bytes] = []
-    reader = Reader(READER, lambda _, parts: sent.extend(parts), lambda _: None)
+    reader = ReliableReader(READER, lambda _, parts: sent.extend(parts), lambda _: None)
     reader.match(vendor + ALICE[2:] + WRITER)
     (greeting,) = wire.submessages(wire.datagram(BOB, ALICE, sent), ALICE)
     assert wire.acknack_of(greeting) == (BOB + READER, WRITER, base, [])
@@ -97,7 +97,7 @@ def test_reader_that_has_gone_gets_nothing() -> None:
 
 def test_parts_of_messages_and_numbers_far_ahead_take_little_memory() -> None:
     taken: list[wire.Sample] = []
-    reader = Reader(READER, lambda *_: None, taken.append, max_bytes=1000)
+    reader = ReliableReader(READER, lambda *_: None, taken.append, max_bytes=1000)
     reader.match(ALICE + WRITER)
     sample = wire.Sample(READER, ALICE + WRITER, 1, {}, b"x" * 300)
     for number in range(1, 2 * MAX_AHEAD):

@@ -45,7 +45,7 @@ class _ReaderProxy:
 
 
 @dataclass
-class Writer:
+class ReliableWriter:
     """A reliable writer.
 
     Args:
@@ -158,7 +158,7 @@ class _WriterProxy:
 
 
 @dataclass
-class Reader:
+class ReliableReader:
     """A reliable reader.
 
     Args:

@@ -17,7 +17,7 @@ import psutil
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.connect.ros2.rtps import wire
-from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, Reader, Writer
+from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, ReliableReader, ReliableWriter
 
 ANNOUNCED_AT: Final = b"\x00\x01\x00\xc2", b"\x00\x01\x00\xc7"
 PUBLICATIONS: Final = b"\x00\x00\x03\xc2", b"\x00\x00\x03\xc7"
@@ -53,7 +53,7 @@ class NoInterface(RobbieError, OSError):
     """
 
 
-class Endpoint(NamedTuple):
+class RemoteEndpoint(NamedTuple):
     """An endpoint of another participant.
 
     Attributes:
@@ -90,7 +90,7 @@ class _Peer:
 class _Own:
     """A writer or reader of this participant, and its topic."""
 
-    endpoint: Writer | Reader
+    endpoint: ReliableWriter | ReliableReader
     topic: str
     type_name: str
 
@@ -112,7 +112,7 @@ class Participant:
     domain: int
     interface: str
     is_wanted: Callable[[str], bool]
-    others: dict[bytes, Endpoint] = field(default_factory=dict)
+    others: dict[bytes, RemoteEndpoint] = field(default_factory=dict)
     on_look: Callable[[], None] = lambda: None
     """Called a few times in a second, in the participant's thread."""
     on_malformed: Callable[[], None] = lambda: None
@@ -131,13 +131,16 @@ class Participant:
         self._meta, self._user = self._bind(first)
         self._group = None if self._is_local else _multicast(self._address, self._port(0) - _META)
         self._builtin_writers = {
-            kind[0]: Writer(kind[0], self._send_meta, is_latched=True, kept=MAX_PEERS)
+            kind[0]: ReliableWriter(kind[0], self._send_meta, is_latched=True, kept=MAX_PEERS)
             for kind in (PUBLICATIONS, SUBSCRIPTIONS)
         }
         self._builtin_readers = {
-            kind[1]: Reader(kind[1], self._send_meta, take)
+            kind[1]: ReliableReader(kind[1], self._send_meta, take)
             for kind, take in ((PUBLICATIONS, self._on_endpoint), (SUBSCRIPTIONS, self._on_endpoint))
         }
+        self._selector = selectors.DefaultSelector()
+        for one in self._sockets():
+            self._selector.register(one, selectors.EVENT_READ)
         self._is_closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rtps", daemon=True)
         self._thread.start()
@@ -149,10 +152,10 @@ class Participant:
 
     # -- endpoints of this side ------------------------------------------------------------------------
 
-    def add_writer(self, topic: str, type_name: str, user_data: bytes) -> Writer:
+    def add_writer(self, topic: str, type_name: str, user_data: bytes) -> ReliableWriter:
         """Add a reliable writer, and announce it."""
         with self.lock:
-            writer = Writer(self._next_entity(WRITER_KIND), self._send_user)
+            writer = ReliableWriter(self._next_entity(WRITER_KIND), self._send_user)
             self._announce_endpoint(_Own(writer, topic, type_name), PUBLICATIONS[0], user_data)
         return writer
 
@@ -163,14 +166,14 @@ class Participant:
         user_data: bytes,
         take: Callable[[wire.Sample], None],
         max_bytes: int,
-    ) -> Reader:
+    ) -> ReliableReader:
         """Add a reliable reader, and announce it."""
         with self.lock:
-            reader = Reader(self._next_entity(READER_KIND), self._send_user, take, max_bytes)
+            reader = ReliableReader(self._next_entity(READER_KIND), self._send_user, take, max_bytes)
             self._announce_endpoint(_Own(reader, topic, type_name), SUBSCRIPTIONS[0], user_data)
         return reader
 
-    def guid(self, endpoint: Writer | Reader) -> bytes:
+    def guid(self, endpoint: ReliableWriter | ReliableReader) -> bytes:
         """Return the GUID of an endpoint of this side."""
         return self.prefix + endpoint.entity
 
@@ -182,9 +185,9 @@ class Participant:
             disposed = wire.parameter_list([(wire.PID_STATUS_INFO, struct.pack(">I", DISPOSED))])
             key = wire.parameter_list([(_PARTICIPANT_GUID, self.prefix + PARTICIPANT)])
             self._announce(disposed, wire.PARAMETERS + key)
-            for one in (self._meta, self._user, self._group):
-                if one is not None:
-                    one.close()
+            self._selector.close()
+            for one in self._sockets():
+                one.close()
 
     def _next_entity(self, kind: int) -> bytes:
         self._number += 1
@@ -212,20 +215,19 @@ class Participant:
 
     # -- others ------------------------------------------------------------------------------------------
 
+    def _sockets(self) -> list[socket.socket]:
+        return [one for one in (self._meta, self._user, self._group) if one is not None]
+
     def _run(self) -> None:
-        with selectors.DefaultSelector() as selector:
-            for one in (self._meta, self._user, self._group):
-                if one is not None:
-                    selector.register(one, selectors.EVENT_READ)
-            looked_s = -math.inf
-            while not self._is_closing.is_set():
-                for key, _ in selector.select(LOOK_S):
-                    self._receive(key.fileobj)  # type: ignore[arg-type]
-                if time.monotonic() - looked_s >= LOOK_S:
-                    looked_s = time.monotonic()
-                    with self.lock:
-                        self._look_after(looked_s)
-                    self.on_look()
+        looked_s = -math.inf
+        while not self._is_closing.is_set():
+            for key, _ in self._selector.select(LOOK_S):
+                self._receive(key.fileobj)  # type: ignore[arg-type]
+            if time.monotonic() - looked_s >= LOOK_S:
+                looked_s = time.monotonic()
+                with self.lock:
+                    self._look_after(looked_s)
+                self.on_look()
 
     def _look_after(self, now_s: float) -> None:
         if now_s - self._announced_s >= ANNOUNCE_S or self._announced < FIRST_ANNOUNCEMENTS:
@@ -261,7 +263,7 @@ class Participant:
             except wire.Wrong:
                 self.on_malformed()
 
-    def _on_submessage(self, one: wire.Received, source: str) -> None:
+    def _on_submessage(self, one: wire.Submessage, source: str) -> None:
         if one.kind in (wire.DATA, wire.DATA_FRAG):
             sample = wire.sample_of(one)
             if sample.writer.endswith(ANNOUNCED_AT[0]):
@@ -318,16 +320,16 @@ class Participant:
         (reliability,) = struct.unpack_from("<I", told.get(_RELIABILITY, b"\x01\0\0\0"))
         (durability,) = struct.unpack_from("<I", told.get(_DURABILITY, bytes(4)))
         kind = wire.text_of(told.get(_TYPE, wire.text("")))
-        other = self.others[guid] = Endpoint(guid, topic, kind, reliability >= RELIABLE, durability)
+        other = self.others[guid] = RemoteEndpoint(guid, topic, kind, reliability >= RELIABLE, durability)
         for own in self._own:
             self._match(own, other)
 
-    def _match(self, own: _Own, other: Endpoint) -> None:
+    def _match(self, own: _Own, other: RemoteEndpoint) -> None:
         """Begin to speak with an endpoint if it fits."""
         if (own.topic, own.type_name) != (other.topic, other.type_name):
             return
         is_reader = other.guid[-1] & 0x0F in (0x04, 0x07)
-        if isinstance(own.endpoint, Writer) == is_reader and (
+        if isinstance(own.endpoint, ReliableWriter) == is_reader and (
             other.durability == VOLATILE if is_reader else other.is_reliable
         ):
             own.endpoint.match(other.guid)
@@ -344,12 +346,12 @@ class Participant:
         for reader in self._readers():
             reader.forget(prefix)
 
-    def _writers(self, entity: bytes = b"") -> list[Writer]:
-        own = [one.endpoint for one in self._own if isinstance(one.endpoint, Writer)]
+    def _writers(self, entity: bytes = b"") -> list[ReliableWriter]:
+        own = [one.endpoint for one in self._own if isinstance(one.endpoint, ReliableWriter)]
         return [one for one in (*self._builtin_writers.values(), *own) if not entity or one.entity == entity]
 
-    def _readers(self, entity: bytes = b"") -> list[Reader]:
-        own = [one.endpoint for one in self._own if isinstance(one.endpoint, Reader)]
+    def _readers(self, entity: bytes = b"") -> list[ReliableReader]:
+        own = [one.endpoint for one in self._own if isinstance(one.endpoint, ReliableReader)]
         every = not entity.strip(b"\0")
         return [one for one in (*self._builtin_readers.values(), *own) if every or one.entity == entity]
 

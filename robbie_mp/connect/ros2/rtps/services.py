@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from robbie_mp.connect.ros2.rtps import wire
-from robbie_mp.connect.ros2.rtps.endpoints import Reader, Writer
+from robbie_mp.connect.ros2.rtps.endpoints import ReliableReader, ReliableWriter
 from robbie_mp.connect.ros2.rtps.participant import Participant
 from robbie_mp.connect.ros2.side import MiddlewareInbox
 from robbie_mp.connect.ros2.type_hash import type_hash
@@ -42,7 +42,7 @@ MAX_RESPONSES: Final = 64
 class _Response:
     """A response that waits for the client's reader."""
 
-    writer: Writer
+    writer: ReliableWriter
     payload: bytes
     parameters: bytes
     to: bytes
@@ -64,8 +64,8 @@ class _Client:
     """A service of ROS that this node calls."""
 
     name: str
-    writer: Writer
-    reader: Reader
+    writer: ReliableWriter
+    reader: ReliableReader
     waiting: "deque[_Request]" = field(default_factory=deque)
     sent: dict[int, _Request] = field(default_factory=dict)
 
@@ -176,7 +176,7 @@ class DdsServices:
 
     # -- in the participant's thread ---------------------------------------------------------------------
 
-    def _on_request(self, name: str, writer: Writer, sample: wire.Sample) -> None:
+    def _on_request(self, name: str, writer: ReliableWriter, sample: wire.Sample) -> None:
         data, to = sample.payload, sample.writer[: wire.PREFIX_BYTES]
         has_header = to.startswith(CYCLONEDDS)
         begin = ENCAPSULATION_BYTES + (HEADER_BYTES if has_header else 0)

@@ -32,7 +32,7 @@ Wrong = (struct.error, IndexError, ValueError)
 """What reading raises if the bytes are wrong."""
 
 
-class Received(NamedTuple):
+class Submessage(NamedTuple):
     """A submessage.
 
     Attributes:
@@ -83,7 +83,7 @@ def submessage(kind: int, flags: int, body: bytes) -> bytes:
     return struct.pack("<BBH", kind, flags | LITTLE_ENDIAN, len(body)) + body
 
 
-def submessages(data: bytes, own_prefix: bytes) -> Iterator[Received]:
+def submessages(data: bytes, own_prefix: bytes) -> Iterator[Submessage]:
     """Read a message.
 
     Yields:
@@ -106,7 +106,7 @@ def submessages(data: bytes, own_prefix: bytes) -> Iterator[Received]:
         if kind == INFO_DST:
             is_meant = body[:PREFIX_BYTES] in (own_prefix, bytes(PREFIX_BYTES))
         elif is_meant:
-            yield Received(kind, flags, body, sender)
+            yield Submessage(kind, flags, body, sender)
         at = end
 
 
@@ -125,7 +125,7 @@ def data_parts(
         yield submessage(DATA_FRAG, qos, body + payload[at : at + FRAGMENT_BYTES])
 
 
-def sample_of(one: Received) -> Sample:
+def sample_of(one: Submessage) -> Sample:
     """Read a DATA or DATA_FRAG submessage.
 
     Raises:
@@ -152,7 +152,7 @@ def heartbeat(reader: bytes, writer: bytes, first: int, last: int, count: int) -
     return submessage(HEARTBEAT, 0, body)
 
 
-def heartbeat_of(one: Received) -> tuple[bytes, bytes, int, int]:
+def heartbeat_of(one: Submessage) -> tuple[bytes, bytes, int, int]:
     """Read a HEARTBEAT: the reader, the writer's GUID, and its first and last number."""
     reader, writer, *numbers, _ = _HEARTBEAT.unpack_from(one.body)
     return reader, one.sender + writer, _joined(*numbers[:2]), _joined(*numbers[2:])
@@ -166,13 +166,13 @@ def acknack(
     return submessage(ACKNACK, FINAL if is_final else 0, body)
 
 
-def acknack_of(one: Received) -> tuple[bytes, bytes, int, list[int]]:
+def acknack_of(one: Submessage) -> tuple[bytes, bytes, int, list[int]]:
     """Read an ACKNACK: the reader's GUID, the writer, what comes after what is there, and what is missing."""
     base, missing = _set_of(one.body, 8)
     return one.sender + one.body[:4], one.body[4:8], base, missing
 
 
-def nack_frag_of(one: Received) -> tuple[bytes, bytes, int]:
+def nack_frag_of(one: Submessage) -> tuple[bytes, bytes, int]:
     """Read a NACK_FRAG: the reader's GUID, the writer, and the message of which parts are missing."""
     return one.sender + one.body[:4], one.body[4:8], _joined(*_SEQUENCE.unpack_from(one.body, 8))
 
@@ -183,7 +183,7 @@ def gap(reader: bytes, writer: bytes, sequence: int) -> bytes:
     return submessage(GAP, 0, body)
 
 
-def gap_of(one: Received) -> tuple[bytes, bytes, int, int, list[int]]:
+def gap_of(one: Submessage) -> tuple[bytes, bytes, int, int, list[int]]:
     """Read a GAP: reader, the writer's GUID, the first number, the one behind the last, and single ones."""
     start = _joined(*_SEQUENCE.unpack_from(one.body, 8))
     base, single = _set_of(one.body, 16)
