@@ -7,6 +7,7 @@ https://docs.ros.org/en/rolling/Concepts/Basic/About-Interfaces.html
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,12 +23,13 @@ from robbie_mp.messages.field_types import (
     Numbers,
     Primitive,
     Text,
-    natural_default,
     short_name,
 )
 from robbie_mp.messages.message import Message, fields_of
 
 SEPARATOR = "=" * 80
+DEFAULT_IN_COMMENT = "  # default: "
+"""Stands before a default that is no finite number."""
 
 
 def schema_text(message_type: type[Message]) -> str:
@@ -76,8 +78,11 @@ def _directly_nested(message_type: type[Message]) -> Iterator[type[Message]]:
 
 
 def _definition(message_type: type[Message]) -> str:
-    lines = (*map(_constant_line, message_type._constants), *map(_field_line, fields_of(message_type)))
-    return "".join(f"{line}\n" for line in lines)
+    constants = {one.name: _constant_line(one) for one in message_type._constants}
+    lines = constants | {one.name: _field_line(one) for one in fields_of(message_type)}
+    bases = [one for one in reversed(message_type.__mro__) if issubclass(one, Message)]
+    declared = dict.fromkeys(name for one in bases for name in one.__annotations__ if name in lines)
+    return "".join(f"{lines[name]}\n" for name in declared | lines)
 
 
 def _constant_line(constant: Constant) -> str:
@@ -89,11 +94,16 @@ def _field_line(field: Field) -> str:
 
 
 def _default(field: Field) -> str:
-    """Return the default as written in a definition; "" if it is implicit or has no notation."""
+    """Return the default as written in a definition; "" if there is none, or it has no notation.
+
+    Readers of definitions know no literal for NaN and infinity, so these stand in a comment.
+    """
     kind, value = field.type, field.declared_default
     if value is DEFAULT or isinstance(kind, Nested) or isinstance(getattr(kind, "element", None), Nested):
         return ""
-    return "" if np.array_equal(value, natural_default(kind)) else f" {_literal(value)}"
+    if isinstance(kind, Primitive) and isinstance(value, float) and not math.isfinite(value):
+        return f"{DEFAULT_IN_COMMENT}{value}"
+    return f" {_literal(value)}"
 
 
 def _literal(value: Any) -> str:

@@ -41,6 +41,8 @@ KNOWN_ANYWAY = {
 
 NOT_FINITE = ("nan", "inf", "infinity")
 """Values of floats that Python does not know as literals."""
+DEFAULT_COMMENT = re.compile(r"[^#\"']+\S[ ]{2}# default: (?P<value>nan|-?inf)")
+"""A field whose default readers of definitions cannot express; see `schema.DEFAULT_IN_COMMENT`."""
 
 
 def message_type_from_schema(type_name: str, text: str, version: int = 1) -> type[Message]:
@@ -135,7 +137,7 @@ class _Builder:
                     f"{type_name}: a line of its schema has {len(line)} characters; the limit is "
                     f"{MAX_LINE_CHARACTERS}"
                 )
-            if content := COMMENT.sub(lambda found: found[1] or "", line).strip():
+            if content := _content(line):
                 try:
                     kind = self._declare(type_name, content, annotations, body)
                     extent = extent if kind is None else extent.and_field(self._extent(kind))
@@ -226,6 +228,13 @@ class _Builder:
         if made is None:
             raise ValueError(f"{short} contains itself")
         return made
+
+
+def _content(line: str) -> str:
+    """Return a line without its comment, but with the default that stands there."""
+    content = COMMENT.sub(lambda found: found[1] or "", line).strip()
+    default = DEFAULT_COMMENT.fullmatch(line)
+    return f"{content} {default['value']}" if default else content
 
 
 def _value(kind: FieldType, text: str) -> Any:

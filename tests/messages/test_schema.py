@@ -41,13 +41,19 @@ def test_constants_stay() -> None:
     assert made.POWER_SUPPLY_STATUS_FULL == BatteryState.POWER_SUPPLY_STATUS_FULL == 4  # type: ignore[attr-defined]
 
 
-def test_defaults_need_not_be_finite() -> None:
-    text = "float32 used_s nan\nfloat64 way_m inf\nfloat64 least -inf\n"
+def test_defaults_need_not_be_finite_and_stand_in_a_comment() -> None:
+    text = "float32 used_s  # default: nan\nfloat64 way_m  # default: inf\nfloat64 least  # default: -inf\n"
+    assert schema_text(message_type_from_schema("my_msgs/msg/Mine", text.replace(" # default:", ""))) == text
     made = message_type_from_schema("my_msgs/msg/Mine", text)
     message = made()
     assert np.isnan(message.used_s)  # type: ignore[attr-defined]
     assert (message.way_m, message.least) == (np.inf, -np.inf)  # type: ignore[attr-defined]
     assert schema_text(made) == text
+
+
+def test_declared_defaults_and_the_order_of_lines_stay() -> None:
+    text = 'int32 first\nuint8 A=1\nfloat64 x 0.0\nstring name ""\n'
+    assert schema_text(message_type_from_schema("my_msgs/msg/Mine", text)) == text
 
 
 FREE_FORM = """

@@ -20,8 +20,6 @@ from robbie_mp.connect.bridge.mapping import (
     BridgeMap,
     MappingError,
     Quality,
-    other_name,
-    snake_case,
 )
 from robbie_mp.logs.recording.bag_metadata import offered_qos, write_bag_metadata
 from robbie_mp.logs.recording.conversion import NewChannel, converted_log
@@ -37,6 +35,7 @@ from robbie_mp.logs.recording.format import (
 )
 from robbie_mp.logs.recording.reader import Log, LogChannel, LoggedMessage
 from robbie_mp.logs.recording.repair import Progress
+from robbie_mp.logs.recording.topic_names import ros_topic, snake_case
 from robbie_mp.messages import TFMessage
 from robbie_mp.messages.service_events import is_event_type
 
@@ -108,7 +107,7 @@ def bag_channels(channels: Iterable[LogChannel], names: BridgeMap) -> dict[LogCh
     for channel in sorted(every, key=lambda one: sent[one] is None):  # the names of the bridge come first
         as_sent = sent[channel]
         short = snake_case(channel.type_name)
-        name = as_sent.name if as_sent else f"/{other_name(channel.topic) or short}"
+        name = as_sent.name if as_sent else f"/{ros_topic(channel.type_name, channel.topic)}"
         about = (channel.type_name, channel.schema)
         longer = chain((name, f"{name}/{short}"), (f"{name}/{short}_{number}" for number in count(2)))
         free = next(candidate for candidate in longer if owners.setdefault(candidate, about) == about)

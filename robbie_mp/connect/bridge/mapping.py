@@ -14,13 +14,13 @@ and the topic on which the robot publishes it. Words for the quality of service 
       /move_base_simple/goal: PoseStamped as NavigateTo
       /initialpose: PoseWithCovarianceStamped as PoseStamped initial_pose
 
-A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic, or
-stands for the type if the message has no topic. `Twist as DriveCommand` makes velocities drive the robot, for
-a limited time. `as NavigateTo` makes poses goals of the module that navigates. `as PoseStamped` leaves a
-covariance out. See `robbie_mp.connect.bridge.arrivals`. A bridge may also know forms for what it sends, such
-as `PointsOfInterest: /places as MarkerArray`. A bridge to a system that describes its types may take messages
-of types that the robot does not know: `accept` then has a pattern instead of a type, as in
-`/gas: nose_msgs/* gas`.
+A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic as
+`ros_topic` names it: the type, if the message has no topic. `Twist as DriveCommand` makes velocities drive
+the robot, for a limited time. `as NavigateTo` makes poses goals of the module that navigates.
+`as PoseStamped` leaves a covariance out. See `robbie_mp.connect.bridge.arrivals`. A bridge may also know
+forms for what it sends, such as `PointsOfInterest: /places as MarkerArray`. A bridge to a system that
+describes its types may take messages of types that the robot does not know: `accept` then has a pattern
+instead of a type, as in `/gas: nose_msgs/* gas`.
 """
 
 import re
@@ -33,6 +33,7 @@ from typing_extensions import Self
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.logs.capture.selection import WILDCARDS, TypeAndTopic, type_pattern
+from robbie_mp.logs.recording.topic_names import ros_topic
 from robbie_mp.messages import (
     DriveCommand,
     Message,
@@ -252,7 +253,7 @@ class BridgeMap:
     def _find(self, type_name: str, topic: str) -> SentAs | None:
         for one in self.outgoing:
             if one.pair.matches(type_name, topic):
-                name = one.name.replace(TOPIC, other_name(topic) or snake_case(type_name))
+                name = one.name.replace(TOPIC, ros_topic(type_name, topic))
                 return SentAs(name, one.quality, one.becomes)
         return None
 
@@ -326,18 +327,6 @@ def _becomes(type_name: str, words: list[str]) -> type[Message]:
     if type_name not in sources:
         raise MappingError(f"only {' and '.join(sources)} can become a {words[0]}")
     return names[words[0]]
-
-
-def other_name(topic: str) -> str:
-    """Return a topic as a name that ROS allows: characters that it does not allow become underscores."""
-    parts = [re.sub(r"[^A-Za-z0-9_]", "_", part) for part in topic.split("/") if part]
-    return "/".join(f"_{part}" if part[0].isdigit() else part for part in parts)
-
-
-def snake_case(type_name: str) -> str:
-    """Return the last part of a type's name as `laser_scan` for `sensor_msgs/msg/LaserScan`."""
-    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type_name.rpartition("/")[2])
-    return words.lower()
 
 
 def _is_quality(word: str) -> bool:

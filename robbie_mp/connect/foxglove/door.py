@@ -22,11 +22,21 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from urllib.parse import parse_qs, urlsplit
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.connect.foxglove.frames import FrameCounter, PongReader, greeting, ping
+from robbie_mp.connect.foxglove.frames import (
+    WARNING,
+    FrameCounter,
+    PongReader,
+    first_frame,
+    greeting,
+    ping,
+    refusal,
+    status,
+    with_metadata,
+)
 
 PIECE_BYTES = 1 << 16
 """Most bytes that are passed on at once: many kernels let nobody interrupt them meanwhile."""
@@ -38,6 +48,13 @@ UNSENT_BYTES = 1 << 16
 UNREAD_LIMIT_S = 20.0
 """A client that reads nothing for this time is disconnected."""
 MAX_HEAD_BYTES = 1 << 14
+MAX_INTRODUCTION_BYTES = 1 << 20
+METADATA = {"ROS_DISTRO": "jazzy"}
+"""Tells apps that messages and definitions are those of ROS 2; then they publish poses and velocities, too.
+
+The SDK has no argument for it.
+"""
+WRONG_TOKEN = "this link has another token than the robot; `robbie foxglove` on the robot prints the link"
 HEAD_LIMIT_S = 5.0
 WRONG_TOKEN_PAUSE_S = 1.0
 ACCEPT_PAUSE_S = 0.5
@@ -69,6 +86,7 @@ class Passage:
         number: the client's number at the door, counted from 1.
         address: where the client is.
         bytes: bytes passed on to it.
+        notice: a text for this client alone, which it gets between two frames; "": none.
 
     Args:
         is_pinged: whether the age of what it sends is to be known.
@@ -78,6 +96,7 @@ class Passage:
         self.number = number
         self.address = address
         self.bytes = 0
+        self.notice = ""
         self._frames = FrameCounter()
         self._pongs = PongReader()
         self._is_pinged = is_pinged
@@ -112,6 +131,13 @@ class Passage:
         self._sent_s.append((number, now_s))
         self._ping_at_s = now_s + PING_PERIOD_S
         return ping(number)
+
+    def take_notice(self) -> bytes:
+        """Return the frame with the text for the client, once; empty if there is none, or not now."""
+        if not self.notice or not self.is_between_frames:
+            return b""
+        text, self.notice = self.notice, ""
+        return status(WARNING, text)
 
     def hear(self, data: bytes) -> None:
         """Note the answers to pings in what the client sends."""
@@ -266,11 +292,12 @@ class ClientDoor:
         head, rest = await asyncio.wait_for(_head_from(client), HEAD_LIMIT_S)
         if len(self.passages) >= self._max_clients:
             self.refused += 1
-            await _answer(client, "503 Service Unavailable")
+            why = f"{len(self.passages)} clients are connected, which is the limit (`max_clients`)"
+            await _refuse(client, head, "503 Service Unavailable", why)
         elif not self._admits(head):
             self.refused += 1
             await asyncio.sleep(WRONG_TOKEN_PAUSE_S)
-            await _answer(client, "401 Unauthorized")
+            await _refuse(client, head, "401 Unauthorized", WRONG_TOKEN)
         else:
             await self._let_pass(head, rest, client, address)
 
@@ -295,6 +322,7 @@ class ClientDoor:
                 await loop.sock_sendall(client, answer)
                 if answer.startswith(_SWITCHED):
                     greets = greeting(f"{self._greeting_topic}{number}")
+                    first = await asyncio.wait_for(_introduction(inner, first), HEAD_LIMIT_S)
                     await _first_of(
                         _pass_in(client, inner, passage, greets, rest),
                         _pass_out(inner, client, passage, first),
@@ -359,6 +387,8 @@ async def _from_server(inner: socket.socket, client: socket.socket, passage: Pas
     loop = asyncio.get_running_loop()
     while True:
         wait_s, size = passage.ping_in_s, SMALL_BYTES
+        if notice := passage.take_notice():
+            await loop.sock_sendall(client, notice)
         if wait_s is not None and wait_s <= 0.0:
             if passage.is_between_frames:
                 await loop.sock_sendall(client, passage.ping())
@@ -427,6 +457,28 @@ async def _first_of(*ways: Coroutine[None, None, None]) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _answer(client: socket.socket, status: str) -> None:
-    text = f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
-    await asyncio.get_running_loop().sock_sendall(client, text.encode())
+async def _introduction(inner: socket.socket, data: bytes) -> bytes:
+    """Return the frame by which the server introduces itself, with our metadata, and what came behind it.
+
+    Raises:
+        EOFError: it has no end, or is too large.
+    """
+    loop = asyncio.get_running_loop()
+    while (first := first_frame(data)) is None:
+        got = await loop.sock_recv(inner, PIECE_BYTES)
+        if not got or len(data) > MAX_INTRODUCTION_BYTES:
+            raise EOFError
+        data += got
+    return with_metadata(first, METADATA) + data[len(first) :]
+
+
+async def _refuse(client: socket.socket, head: bytes, code: str, why: str) -> None:
+    """Refuse a client: by a text that an app shows, or to other programs by a status of HTTP."""
+    text = f"HTTP/1.1 {code}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+    answer = refusal(_fields(head), why) or text.encode()
+    await asyncio.get_running_loop().sock_sendall(client, answer)
+
+
+def _fields(head: bytes) -> Mapping[str, str]:
+    lines = head.decode("latin-1").split("\r\n")[1:]
+    return {name.strip().lower(): value.strip() for name, _, value in (one.partition(":") for one in lines)}

@@ -3,13 +3,25 @@
 Source of the protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md
 """
 
+import base64
+import hashlib
 import json
+import re
 import secrets
+from collections.abc import Mapping
+from typing import Any
 
 MESSAGE_DATA = 1
 """First byte of a binary frame from the server that carries a message."""
 GREETING_CHANNEL = 2**32 - 1
-_BINARY, _PONG, _LENGTH_2, _LENGTH_8 = 2, 10, 126, 127
+PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""Names that clients have for the protocol; the newer first."""
+WARNING, ERROR = 1, 2
+"""Levels of texts for apps."""
+POLICY = 1008
+"""Why a connection is closed: what the client did is not allowed; RFC 6455, section 7.4.1."""
+_HASHED_WITH_KEY = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
+_TEXT, _BINARY, _CLOSE, _PONG, _LENGTH_2, _LENGTH_8 = 1, 2, 8, 10, 126, 127
 _NUMBER_BYTES = 8
 
 
@@ -125,3 +137,63 @@ def greeting(topic: str) -> bytes:
     mask = secrets.token_bytes(4)
     masked = bytes(byte ^ mask[index % 4] for index, byte in enumerate(text))
     return b"\x81" + bytes([0x80 | _LENGTH_2]) + len(text).to_bytes(2, "big") + mask + masked
+
+
+def frame(kind: int, content: bytes) -> bytes:
+    """Return a whole frame of a server."""
+    size = len(content)
+    if size < _LENGTH_2:
+        length = bytes([size])
+    elif size < 1 << 16:
+        length = bytes([_LENGTH_2]) + size.to_bytes(2, "big")
+    else:
+        length = bytes([_LENGTH_8]) + size.to_bytes(8, "big")
+    return bytes([0x80 | kind]) + length + content
+
+
+def first_frame(data: bytes) -> bytes | None:
+    """Return the frame of a server with which data begins; None if it is not all there."""
+    end, size = _length(bytearray(data[:10]))
+    return data[: end + size] if len(data) >= max(2, end) and len(data) >= end + size else None
+
+
+def with_metadata(first: bytes, metadata: Mapping[str, str]) -> bytes:
+    """Return the frame by which a server introduces itself, with more metadata; others as they are."""
+    end, _ = _length(bytearray(first[:10]))
+    if first[0] != 0x80 | _TEXT:
+        return first
+    try:
+        told: Any = json.loads(first[end:])
+    except ValueError:
+        return first
+    if not isinstance(told, dict) or told.get("op") != "serverInfo":
+        return first
+    told["metadata"] = {**(told.get("metadata") or {}), **metadata}
+    return frame(_TEXT, json.dumps(told).encode())
+
+
+def refusal(head: Mapping[str, str], why: str) -> bytes | None:
+    """Return a handshake, a text that apps show, and the end of the connection; None if none is asked for.
+
+    Apps show no reason of a connection that fails before the handshake.
+
+    Args:
+        head: the fields of the client's request; names in small letters.
+        why: the text.
+    """
+    key, offered = head.get("sec-websocket-key", ""), head.get("sec-websocket-protocol", "")
+    protocol = next((one for one in PROTOCOLS if one in re.split(r"\s*,\s*", offered)), "")
+    if not key or not protocol:
+        return None
+    accept = base64.b64encode(hashlib.sha1(key.encode() + _HASHED_WITH_KEY, usedforsecurity=False).digest())
+    answer = (
+        "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        f"Sec-WebSocket-Accept: {accept.decode()}\r\nSec-WebSocket-Protocol: {protocol}\r\n\r\n"
+    )
+    closes = frame(_CLOSE, POLICY.to_bytes(2, "big") + why.encode()[:120])
+    return answer.encode() + status(ERROR, why) + closes
+
+
+def status(level: int, text: str) -> bytes:
+    """Return a frame with a text that apps show."""
+    return frame(_TEXT, json.dumps({"op": "status", "level": level, "message": text}).encode())

@@ -3,16 +3,19 @@
 import json
 import math
 import secrets
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.priority import MAX_SLICE_MS
+from robbie_mp.base.linux.private_files import make_private_folder
 from robbie_mp.bus.observe.run_observer import RunObserver
 from robbie_mp.bus.transport.endpoint import TooManyDeclarations
 from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.connect.bridge.arrivals import hand_over
+from robbie_mp.connect.bridge.diagnostics import MAX_LINES, TraceLines
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.foreign import (
     MAX_FOREIGN,
@@ -21,10 +24,10 @@ from robbie_mp.connect.bridge.foreign import (
     learn_foreign,
 )
 from robbie_mp.connect.bridge.frames import FrameMap
-from robbie_mp.connect.bridge.mapping import BridgeMap, Incoming, MappingError, other_name, snake_case
+from robbie_mp.connect.bridge.mapping import BridgeMap, Incoming, MappingError
 from robbie_mp.connect.bridge.orders import RELEASE_WITHIN_S
 from robbie_mp.connect.bridge.surroundings import BridgeRun
-from robbie_mp.connect.foxglove.door import ClientDoor
+from robbie_mp.connect.foxglove.door import ClientDoor, Passage
 from robbie_mp.connect.foxglove.server import (
     CDR,
     JSON,
@@ -38,14 +41,18 @@ from robbie_mp.connect.foxglove.server import (
     ServerOptions,
     ServiceCall,
 )
+from robbie_mp.connect.link.keys import default_folder
 from robbie_mp.logs.capture.selection import TypeAndTopic, type_pattern
+from robbie_mp.logs.recording.topic_names import ros_topic, snake_case
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
     Header,
     IllFormed,
+    Log,
     Message,
     MessageError,
+    NavigateTo,
     SettingChange,
     SettingChanged,
     String,
@@ -83,8 +90,14 @@ from robbie_mp.run.run_directory import list_runs
 CLASS_PATH = "robbie_mp.connect.foxglove.module:FoxgloveServer"
 LOOK_NS = 500_000_000
 """Time between two looks at the run's channels and settings, and between two updates of the status."""
+GRAPH_NS = 2_000_000_000
+"""Time between two looks at who publishes and subscribes to what."""
 MAX_CHANNELS = 200
 MAX_WISHES = 64
+NULL = "null"
+"""How clients see and send a setting without a value: parameters always have one."""
+ROSOUT = "/rosout"
+TOKEN_FILE = "foxglove.token"
 STOP_TOPIC = "emergency_stop"
 STOP_OR_RELEASE, STOP = "/emergency_stop", "/emergency_stop/engage"
 SERVICES = {STOP_OR_RELEASE: True, STOP: False}
@@ -148,6 +161,9 @@ class FoxgloveServer(Module):
     host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all addresses of this machine")
     port: int = setting(8765, "port to listen on; 0: any free port", minimum=0, maximum=65535)
     token: Secret | None = setting(None, "what clients must know; null: a new one for each run")
+    keep_token: bool = setting(
+        False, "without `token`: keep it in ~/.config/robbie, so that a link outlives the run"
+    )
     send: dict[str, str] = setting(
         {"*": "{topic}"}, "what clients may read: a type, or a type and a topic, and its name for them"
     )
@@ -197,6 +213,7 @@ class FoxgloveServer(Module):
             raise SettingError(str(error), "accept") from error
         self._surroundings = around
         self._types: KnownTypes = around.types
+        self._begin_reports()
         self._foreign: dict[ClientChannel, type[Message] | str] = {}
         self._frames = FrameMap(self.frames)
         self._accepted = {one.name: one for one in self._map.incoming}
@@ -225,7 +242,8 @@ class FoxgloveServer(Module):
         if self.emergency_stop:
             self.advertise(EmergencyStop, topic=STOP_TOPIC)
         for one in [one for one in self._map.incoming if not one.is_foreign]:
-            self.advertise(DriveCommand if one.drives else self._types.get(one.type_name), topic=one.topic)
+            if one.becomes is not NavigateTo:
+                self.advertise(one.becomes or self._types.get(one.type_name), topic=one.topic)
         if self.change_settings:
             self.subscribe(SettingChanged, self._on_setting_changed, optional=True)
         try:
@@ -234,6 +252,16 @@ class FoxgloveServer(Module):
             self.status = str(missing)
             self.log.error("%s", missing)
             self.stop()
+
+    def _begin_reports(self) -> None:
+        """Prepare what clients are told besides messages: losses, the run's time, its log and its graph."""
+        self._told_dropped: dict[int, int] = {}
+        self._bytes: Counter[str] = Counter()
+        self._jumps = 0
+        self._is_cleared = False
+        self._graph_at_ns = 0
+        self._lines: deque[Log] = deque(maxlen=MAX_LINES)
+        self._trace = None if self._surroundings.output is None else TraceLines(self._surroundings.output)
 
     def _meet_run(self) -> None:
         run = next(run for run in list_runs() if run.run_id == self.run_id)
@@ -245,16 +273,20 @@ class FoxgloveServer(Module):
 
     def _open(self) -> None:
         key = reveal(self.token)
+        if not key and self.keep_token:
+            folder = default_folder().parent
+            make_private_folder(folder)
+            key = token_of_run(folder, TOKEN_FILE)
         if not key and self._folder is not None:
             key = token_of_run(self._folder, FOXGLOVE_TOKEN_FILE)
         key = key or secrets.token_urlsafe(32)
         self._greeting_topic = f"/{secrets.token_urlsafe(24)}/"
-        drives = any(one.drives for one in self._map.incoming)
+        drives = any(one.lets_move for one in self._map.incoming)
         self.door = ClientDoor(
             self.host, self.port, key, self._greeting_topic, self.max_clients, pings=drives
         )
         try:
-            self.server = self._start_server()
+            self._serve_clients()
         except BaseException:
             self.door.close()
             raise
@@ -266,6 +298,12 @@ class FoxgloveServer(Module):
         if self._folder is not None:
             write_link(self._folder, self.link, FOXGLOVE_LINK_FILE)
         self.log.info("Foxglove: %s; `robbie foxglove` shows the link with the token", self.address)
+
+    def _serve_clients(self) -> None:
+        """Start the server, with the channel of what the run logs."""
+        self.server = self._start_server()
+        if self._trace is not None:
+            self._rosout = self.server.open_channel(ROSOUT, Log.type_name, schema_text(Log))
 
     def _start_server(self) -> ClientServer:
         services = SERVICES if self.emergency_stop else {}
@@ -280,6 +318,7 @@ class FoxgloveServer(Module):
             foreign_topics={
                 form for one in self._map.incoming if one.is_foreign for form in _forms(one.name)
             },
+            tells_time=self._surroundings.has_own_clock,
         )
         return ClientServer(options, self.tick_soon, self.clock.monotonic_ns, self._age_s)
 
@@ -315,10 +354,52 @@ class FoxgloveServer(Module):
                 self._begin(self._by_id[number])
         while (arrived := self.server.take()) is not None:
             self._on_arrived(arrived)
+        self._tell_time()
+        self._send_trace()
         now_ns = self.clock.monotonic_ns()
         if now_ns - self._look_at_ns >= LOOK_NS or not self._look_at_ns:
             self._look_at_ns = now_ns
             self._look()
+
+    def _tell_time(self) -> None:
+        """Tell clients a time that is not theirs; after a jump, which clears their views, what is latched."""
+        clock = self._run_clock
+        if clock is None or not self._surroundings.has_own_clock or not clock.has_begun:
+            return
+        jumps = clock.jumps
+        self.server.tell_time(clock.now_ns())
+        if self._is_cleared:  # a tick later, because times overtake messages
+            for shown in self._shown.values():
+                if shown.newest is not None:
+                    self._log(shown, shown.newest[0], clock.now_ns())
+        self._is_cleared, self._jumps = jumps != self._jumps, jumps
+
+    def _send_trace(self) -> None:
+        if self._trace is None or not (readers := self._readers.get(self._rosout.id())):
+            return
+        self._lines.extend(self._trace.read_new())
+        for _ in range(min(len(self._lines), self.queue_messages // 4)):  # so that the SDK drops none
+            line = self._lines.popleft()
+            self._offered.update(readers)
+            self._rosout.log(line.encode(), log_time=line.stamp.nanoseconds)
+
+    def _show_graph(self, observer: RunObserver) -> None:
+        """Show clients which modules publish and subscribe to what."""
+        self._graph_at_ns = self.clock.monotonic_ns()
+        shown = {one.name: one.channel.topic() for one in self._shown.values()}
+        published: dict[str, set[str]] = {}
+        for channel in observer.channels():
+            topic = shown.get(ChannelName(channel.type_name, channel.version, channel.topic))
+            if topic is not None:
+                published.setdefault(topic, set()).update(channel.publishers)
+        subscribed: dict[str, set[str]] = {}
+        for module in observer.modules():
+            for one in module.subscriptions:
+                for name, topic in shown.items():
+                    is_this = (one.type_name, one.version) == name[:2] and one.topic in ("", name.topic)
+                    if is_this and one.is_open and not one.is_latch:
+                        subscribed.setdefault(topic, set()).add(module.name)
+        self.server.show_graph(published, subscribed)
 
     def _look(self) -> None:
         if self._observer is not None:
@@ -330,6 +411,9 @@ class FoxgloveServer(Module):
                     shown.is_latched = name in latched
                     if not shown.is_latched:
                         shown.newest = None
+            is_due = self.clock.monotonic_ns() - self._graph_at_ns >= GRAPH_NS
+            if self.door.passages and is_due:
+                self._show_graph(self._observer)
         self._look_at_settings()
         self._count_dropped()
         self.status = self._summary()
@@ -365,7 +449,7 @@ class FoxgloveServer(Module):
             return sent.name
         if not any(one.pair.matches(name.type_name, name.topic) for one in self._map.outgoing):
             return None
-        return "/".join(("", other_name(name.topic), snake_case(name.type_name))).replace("//", "/")
+        return f"/{ros_topic(name.type_name, name.topic)}/{snake_case(name.type_name)}"
 
     def _schema(self, name: ChannelName) -> str | None:
         try:
@@ -429,6 +513,7 @@ class FoxgloveServer(Module):
         readers = self._readers.get(shown.channel.id())
         if readers and not self.server.is_breached:
             self._offered.update(readers)
+            self._bytes[shown.channel.topic()] += len(data)
             shown.channel.log(data, log_time=at_ns)
 
     def _log_time_ns(self) -> int:
@@ -443,7 +528,7 @@ class FoxgloveServer(Module):
         self.log.warning("a client without the token found the inner port; all clients are disconnected")
         self.server.close()
         self._greeting_topic = f"/{secrets.token_urlsafe(24)}/"
-        self.server = self._start_server()
+        self._serve_clients()
         self.door.move(self.server.port, self._greeting_topic)
         self._by_id.clear()
         self._readers = {}
@@ -492,6 +577,11 @@ class FoxgloveServer(Module):
             message = command
         if accepted.is_foreign:
             self.publish_encoded(message.type_name, message.version, message.encode(), topic=accepted.topic)
+        elif accepted.becomes is not None and not accepted.drives:
+            waited_s = arrived.age_s + max(0, self.clock.monotonic_ns() - arrived.arrived_ns) / 1e9
+            data = message.encode()
+            if not hand_over(self, accepted, type(message), data, self.drive_valid_for_s, waited_s):
+                self._refuse(f"{type_name:.200} on {name:.200}: it is too old, or the robot has no room")
         else:
             self.publish(message, topic=accepted.topic)
 
@@ -578,7 +668,8 @@ class FoxgloveServer(Module):
         self._wishes[request] = None
         while len(self._wishes) > MAX_WISHES:
             del self._wishes[next(iter(self._wishes))]
-        change = SettingChange(request=request, setting=name, value=inline(wish.value))
+        value = NULL if wish.value == NULL else inline(wish.value)
+        change = SettingChange(request=request, setting=name, value=value)
         self.publish(change, topic=module)
 
     def _on_setting_changed(self, answer: SettingChanged) -> None:
@@ -630,10 +721,24 @@ class FoxgloveServer(Module):
             passage = passages.get(number)
             if passage is None:
                 self._dropped_before += self._dropped.pop(number, 0)
+                self._told_dropped.pop(number, None)
                 del self._offered[number]
             else:
                 missing = self._offered[number] - passage.messages - self.queue_messages
                 self._dropped[number] = max(0, missing, self._dropped.get(number, 0))
+                self._tell_slow(number, passage)
+
+    def _tell_slow(self, number: int, passage: Passage) -> None:
+        """Tell a client that it loses messages: the 1st, the 10th, the 100th …, as apps keep each text."""
+        dropped = self._dropped[number]
+        if dropped < self._told_dropped.get(number, 1):
+            return
+        self._told_dropped[number] = 10 ** len(str(dropped))
+        largest = ", ".join(topic for topic, _ in self._bytes.most_common(2))
+        passage.notice = (
+            f"this connection is too slow: at least {dropped} messages have not been sent to you; most bytes "
+            f"are those of {largest}"
+        )
 
     @property
     def dropped(self) -> int:
@@ -663,4 +768,6 @@ def _plain(value: object) -> object:
         return [_plain(one) for one in value]
     if isinstance(value, dict):
         return {str(key): _plain(one) for key, one in value.items()}
+    if value is None:
+        return NULL
     return value if isinstance(value, bool | int | float | str) else str(value)

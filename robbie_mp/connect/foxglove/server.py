@@ -6,6 +6,7 @@ bounded queue, or change a set under a lock, and wake the module.
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from collections import deque
@@ -38,6 +39,9 @@ SET_BOOL = "bool data"
 RESPONSE = "bool success\nstring message"
 CDR = "cdr"
 JSON = "json"
+CLIENT_LOGGER = "foxglove.websocket.connected_client.poller"
+"""The SDK's logger for what comes from clients."""
+SERVICE_PROVIDER = "foxglove"
 ROS2MSG = "ros2msg"
 
 
@@ -114,6 +118,8 @@ class ServiceCall:
 
 
 Arrived = FromClient | ParameterWish | ServiceCall
+Connections = Mapping[str, Collection[str]]
+"""Names of modules by topic."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +134,7 @@ class ServerOptions:
         services: names of services and whether their request has a bool.
         assets: folders whose files clients may read, by the name of their package.
         foreign_topics: topics on which clients may publish types that the robot does not know.
+        tells_time: whether the run's time is another than that of clients.
     """
 
     name: str
@@ -137,6 +144,7 @@ class ServerOptions:
     services: Mapping[str, bool]
     assets: Mapping[str, Path]
     foreign_topics: Collection[str] = ()
+    tells_time: bool = False
 
 
 class ClientServer:
@@ -183,12 +191,19 @@ class ClientServer:
         self.oversized = 0
         os.environ.setdefault("TOKIO_WORKER_THREADS", SDK_THREADS)
         self._context = foxglove.Context()
+        logging.getLogger(CLIENT_LOGGER).addFilter(_is_worth_telling)
         capability = foxglove.websocket.Capability
+        capabilities = [
+            capability.ClientPublish,
+            capability.Parameters,
+            capability.Services,
+            capability.ConnectionGraph,
+        ]
         self._server = foxglove.start_server(
             name=options.name,
             host="127.0.0.1",
             port=0,
-            capabilities=[capability.ClientPublish, capability.Parameters, capability.Services],
+            capabilities=[*capabilities, capability.Time] if options.tells_time else capabilities,
             server_listener=self,
             supported_encodings=[CDR, JSON],
             services=[self._service(*one) for one in options.services.items()],
@@ -252,9 +267,34 @@ class ClientServer:
         if changed:
             self._server.publish_parameter_values([self._parameter(*one) for one in changed.items()])
 
-    def show_problem(self, text: str) -> None:
-        """Show a text to all clients."""
-        self._server.publish_status(text, self._foxglove.websocket.StatusLevel.Warning)
+    def show_problem(self, text: str, about: str | None = None) -> None:
+        """Show a text to all clients.
+
+        Args:
+            text: the text.
+            about: what it is about; it replaces the last text about that.
+        """
+        self._server.publish_status(text, self._foxglove.websocket.StatusLevel.Warning, about)
+
+    def tell_time(self, run_ns: int) -> None:
+        """Tell all clients the run's time."""
+        self._server.broadcast_time(run_ns)
+
+    def show_graph(self, published: Connections, subscribed: Connections) -> None:
+        """Show who publishes what, and who subscribes to what.
+
+        Args:
+            published: names of modules by topic.
+            subscribed: likewise.
+        """
+        graph = self._foxglove.ConnectionGraph()
+        for topic, modules in published.items():
+            graph.set_published_topic(topic, sorted(modules))
+        for topic, modules in subscribed.items():
+            graph.set_subscribed_topic(topic, sorted(modules))
+        for service in self._options.services:
+            graph.set_advertised_service(service, [SERVICE_PROVIDER])
+        self._server.publish_connection_graph(graph)
 
     # -- called by the SDK, in its threads ----------------------------------------------------------------
 
@@ -413,6 +453,11 @@ class ClientServer:
             response=message("Response", RESPONSE),
         )
         return sdk.Service(name, schema=schema, handler=self.on_service)
+
+
+def _is_worth_telling(record: logging.LogRecord) -> bool:
+    """Return whether a line of the SDK is kept: apps close connections without a word, which is no error."""
+    return not record.getMessage().startswith("Error receiving from client")
 
 
 def _size(arrived: Arrived) -> int:

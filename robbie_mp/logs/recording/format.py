@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 from typing_extensions import Self
 
+from robbie_mp.logs.recording.topic_names import ros_topic, snake_case
+
 PROFILE = "ros2"
 MESSAGE_ENCODING = "cdr"
 SCHEMA_ENCODING = "ros2msg"
@@ -64,9 +66,9 @@ class TopicNames:
         self._type_of: dict[str, str] = {}
 
     def of(self, key: ChannelKey) -> str:
-        """Return the MCAP topic of a channel: its topic, or the last part of its type; longer if taken."""
-        short = key.type_name.rpartition("/")[2]
-        base = f"/{key.topic or short}"
+        """Return the MCAP topic of a channel, as all of ROS sees it; longer if another type has it."""
+        short = snake_case(key.type_name)
+        base = f"/{ros_topic(key.type_name, key.topic)}"
         for topic in (base, f"{base}/{short}", f"{base}/{key.type_name}"):
             if self._type_of.setdefault(topic, key.type_name) == key.type_name:
                 return topic

@@ -200,9 +200,10 @@ class PartWriter:
         """Write the summary and the end of the file."""
         data_end = _bytes_of(DataEnd(data_section_crc=0))
         start = self.bytes + len(data_end)
+        channels = sorted(self._channels.values(), key=self._place)
         groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
             (Opcode.SCHEMA, list(self._schemas.values())),
-            (Opcode.CHANNEL, list(self._channels.values())),
+            (Opcode.CHANNEL, channels),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, self._chunk_indexes),
             (Opcode.METADATA_INDEX, self._metadata_indexes),
@@ -226,6 +227,10 @@ class PartWriter:
         self._file.append([data_end, summary, _bytes_of(footer), MAGIC])
         self.is_finished = True
         self.sync()
+
+    def _place(self, channel: Channel) -> tuple[bool, int]:
+        """Return where a channel stands in the summary: apps show the count of a topic's first channel."""
+        return CARRIED_KEY in channel.metadata, -self._counts.get(channel.id, 0)
 
     def _statistics(self) -> Statistics:
         return Statistics(

@@ -321,17 +321,17 @@ class NavSatStatus(Message, name="sensor_msgs/msg/NavSatStatus", version=1):
 class NavSatFix(Message, name="sensor_msgs/msg/NavSatFix", version=1):
     """A position from a satellite navigation system (WGS 84)."""
 
-    COVARIANCE_TYPE_UNKNOWN: ClassVar[uint8] = 0
-    COVARIANCE_TYPE_APPROXIMATED: ClassVar[uint8] = 1
-    COVARIANCE_TYPE_DIAGONAL_KNOWN: ClassVar[uint8] = 2
-    COVARIANCE_TYPE_KNOWN: ClassVar[uint8] = 3
-
     header: Header = DEFAULT  # frame_id: the antenna's
     status: NavSatStatus = DEFAULT
     latitude: float64 = DEFAULT  # degrees, north positive
     longitude: float64 = DEFAULT  # degrees, east positive
     altitude: float64 = DEFAULT  # m above the ellipsoid
     position_covariance: Array[float64, Literal[9]] = DEFAULT  # row-major 3 x 3 of east, north, up, m^2
+
+    COVARIANCE_TYPE_UNKNOWN: ClassVar[uint8] = 0
+    COVARIANCE_TYPE_APPROXIMATED: ClassVar[uint8] = 1
+    COVARIANCE_TYPE_DIAGONAL_KNOWN: ClassVar[uint8] = 2
+    COVARIANCE_TYPE_KNOWN: ClassVar[uint8] = 3
     position_covariance_type: uint8 = DEFAULT  # one of the constants above
 
     def flaw(self) -> Flaw | None:

@@ -1,17 +1,21 @@
 """What Foxglove's server gives and takes, seen by a client that was written from the specification."""
 
+import logging
 import socket
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosedError
 
 from robbie_mp import ModuleHarness, SettingError
-from robbie_mp.bus.observe import ChannelFigures
+from robbie_mp.bus.observe import ChannelFigures, ModuleFigures
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.connect.bridge.surroundings import BridgeRun
 from robbie_mp.connect.foxglove import door, server
@@ -25,6 +29,8 @@ from robbie_mp.messages import (
     Image,
     LaserScan,
     PoseStamped,
+    PoseWithCovarianceStamped,
+    SettingChange,
     String,
     Twist,
     Vector3,
@@ -120,6 +126,9 @@ class Lookout:
 
     def channels(self) -> list[ChannelFigures]:
         return [ChannelFigures(1, **name._asdict()) for name in self.names]
+
+    def modules(self) -> list[ModuleFigures]:
+        return []
 
 
 def test_late_client_gets_what_came_before_its_topic_was_known_to_be_latched(
@@ -390,9 +399,22 @@ def test_without_the_token_nobody_comes_in(
     monkeypatch.setattr(door, "WRONG_TOKEN_PAUSE_S", 0.0)
     module = harness.module
     token = module.link.partition("token=")[2]
-    with pytest.raises(InvalidStatus, match="401"), connected(module.address + query.format(token=token)):
-        pass
+    with (
+        connected(module.address + query.format(token=token)) as client,
+        pytest.raises(ConnectionClosedError, match="1008"),
+    ):
+        client.until(lambda: False)
+    assert client.problems() == [door.WRONG_TOKEN]
     assert module.door.refused == 1
+
+
+def test_a_program_that_speaks_only_http_gets_a_status(
+    harness: ModuleHarness[FoxgloveServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(door, "WRONG_TOKEN_PAUSE_S", 0.0)
+    address = harness.module.address.replace("ws://", "http://")
+    with pytest.raises(HTTPError, match="401"), urlopen(address, timeout=5.0):
+        pass
 
 
 def test_who_finds_the_inner_port_gets_no_message_and_can_do_nothing(
@@ -422,10 +444,11 @@ def test_only_so_many_clients_come_in() -> None:
     with (
         ModuleHarness(FoxgloveServer, {"port": 0, "max_clients": 1}) as harness,
         connected(harness.module.link),
-        pytest.raises(InvalidStatus, match="503"),
-        connected(harness.module.link),
+        connected(harness.module.link) as second,
     ):
-        pass
+        with pytest.raises(ConnectionClosedError, match="1008"):
+            second.until(lambda: False)
+        assert "max_clients" in second.problems()[0]
 
 
 @pytest.mark.parametrize(
@@ -448,3 +471,136 @@ def test_port_in_use_is_explained() -> None:
         closed = pytest.raises(door.DoorClosed, match="set another host or port")
         with closed, ModuleHarness(FoxgloveServer, settings):
             pass
+
+
+def test_apps_take_the_robot_for_one_of_ros_2(client: Client) -> None:
+    client.until(lambda: client.told)
+    assert client.told[0]["metadata"]["ROS_DISTRO"] == "jazzy"
+    assert client.told[0]["metadata"]["fg-library"]
+
+
+def test_a_pose_with_a_covariance_becomes_a_pose() -> None:
+    accept = {"/initialpose": "PoseWithCovarianceStamped as PoseStamped initial_pose"}
+    settings = {"port": 0, "accept": accept}
+    with ModuleHarness(FoxgloveServer, settings) as harness, connected(harness.module.link) as client:
+        client.advertise(1, "/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped")
+        client.publish(1, PoseWithCovarianceStamped(header=Header(frame_id="map")).encode())
+        tick_until(harness, lambda: harness.published)
+        (pose,) = harness.take(PoseStamped, "initial_pose")
+        assert pose.header.frame_id == "map"
+
+
+def test_a_kept_token_outlives_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    tokens = []
+    for _ in range(2):
+        with ModuleHarness(FoxgloveServer, {"port": 0, "keep_token": True}) as harness:
+            tokens.append(harness.module.link.partition("token=")[2])
+    assert tokens[0] == tokens[1]
+    assert (tmp_path / "robbie" / services_foxglove.TOKEN_FILE).stat().st_mode & 0o077 == 0
+
+
+class PlayedClock:
+    """The clock of a run that is played."""
+
+    has_begun = True
+
+    def __init__(self) -> None:
+        self.jumps, self.ns = 0, 5_000_000_000
+
+    def now_ns(self) -> int:
+        return self.ns
+
+    def close(self) -> None:
+        pass
+
+
+def test_clients_get_the_time_of_a_playback_and_what_is_latched_after_a_jump(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    around = replace(BridgeRun.of("", "foxglove", ""), has_own_clock=True)
+    monkeypatch.setattr(BridgeRun, "of", lambda *_: around)
+    lookout, clock = Lookout(), PlayedClock()
+    lookout.names.append(ChannelName(String.type_name, String.version, "sign"))
+    with ModuleHarness(FoxgloveServer, SETTINGS) as harness:
+        monkeypatch.setattr(harness.module, "_observer", lookout)
+        with monkeypatch.context() as patch, connected(harness.module.link) as client:
+            patch.setattr(harness.module, "_run_clock", clock)
+            harness.advance(0.5)
+            client.subscribe("/sign")
+            tick_until(harness, harness.module.server.readers)
+            harness.send(String(data="this way"), topic="sign")
+            client.until(lambda: client.data and client.times_ns)
+            clock.ns, clock.jumps = 1_000_000_000, 1
+            harness.advance(0.05)
+            client.until(lambda: client.times_ns[-1] == clock.ns)
+            harness.advance(0.05)
+            client.until(lambda: client.data[-1].time_ns == clock.ns)
+        monkeypatch.setattr(harness.module, "_observer", None)
+    assert client.data[-1].data == client.data[0].data
+
+
+def test_a_client_that_comes_back_gets_what_is_latched(
+    harness: ModuleHarness[FoxgloveServer], client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lookout = Lookout()
+    lookout.names.append(ChannelName(String.type_name, String.version, "sign"))
+    with monkeypatch.context() as patch:
+        patch.setattr(harness.module, "_observer", lookout)
+        harness.send(String(data="this way"), topic="sign")
+        harness.advance(0.5)
+        client.subscribe("/sign")
+        tick_until(harness, harness.module.server.readers)
+        harness.send(String(data="this way"), topic="sign")
+        client.until(lambda: len(client.data) == 1)
+        client.send("unsubscribe", subscriptionIds=[1])
+        client.subscribe("/sign")
+        wait_until(lambda: bool(harness.module.server._new_readers))
+        harness.advance(0.05)
+        client.until(lambda: len(client.data) == 2)
+
+
+def test_a_slow_client_alone_is_told_what_it_loses(
+    harness: ModuleHarness[FoxgloveServer], client: Client
+) -> None:
+    module = harness.module
+    harness.send(String(data="a"), topic="diary")
+    with connected(module.link) as other:
+        for one in (client, other):
+            one.subscribe("/diary")
+        tick_until(harness, lambda: any(len(one) == 2 for one in module.server.readers().values()))
+        harness.send(String(data="a"), topic="diary")
+        module._offered[1] += 999
+        module._look()
+        harness.send(String(data="b"), topic="diary")
+        client.until(client.problems)
+        other.until(lambda: other.data)
+    assert "968 messages" in client.problems()[0]
+    assert "/diary" in client.problems()[0]
+    assert not other.problems()
+
+
+def test_a_setting_without_a_value_is_null_both_ways(
+    harness: ModuleHarness[FoxgloveServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class OneSetting:
+        def read_changeable(self) -> dict[str, dict[str, object]]:
+            return {"limit": {"value": None}}
+
+    assert services_foxglove._plain({"a": [None, 1]}) == {"a": ["null", 1]}
+    monkeypatch.setattr(harness.module, "_files", {"base": OneSetting()})
+    harness.module._change(server.ParameterWish("base.limit", "null"))
+    (change,) = harness.take(SettingChange)
+    assert change.value == "null"
+    monkeypatch.undo()
+
+
+def test_an_app_that_closes_is_no_error(harness: ModuleHarness[FoxgloveServer]) -> None:
+    logger = logging.getLogger(server.CLIENT_LOGGER)
+    text = "%s from client 127.0.0.1:1: Connection reset without closing handshake"
+
+    def line(what: str) -> logging.LogRecord:
+        return logging.LogRecord(logger.name, logging.ERROR, "", 0, text, (what,), None)
+
+    assert not logger.filter(line("Error receiving"))
+    assert logger.filter(line("Damaged frame"))

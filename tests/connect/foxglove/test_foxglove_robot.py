@@ -53,6 +53,7 @@ def test_robot_in_foxglove(robot: Robot, link: str) -> None:
             late.until(lambda: late.of("/sign"))
             assert late.of("/sign")[0].decode().data == "this way"
         check_parameters(early)
+        check_graph_and_log(early)
         early.subscribe("/film")
         early.until(lambda: len(early.of("/film")) > 2)
     assert robot.journal("tunable") == [1, 5]
@@ -70,6 +71,19 @@ def check_parameters(client: Client) -> None:
     client.until(lambda: any("brings bad luck" in problem for problem in client.problems()))
     client.send("setParameters", parameters=[{"name": "foxglove.port", "value": 1}])
     client.until(lambda: any("cannot change it" in problem for problem in client.problems()))
+
+
+def check_graph_and_log(client: Client) -> None:
+    client.subscribe("/rosout")
+    client.until(lambda: any("Foxglove: ws://" in one.decode().msg for one in client.of("/rosout")))
+    client.send("subscribeConnectionGraph")
+
+    def published() -> dict[str, list[str]]:
+        updates = [one for one in client.told if one["op"] == "connectionGraphUpdate"]
+        topics = [topic for update in updates for topic in update["publishedTopics"]]
+        return {topic["name"]: topic["publisherIds"] for topic in topics}
+
+    client.until(lambda: published().get("/film") == ["film"])
 
 
 def check_stopped_client(robot: Robot, link: str) -> None:

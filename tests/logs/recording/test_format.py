@@ -14,6 +14,7 @@ from robbie_mp.logs.recording.format import (
     counts_metadata,
     part_path,
 )
+from robbie_mp.logs.recording.topic_names import ros_topic
 
 SCAN = ChannelKey("sensor_msgs/msg/LaserScan", 1, "front", "laser")
 
@@ -21,14 +22,29 @@ SCAN = ChannelKey("sensor_msgs/msg/LaserScan", 1, "front", "laser")
 def test_channel_without_a_topic_is_named_after_its_type() -> None:
     names = TopicNames()
     assert names.of(SCAN) == "/front"
-    assert names.of(SCAN._replace(topic="")) == "/LaserScan"
+    assert names.of(SCAN._replace(topic="")) == "/laser_scan"
 
 
 def test_two_types_never_share_a_topic_and_two_senders_of_one_type_do() -> None:
     names = TopicNames()
     assert names.of(SCAN) == names.of(SCAN._replace(sender="other")) == "/front"
-    assert names.of(SCAN._replace(type_name="a_msgs/msg/Echo")) == "/front/Echo"
+    assert names.of(SCAN._replace(type_name="a_msgs/msg/Echo")) == "/front/echo"
     assert names.of(SCAN._replace(type_name="b_msgs/msg/Echo")) == "/front/b_msgs/msg/Echo"
+
+
+@pytest.mark.parametrize(
+    ("type_name", "topic", "name"),
+    [
+        ("sensor_msgs/msg/Image", "camera", "camera"),
+        ("sensor_msgs/msg/CameraInfo", "camera", "camera/camera_info"),
+        ("robbie_msgs/msg/Tick", "camera", "camera/tick"),
+        ("robbie_msgs/action/NavigateTo_Goal", "call", "call/navigate_to_goal"),
+        ("sensor_msgs/msg/CameraInfo", "", "camera_info"),
+        ("std_msgs/msg/String", "2nd floor/a-b", "_2nd_floor/a_b"),
+    ],
+)
+def test_name_of_a_topic_depends_on_type_and_topic_alone(type_name: str, topic: str, name: str) -> None:
+    assert ros_topic(type_name, topic) == name
 
 
 def test_written_counts_are_read_back() -> None:

@@ -47,6 +47,7 @@ class Client:
         self.responses: dict[int, bytes] = {}
         self.assets: dict[int, bytes | None] = {}
         self.asset_errors: dict[int, str] = {}
+        self.times_ns: list[int] = []
         self._subscriptions: dict[int, dict[str, Any]] = {}
 
     def until(self, condition: Callable[[], object]) -> None:
@@ -61,6 +62,8 @@ class Client:
         elif frame[0] == 1:
             number, time_ns = struct.unpack_from("<IQ", frame, 1)
             self.data.append(Data(self._subscriptions[number], time_ns, frame[13:]))
+        elif frame[0] == 2:
+            self.times_ns.append(struct.unpack_from("<Q", frame, 1)[0])
         elif frame[0] == 3:
             _, call, size = struct.unpack_from("<III", frame, 1)
             assert frame[13 : 13 + size] == b"cdr"
