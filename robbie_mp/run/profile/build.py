@@ -29,6 +29,9 @@ from robbie_mp.run.profile.model import (
     TraceSettings,
 )
 
+PROGRAM_KEY = "program"
+PROGRAM_CLASS = "robbie_mp.run.program.module:Program"
+"""What a module is whose entry has `program` instead of `class`."""
 T = TypeVar("T")
 PROFILE_KEYS = (
     "parents",
@@ -125,7 +128,7 @@ class _Builder:
             self.report(node.place, f"{where}: expected a name of at most 48 letters, digits, _ and -")
         if name in RESERVED_NAMES:
             self.report(node.place, f"{where}: this name is taken by the framework; use another")
-        content = self.map_of(node, where)
+        content = self.without_program(self.map_of(node, where), where)
         settings = self.map_of(content.get("settings"), f"{where}.settings")
         typed_in = [key for key, value in settings.items() if value.place.is_typed]
         return self.section(
@@ -162,6 +165,18 @@ class _Builder:
             queue=QueueLimits(messages=4000),
             stop_grace_s=20.0,
         )
+
+    def without_program(self, content: dict[str, YamlNode], where: str) -> dict[str, YamlNode]:
+        """Return what a module's keys mean: `program` stands for the class that runs programs."""
+        program = content.get(PROGRAM_KEY)
+        if program is None:
+            return content
+        if "class" in content:
+            self.report(program.place, f"{where}: expected either class or program, not both")
+        settings = self.map_of(content.get("settings"), f"{where}.settings") | {"command": program}
+        rest = {key: node for key, node in content.items() if key != PROGRAM_KEY}
+        place = program.place
+        return rest | {"class": YamlNode(PROGRAM_CLASS, place), "settings": YamlNode(dict(settings), place)}
 
     def inherited_origins(
         self, content: dict[str, YamlNode], modules: dict[str, YamlNode]
@@ -253,7 +268,7 @@ class _Builder:
         hints = get_type_hints(cls)
         names = [field.name for field in fields(cls)]  # type: ignore[arg-type]
         keys = {"class" if name == "class_path" else name for name in names} - {"name", "folder_of"}
-        self.refuse_unknown(content, sorted(keys), where + ".")
+        self.refuse_unknown(content, sorted(keys | {PROGRAM_KEY} if cls is ModuleSpec else keys), f"{where}.")
         values: dict[str, Any] = {**(vars(default) if default is not None else {}), **built}
         for field in fields(cls):  # type: ignore[arg-type]
             if field.name in content and field.name not in built:
