@@ -16,7 +16,7 @@ from robbie_mp.logs.recording.format import BAG_METADATA
 from robbie_mp.logs.recording.log_writer import Split
 from tests.logs.recording._support.recording import CHANNELS, START_NS, STEP_NS, chunk_of, message, writer
 
-TOPICS = {"/front": 20, "/Odometry": 10}
+TOPICS = {"/front": 20, "/odometry": 10}
 
 
 def record(folder: Path, chunks: int = 6, budget: int = 0) -> Path:
@@ -68,8 +68,8 @@ def test_folder_without_a_part_is_described_again_when_the_budget_removes_it(tmp
     part = min(old.glob("*.mcap")).stat().st_size
     new = record(tmp_path / "tuesday", chunks=2, budget=3 * part + part // 2)
     assert len(list(old.glob("*.mcap"))) < 3
-    assert topics(old)["/Odometry"] < 10
-    assert topics(new) == {"/front": 7, "/Odometry": 3}
+    assert topics(old)["/odometry"] < 10
+    assert topics(new) == {"/front": 7, "/odometry": 3}
     record(tmp_path / "wednesday", budget=3 * part + part // 2)
     assert not old.exists(), "the file was left in it"
 

@@ -41,7 +41,7 @@ def test_mcap_and_rosbags_read_every_message_unchanged(tmp_path: Path, compressi
     for topic, sequence, time_ns, read in found:
         channel, written = message(sequence)
         assert (topic, time_ns) == (
-            ("/front", "/Odometry", "/front")[channel - 1],
+            ("/front", "/odometry", "/front")[channel - 1],
             START_NS + sequence * STEP_NS,
         )
         assert read.header.stamp.sec == written.header.stamp.sec
