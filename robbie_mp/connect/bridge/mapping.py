@@ -14,8 +14,8 @@ and the topic on which the robot publishes it. Words for the quality of service 
       /move_base_simple/goal: PoseStamped as NavigateTo
       /initialpose: PoseWithCovarianceStamped as PoseStamped initial_pose
 
-A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic as
-`ros_topic` names it: the type, if the message has no topic. `Twist as DriveCommand` makes velocities drive
+A name that does not begin with a slash follows the bridge's namespace. `{topic}` is the robot's topic, or
+stands for the type if the message has no topic. `Twist as DriveCommand` makes velocities drive
 the robot, for a limited time. `as NavigateTo` makes poses goals of the module that navigates.
 `as PoseStamped` leaves a covariance out. See `robbie_mp.connect.bridge.arrivals`. A bridge may also know
 forms for what it sends, such as `PointsOfInterest: /places as MarkerArray`. A bridge to a system that
@@ -24,7 +24,7 @@ instead of a type, as in `/gas: nose_msgs/* gas`.
 """
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
@@ -33,7 +33,7 @@ from typing_extensions import Self
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.logs.capture.selection import WILDCARDS, TypeAndTopic, type_pattern
-from robbie_mp.logs.recording.topic_names import ros_topic
+from robbie_mp.logs.recording.topic_names import plain_topic
 from robbie_mp.messages import (
     DriveCommand,
     Message,
@@ -185,6 +185,7 @@ class BridgeMap:
         types: types that may come in; by default the stock types.
         outgoing_forms: names of the types that messages may become when they leave the robot.
         takes_foreign: whether messages of types that the robot does not know may come in.
+        name_of: what `{topic}` stands for, by type and topic.
 
     Raises:
         MappingError: a line is wrong.
@@ -204,8 +205,10 @@ class BridgeMap:
         outgoing_forms: Collection[str] = (),
         *,
         takes_foreign: bool = False,
+        name_of: Callable[[str, str], str] = plain_topic,
     ):
         self._takes_foreign = takes_foreign
+        self._name_of = name_of
         self._outgoing_forms = outgoing_forms
         self._namespace = namespace.strip("/")
         self._types = types or KnownTypes()
@@ -253,7 +256,7 @@ class BridgeMap:
     def _find(self, type_name: str, topic: str) -> SentAs | None:
         for one in self.outgoing:
             if one.pair.matches(type_name, topic):
-                name = one.name.replace(TOPIC, ros_topic(type_name, topic))
+                name = one.name.replace(TOPIC, self._name_of(type_name, topic))
                 return SentAs(name, one.quality, one.becomes)
         return None
 

@@ -208,7 +208,9 @@ class FoxgloveServer(Module):
         """Open the server and the door before it."""
         around = BridgeRun.of(self.run_id, self.name, CLASS_PATH)
         try:
-            self._map = BridgeMap(self.send, self.accept, types=around.types, takes_foreign=True)
+            self._map = BridgeMap(
+                self.send, self.accept, types=around.types, takes_foreign=True, name_of=ros_topic
+            )
         except MappingError as error:
             raise SettingError(str(error), "accept") from error
         self._surroundings = around

@@ -40,11 +40,14 @@ def ros_topic(type_name: str, topic: str) -> str:
         type_name: full name of the type of its messages.
         topic: the robot's topic; without one, the type is the name.
     """
-    name, short = other_name(topic), type_name.rpartition("/")[2]
-    parts = [name] if name else []
-    if not name or short in ACCOMPANY or _PART_OF_CALL.fullmatch(short):
-        parts.append(snake_case(type_name))
-    return "/".join(parts)
+    name, short = plain_topic(type_name, topic), type_name.rpartition("/")[2]
+    accompanies = topic and (short in ACCOMPANY or _PART_OF_CALL.fullmatch(short))
+    return f"{name}/{snake_case(type_name)}" if accompanies else name
+
+
+def plain_topic(type_name: str, topic: str) -> str:
+    """Return a topic as a name that ROS allows; without one, the type is the name. Arguments as above."""
+    return other_name(topic) or snake_case(type_name)
 
 
 def other_name(topic: str) -> str:

@@ -72,6 +72,7 @@ def test_every_key_of_a_module_is_documented_with_its_default() -> None:
     table = documented("Keys of a module")
     assert table == {
         "class": "required",
+        "program": "-",
         "if": "true",
         "namespace": "''",
         **dict.fromkeys(
