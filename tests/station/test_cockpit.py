@@ -152,6 +152,10 @@ def test_old_picture_and_pose_are_grey_and_the_robot_drives_slowly(cruising: Rob
     with page_of(started, address_of(cruising)) as page:
         page.wait_for_selector(".map-stage:not([data-age])")
         page.wait_for_selector(".camera-picture .picture-age")
+        page.wait_for_selector(".camera-small .newest-image .picture-age")
+        small = page.locator("#camera-small button").bounding_box()
+        assert small is not None
+        assert small["height"] > 10  # its picture is in sight
         pid = int(cruising.top()["clockface"]["pid"])
         os.kill(pid, signal.SIGSTOP)
         try:

@@ -51,12 +51,11 @@ class Clockface(Module):
         bits = np.array([255 * (now_ms >> bit & 1) for bit in range(BITS)], np.uint8)
         pixels = np.kron(bits[None], np.ones((2 * EDGE_PX, EDGE_PX), np.uint8))
         height, width = pixels.shape
-        self.publish(
-            Image(
-                header=header, height=height, width=width, encoding="mono8", step=width, data=pixels.ravel()
-            ),
-            topic="camera",
+        image = Image(
+            header=header, height=height, width=width, encoding="mono8", step=width, data=pixels.ravel()
         )
+        for topic in ("camera", "rear_camera"):
+            self.publish(image, topic=topic)
         before = Header(
             stamp=Time.from_nanoseconds(header.stamp.nanoseconds - SEEN_BEFORE_NS), frame_id=FRAME
         )
