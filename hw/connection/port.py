@@ -40,7 +40,7 @@ class Port:
         try:
             self._link = _Tcp(url) if url.startswith("socket://") else _Serial(url, bit_rate)
         except (OSError, ValueError) as error:
-            raise PortError(f"cannot open the port {url}: {error}") from error
+            raise PortError(f"cannot open the port {url}: {error}") from None
 
     def read(self, wait_s: float) -> bytes:
         """Return what has arrived; wait for it at most `wait_s`. Empty: nothing came.

@@ -32,7 +32,7 @@ def portaudio() -> ModuleType:
     try:
         import sounddevice  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise SoundLibraryMissing("sound needs sounddevice: pip install 'robbie-mp[sound]'") from error
+        raise SoundLibraryMissing("sound needs sounddevice: pip install sounddevice") from error
     except OSError as error:  # it looks for PortAudio when it is imported
         raise SoundLibraryMissing("sound needs PortAudio: sudo apt install libportaudio2") from error
     return sounddevice  # type: ignore[no-any-return]

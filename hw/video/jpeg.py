@@ -132,5 +132,5 @@ def pyav() -> ModuleType:
     try:
         import av  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise CameraLibraryMissing("JPEG cameras need PyAV: pip install 'robbie-mp[camera]'") from error
+        raise CameraLibraryMissing("JPEG cameras need PyAV: pip install av") from error
     return av

@@ -107,5 +107,5 @@ def opencv() -> ModuleType:
     try:
         import cv2  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise CameraLibraryMissing("cameras need OpenCV: pip install 'robbie-mp[vision]'") from error
+        raise CameraLibraryMissing("cameras need OpenCV: pip install opencv-python-headless") from error
     return cv2

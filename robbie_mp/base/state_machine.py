@@ -89,6 +89,11 @@ class StateMachine(Generic[State]):
         self.reason = "start"
 
     @property
+    def on_change(self) -> Callable[[State], None]:
+        """Return what is called with each new state."""
+        return self._on_change
+
+    @property
     def state(self) -> State:
         """Return the current state."""
         return self._state

@@ -10,6 +10,7 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli import completers
+from robbie_mp.logs.capture.selection import WILDCARDS
 from robbie_mp.messages import UnknownType
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.registry import full_name
@@ -128,6 +129,18 @@ def _unknown(name: str, types: KnownTypes, channels: set[ChannelName], said: str
     return f"no message type and no topic is called {name!r}{did_you_mean(name, known)}"
 
 
+def unknown_names(run: KnownRun, patterns: Iterable[str]) -> list[str]:
+    """Say for each name of a type or topic that a run does not know it; wildcards may match later."""
+    types, channels = types_of_run(run), set(channels_of_run(run))
+    names = [one for one in patterns if WILDCARDS.isdisjoint(one)]
+    called = {*types.names(), *map(short_name, types.names()), *map(last_name, types.names())}
+    called |= {one.topic for one in channels} | {last_name(one.type_name) for one in channels}
+    called |= {full_name(one) for one in called}
+    return [
+        _unknown(name, types, channels, f"no type is called {name!r}") for name in names if name not in called
+    ]
+
+
 def _version(type_name: str, types: KnownTypes, channels: Iterable[ChannelName]) -> int:
     try:
         return types.describe(type_name).version
@@ -143,6 +156,24 @@ def short_name(type_name: str) -> str:
 def last_name(type_name: str) -> str:
     """Return the last part of a type's name: `LaserScan`."""
     return type_name.rpartition("/")[2]
+
+
+def nobody_subscribes(channel: ChannelName, subscribed: Iterable[ChannelName]) -> str:
+    """Say that nobody subscribes to a channel, and what is near; '' if somebody does.
+
+    Args:
+        channel: the channel.
+        subscribed: the subscriptions of a run.
+    """
+    wanted = list(subscribed)
+    if any(one.takes(channel) for one in wanted):
+        return ""
+    topics = sorted({one.topic for one in wanted if one[:2] == channel[:2]})
+    name = channel.type_name
+    if not topics:
+        return f"nobody subscribes to {name}; `robbie list topics` shows what the modules take"
+    others = did_you_mean(channel.topic, topics) or f"; it is taken on {', '.join(map(repr, topics))}"
+    return f"nobody subscribes to {name} on topic {channel.topic!r}{others}"
 
 
 def nobody_publishes(channel: ChannelName, published: Iterable[ChannelName]) -> str:

@@ -21,7 +21,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "import-rosbag",
         "convert a ROS 1 or ROS 2 bag to a recording",
         "Convert a ROS bag to a recording. ROS 1 messages become ROS 2 messages; types unknown to Robbie "
-        "keep their definitions. This needs the library rosbags: pip install 'robbie-mp[ros]'.",
+        "keep their definitions. This needs the library rosbags: pip install rosbags.",
         ["robbie import-rosbag drive.bag drive.mcap", "robbie import-rosbag rosbag2_folder drive.mcap"],
     )
     bags = "ROS 1 .bag file, or ROS 2 bag: its folder, or one .mcap or .db3 file"

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.extras import how_to_install, lacking
 from robbie_mp.base.stock_robots import ROBOTS
 from robbie_mp.cli.parser import add_command
 from robbie_mp.run.profile.workspace import Workspace
@@ -72,7 +73,9 @@ def new(arguments: argparse.Namespace) -> int:
     if example:
         folder = arguments.folder or Path(example)
         made = copy_example(example, folder)
-        commands = [f"pip install 'robbie-mp[{EXTRAS[example]}]'", f"cd {folder}", f"robbie run {example}"]
+        extras = EXTRAS[example].split(",")
+        install = [how_to_install(*extras)] if lacking(*extras) else []
+        commands = [*install, f"cd {folder}", f"robbie run {example}"]
     elif arguments.folder:
         folder = arguments.folder
         made = make_workspace(folder)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 FRAME_S = 0.2
 COLOURS = ["cyan", "orange", "green", "magenta", "red", "blue"]
-ADVICE = "`pip install 'robbie-mp[plot]'`"
+ADVICE = "`pip install matplotlib 'plotext<6'`"
 WIDTH, HEIGHT = 100, 30
 """Of a chart that is printed, in characters, and of a picture, in tenths of an inch."""
 

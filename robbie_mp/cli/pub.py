@@ -2,15 +2,20 @@
 
 import argparse
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.attached.views.message_text import message_of_yaml
-from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages
+from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.bus.transport.segment import SegmentMissing
+from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_subscribes
+from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.messages import Header, Message, Time, check_well_formed, replace
+from robbie_mp.run.run_directory import KnownRun
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -70,6 +75,13 @@ def based_on_now(message: Message) -> Message:
     return replace(message, header=header, based_on=now)
 
 
+def subscriptions_of(run: KnownRun) -> list[ChannelName]:
+    """Return what the modules of a run, and its tools, subscribe to now."""
+    with suppress(SegmentMissing):
+        return [one.name for one in read_declarations(run.run_id) if not one.is_publisher]
+    return []
+
+
 def pub(arguments: argparse.Namespace) -> int:
     """Publish; 1 if a message was refused because the robot's memory or tables are full."""
     run = choose_run(arguments.run)
@@ -90,4 +102,6 @@ def pub(arguments: argparse.Namespace) -> int:
                 next_s = max(next_s + 1 / (arguments.rate or 1), time.monotonic() - 1)
         finally:
             print(f"published {published}" + (f", {refused} refused" if refused else ""))
+    if hint := nobody_subscribes(channel, subscriptions_of(run)):
+        warn(hint)
     return int(refused > 0)

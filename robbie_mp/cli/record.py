@@ -18,7 +18,9 @@ from robbie_mp.bus.transport.records import ANY_VERSION
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import time_between
+from robbie_mp.cli.channel_choice import unknown_names
 from robbie_mp.cli.info import print_log
+from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
@@ -100,6 +102,8 @@ def record(arguments: argparse.Namespace) -> int:
     if folder.exists():
         raise FolderExists(f"{folder} exists already; name a new folder with -o")
     selection = Selection.by_either(arguments.pattern or ["*"], arguments.exclude)
+    for unknown in unknown_names(run, arguments.pattern):
+        warn(unknown)
     logging.basicConfig(format="(%(message)s)", stream=sys.stderr)
     lower_priority(LOGGER_NICE, logging.getLogger(__name__))
     with closing(RecordedRun(run.folder)) as recorded:

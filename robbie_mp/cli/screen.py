@@ -97,6 +97,8 @@ class RunScreen:
         self._run_id = ""
         self._crashes: dict[str, tuple[str, int]] = {}
         """The last crash of each module, and how often it came in a row."""
+        self._down: set[str] = set()
+        """Modules that have ended and not come back."""
         self._reported = 0
         self._link = ""
         self.dropped = 0
@@ -132,7 +134,11 @@ class RunScreen:
     def _on_change(self, change: StateChange) -> None:
         if change.new is ChildState.RUNNING:
             self._put(change.name, LINK)
+            if change.name in self._down:
+                self._put(f"{change.name}: RUNNING again (start {change.incarnation})", "green")
+            self._down.discard(change.name)
         if change.new in (ChildState.FAILED, ChildState.BACKOFF):
+            self._down.add(change.name)
             again = f", again in {change.restart_in_s:.2f} s" if change.restart_in_s is not None else ""
             self._put(f"{change.name}: {change.new} ({change.reason}{again})", "bold red")
             lines = change.last_lines if self._quiet else ()

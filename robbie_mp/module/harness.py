@@ -1,8 +1,9 @@
 """Runs a module inside a test, without a process or shared memory; the test controls the time."""
 
+import contextlib
 import weakref
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
@@ -14,6 +15,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from typing_extensions import Self
 
+from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.bus.checkpoint.image import decode, encode
 from robbie_mp.bus.transport.records import ANY_VERSION
 from robbie_mp.bus.transport.tables import ChannelName
@@ -43,6 +46,7 @@ from robbie_mp.module.loop import ModuleLoop
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
+from robbie_mp.module.subscriptions import Subscription
 from robbie_mp.module.ticks import TimedTicks
 from robbie_mp.module.wiring import UNCHANGED, Wiring, check_topic
 
@@ -154,14 +158,24 @@ class ModuleHarness(Generic[ModuleClass]):
         self.bus.stopped = True
 
     def send(self, message: Message, *, topic: str = "", sender: str = "test") -> None:
-        """Let the module handle a message now, if it subscribes to it.
+        """Let the module handle a message now.
 
         Args:
             message: the message.
             topic: the topic it is published on.
             sender: the name of its publisher, for `envelope`.
+
+        Raises:
+            NotAMessage: something else is sent.
+            NotSubscribed: the module does not subscribe to such messages now.
         """
+        check_message(message, "send")
         self.send_encoded(message.type_name, message.version, message.encode(), topic=topic, sender=sender)
+
+    def _send(self, message: Message, *, topic: str, sender: str) -> None:
+        """Send a message of a call, which the module may not know."""
+        with contextlib.suppress(NotSubscribed):
+            self.send(message, topic=topic, sender=sender)
 
     # -- calls ---------------------------------------------------------------------------------------------
 
@@ -184,7 +198,7 @@ class ModuleHarness(Generic[ModuleClass]):
         """
         self._last_call += 1
         before = len(self.bus.published)
-        self.send(replace(request, call=self._last_call), topic=service_topic(topic), sender=CLIENT)
+        self._send(replace(request, call=self._last_call), topic=service_topic(topic), sender=CLIENT)
         for entry in self.bus.published[before:]:
             message = entry.message
             if isinstance(message, CallRefusal) and message.call == self._last_call:
@@ -203,7 +217,7 @@ class ModuleHarness(Generic[ModuleClass]):
             goal: the goal, which you have taken with `take`.
             feedback: the feedback.
         """
-        self.send(replace(feedback, call=goal.call), topic=self.module.name, sender=SERVER)
+        self._send(replace(feedback, call=goal.call), topic=self.module.name, sender=SERVER)
 
     def end_goal(self, goal: Goal[Any, ResultType], end: ResultType | CallError) -> None:
         """End a goal of the module under test, as its server does.
@@ -218,7 +232,7 @@ class ModuleHarness(Generic[ModuleClass]):
             message = GoalEnd(call=goal.call, outcome=outcome, reason=str(end))
         else:
             message = replace(end, call=goal.call)
-        self.send(message, topic=self.module.name, sender=SERVER)
+        self._send(message, topic=self.module.name, sender=SERVER)
 
     def send_goal(self, goal: GoalType, *, topic: str = "", client: str = CLIENT) -> GoalType:
         """Send a goal to the module under test, which handles it at once.
@@ -235,7 +249,7 @@ class ModuleHarness(Generic[ModuleClass]):
         """
         self._last_call += 1
         sent = replace(goal, call=self._last_call)
-        self.send(sent, topic=service_topic(topic), sender=client)
+        self._send(sent, topic=service_topic(topic), sender=client)
         return sent
 
     def cancel_goal(self, goal: Goal[Any, Any], reason: str = "", *, client: str = CLIENT) -> None:
@@ -246,7 +260,7 @@ class ModuleHarness(Generic[ModuleClass]):
             reason: in plain words.
             client: the name of the module that sent it.
         """
-        self.send(GoalCancel(call=goal.call, reason=reason), topic=self.module.name, sender=client)
+        self._send(GoalCancel(call=goal.call, reason=reason), topic=self.module.name, sender=client)
 
     def reply(self, request: Request[ReplyType], reply: ReplyType) -> None:
         """Reply to a request of the module under test, which you have taken with `take`.
@@ -258,7 +272,7 @@ class ModuleHarness(Generic[ModuleClass]):
             request: the request.
             reply: the reply.
         """
-        self.send(replace(reply, call=request.call), topic=self.module.name, sender=SERVER)
+        self._send(replace(reply, call=request.call), topic=self.module.name, sender=SERVER)
 
     def refuse(self, request: Request[Any], reason: str) -> None:
         """Refuse a request of the module under test.
@@ -267,7 +281,7 @@ class ModuleHarness(Generic[ModuleClass]):
             request: the request.
             reason: what the server says.
         """
-        self.send(CallRefusal(call=request.call, reason=reason), topic=self.module.name, sender=SERVER)
+        self._send(CallRefusal(call=request.call, reason=reason), topic=self.module.name, sender=SERVER)
 
     def kill_server(self) -> None:
         """Let the server of all requests die; its next process knows none of them."""
@@ -285,7 +299,7 @@ class ModuleHarness(Generic[ModuleClass]):
     def send_encoded(
         self, type_name: str, version: int, data: bytes, *, topic: str = "", sender: str = "test"
     ) -> None:
-        """Let the module handle an encoded message now, if one of its patterns matches.
+        """Let the module handle an encoded message now.
 
         Args:
             type_name: full name of the message's type, which needs no class.
@@ -293,11 +307,16 @@ class ModuleHarness(Generic[ModuleClass]):
             data: the encoded message with its 4 bytes of encapsulation.
             topic: the topic it is published on.
             sender: the name of its publisher, for `envelope`.
+
+        Raises:
+            NotSubscribed: the module does not subscribe to such messages now.
         """
-        self.bus.deliver(ChannelName(type_name, version, topic), data, sender)
+        is_taken = self.bus.deliver(ChannelName(type_name, version, topic), data, sender)
         self._loop.run_calls()
         while self.bus.handle_next():
             self._loop.run_calls()
+        if not is_taken:
+            raise NotSubscribed(type(self.module).__name__, type_name, topic, self.bus.subscriptions)
 
     def change_setting(self, name: str, value: object) -> None:
         """Change a setting as `robbie param set` does.
@@ -425,6 +444,21 @@ class HarnessPeers:
         return None
 
 
+class NotSubscribed(RobbieError, LookupError):
+    """A test sends a module a message that none of its subscriptions takes.
+
+    Example scenarios:
+      - the topic is misspelled, or left out
+      - the module subscribes only later, in another handler
+    """
+
+    def __init__(self, module: str, type_name: str, topic: str, subscriptions: Iterable[Subscription]):
+        topics = {one.name.topic: one for one in subscriptions if one.name.type_name == type_name}
+        takes = f"; it takes it on {', '.join(map(repr, sorted(topics)))}"
+        why = (did_you_mean(topic, topics) or takes) if topics else "; it does not subscribe to this type"
+        super().__init__(f"{module} takes no {type_name} on topic {topic!r}{why}")
+
+
 class HarnessCheckpoints:
     """Keeps the image of a module's newest checkpoint; its size has no limit."""
 
@@ -471,18 +505,24 @@ class HarnessBus(CopyingBus):
         """Always 0: the harness takes each message at once."""
         return 0
 
-    def deliver(self, name: ChannelName, data: bytes, sender: str) -> None:
-        """Run every handler that subscribes to a message, but of those with patterns only the first."""
+    def deliver(self, name: ChannelName, data: bytes, sender: str) -> bool:
+        """Run every handler that subscribes to a message, but of those with patterns only the first.
+
+        Returns:
+            Whether there is any.
+        """
         self._sequence += 1
         own_topic = self._wiring.own(name.type_name, name.topic)
         envelope = Envelope(own_topic, self._sequence, sender, self._clock.monotonic_ns())
-        matched_pattern = False
+        matched = matched_pattern = False
         for subscription in self.subscriptions:
             by_pattern = subscription.name.version == ANY_VERSION
             if (by_pattern and matched_pattern) or not subscription.name.takes(name):
                 continue
             matched_pattern |= by_pattern
+            matched = True
             self.hand_over(subscription, name, envelope, data)
+        return matched
 
     def lose(self, error: MessageError) -> None:
         """Let the test fail: its message cannot be decoded."""

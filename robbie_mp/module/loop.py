@@ -58,6 +58,7 @@ class ModuleLoop:
             self._changes.listen()
         self._module.setup()
         check_period(self._module)
+        self._module.show_first_states()
 
     def begin(self) -> None:
         """Begin, when all modules are ready; the first tick is due now."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar, cast
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import replacing
+from robbie_mp.base.state_machine import StateMachine
 from robbie_mp.bus.checkpoint.keeper import Checkpoints
 from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.messages.calls import (
@@ -790,6 +791,13 @@ class Module:
             self._show_states(
                 ", ".join(f"{key}: {value}" if key else value for key, value in self._states.items())
             )
+
+    def show_first_states(self) -> None:
+        """Show the state of a machine that shows its states, and has not changed it yet; after `setup()`."""
+        machines = [one for one in vars(self).values() if isinstance(one, StateMachine)]
+        for machine in [] if self._states else machines:
+            if machine.on_change == self.show_state:
+                self.show_state(machine.state)
 
     def stop(self) -> None:
         """Stop this module in good order, after the handler or tick that calls this returns."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.extras import how_to_install
 from robbie_mp.base.linux.priority import MAX_SLICE_MS
 from robbie_mp.module.listening import check_listening
 from robbie_mp.module.secret import reveal
@@ -43,7 +44,7 @@ def load_website() -> type[Website]:
         from robbie_mp.station.web.website import Website  # noqa: PLC0415 - see above
     except ModuleNotFoundError as error:
         raise ExtraMissing(
-            f"no operator station: the library {error.name} is missing; pip install 'robbie-mp[gui]'"
+            f"no operator station: the library {error.name} is missing; {how_to_install('gui')}"
         ) from error
     return Website
 

@@ -3,7 +3,7 @@
 import pytest
 
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.cli.channel_choice import NoSuchMessages, choose_channel, nobody_publishes
+from robbie_mp.cli.channel_choice import NoSuchMessages, choose_channel, nobody_publishes, nobody_subscribes
 from robbie_mp.messages.descriptions import KnownTypes
 
 SCAN, IMAGE, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Image", "sensor_msgs/msg/Imu"
@@ -77,3 +77,19 @@ def test_command_says_on_which_topics_a_type_is_published() -> None:
         f"no module publishes {SCAN} on topic 'rear'; there are messages without a topic, 'Image', 'both', "
         "'laser/front'"
     )
+
+
+@pytest.mark.parametrize(
+    ("topic", "hint"),
+    [
+        ("scan", ""),
+        ("", "nobody subscribes to sensor_msgs/msg/LaserScan on topic ''; it is taken on 'scan'"),
+        ("scna", "nobody subscribes to sensor_msgs/msg/LaserScan on topic 'scna'; did you mean 'scan'?"),
+    ],
+)
+def test_nobody_hears_on_another_topic(topic: str, hint: str) -> None:
+    subscribed = [ChannelName("sensor_msgs/msg/LaserScan", 1, "scan"), ChannelName("std_msgs/msg/*", 0, "*")]
+    assert nobody_subscribes(ChannelName("sensor_msgs/msg/LaserScan", 1, topic), subscribed) == hint
+    assert nobody_subscribes(ChannelName("std_msgs/msg/String", 1, topic), subscribed) == ""
+    other = nobody_subscribes(ChannelName("nav_msgs/msg/Path", 1, topic), subscribed)
+    assert other.startswith("nobody subscribes to nav_msgs/msg/Path; ")

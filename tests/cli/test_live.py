@@ -246,6 +246,12 @@ def publishes(person: Person) -> None:
     again = text.replace("1000001", "1000002")
     assert person.types("pub", "DriveCommand", again, "--rate", "500", "--count", "20") == "published 20\n"
     wait_until(lambda: person.robot.journal("listener").count(1000002) == 20)
+    assert not person.errors
+    assert person.types("pub", "String", "{data: hi}", "--topic", "nowhere") == "published 1\n"
+    assert "warning: nobody subscribes to std_msgs/msg/String" in person.errors
+    folder = person.robot.folder / "nothing"
+    person.types("record", "DriveComand", "--duration", "10ms", "-o", str(folder), code=1)
+    assert "no topic is called 'DriveComand'; did you mean 'DriveCommand'" in person.errors
     person.types("pub", "DriveCommand", "{valid_for: {sec: 3600}}", code=1)
     assert "valid_for is 3600.0; expected 0 to 1 s" in person.errors
     person.types("pub", "DriveCommand", "{linear_m_per_s: fast}", code=1)

@@ -17,6 +17,7 @@ from robbie_mp.messages import DriveCommand, Image, LaserScan, OccupancyGrid
 from robbie_mp.messages.errors import FieldError, NotAMessage
 from robbie_mp.module.deadlines import InvalidDeadline
 from robbie_mp.module.handlers import InvalidHandler
+from robbie_mp.module.harness import NotSubscribed
 from robbie_mp.module.module import InvalidPeriod
 from robbie_mp.module.subscriptions import SubscribedTwice
 from robbie_mp.module.wiring import InvalidTopic
@@ -336,7 +337,7 @@ WHILE_IT_RUNS: dict[str, tuple[Callable[[Any], object], type[Exception], str]] =
     "wrong field": (
         lambda _: LaserScan(range=[1.0]),  # type: ignore[call-arg]
         TypeError,
-        "LaserScan.* got an unexpected keyword argument 'range'",
+        "LaserScan() got an unexpected keyword argument 'range'; did you mean 'ranges'",
     ),
     "text for a number": (
         lambda _: DriveCommand(linear_m_per_s="fast"),  # type: ignore[arg-type]
@@ -388,6 +389,37 @@ def test_mistake_while_a_module_runs_is_explained(name: str) -> None:
     do, error, line = WHILE_IT_RUNS[name]
     with ModuleHarness(Camera) as harness, pytest.raises(error, match=pattern(line)) as raised:
         do(harness.module)
+    assert "\n" not in str(raised.value)
+
+
+class Listens(Module):
+    def setup(self) -> None:
+        self.subscribe(LaserScan, self.on_scan, topic="scan")
+
+    def on_scan(self, _scan: LaserScan) -> None:
+        pass
+
+
+SENT: dict[str, tuple[Any, str, type[Exception], str]] = {
+    "nothing": (None, "scan", NotAMessage, "send wants a message, such as LaserScan(ranges=...); got None"),
+    "a class": (LaserScan, "scan", NotAMessage, "create a message: send(LaserScan(...))"),
+    "misspelled topic": (
+        LaserScan(),
+        "scna",
+        NotSubscribed,
+        "Listens takes no sensor_msgs/msg/LaserScan on topic 'scna'; did you mean 'scan'?",
+    ),
+    "no topic": (LaserScan(), "", NotSubscribed, "LaserScan on topic ''; it takes it on 'scan'"),
+    "other type": (DriveCommand(), "scan", NotSubscribed, "it does not subscribe to this type"),
+}
+"""What a test sends a module wrongly, and on which topic: the error, and what the line says."""
+
+
+@pytest.mark.parametrize("name", SENT)
+def test_message_that_no_handler_gets_fails_the_test(name: str) -> None:
+    message, topic, error, line = SENT[name]
+    with ModuleHarness(Listens) as harness, pytest.raises(error, match=pattern(line)) as raised:
+        harness.send(message, topic=topic)
     assert "\n" not in str(raised.value)
 
 

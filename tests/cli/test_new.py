@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from robbie_mp.base import extras
 from robbie_mp.cli import main
 from robbie_mp.cli.new import EXTRAS, copy_example, make_workspace
 from robbie_mp.run.profile.load import load_profile
@@ -62,8 +63,9 @@ def test_example_needs_no_folder_and_a_new_robot_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(extras, "installed", lambda package: None if package == "scipy" else "9")
     assert main(["new", "--example", "demo"]) == 0
-    assert "pip install 'robbie-mp[robot]'\n    cd demo\n    robbie run demo\n" in capsys.readouterr().out
+    assert "pip install 'scipy>=1.11'\n    cd demo\n    robbie run demo\n" in capsys.readouterr().out
     assert main(["new", "--example", "demo"]) == 1
     with pytest.raises(SystemExit) as caught:
         main(["new"])

@@ -92,7 +92,7 @@ def test_missing_library_is_reported_with_advice(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, library, None)
     assert main(["plot", X, "--recording", str(recording), *words]) == 1
-    assert "`pip install 'robbie-mp[plot]'`" in capsys.readouterr().err
+    assert "`pip install matplotlib 'plotext<6'`" in capsys.readouterr().err
 
 
 def test_long_series_is_thinned_out_evenly() -> None:

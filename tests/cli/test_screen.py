@@ -48,6 +48,16 @@ def test_lines_are_printed_in_order(tmp_path: Path) -> None:
     assert screen.dropped == 0
 
 
+def test_module_that_comes_back_is_named_once() -> None:
+    reader, writer = os.pipe()
+    with RunScreen(quiet=False, fd=writer) as screen:
+        for new, start in ((ChildState.RUNNING, 1), (ChildState.BACKOFF, 1), (ChildState.RUNNING, 2)):
+            screen.listener.change(StateChange("laser", start, None, new, "killed by SIGKILL", 0.0))
+    os.close(writer)
+    shown = read_all(reader).splitlines()
+    assert shown == ["laser: BACKOFF (killed by SIGKILL)", "laser: RUNNING again (start 2)"]
+
+
 def test_quiet_screen_shows_only_failures() -> None:
     reader, writer = os.pipe()
     with RunScreen(quiet=True, fd=writer) as screen:

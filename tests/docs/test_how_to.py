@@ -24,6 +24,7 @@ from robbie_mp.messages import (
     OccupancyGrid,
     TwistStamped,
 )
+from robbie_mp.module.harness import NotSubscribed
 from robbie_mp.run.profile.load import load_profile
 from tests.docs._support.pages import block
 
@@ -159,7 +160,8 @@ def test_encoded_messages() -> None:
     scan = LaserScan(ranges=np.array([1.0, 2.0]))
     with ModuleHarness(run("encoded")["Relay"]) as harness:
         harness.send(scan, topic="laser/front")
-        harness.send(scan, topic="radar")
+        with pytest.raises(NotSubscribed):
+            harness.send(scan, topic="radar")
         (relayed,) = harness.published_encoded
     assert (relayed.topic, relayed.data) == ("relayed/front", scan.encode())
 

@@ -8,6 +8,7 @@ import pytest
 
 from robbie_mp import Module, ModuleHarness, SettingError, setting
 from robbie_mp.messages import SettingChange, SettingChanged
+from robbie_mp.module.harness import NotSubscribed
 from robbie_mp.module.setting_changes import TRIAL_S, NotChangeable, SettingChanges, SettingsFile
 
 
@@ -64,7 +65,8 @@ def test_module_answers_requests_by_message() -> None:
     with ModuleHarness(Filter, name="filter") as harness:
         for request, value in enumerate(("1.5", "[", "5")):
             harness.send(SettingChange(request=request, setting="low", value=value), topic="filter")
-        harness.send(SettingChange(request=3, setting="low", value="0.5"), topic="other")
+        with pytest.raises(NotSubscribed):
+            harness.send(SettingChange(request=3, setting="low", value="0.5"), topic="other")
         answers = harness.take(SettingChanged, "filter")
     assert [answer.request for answer in answers] == [0, 1, 2]
     assert (answers[0].value, answers[0].error) == ("1.5", "")

@@ -1,12 +1,14 @@
 """Topics renamed by the profile: the module's code does not see it, all others see the new names."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 
 from robbie_mp import EncodedMessage, Module, ModuleHarness
 from robbie_mp.bus.transport.tables import ChannelName, takes_topic
 from robbie_mp.messages import DriveCommand, Image, LaserScan, Odometry
+from robbie_mp.module.harness import NotSubscribed
 from robbie_mp.module.wiring import TopicsMeet, Wiring
 from tests._support.robot import Ended, Robot, wait_until
 
@@ -116,11 +118,14 @@ def test_module_sees_its_own_names_and_the_others_see_the_new_ones() -> None:
     wired = {"camera": "front/camera", "drive": "/drive"}
     with ModuleHarness(Detector, topics=wired, namespace="red") as harness:
         for topic in ("camera", "red/camera", "front/camera", "red/front/camera"):
-            harness.send(Image(), topic=topic)
+            with suppress(NotSubscribed):
+                harness.send(Image(), topic=topic)
         for topic in ("", "blue/laser", "red/", "red/laser"):
-            harness.send(LaserScan(), topic=topic)
+            with suppress(NotSubscribed):
+                harness.send(LaserScan(), topic=topic)
         harness.send(Odometry(), topic="red/odom")
-        harness.send(Odometry(), topic="odom")
+        with suppress(NotSubscribed):
+            harness.send(Odometry(), topic="odom")
         assert harness.module.seen == ["image camera", "scan ", "scan laser", "bytes odom"]
         assert [one.topic for one in harness.published] == ["drive", "red/", "red/scan"]
         assert [one.topic for one in harness.published_encoded] == ["drive"]

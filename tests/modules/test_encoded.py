@@ -4,7 +4,7 @@ import pytest
 
 from robbie_mp import EncodedMessage, Envelope, Module, ModuleHarness
 from robbie_mp.messages import DecodeError, DriveCommand, LaserScan
-from robbie_mp.module.harness import PublishedEncoded
+from robbie_mp.module.harness import NotSubscribed, PublishedEncoded
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 
 SECRET = b"\x00\x01\x00\x00\x07"
@@ -34,7 +34,8 @@ def test_message_arrives_once_by_pattern_and_once_by_type() -> None:
     with ModuleHarness(Mirror) as harness:
         harness.send(DriveCommand(), topic="left")
         assert [who for who, _ in harness.module.came] == ["typed", "driving"]
-        harness.send(LaserScan(), topic="right")
+        with pytest.raises(NotSubscribed):
+            harness.send(LaserScan(), topic="right")
         harness.send(LaserScan(), topic="left", sender="laser")
         assert [who for who, _ in harness.module.came[2:]] == ["other"]
         envelope = harness.module.came[-1][1]

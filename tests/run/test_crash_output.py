@@ -6,6 +6,7 @@ from robbie_mp.cli.screen import ordinal
 from tests._support.robot import Robot
 
 MODULES = """
+import serial
 from robbie_mp import Module
 from robbie_mp.messages import DriveCommand
 
@@ -20,6 +21,11 @@ class Divides(Module):
         return 1 / number
 
 
+class Plugs(Module):
+    def setup(self):
+        serial.Serial("/dev/ttyNone")
+
+
 class Misspells(Module):
     period_s = 0.01
 
@@ -31,7 +37,12 @@ class Misspells(Module):
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--quiet",)], ids=["all", "quiet"])
 @pytest.mark.parametrize(
-    ("name", "error", "frames"), [("Divides", "ZeroDivisionError", 2), ("Misspells", "FieldTypeError", 1)]
+    ("name", "error", "frames"),
+    [
+        ("Divides", "ZeroDivisionError", 2),
+        ("Misspells", "FieldTypeError", 1),
+        ("Plugs", "SerialException", 1),
+    ],
 )
 def test_same_crash_is_one_traceback_and_then_a_line_each_time(
     robot: Robot, options: tuple[str, ...], name: str, error: str, frames: int

@@ -3,6 +3,7 @@
 import logging
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
+from robbie_mp.module.harness import NotSubscribed
 from robbie_mp.scene import (
     Disconnected,
     NeverPlaced,
@@ -99,7 +101,8 @@ def told(harness: ModuleHarness[SceneGraphService]) -> list[tuple[str, str, floa
 
 def pass_on(harness: ModuleHarness[SceneGraphService], listening: ModuleHarness[Listening]) -> None:
     for entry in harness.published:
-        listening.send(entry.message, topic=entry.topic)
+        with suppress(NotSubscribed):
+            listening.send(entry.message, topic=entry.topic)
     harness.published.clear()
 
 

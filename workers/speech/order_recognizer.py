@@ -82,7 +82,8 @@ class OrderRecognizer:
             from pocketsphinx import Decoder  # noqa: PLC0415
         except ImportError as error:
             raise SpeechPackagesMissing(
-                f"speech needs pocketsphinx and moonshine-voice: pip install 'robbie-mp[speech]' ({error})"
+                "speech needs pocketsphinx and moonshine-voice: "
+                f"pip install pocketsphinx moonshine-voice==0.0.49 ({error})"
             ) from error
         self._grammars: dict[str, OrderGrammar] = {}
         self._sentences: dict[str, NearestSentence] = {}

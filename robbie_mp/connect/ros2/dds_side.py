@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
 from robbie_mp.connect.ros2.rtps.participant import NoInterface
 from robbie_mp.connect.ros2.rtps.services import DdsServices
@@ -112,7 +113,7 @@ class DdsSide:
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
         except ImportError as error:
             raise Ros2Unavailable(
-                "the bridge to ROS 2 needs the extra `ros2`: run `pip install 'robbie-mp[ros2]'`"
+                f"the bridge to ROS 2 needs the extra `ros2`: {how_to_install('ros2')}"
             ) from error
         settings = settings_of_domain(self.interface)
         try:

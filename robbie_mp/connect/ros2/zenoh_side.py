@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.bridge.mapping import Quality
 from robbie_mp.connect.link.wire import Endpoints, LinkUnavailable, open_session
 from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, ReusedMemory, Ros2Unavailable, RosChannel
@@ -98,7 +99,7 @@ class ZenohSide:
             import zenoh  # noqa: F401, PLC0415
         except ImportError as error:
             raise Ros2Unavailable(
-                "the bridge to ROS 2 needs the extra `ros2`: run `pip install 'robbie-mp[ros2]'`"
+                f"the bridge to ROS 2 needs the extra `ros2`: {how_to_install('ros2')}"
             ) from error
         further = {
             "scouting/gossip/enabled": True,

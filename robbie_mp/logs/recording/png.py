@@ -81,7 +81,7 @@ class PngMaker:
         try:
             import cv2  # noqa: PLC0415 - an extra
         except ImportError as error:
-            raise NotPng("PNG files need OpenCV: pip install 'robbie-mp[vision]'") from error
+            raise NotPng("PNG files need OpenCV: pip install opencv-python-headless") from error
         self._cv2: Any = cv2
 
     def make(self, message: Message) -> bytes:

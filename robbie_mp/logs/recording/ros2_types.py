@@ -26,7 +26,7 @@ def needing_rosbags() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise BagUnreadable("reading bags needs the library rosbags: pip install 'robbie-mp[ros]'") from error
+        raise BagUnreadable("reading bags needs the library rosbags: pip install rosbags") from error
 
 
 class Ros2Types:

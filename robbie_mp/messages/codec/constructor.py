@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.field_types import Field, FieldType, MessageLayout, Nested, Numbers, Primitive, Text
 from robbie_mp.messages.fitting import fit
 
@@ -32,7 +33,7 @@ def constructor(layout: MessageLayout) -> Callable[..., Any]:
     def __new__(_cls: type[Any], /, **given: Any) -> Any:
         values = {**defaults, **given}
         if len(values) > len(defaults):
-            raise _unknown(final, given.keys() - defaults.keys())
+            raise _unknown(final, given.keys() - defaults.keys(), defaults)
         self = blank()
         for name, value in fit_numbers(values):
             setattr(self, name, value)
@@ -45,11 +46,11 @@ def constructor(layout: MessageLayout) -> Callable[..., Any]:
     return __new__
 
 
-def _unknown(message_type: type[Any], names: set[str]) -> TypeError:
-    """Return the error that Python raises for arguments of other names."""
-    return TypeError(
-        f"{message_type.__qualname__}.__new__() got an unexpected keyword argument {min(names)!r}"
-    )
+def _unknown(message_type: type[Any], names: set[str], known: Iterable[str]) -> TypeError:
+    """Return the error that Python raises for arguments of other names, and the names that there are."""
+    name = min(names)
+    near = did_you_mean(name, known) or f"; its fields are {', '.join(known)}"
+    return TypeError(f"{message_type.__qualname__}() got an unexpected keyword argument {name!r}{near}")
 
 
 def _is_number(field: Field) -> bool:

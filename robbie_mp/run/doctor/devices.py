@@ -2,16 +2,20 @@
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from robbie_mp.run.doctor.finding import Finding, fail, ok
 from robbie_mp.run.exclusive_use import named_devices
 from robbie_mp.run.profile.model import Profile
+from robbie_mp.run.profile.preflight import preflight
 
 
 def look_at_devices(profile: Profile) -> Iterator[Finding]:
-    """Look for each device that a module's settings name by its path."""
-    for setting, device in named_devices(profile.modules):
+    """Look for each device that a module's settings name by its path, in the profile or by default."""
+    checked = preflight(profile).settings
+    modules = [replace(one, settings=checked.get(one.name, one.settings)) for one in profile.modules]
+    for setting, device in named_devices(modules):
         if device.startswith("/"):
             yield check_device(setting, device)
 

@@ -4,33 +4,16 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from importlib import metadata
 
+from robbie_mp.base.extras import Requirement, installed, own_requirements
 from robbie_mp.bus._hot.choice import why_not
 from robbie_mp.run.doctor.finding import Finding, fail, ok, warn
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import preflight
 
 OLDEST = (3, 10)
-DISTRIBUTION = "robbie-mp"
-REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:>=\s*([0-9.]+))?[^;]*(?:;.*extra\s*==\s*[\"']([\w-]+)[\"'])?")
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """A package, its oldest version, and the extra that requires it ('': Robbie-MP itself)."""
-
-    package: str
-    oldest: str
-    extra: str
-
-    @classmethod
-    def parse(cls, text: str) -> "Requirement":
-        """Parse a requirement as Robbie-MP writes it: `scipy>=1.11; extra == "robot"`."""
-        match = REQUIREMENT.match(text)
-        package, oldest, extra = match.groups(default="") if match else (text, "", "")
-        return cls(package, oldest, extra)
+FOR_DEVELOPERS = ("dev", "docs", "bench", "fuzz")
+"""Extras for those who work on Robbie-MP itself."""
 
 
 def look_at_python() -> Iterator[Finding]:
@@ -38,25 +21,13 @@ def look_at_python() -> Iterator[Finding]:
     yield check_version(sys.version_info[:2], sys.implementation.name, is_gil_enabled())
     yield check_hot_path(why_not())
     requirements = own_requirements()
-    installed = {requirement.package: _installed(requirement.package) for requirement in requirements}
-    yield from check_packages(requirements, installed)
+    versions = {requirement.package: installed(requirement.package) for requirement in requirements}
+    yield from check_packages(requirements, versions)
 
 
 def is_gil_enabled() -> bool:
     """Whether only one thread runs Python code at a time, as it does before Python 3.13."""
     return bool(getattr(sys, "_is_gil_enabled", lambda: True)())
-
-
-def own_requirements() -> list[Requirement]:
-    """Return Robbie-MP's requirements as they were when it was installed."""
-    return [Requirement.parse(text) for text in metadata.requires(DISTRIBUTION) or []]
-
-
-def _installed(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def check_version(version: tuple[int, int], implementation: str, is_gil_enabled: bool) -> Finding:
@@ -88,44 +59,51 @@ def check_hot_path(why_not: str) -> Finding:
 
 
 def check_packages(
-    requirements: Iterable[Requirement], installed: Mapping[str, str | None]
+    requirements: Iterable[Requirement], versions: Mapping[str, str | None]
 ) -> Iterator[Finding]:
-    """Judge the packages, in one line for Robbie-MP itself and one for each extra.
+    """Judge the packages: those of Robbie-MP itself, each extra with a package that is too old, and the rest.
 
     An extra that is not installed completely is not in use: single packages of it may be there for another
     reason. What a profile lacks, `look_at_modules` finds.
 
     Args:
         requirements: the required packages.
-        installed: the version of each package, None if it is not installed.
+        versions: the version of each package, None if it is not installed.
     """
     groups: dict[str, list[Requirement]] = defaultdict(list)
     for requirement in requirements:
         groups[requirement.extra].append(requirement)
+    complete: list[str] = []
+    incomplete: list[str] = []
     for extra, group in groups.items():
-        missing = [one.package for one in group if installed[one.package] is None]
-        old = [
-            f"{one.package} {version} (needs {one.oldest})"
-            for one in group
-            if (version := installed[one.package]) and _numbers(version) < _numbers(one.oldest)
-        ]
-        yield _judge(extra, len(missing) < len(group), missing, old)
+        missing = [one.package for one in group if versions[one.package] is None]
+        old = [one for one in group if _is_old(one, versions[one.package])]
+        if not extra or (old and not missing):
+            yield _judge(extra, missing, old, versions)
+        elif extra not in FOR_DEVELOPERS:
+            (incomplete if missing else complete).append(extra)
+    yield ok("extras", f"installed: {_listed(complete)}; not installed: {_listed(incomplete)}")
 
 
-def _judge(extra: str, has_any: bool, missing: list[str], old: list[str]) -> Finding:
+def _is_old(requirement: Requirement, version: str | None) -> bool:
+    return version is not None and _numbers(version) < _numbers(requirement.oldest)
+
+
+def _judge(
+    extra: str, missing: list[str], old: list[Requirement], versions: Mapping[str, str | None]
+) -> Finding:
     name = f"extra {extra}" if extra else "packages"
-    target = f"{DISTRIBUTION}[{extra}]" if extra else DISTRIBUTION
-    advice = f"pip install --upgrade '{target}'"
     if not missing and not old:
         return ok(name, "all are installed")
-    lists = {"missing": missing, "too old": old}
+    too_old = [f"{one.package} {versions[one.package]} (needs {one.oldest})" for one in old]
+    lists = {"missing": missing, "too old": too_old}
     found = "; ".join(f"{what}: {', '.join(packages)}" for what, packages in lists.items() if packages)
-    if not extra:
-        return fail(name, found, advice)
-    if missing:
-        lacks = f" completely (missing: {', '.join(missing)})" if has_any else ""
-        return ok(name, f"is not installed{lacks}; to install it: {advice}")
-    return warn(name, found, advice)
+    advice = f"pip install --upgrade {' '.join([*missing, *(one.package for one in old)])}"
+    return warn(name, found, advice) if extra else fail(name, found, advice)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) or "none"
 
 
 def _numbers(version: str) -> tuple[int, ...]:

@@ -14,7 +14,7 @@ def serial_devices() -> dict[str, UsbDevice | None]:
     try:
         from serial.tools.list_ports import comports  # noqa: PLC0415 - an extra that only devices need
     except ImportError as error:
-        raise DeviceNotNamed("serial ports need pyserial: pip install 'robbie-mp[robot]'") from error
+        raise DeviceNotNamed("serial ports need pyserial: pip install pyserial") from error
     found: dict[str, UsbDevice | None] = {}
     for port in comports():
         found[port.device] = None

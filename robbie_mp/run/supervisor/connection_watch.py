@@ -9,7 +9,9 @@ from robbie_mp.bus.observe import RunObserver
 from robbie_mp.module.calls.peers import topic_of_service
 from robbie_mp.run.trace.kinds import Kind
 
-CHECK_PERIOD_S = 2.0
+CHECK_PERIOD_S = 1.0
+AGAIN_S = 0.2
+"""Time until what was found for the first time is checked again."""
 
 
 class ConnectionWatch:
@@ -54,6 +56,8 @@ class ConnectionWatch:
         for key in [key for key in found if key in self._suspected and key not in self._told]:
             self._told.add(key)
             self._say(Kind.WARNING, found[key])
+        if set(found) - self._suspected:
+            self._next_s = self._clock() + AGAIN_S
         self._suspected = set(found)
 
     def _renamed_in_vain(self) -> dict[tuple[object, ...], str]:

@@ -1,5 +1,7 @@
 """Tracebacks without the frames of Robbie-MP, which tell the author of a module nothing."""
 
+import re
+import sysconfig
 from pathlib import Path
 from types import TracebackType
 
@@ -7,13 +9,17 @@ import robbie_mp
 from robbie_mp.base.errors import RobbieError
 
 OURS = (f"{Path(robbie_mp.__file__).parent}/", "<frozen importlib")
+LIBRARIES = re.compile(rf".*/(site|dist)-packages/|{re.escape(sysconfig.get_paths()['stdlib'])}/")
+SAYS_ALL = (RobbieError, OSError)
+"""Errors whose text says what is wrong, so that only the line of the module that meets them counts."""
 
 
 def leave_out_our_frames(error: BaseException) -> None:
     """Take our frames from the traceback of an exception and of its causes.
 
     Those that called the module's code go, and of an error that we raise on purpose also those behind it,
-    with a cause that is ours alone. If nothing would be left, all stay.
+    with a cause that is ours alone. So do those of libraries behind an error of the system, such as a port
+    that is not there: its text says it all. If nothing would be left, all stay.
     """
     seen: set[int] = set()
     one: BaseException | None = error
@@ -22,7 +28,7 @@ def leave_out_our_frames(error: BaseException) -> None:
         if kept := _kept(one):
             one.__traceback__ = _linked(kept)
         cause = one.__cause__ or one.__context__
-        if kept and isinstance(one, RobbieError) and cause is not None and not _kept(cause):
+        if kept and isinstance(one, SAYS_ALL) and cause is not None and not _kept(cause):
             one.__cause__, cause = None, None  # which also suppresses the context
         one = cause
 
@@ -33,14 +39,16 @@ def _kept(error: BaseException) -> list[TracebackType]:
     while at is not None:
         frames.append(at)
         at = at.tb_next
-    theirs = [number for number, frame in enumerate(frames) if not _is_ours(frame)]
+    theirs = [number for number, frame in enumerate(frames) if not _is_of_others(frame, error)]
     if not theirs:
         return []
-    return frames[theirs[0] : theirs[-1] + 1 if isinstance(error, RobbieError) else None]
+    return frames[theirs[0] : theirs[-1] + 1 if isinstance(error, SAYS_ALL) else None]
 
 
-def _is_ours(frame: TracebackType) -> bool:
-    return frame.tb_frame.f_code.co_filename.startswith(OURS)
+def _is_of_others(frame: TracebackType, error: BaseException) -> bool:
+    """Whether a frame is none of the module's author: ours, or of a library where the system refused."""
+    file = frame.tb_frame.f_code.co_filename
+    return file.startswith(OURS) or (isinstance(error, OSError) and LIBRARIES.match(file) is not None)
 
 
 def _linked(frames: list[TracebackType]) -> TracebackType:

@@ -17,6 +17,7 @@ from robbie_mp.messages import (
     PoseWithCovariance,
     Quaternion,
 )
+from robbie_mp.module.harness import NotSubscribed
 from robbie_robots.hw.pose import Pose as Pose2D
 from robbie_robots.hw.simulation.arena_file import read_arena
 from robbie_robots.hw.simulation.follow_referee import FollowReferee
@@ -105,7 +106,8 @@ def test_thing_that_looks_like_a_person_is_not_followed() -> None:
         show(follow, person("1", 1.2, 0.0))
         things = People(header=stamp(follow), people=[person("2", 0.8, 0.0)])
         follow.send(SpokenOrder(order="follow"))
-        follow.send(things, topic=THINGS)
+        with pytest.raises(NotSubscribed):
+            follow.send(things, topic=THINGS)
         follow.advance(0.2)
         assert follow.module.task.person == "1"
 

@@ -26,6 +26,7 @@ from robbie_mp.messages import (
     PointOfInterest,
     TaughtNames,
 )
+from robbie_mp.module.harness import NotSubscribed
 from robbie_robots.modules.home.household import SEVERAL, Household
 from robbie_robots.modules.home.messages import (
     CancelOrder,
@@ -207,7 +208,8 @@ def test_robot_waits_before_a_door_until_it_sees_through_it(tmp_path: Path) -> N
             )
             harness.send(scan, topic="scan")
             # What another laser sees does not count.
-            harness.send(replace(scan, ranges=beside_m), topic="rear_scan")
+            with pytest.raises(NotSubscribed):
+                harness.send(replace(scan, ranges=beside_m), topic="rear_scan")
             robot.wait(1.4)
         goal = harness.take(NavigateTo)[-1].pose.pose.position
         assert (goal.x, goal.y) == (4.0, 2.0)

@@ -8,6 +8,7 @@ import pytest
 
 from robbie_mp import Module, ModuleHarness, SettingError
 from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, PoseStamped, Quaternion, TFMessage
+from robbie_mp.module.harness import NotSubscribed
 from robbie_robots.modules.maps import map_merger
 from robbie_robots.modules.maps.map_merger import MapMerger
 from robbie_robots.modules.navigation.navigation import Navigation
@@ -129,7 +130,8 @@ def test_restarted_merger_still_knows_where_the_other_map_is() -> None:
 )
 def test_modules_use_the_map_that_the_profile_names_and_no_other(module: type[Module], kept: str) -> None:
     with ModuleHarness(module, {"map_topic": "team"}) as harness:
-        harness.send(message(draw(BLUE)), topic="blue/own")
+        with pytest.raises(NotSubscribed):
+            harness.send(message(draw(BLUE)), topic="blue/own")
         assert getattr(harness.module, kept) is None
         harness.send(message(draw(RED)), topic="team")
         assert getattr(harness.module, kept) is not None

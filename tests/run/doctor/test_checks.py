@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from robbie_mp.base.extras import Requirement
 from robbie_mp.run.doctor import clock, kernel, limits, memory, permissions, processor, python, runs
 from robbie_mp.run.doctor.finding import Finding, Level, size
 from robbie_mp.run.doctor.needs import Needs
@@ -145,27 +146,28 @@ def test_advice_on_shared_memory_names_a_sufficient_size() -> None:
     assert "size=1028m" in advice  # what is needed, and the 4 MiB that others have
 
 
-def packages(installed: dict[str, str | None]) -> dict[str, Level]:
+def packages(installed: dict[str, str | None]) -> dict[str, tuple[Level, str]]:
     texts = ["numpy>=1.26", 'scipy>=1.11 ; extra == "robot"', "pillow>=10.0; extra == 'robot'"]
-    requirements = [python.Requirement.parse(text) for text in texts]
-    found: Iterable[Finding] = python.check_packages(requirements, installed)
-    return {finding.check: finding.level for finding in found}
+    requirements = [Requirement.parse(text) for text in [*texts, 'rosbags; extra == "ros"']]
+    found: Iterable[Finding] = python.check_packages(requirements, {"rosbags": None, **installed})
+    return {finding.check: (finding.level, finding.found) for finding in found}
 
 
-def test_missing_packages_are_distinguished_from_unused_extras() -> None:
-    assert packages({"numpy": "2.0", "scipy": "1.11", "pillow": "10.0.1"}) == {
-        "packages": OK,
-        "extra robot": OK,
-    }
-    assert packages({"numpy": "1.9.3", "scipy": None, "pillow": None}) == {
-        "packages": FAIL,
-        "extra robot": OK,
-    }
-    assert packages({"numpy": None, "scipy": None, "pillow": "10"}) == {"packages": FAIL, "extra robot": OK}
-    assert packages({"numpy": "1.26", "scipy": None, "pillow": "9"})["extra robot"] is OK, (
-        "for another reason"
-    )
-    assert packages({"numpy": "1.26", "scipy": "1.9", "pillow": "10"})["extra robot"] is WARN
+NEW: dict[str, str | None] = {"numpy": "2.0", "scipy": "1.11", "pillow": "10.0.1"}
+
+
+def test_extras_take_one_line_and_only_old_packages_one_more() -> None:
+    whole = (OK, "all are installed")
+    assert packages(NEW) == {"packages": whole, "extras": (OK, "installed: robot; not installed: ros")}
+    half = packages({**NEW, "scipy": None, "pillow": "9"})
+    assert half == {"packages": whole, "extras": (OK, "installed: none; not installed: robot, ros")}
+    old = packages({**NEW, "scipy": "1.9"})
+    assert old["extra robot"] == (WARN, "too old: scipy 1.9 (needs 1.11)")
+
+
+def test_missing_packages_of_robbie_itself_are_a_failure() -> None:
+    assert packages({**NEW, "numpy": None})["packages"] == (FAIL, "missing: numpy")
+    assert packages({**NEW, "numpy": "1.9.3"})["packages"][0] is FAIL
 
 
 def test_sizes_are_readable() -> None:

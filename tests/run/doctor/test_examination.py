@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.base.extras import own_requirements
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
 from robbie_mp.cli import main
 from robbie_mp.run.doctor.clock import clock_state
@@ -15,7 +16,6 @@ from robbie_mp.run.doctor.finding import Finding, Level, fail, ok, warn
 from robbie_mp.run.doctor.memory import probe_shared_memory
 from robbie_mp.run.doctor.needs import Needs, segments
 from robbie_mp.run.doctor.permissions import check_run_folder, login_setting
-from robbie_mp.run.doctor.python import own_requirements
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import MemoryLimits, ModuleSpec, Profile
 from robbie_mp.run.run_directory import lock_folder
