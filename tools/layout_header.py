@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 from robbie_mp.bus.core import directory, ledger, router
-from robbie_mp.bus.transport import allocator, blocks, histogram, layout, records, tables, words
+from robbie_mp.bus.transport import allocator, blocks, histogram, history, layout, records, tables, words
 from robbie_mp.module import outbox, pins
 
 HEADER = Path(__file__).parents[1] / "robbie_mp" / "bus" / "_hot" / "layout.h"
@@ -17,6 +17,7 @@ SINGLE = {
     allocator: ("BLOCK_ALIGNMENT",),
     blocks: ("LEAD_BYTES",),
     histogram: ("SUM_NS", "MAX_NS", "BUCKETS", "UNIT_BITS", "PARTS_BITS", "MAX_TIME_NS"),
+    history: ("Event",),
     ledger: ("NO_RECORD",),
     router: ("RECORDS_PER_TURN", "IN_FLIGHT_SHARE"),
     directory: ("MAX_INTERVAL_US",),

@@ -32,6 +32,11 @@ class Clock(Protocol):
         """Return the machine's time until this clock reaches `monotonic_ns`, in s; infinite if it stands."""
 
 
+def follows_machine(clock: Clock) -> bool:
+    """Whether a clock is the machine's own, perhaps recorded."""
+    return clock.monotonic_ns is time.monotonic_ns or getattr(clock, "follows_machine", False)
+
+
 def is_span(time_s: Any) -> bool:
     """Whether something can be a period, a deadline or a timeout: a number above 0, at most `AGES_S`."""
     is_number = type(time_s) is not bool and isinstance(time_s, Real)

@@ -8,7 +8,7 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due
-from robbie_mp.module.clock import Clock, is_span
+from robbie_mp.module.clock import Clock, follows_machine, is_span
 from robbie_mp.module.health import Health
 
 LOOK_NS = 100_000_000
@@ -62,8 +62,7 @@ class Deadlines:
         self._inputs: list[_Input] = []
         self._has_begun = False
         self._jumps = 0
-        follows_machine = clock.monotonic_ns is time.monotonic_ns
-        self._longest_wait_ns = NEVER_NS if follows_machine else LOOK_NS
+        self._longest_wait_ns = NEVER_NS if follows_machine(clock) else LOOK_NS
         self.due_ns = NEVER_NS
         """When `look` has something to do, by the machine's clock."""
 

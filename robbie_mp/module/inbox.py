@@ -13,6 +13,7 @@ from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import LEAD_BYTES
 from robbie_mp.bus.transport.endpoint import Endpoint
+from robbie_mp.bus.transport.history import Event, OwnHistory
 from robbie_mp.bus.transport.histogram import WorkFigures
 from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.bus.transport.records import Delivery, Inbound
@@ -76,8 +77,15 @@ class Inbox:
             self.native = native.Subscriber(
                 endpoint.native, words, views.mapped, self._by_number, unreferenced, pins, RobbieError
             )
+        self._history: OwnHistory | None = None
         self.before_release: Callable[[], None] | None = None
         """Called when a message has been handled, before other processes can see that it was."""
+
+    def record_into(self, history: OwnHistory) -> None:
+        """Record from now on what is handled."""
+        self._history = history
+        if self.native is not None:
+            self.native.record_into(history.writer)
 
     def _request(self, subscription: Subscription) -> int:
         handler = subscription.handler
@@ -158,6 +166,10 @@ class Inbox:
                 raise DamagedMessage(
                     f"message {delivery.sequence} lies beyond the end of its publisher's memory"
                 )
+            if self._history is not None:
+                place = delivery.channel | delivery.declaration << 32
+                values = place, delivery.sequence, delivery.source, delivery.stamp_ns
+                self._history.append(Event.MESSAGE, begun_ns, *values, view)
             if decoder.has_views and (not self._pins or self._may_pin(delivery)):
                 whole = np.frombuffer(view, np.uint8)
                 unreferenced, reference = self._unreferenced, delivery.reference

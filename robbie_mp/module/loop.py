@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
+from robbie_mp.bus.transport.history import Event
 from robbie_mp.module.module import Module, calls_of, check_period, tick_is_awaited
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.ticks import Ticks
@@ -44,7 +45,7 @@ class ModuleLoop:
         """Whether the module is to end after the present handler or tick."""
         return self._module.stop_requested
 
-    def work(self, run: Callable[[], None]) -> None:
+    def work(self, run: Callable[[], None], _event: Event) -> None:
         """Do what is due now."""
         run()
 
@@ -73,7 +74,7 @@ class ModuleLoop:
         if (was_one and self.ends) or (self.run_calls() and self.ends):
             return
         if self._ticks.are_due():
-            self.work(self._ticks.run)
+            self.work(self._ticks.run, Event.TICK)
         elif not was_one:
             self._wait()
 
@@ -81,7 +82,7 @@ class ModuleLoop:
         """Do what is due for the module's calls and deadlines; False if nothing is."""
         are_due = self._calls.are_due()
         if are_due:
-            self.work(self._calls.run)
+            self.work(self._calls.run, Event.CALLS)
         return are_due
 
     def _wait(self) -> None:

@@ -14,6 +14,7 @@ from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import Block, BlockStore, block_bytes
 from robbie_mp.bus.transport.endpoint import Endpoint
+from robbie_mp.bus.transport.history import Event, OwnHistory
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.bus.transport.words import WORD_MAX, Words
 from robbie_mp.messages import Message, lay_out
@@ -92,6 +93,7 @@ class Outbox:
         self._awaited: int | None = None
         """The total number of freed blocks at which the module is woken."""
         self._closed = False
+        self._history: OwnHistory | None = None
         self._native: Any = None
         """Publishes what is of the common form; None, or its answer None: Python does it."""
         if native is not None and clock.monotonic_ns is time.monotonic_ns:
@@ -99,6 +101,12 @@ class Outbox:
                 endpoint.native, blocks.blocks, words, self._declarations, self._held
             )
         keep_from_forks(self)
+
+    def record_into(self, history: OwnHistory) -> None:
+        """Record from now on what is published."""
+        self._history = history
+        if self._native is not None:
+            self._native.record_into(history.writer)
 
     def disown(self) -> None:
         """Keep a forked process from publishing: it would write into blocks of its parent."""
@@ -369,6 +377,9 @@ class Outbox:
 
     def _hand_over(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> bool:
         if self._endpoint.publish(declaration, block, size, self._monotonic_ns()):
+            if self._history is not None:
+                data = block.buffer[block.offset : block.offset + size]
+                self._history.append(Event.PUBLISHED, 0, declaration, 0, 0, 0, data)
             self._note_published(size)
             return True
         self._free([block.number])
@@ -446,6 +457,8 @@ class Outbox:
 
     def _refuse(self, type_name: str, topic: str) -> bool:
         self._refused += 1
+        if self._history is not None:
+            self._history.append(Event.REFUSED)
         self._words[layout.OUT_REFUSED] = self._refused
         self._endpoint.wake_core()  # releases that it has not read yet may make room for the next message
         if self._refused & (self._refused - 1) == 0:  # the 1st, 2nd, 4th, 8th, …: loud, but bounded

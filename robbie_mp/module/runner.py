@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.history import Event
 from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.module.inbox import Inbox
@@ -33,6 +34,7 @@ class ModuleRunner(ModuleLoop):
         changes: changes its settings while it runs.
         has_just_settled: for the module that turns the clock of a run in lockstep: whether what it waits for
             has just come; None for all other modules.
+        record: adds an event to the module's history.
     """
 
     def __init__(
@@ -44,12 +46,14 @@ class ModuleRunner(ModuleLoop):
         ticks: Ticks,
         changes: SettingChanges,
         has_just_settled: Callable[[], bool] | None = None,
+        record: Callable[..., None] = lambda *_event: None,
     ):
         super().__init__(module, self, ticks, changes)
         self._place = place
         self._inbox = inbox
         self._outbox = outbox
         self._wakeup = wakeup = place.memory.wakeup
+        self._record = record
         self._stopping = False
         self.handle_next = inbox.handle_next
         self._has_just_settled = has_just_settled
@@ -92,11 +96,12 @@ class ModuleRunner(ModuleLoop):
         self._place.endpoint.send(Outbound.READY)
         while not self.ends and not self._place.peers.may_go:
             self._wakeup.wait(MAX_WAIT_S)
+        self._record(Event.BEGUN)
         self.begin()
         self._take_turns()
         if self._module.patience_s:
             self._handle_the_rest()
-        self._inbox.show(Activity.TEARDOWN)
+        self._record(Event.TEARDOWN, self._inbox.show(Activity.TEARDOWN))
         self.tear_down()
         self._inbox.show_idle()
         self._inbox.release_unreferenced()
@@ -142,8 +147,8 @@ class ModuleRunner(ModuleLoop):
         """Whether the messages that the module waits for have been released; True only once."""
         return self._outbox.awaits_room and self._outbox.room_was_made()
 
-    def work(self, run: Callable[[], None]) -> None:
+    def work(self, run: Callable[[], None], event: Event) -> None:
         """Do what is due now, and show it."""
-        self._inbox.show(Activity.TICK)
+        self._record(event, self._inbox.show(Activity.TICK))
         run()
         self._inbox.show_idle()

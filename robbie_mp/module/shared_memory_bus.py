@@ -2,12 +2,15 @@
 
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import BlockStore
+from robbie_mp.bus.transport.history import OwnHistory
 from robbie_mp.bus.transport.views import SegmentViews
+from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.clock import Clock, SystemClock
 from robbie_mp.module.envelope import Envelope
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.membership import Membership
 from robbie_mp.module.outbox import Outbox
+from robbie_mp.module.recorded import RecordedPeers
 from robbie_mp.module.wiring import Wiring
 
 NOTHING_HANDLED = "there is an envelope only while a message is being handled"
@@ -39,7 +42,7 @@ class SharedMemoryBus(Outbox):
         native = place.native
         super().__init__(place.endpoint, blocks, place.words, SystemClock(), native, wiring)
         self.inbox = Inbox(place.endpoint, views, place.words, place.channel_name, native, wiring)
-        self.peers = place.peers
+        self.peers: Peers = place.peers
         self.subscriptions = self.inbox.subscriptions
         self.newest_stamp_ns = self.inbox.newest_stamp_ns
         self.show_deadline = self.inbox.show_deadline
@@ -49,6 +52,12 @@ class SharedMemoryBus(Outbox):
         self._name_of_slot = place.board.name
         self._names: dict[int, str] = {}
         """Names of slots, which never change."""
+
+    def record_into(self, history: OwnHistory) -> None:
+        """Record from now on what is handled, published, and asked of the other modules."""
+        super().record_into(history)
+        self.inbox.record_into(history)
+        self.peers = RecordedPeers(self.peers, history.append)
 
     def sender(self) -> str:
         """Return the name of the module that published the message being handled; raises as `envelope`."""

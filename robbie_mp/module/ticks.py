@@ -8,6 +8,7 @@ from typing import Any
 from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.histogram import WorkFigures
+from robbie_mp.bus.transport.history import Event
 from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.bus.transport.words import Words
 from robbie_mp.messages import Tick
@@ -151,6 +152,7 @@ class GrantedTicks:
         now_ns: returns the run's time.
         charge: makes of the measured time of a handler, in ns, the time for which the module is busy by the
             run's clock; None: handlers take no time of the run.
+        record: adds an event to the module's history.
     """
 
     def __init__(
@@ -160,8 +162,10 @@ class GrantedTicks:
         inbox: Inbox,
         now_ns: Callable[[], int],
         charge: Callable[[int], int] | None = None,
+        record: Callable[..., None] = lambda *_event: None,
     ):
         self._module = module
+        self._record = record
         self._words = words
         self._now_ns = now_ns
         self._charge = charge
@@ -203,8 +207,10 @@ class GrantedTicks:
             words[layout.OUT_CHARGED_NS] = self._charge(measured_ns)
 
     def _on_tick(self, _tick: Tick) -> None:
+        self._record(Event.CALLS)
         self._calls.run_granted()
         if self._module.period_s is not None and self._is_due():
+            self._record(Event.TICK)
             self._module.tick()
             self.count()
 

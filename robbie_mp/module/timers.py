@@ -7,7 +7,7 @@ from collections.abc import Callable
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due
-from robbie_mp.module.clock import Clock, is_span
+from robbie_mp.module.clock import Clock, follows_machine, is_span
 from robbie_mp.module.handlers import check_handler
 
 LOOK_NS = 20_000_000
@@ -76,8 +76,7 @@ class Timers:
         self._timers: list[Timer] = []
         self._has_begun = False
         self._jumps = 0
-        follows_machine = clock.monotonic_ns is time.monotonic_ns
-        self._longest_wait_ns = NEVER_NS if follows_machine else LOOK_NS
+        self._longest_wait_ns = NEVER_NS if follows_machine(clock) else LOOK_NS
         self.count: Callable[[int, int, int], None] = _count_nothing
         self.due_ns = NEVER_NS
         """When `run` has something to do, by the machine's clock."""

@@ -47,6 +47,7 @@ class Native(Protocol):
     Unreferenced: "type[written_in_c.Unreferenced]"
     Pins: "type[written_in_c.Pins]"
     Subscriber: "type[written_in_c.Subscriber]"
+    History: "type[written_in_c.History]"
     TickTimes: "type[written_in_c.TickTimes]"
     Loop: "type[written_in_c.Loop]"
 

@@ -112,7 +112,8 @@ static int schedule(struct loop_object *self)
     return 1;
 }
 
-static int begin_tick(const struct loop_object *self)
+/* Tell what the loop does, and record it as EVENT_TICK or EVENT_CALLS. */
+static int begin_tick(const struct loop_object *self, uint64_t event)
 {
     shared_word *words = subscriber_words(self->subscriber);
     if (subscriber_check(self->subscriber) < 0)
@@ -120,6 +121,7 @@ static int begin_tick(const struct loop_object *self)
     MAY_DIE(return -1);
     store(words + OUT_ACTIVITY_SINCE_NS, monotonic_ns());
     store(words + OUT_ACTIVITY, ACTIVITY_TICK);
+    subscriber_record(self->subscriber, event);
     return 1;
 }
 
@@ -144,7 +146,7 @@ static int end_tick(const struct loop_object *self)
 /* Tick, and set when the next tick is due; 1, or -1 with an exception. */
 static int run_tick(struct loop_object *self)
 {
-    if (begin_tick(self) < 0)
+    if (begin_tick(self, EVENT_TICK) < 0)
         return -1;
     const uint64_t late_ns = monotonic_ns() - (uint64_t)self->times->due_ns, begun_ns = monotonic_ns();
     PyObject *result = PyObject_CallMethodNoArgs(self->module, name_tick);
@@ -217,7 +219,7 @@ static int are_calls_due(const struct loop_object *self)
 /* Do it; 1, or -1 with an exception. */
 static int run_calls(struct loop_object *self)
 {
-    if (begin_tick(self) < 0)
+    if (begin_tick(self, EVENT_CALLS) < 0)
         return -1;
     PyObject *result = PyObject_CallMethodNoArgs(self->calls, name_run);
     if (result == NULL)

@@ -71,6 +71,7 @@ static int add_all(PyObject *module)
         add_block_types,
         add_publisher_type,
         add_pin_types,
+        add_history_type,
         add_subscriber_type,
         add_loop_types,
     };

@@ -54,6 +54,7 @@ int add_endpoint_type(PyObject *module);
 int add_block_types(PyObject *module);
 int add_publisher_type(PyObject *module);
 int add_pin_types(PyObject *module);
+int add_history_type(PyObject *module);
 int add_subscriber_type(PyObject *module);
 int add_loop_types(PyObject *module);
 

@@ -1,6 +1,7 @@
 /* The Python type Publisher: what robbie_mp/module/outbox.py leaves to C. */
 #include "block_bindings.h"
 #include "endpoint_bindings.h"
+#include "history_bindings.h"
 #include "message_codec.h"
 #include "clock.h"
 
@@ -13,6 +14,7 @@ struct publisher_object {
     struct held_words words;
     PyObject *declarations; /* dict: numbers of the channels, by message class and topic */
     PyObject *held; /* dict: blocks of loans whose arrays are referred to after its end; Python frees them */
+    struct history_object *history; /* NULL: nothing is recorded */
     uint64_t published_when_asked; /* messages published when `outstanding` was last called */
 };
 
@@ -60,6 +62,7 @@ static void publisher_dealloc(struct publisher_object *self)
     Py_XDECREF(self->blocks);
     Py_XDECREF(self->declarations);
     Py_XDECREF(self->held);
+    Py_XDECREF(self->history);
     Py_TYPE(self)->tp_free(self);
 }
 
@@ -179,6 +182,8 @@ static int pass_on(struct publisher_object *self, const struct block_object *blo
         return -1;
     store(words + OUT_PUBLISHED, load(words + OUT_PUBLISHED) + 1);
     store(words + OUT_BLOCKS, (uint64_t)PyDict_GET_SIZE(self->blocks->taken));
+    const struct history_event event = {EVENT_PUBLISHED, 0, {declaration}};
+    history_append(self->history, &event, (uint8_t *)block->words.buffer.buf + block->offset, size);
     return 0;
 }
 
@@ -280,7 +285,18 @@ static PyObject *let_go(struct publisher_object *self, PyObject *Py_UNUSED(ignor
     Py_RETURN_NONE;
 }
 
+static PyObject *record_into(struct publisher_object *self, PyObject *history)
+{
+    if (!PyObject_TypeCheck(history, &history_type)) {
+        PyErr_SetString(PyExc_TypeError, "expected a History");
+        return NULL;
+    }
+    Py_XSETREF(self->history, (struct history_object *)Py_NewRef(history));
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef publisher_methods[] = {
+    {"record_into", (PyCFunction)record_into, METH_O, "Record from now on what is published."},
     {"publish", (PyCFunction)(void (*)(void))publish, METH_FASTCALL,
      "Publish a message: True; its size, if Python must prepare the next block; None if this is not mine."},
     {"publish_encoded", (PyCFunction)publish_encoded, METH_VARARGS,

@@ -2,6 +2,7 @@
 #include "clock.h"
 #include "endpoint_bindings.h"
 #include "figures.h"
+#include "history_bindings.h"
 #include "message_codec.h"
 #include "pin_bindings.h"
 #include "subscriber_bindings.h"
@@ -19,6 +20,7 @@ struct subscriber_object {
     struct unreferenced_object *unreferenced;
     struct pins_object *pins;
     PyObject *robbie_error;
+    struct history_object *history; /* NULL: nothing is recorded */
     struct delivery current;
     bool is_handling;
 };
@@ -81,6 +83,7 @@ static void subscriber_dealloc(struct subscriber_object *self)
     Py_XDECREF(self->unreferenced);
     Py_XDECREF(self->pins);
     Py_XDECREF(self->robbie_error);
+    Py_XDECREF(self->history);
     Py_TYPE(self)->tp_free(self);
 }
 
@@ -160,6 +163,11 @@ static int begin(struct subscriber_object *self, struct handled_message *message
     store(newest, message->delivery.stamp_ns);
     self->current = message->delivery;
     self->is_handling = true;
+    const struct delivery *delivery = &message->delivery;
+    const uint64_t place = delivery->channel | delivery->declaration << 32;
+    const struct history_event event = {EVENT_MESSAGE, message->begun_ns,
+                                        {place, delivery->sequence, delivery->source, delivery->stamp_ns}};
+    history_append(self->history, &event, first_byte(message->bytes), message->bytes->size);
     return 1;
 }
 
@@ -318,6 +326,22 @@ shared_word *subscriber_words(const struct subscriber_object *self)
     return self->words.words;
 }
 
+void subscriber_record(const struct subscriber_object *self, uint64_t event)
+{
+    const struct history_event recorded = {event, monotonic_ns(), {0}};
+    history_append(self->history, &recorded, NULL, 0);
+}
+
+static PyObject *record_into(struct subscriber_object *self, PyObject *history)
+{
+    if (!PyObject_TypeCheck(history, &history_type)) {
+        PyErr_SetString(PyExc_TypeError, "expected a History");
+        return NULL;
+    }
+    Py_XSETREF(self->history, (struct history_object *)Py_NewRef(history));
+    Py_RETURN_NONE;
+}
+
 static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
 {
     switch (subscriber_handle_next(self, inbox)) {
@@ -355,6 +379,7 @@ static PyObject *let_go(struct subscriber_object *self, PyObject *Py_UNUSED(igno
 static PyMethodDef subscriber_methods[] = {
     {"handle_next", (PyCFunction)handle_next, METH_O,
      "Take and handle the next message for an Inbox; False if there is none, None if this is not mine."},
+    {"record_into", (PyCFunction)record_into, METH_O, "Record from now on what is handled."},
     {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
     {0},
 };

@@ -15,7 +15,7 @@ from robbie_mp.bus.checkpoint.file import (
     read_file,
     set_aside,
 )
-from robbie_mp.bus.checkpoint.image import Checkpoint, lay_out
+from robbie_mp.bus.checkpoint.image import Checkpoint, ImageLayout, lay_out
 from robbie_mp.bus.transport.segment import SharedMemoryFull
 
 
@@ -53,7 +53,7 @@ class CheckpointKeeper:
         buffers: the shared memory.
         disk: None: nothing is kept on disk.
         log: receives messages about checkpoints found, refused or damaged.
-        on_saved: called when a checkpoint is complete.
+        on_saved: called with what was stored when a checkpoint is complete.
 
     Attributes:
         restored: the state to continue from; None for a fresh start.
@@ -66,7 +66,7 @@ class CheckpointKeeper:
         buffers: CheckpointBuffers,
         disk: DiskPolicy | None,
         log: logging.Logger,
-        on_saved: Callable[[], None] = lambda: None,
+        on_saved: Callable[[ImageLayout], None] = lambda _image: None,
     ):
         self._buffers, self._on_saved = buffers, on_saved
         self._log = log
@@ -93,13 +93,14 @@ class CheckpointKeeper:
             UnsupportedState, CheckpointTooLarge: the state cannot be stored; the previous one stays.
         """
         try:
-            self._buffers.write(lay_out(state), time.time_ns())
+            image = lay_out(state)
+            self._buffers.write(image, time.time_ns())
         except SharedMemoryFull as error:
             self.refused += 1
             if self.refused.bit_count() == 1:  # the 1st, 2nd, 4th, 8th …
                 self._log.warning("%d checkpoints refused; the last one stays: %s", self.refused, error)
             return False
-        self._on_saved()
+        self._on_saved(image)
         if self._disk is not None:
             self._disk.write_soon()
         return True

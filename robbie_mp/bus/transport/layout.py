@@ -12,6 +12,7 @@ attaching checks it.
     data        the module         its subscribers: the messages themselves
     checkpoint  the module         its next incarnation: saved state
     clock       one module         all: the run's clock, in a run that has its own time
+    history     the module         whoever writes a capsule after its death: what it has handled
 """
 
 from enum import IntEnum
@@ -32,6 +33,7 @@ class SegmentKind(IntEnum):
     CHECKPOINT = 6
     CLOCK = 7
     WAKEUP = 8
+    HISTORY = 9
 
 
 # The header of every segment.
@@ -251,6 +253,17 @@ CLOCK_SMOOTH_SINCE_NS = 5  # run's time since when it has run at this rate witho
 CLOCK_ROW_WORDS = 8
 CLOCK_ROW_COUNT = 1024  # the last rows, to convert the stamps of earlier messages
 CLOCK_WORDS = CLOCK_ROWS + CLOCK_ROW_COUNT * CLOCK_ROW_WORDS
+
+# history: records of what a module has handled, in a ring of bytes; see history.py. Both byte numbers count from
+# the module's start, and the tail is advanced before the record there is overwritten.
+HISTORY_HEAD = HEADER_WORDS
+HISTORY_TAIL = HEADER_WORDS + 1
+HISTORY_RECORDS = HEADER_WORDS + 2  # number of records ever written
+HISTORY_START_BYTES = HEADER_WORDS + 3
+HISTORY_START = HEADER_WORDS + 8  # what the module began with, a text that is never overwritten
+HISTORY_START_WORDS = 8192
+HISTORY_RING = HISTORY_START + HISTORY_START_WORDS
+HISTORY_RECORD_WORDS = 8  # kind and whole size, number, size of the data, time, four words; then the data
 
 # What wakes a process; all that wake it write it. See wakeup.py.
 WAKEUP_POSTS = HEADER_WORDS + 0  # a change of its lower half is a post

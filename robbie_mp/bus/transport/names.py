@@ -45,6 +45,11 @@ def checkpoint(run_id: str, slot: int, number: int) -> str:
     return f"{folder(run_id)}/checkpoint-{slot}-{number}"
 
 
+def history(run_id: str, slot: int, incarnation: int) -> str:
+    """What one incarnation of a module has handled."""
+    return f"{folder(run_id)}/history-{slot}-{incarnation}"
+
+
 def data_prefix(run_id: str, slot: int, incarnation: int) -> str:
     """Common prefix of the names of all its data segments."""
     return f"{folder(run_id)}/data-{slot}-{incarnation}-"

@@ -61,6 +61,9 @@ class MemoryLimits:
     """Address space of its process; None: no limit."""
     checkpoint_bytes: int = bounded(64 << 20, 4096, MAX_BYTES)
     """Largest size of a checkpoint; two are kept."""
+    history_bytes: int | None = bounded(4 << 20, 1 << 17, 1 << 30)
+    """What it has handled, kept for the capsule of a crash; None: nothing. Messages that are larger than a
+    sixteenth of it are left out."""
 
 
 @dataclass(frozen=True)
@@ -195,6 +198,8 @@ class TraceSettings:
     pages: int = bounded(2, 1, 1000)
     crash_reports: int = bounded(20, 1, MAX_ENTRIES)
     """The newest lines of each process."""
+    capsules: int = bounded(5, 0, 1000)
+    """The newest capsules of each module; 0: none are written."""
     waiting_bytes: int = bounded(8 << 20, 1 << 16, 1 << 30)
     """Bytes that wait to be written to the disk; beyond this they are dropped."""
     kept_runs: int = bounded(100, 0, MAX_ENTRIES)

@@ -63,18 +63,34 @@ class LastWordsReader:
 
     def _last_message(self, out: Words, into: Words, now_ns: int) -> LastMessage | None:
         """Find the last message taken: its record stays in the ring until it is overwritten."""
+        if (delivery := self._last_delivery(out, into)) is None:
+            return None
+        slot = layout.unpack_source(delivery.source)[0]
+        if delivery.channel >= len(self._channel_rows) or slot >= self._board.slots:
+            return None
+        return self._message(delivery.channel, delivery.sequence, slot, now_ns - delivery.stamp_ns)
+
+    def last_place(self, out: Words, into: Words) -> tuple[int, int, int, int, int] | None:
+        """Return where the message lies that the module was handling; None if it was handling none.
+
+        Returns:
+            Slot, incarnation and segment of its publisher, its offset and its size.
+        """
+        delivery = self._last_delivery(out, into)
+        if delivery is None or out[layout.OUT_ACTIVITY] & 0xFF != Activity.HANDLER:
+            return None
+        slot, segment, incarnation = layout.unpack_source(delivery.source)
+        return slot, incarnation, segment, delivery.offset, delivery.size
+
+    def _last_delivery(self, out: Words, into: Words) -> Delivery | None:
         taken = out[layout.OUT_INBOUND_TAIL]
         for number in range(taken, max(0, taken - self._inbound_records), -1):
             at = layout.IN_RING + (number - 1) % self._inbound_records * RECORD_WORDS
             *record, its_number = (into[at + word] for word in range(8))
             if its_number != number:
                 return None
-            if (delivery := Delivery.unpack(tuple(record))) is None:
-                continue
-            slot = layout.unpack_source(delivery.source)[0]
-            if delivery.channel >= len(self._channel_rows) or slot >= self._board.slots:
-                return None
-            return self._message(delivery.channel, delivery.sequence, slot, now_ns - delivery.stamp_ns)
+            if (delivery := Delivery.unpack(tuple(record))) is not None:
+                return delivery
         return None
 
     def _message(self, channel: int, sequence: int, slot: int, age_ns: int) -> LastMessage:
@@ -159,7 +175,7 @@ class CrashWatch:
             said=[],
             printed=[],
         )
-        self._output.report_crash(report)
+        self._incarnations.keep_evidence(self._output.report_crash(report))
 
     def _killer_hint(self) -> str:
         count = memory_kills() - self._memory_kills

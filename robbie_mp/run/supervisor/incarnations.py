@@ -4,7 +4,7 @@ from typing import NamedTuple, Protocol
 
 from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.run.supervisor.states import StateChange
-from robbie_mp.run.trace.crash import LastWords
+from robbie_mp.run.trace.crash import CrashReport, LastWords
 
 
 class Doing(NamedTuple):
@@ -54,6 +54,9 @@ class Incarnations(Protocol):
 
     def last_words(self, name: str, incarnation: int) -> LastWords:
         """Return what a dead child left in its memory, for the crash report; called before `died`."""
+
+    def keep_evidence(self, report: CrashReport) -> None:
+        """Have a capsule made of a crash; called after `last_words` and before `died`."""
 
     def died(self, name: str, incarnation: int, *, was_ordered: bool = False) -> None:
         """Begin to reclaim. The process has been reaped and will never touch the memory again.

@@ -16,7 +16,7 @@ from robbie_mp.bus.transport.run_memory import (
     make_block_store,
     make_endpoint,
 )
-from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.segment import Segment, unlink_segment
 from robbie_mp.bus.transport.shared_folder import (
     SHARED_MEMORY,
     ForeignMemory,
@@ -32,11 +32,12 @@ from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.profile.model import ModuleSpec
+from robbie_mp.run.supervisor.capsules import Capsules, Evidence
 from robbie_mp.run.supervisor.crash import LastWordsReader, describe_activity
 from robbie_mp.run.supervisor.files_watch import Files, Owner
 from robbie_mp.run.supervisor.incarnations import Doing
 from robbie_mp.run.supervisor.states import STATES, ChildState, StateChange
-from robbie_mp.run.trace.crash import LastWords
+from robbie_mp.run.trace.crash import CrashReport, LastWords
 
 SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
@@ -55,6 +56,7 @@ class RunMemory:
     Attributes:
         faulted: name and incarnation of each process that the core found breaking the protocol: a module,
             a tool, or SUPERVISOR itself.
+        capsules: writes the capsules of crashes; None: none are written.
         before_close: called when all children have ended, while the memory can still be read.
 
     Raises:
@@ -65,6 +67,7 @@ class RunMemory:
         self._plan = plan
         self._on_change = on_change
         self.before_close: Callable[[], None] = lambda: None
+        self.capsules: Capsules | None = None
         self._run_id = plan.run_id
         self._slots = {name: slot for slot, name in enumerate(plan.names)}
         self._incarnations: dict[int, tuple[int, IncarnationMemory]] = {}
@@ -205,6 +208,15 @@ class RunMemory:
             return LastWords()
         return self._last_words.read(memory.out.words, memory.into.words)
 
+    def keep_evidence(self, report: CrashReport) -> None:
+        """Have a capsule made of a module's crash."""
+        slot = self._slots[report.module]
+        current, memory = self._incarnations.get(slot, (0, None))
+        if self.capsules is None or memory is None or current != report.incarnation:
+            return
+        place = self._last_words.last_place(memory.out.words, memory.into.words)
+        self.capsules.take(report, Evidence(slot, current, place))
+
     def died(self, name: str, incarnation: int, *, was_ordered: bool = False) -> None:
         """Have the core reclaim what a dead module held; add its counters to those of its predecessors."""
         if name == CORE:
@@ -236,6 +248,7 @@ class RunMemory:
         _, memory = self._incarnations.pop(slot)
         memory.close()
         memory.unlink()
+        unlink_segment(names.history(self._run_id, slot, incarnation))
         return True
 
     def wake(self, name: str, incarnation: int) -> None:

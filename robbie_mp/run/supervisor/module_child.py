@@ -13,17 +13,20 @@ from robbie_mp.base.linux.bus_error import surviving_truncation
 from robbie_mp.bus._hot import choice
 from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.bus.checkpoint.file import checkpoint_file
+from robbie_mp.bus.checkpoint.image import ImageLayout
 from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.history import OwnHistory
 from robbie_mp.bus.transport.layout import LINE_WORDS, HotPath
 from robbie_mp.bus.transport.run_memory import IncarnationMemory, make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.bus.transport.words import WORD_MAX, write_text
-from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.clock import Clock, SystemClock
 from robbie_mp.module.handler_times import HandlerTimes, recorded_times
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.membership import Membership
 from robbie_mp.module.module import Module, ModuleContext
+from robbie_mp.module.recorded import RecordedClock
 from robbie_mp.module.runner import ModuleRunner
 from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.module.settings import SettingError, check_settings
@@ -41,6 +44,12 @@ from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.check import load_class
 from robbie_mp.run.profile.model import HANDLER_TIMES, MEASURED, ModuleSpec
 from robbie_mp.run.run_clock import RunClock
+from robbie_mp.run.supervisor.own_history import (
+    begin_history,
+    open_history,
+    record_checkpoint,
+    record_nothing,
+)
 from robbie_mp.run.supervisor.scheduling import apply_scheduling, prefer_new_threads
 
 
@@ -58,16 +67,24 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
-    checkpoints = open_checkpoints(plan, place, slot, incarnation)
+    history = open_history(plan.run_id, slot, incarnation, planned.memory.history_bytes, native)
+    checkpoints = open_checkpoints(plan, place, slot, incarnation, history)
     clock = run_clock(plan, name, module_class, place.memory)
     settings_file = SettingsFile(run_folder, name)
-    bus = SharedMemoryBus(place, blocks, make_views(plan.run_id, native), clock, wiring)
+    settings = read_settings(plan, planned, module_class, settings_file.start().values)
+    module_clock: Clock = clock
+    if history is not None:
+        begin_history(history, plan, place, planned, settings, checkpoints)
+        module_clock = RecordedClock(clock, history.append)
+    bus = SharedMemoryBus(place, blocks, make_views(plan.run_id, native), module_clock, wiring)
+    if history is not None:
+        bus.record_into(history)
     module = module_class(
         ModuleContext(
             name=name,
-            settings=read_settings(plan, planned, module_class, settings_file.start().values),
+            settings=settings,
             bus=bus,
-            clock=clock,
+            clock=module_clock,
             checkpoints=checkpoints,
             output_directory=Path(plan.output_directory),
             show_status=line_writer(place, layout.OUT_STATUS),
@@ -87,14 +104,16 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     wakeup.spin_s = planned.scheduling.spin_us / 1e6
     wakeup.patience_s = 0.0 if plan.clock.lockstep else module.patience_s
     apply_scheduling(planned.scheduling, module.log, module.nice, module.slice_ms)
+    record = record_nothing if history is None else history.append
     runner = ModuleRunner(
         module,
         place,
         bus.inbox,
         bus,
-        make_ticks(plan, module, place, bus.inbox),
+        make_ticks(plan, module, clock, place, bus.inbox, record),
         SettingChanges(module, bus, settings_file),
         None if lockstep is None else lockstep.has_just_settled,
+        record,
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.
@@ -107,13 +126,20 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     checkpoints.close()
 
 
-def make_ticks(plan: RunPlan, module: Module, place: Membership, inbox: Inbox) -> Ticks:
+def make_ticks(
+    plan: RunPlan,
+    module: Module,
+    clock: SystemClock | RunClock,
+    place: Membership,
+    inbox: Inbox,
+    record: Callable[..., None],
+) -> Ticks:
     """Make what decides when a module's ticks are due."""
-    clock, words = module.clock, place.words
+    words = place.words
     if not isinstance(clock, RunClock):
         return TimedTicks(module, clock, words, MAX_WAIT_S, place.native)
     if plan.clock.lockstep:
-        return GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module))
+        return GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module), record)
     return TimedTicks(module, clock, words, MAX_RUN_CLOCK_WAIT_S, place.native)
 
 
@@ -176,7 +202,9 @@ def read_settings(
     return check_settings(module_class, planned.settings, folder=workspace, folder_of=planned.folder_of)
 
 
-def open_checkpoints(plan: RunPlan, place: Membership, slot: int, incarnation: int) -> CheckpointKeeper:
+def open_checkpoints(
+    plan: RunPlan, place: Membership, slot: int, incarnation: int, history: OwnHistory | None
+) -> CheckpointKeeper:
     """Find the checkpoint of an earlier incarnation or run, and prepare to write new ones."""
     planned = plan.modules[slot - 1]
     disk = None
@@ -192,7 +220,9 @@ def open_checkpoints(plan: RunPlan, place: Membership, slot: int, incarnation: i
     )
     words = place.words
 
-    def count() -> None:
+    def count(image: ImageLayout) -> None:
         words[layout.OUT_CHECKPOINTS] = words[layout.OUT_CHECKPOINTS] + 1 & WORD_MAX
+        if history is not None:
+            record_checkpoint(history, image)
 
     return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name), count)

@@ -228,7 +228,7 @@ class ChildOutput:
         if kind in self._store.remarked_kinds:
             self._write([self._entry(time.time(), kind, SUPERVISOR, text)])
 
-    def report_crash(self, report: CrashReport) -> None:
+    def report_crash(self, report: CrashReport) -> CrashReport:
         """Complete the report of an abnormal end with the last lines, write it, and add an entry about it."""
         report = replace(report, said=list(self._last["stderr"]), printed=list(self._last["stdout"]))
         place = self._store.write_report(report, lambda is_done: self._drop_unwritten(not is_done))
@@ -237,6 +237,7 @@ class ChildOutput:
         detail = "\n".join(report.lines())
         entry = self._entry(time.time(), Kind.ERROR, SUPERVISOR, text, traceback=detail, crash_report=place)
         self._write([entry])
+        return report
 
     def report_dropped(self) -> None:
         """Log how many lines were dropped since the last such entry, if any."""

@@ -1,6 +1,7 @@
 """One run of a profile, from the sweep of dead runs to the unlinking of the last name."""
 
 import os
+import secrets
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -25,6 +26,7 @@ from robbie_mp.run.profile.model import BLACK_BOX, Profile, Scheduling
 from robbie_mp.run.profile.show import as_profile
 from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory, UnsafeRunFolder
 from robbie_mp.run.supervisor.attached_tools import AttachedTools
+from robbie_mp.run.supervisor.capsules import Capsules
 from robbie_mp.run.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.run.supervisor.connection_watch import ConnectionWatch
 from robbie_mp.run.supervisor.control import ControlServer
@@ -193,19 +195,23 @@ def _run(
         **{name: value for name, value in os.environ.items() if name not in SERVICE_VARIABLES},
         "PYTHONUNBUFFERED": "1",
     }  # otherwise the last output of a crashed child is lost
-    if profile.clock.lockstep:
-        environment.setdefault(
-            "PYTHONHASHSEED", "0"
-        )  # otherwise sets of strings are ordered differently in each process
+    # Sets of strings have the same order in each process, and when a crash is replayed.
+    hash_seed = 0 if profile.clock.lockstep else secrets.randbits(32)
+    environment.setdefault("PYTHONHASHSEED", str(hash_seed))
     try:
         tree = Tree(
             _children(profile, run_folder, environment),
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
-            lambda: _each_turn(tree, memory, control, tools, watch, health, files, service),
+            lambda: _each_turn(tree, memory, control, tools, watch, health, files, service, capsules),
             spares=_spares(profile, run_folder, environment),
         )
+        capsules = memory.capsules = Capsules(
+            plan, profile.trace.capsules, lambda name, kind, text: tree.child(name).output.say(kind, text)
+        )
+        tree.helper_pids = lambda: capsules.pids
+        tree.before_output_ends = capsules.close
         watch = ConnectionWatch(
             observer, tree.say, {module.name: list(module.topics) for module in plan.modules}
         )
@@ -264,6 +270,7 @@ def _each_turn(
     health: HealthWatch,
     files: FilesWatch,
     service: ServiceManager,
+    capsules: Capsules,
 ) -> None:
     memory.beat()
     if not tree.stop_reason:
@@ -285,6 +292,7 @@ def _each_turn(
     control.turn()
     tools.turn()
     watch.turn()
+    capsules.turn()
 
 
 def _kill(tree: Tree, tools: AttachedTools, name: str, incarnation: int, why: str) -> None:

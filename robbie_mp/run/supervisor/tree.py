@@ -134,6 +134,8 @@ class Tree:
     Attributes:
         children: in the order of their start.
         output: what the children print.
+        helper_pids: returns the pids of the supervisor's further processes.
+        before_output_ends: called when all children have ended, while remarks can still be added.
         stop_reason: why the run stops; empty while it does not.
     """
 
@@ -170,6 +172,8 @@ class Tree:
         self._has_failed = False
         self._incarnations = incarnations
         self._each_turn = each_turn
+        self.helper_pids: Callable[[], set[int]] = set
+        self.before_output_ends: Callable[[], None] = lambda: None
         self._clock = RunningTime(clock)
         self._wall_clock = wall_clock
         self._clock_offset_s = wall_clock() - self._clock()
@@ -205,6 +209,7 @@ class Tree:
             stack.callback(self._incarnations.close)
             orphans = stack.enter_context(OrphanReaper())
             stack.callback(self._close_output)
+            stack.callback(self._end_helpers)
             stack.callback(self._spares.close)
             stack.callback(self._kill_remaining)
             signums = [signal.SIGINT, signal.SIGTERM]
@@ -344,8 +349,13 @@ class Tree:
         budget = RestartBudget(spec.module.restart, self._clock, random.random)
         return SupervisedChild(spec, output.child(spec.name, spec.record), budget, surroundings)
 
+    def _end_helpers(self) -> None:
+        self.before_output_ends()
+
     def _known_pids(self) -> set[int]:
-        return self._spares.pids.union(self.output.disk.pids, *(child.pids for child in self.children))
+        return self._spares.pids.union(
+            self.output.disk.pids, self.helper_pids(), *(child.pids for child in self.children)
+        )
 
     def _turn(self) -> bool:
         """Run one iteration of the loop; return False when the run is over."""

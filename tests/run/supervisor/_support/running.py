@@ -16,7 +16,7 @@ from robbie_mp.run.supervisor.output import OutputStore
 from robbie_mp.run.supervisor.spares import SpareCommand
 from robbie_mp.run.supervisor.states import ChildState, StateChange
 from robbie_mp.run.supervisor.tree import Tree
-from robbie_mp.run.trace.crash import LastWords
+from robbie_mp.run.trace.crash import CrashReport, LastWords
 from robbie_mp.run.trace.entry import Entry
 from tests._support.debugger import is_held
 from tests._support.places import PROJECT
@@ -75,6 +75,9 @@ class FolderIncarnations:
     def last_words(self, name: str, incarnation: int) -> LastWords:
         assert ("died", name, incarnation) not in self.calls
         return LastWords(activity="its duty")
+
+    def keep_evidence(self, report: CrashReport) -> None:
+        assert ("died", report.module, report.incarnation) not in self.calls
 
     def died(self, name: str, incarnation: int, *, was_ordered: bool = False) -> None:
         assert ("died", name, incarnation) not in self.calls
