@@ -1,6 +1,5 @@
 """Watches input that must keep coming; see `Module.subscribe`."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 

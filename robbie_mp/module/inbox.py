@@ -13,8 +13,8 @@ from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import LEAD_BYTES
 from robbie_mp.bus.transport.endpoint import Endpoint
-from robbie_mp.bus.transport.history import Event, OwnHistory
 from robbie_mp.bus.transport.histogram import WorkFigures
+from robbie_mp.bus.transport.history import Event, OwnHistory
 from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.bus.transport.records import Delivery, Inbound
 from robbie_mp.bus.transport.tables import ChannelName

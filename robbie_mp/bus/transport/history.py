@@ -1,8 +1,8 @@
 """What a module has handled: a bounded ring of records in shared memory that outlives the module's death.
 
 The module writes: each message and tick before it is handled, and everything else that decides what its code
-does next, such as the clock's answers. The oldest records are overwritten. Whoever reads it afterwards gets the
-bytes of the segment and trusts none of them.
+does next, such as the clock's answers. The oldest records are overwritten. The reader gets the bytes of the
+segment and trusts none of them.
 """
 
 import json

@@ -12,7 +12,7 @@ attaching checks it.
     data        the module         its subscribers: the messages themselves
     checkpoint  the module         its next incarnation: saved state
     clock       one module         all: the run's clock, in a run that has its own time
-    history     the module         whoever writes a capsule after its death: what it has handled
+    history     the module         what writes a capsule after its death: what it has handled
 """
 
 from enum import IntEnum
@@ -254,8 +254,8 @@ CLOCK_ROW_WORDS = 8
 CLOCK_ROW_COUNT = 1024  # the last rows, to convert the stamps of earlier messages
 CLOCK_WORDS = CLOCK_ROWS + CLOCK_ROW_COUNT * CLOCK_ROW_WORDS
 
-# history: records of what a module has handled, in a ring of bytes; see history.py. Both byte numbers count from
-# the module's start, and the tail is advanced before the record there is overwritten.
+# history: records of what a module has handled, in a ring of bytes; see history.py. Both byte numbers count
+# from the module's start, and the tail is advanced before the record there is overwritten.
 HISTORY_HEAD = HEADER_WORDS
 HISTORY_TAIL = HEADER_WORDS + 1
 HISTORY_RECORDS = HEADER_WORDS + 2  # number of records ever written
