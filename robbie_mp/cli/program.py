@@ -21,7 +21,9 @@ from robbie_mp.cli.parser import BAD_USAGE, HelpFormatter, Parser
 
 GROUPS = {
     "run a robot": ("run", "stop", "module", "play", "playback", "connect"),
-    "look at a run": ("list", "top", "log", "echo", "hz", "bw", "plot", "graph", "type", "gui", "foxglove"),
+    "look at a run": (
+        "list", "top", "log", "echo", "hz", "bw", "plot", "graph", "type", "gui", "foxglove", "replay",
+    ),
     "talk to a run": ("pub", "call", "param", "mark"),
     "record, and use recordings": (
         "record", "clips", "info", "recording", "diff", "export", "import-carmen", "import-rosbag",

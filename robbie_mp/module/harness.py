@@ -95,6 +95,7 @@ class ModuleHarness(Generic[ModuleClass]):
         checkpoint_lost: whether a newer state than `restored` was damaged.
         topics: new names of topics by the module's own, as in a profile. `send` and `take` use the new ones.
         namespace: comes before the names of the module's topics, as in a profile.
+        folder: relative paths in settings start from it; by default the current one.
 
     Attributes:
         module: the module under test.
@@ -115,11 +116,12 @@ class ModuleHarness(Generic[ModuleClass]):
         checkpoint_lost: bool = False,
         topics: Mapping[str, str] | None = None,
         namespace: str = "",
+        folder: Path | None = None,
     ):
-        self.clock = ManualClock()
-        self.bus = HarnessBus(self.clock, name, Wiring(topics, namespace))
+        self.clock = self.make_clock()
+        self.bus = self.make_bus(name, Wiring(topics, namespace))
         self._checkpoints = HarnessCheckpoints(restored, int(checkpoint_lost))
-        checked = check_settings(module_class, settings or {})
+        checked = check_settings(module_class, settings or {}, folder=folder)
         module_class.check(checked)
         if output_directory is None:
             output_directory = Path(mkdtemp(prefix="robbie-harness-"))
@@ -138,6 +140,14 @@ class ModuleHarness(Generic[ModuleClass]):
         self._changes = SettingChanges(self.module, self.bus)
         self._loop = ModuleLoop(self.module, self.bus, TimedTicks(self.module, self.clock), self._changes)
         self._last_call = 0
+
+    def make_clock(self) -> ManualClock:
+        """Return the module's clock."""
+        return ManualClock()
+
+    def make_bus(self, name: str, wiring: Wiring) -> "HarnessBus":
+        """Return the module's bus."""
+        return HarnessBus(self.clock, name, wiring)
 
     def __enter__(self) -> Self:
         """Run `setup()`.

@@ -29,7 +29,7 @@ WRITER = "robbie_mp.logs.capsule.write"
 SUFFIX = ".capsule"
 BURST, PER_S = 3, 0.1
 """Capsules of one module that may be written at once, and in each second: a loop of crashes is one crash."""
-MOST_WAITING = 8
+MOST_WAITING = 16
 MOST_MESSAGE_BYTES = 16 << 20
 """A larger message that the module was handling is left out."""
 END_S = 5.0

@@ -102,7 +102,7 @@ def test_run_that_has_saved_checkpoints_and_finds_none_has_lost_them(
     start: Starter, slot: SlotOfARun, caplog: pytest.LogCaptureFixture, how: str
 ) -> None:
     saved: list[int] = []
-    keeper = CheckpointKeeper(slot.start(), None, logging.getLogger("module"), lambda: saved.append(1))
+    keeper = CheckpointKeeper(slot.start(), None, logging.getLogger("module"), lambda _image: saved.append(1))
     keeper.save([1])
     keeper.save([2])
     keeper.close()

@@ -1,0 +1,487 @@
+"""Modules that crash in many ways; copied into the workspace of a test as `crashes.py`."""
+
+import ctypes
+import faulthandler
+import os
+import random
+import signal
+import sys
+import time
+
+import numpy as np
+
+from robbie_mp import (
+    Array,
+    EncodedMessage,
+    Message,
+    MessageHandling,
+    Module,
+    Reply,
+    Request,
+    float64,
+    int32,
+    setting,
+)
+from robbie_mp.messages import ModuleState, SettingChange
+
+FEED_S = 0.01
+QUIET_S = 8.0
+"""Longest time between two crashes; one that failed in its setup was not seen."""
+
+
+class Number(Message, name="crashes/msg/Number"):
+    value: int32
+    weights: Array[float64]
+
+
+class Latched(Message, name="crashes/msg/Latched", latched=True):
+    value: int32
+
+
+class Answer(Reply, name="crashes/srv/Ask_Response"):
+    value: int32
+
+
+class Ask(Request[Answer], name="crashes/srv/Ask_Request"):
+    value: int32
+
+
+class Feeder(Module):
+    """Publishes numbers on two topics, one latched message, and one that is large; it answers and asks."""
+
+    period_s = FEED_S
+
+    def setup(self) -> None:
+        self.n = 0
+        self.serve(Ask, lambda ask: Answer(value=2 * ask.value))
+
+    def tick(self) -> None:
+        self.n += 1
+        topic = "b" if self.n % 7 == 3 else "a"
+        self.publish(Number(value=self.n, weights=np.arange(self.n % 5, dtype=float)), topic=topic)
+        if self.n == 1:
+            self.publish(Latched(value=42), topic="map")
+        if self.n == 20:
+            self.publish(Number(value=self.n, weights=np.ones(100_000)), topic="large")
+            change = SettingChange(request=1, setting="gain", value="0")
+            self.publish(change, topic="setting")
+        if self.n == 25:
+            self.call(Ask(value=13), lambda _reply: None, lambda _error: None, topic="server")
+
+
+class Conductor(Module):
+    """Ends the run when all others have crashed for good, or no more do."""
+
+    period_s = 1.0
+    count: int = setting(1, "modules that will crash")
+
+    def setup(self) -> None:
+        self.failed: set[str] = set()
+        self.quiet_s = 0.0
+        self.subscribe(ModuleState, self.on_state)
+
+    def on_state(self, state: ModuleState) -> None:
+        self.quiet_s = 0.0
+        if state.state == "FAILED":
+            self.failed.add(state.module)
+
+    def tick(self) -> None:
+        self.quiet_s += self.period_s
+        if len(self.failed) >= self.count or self.quiet_s > QUIET_S:
+            self.stop()
+
+
+class Crasher(Module):
+    """Counts numbers; each subclass crashes in another way."""
+
+    def setup(self) -> None:
+        self.n = 0
+        self.subscribe(Number, self.on_a, topic="a")
+
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+
+
+class FirstMessage(Crasher):
+    def on_a(self, number: Number) -> None:
+        raise ValueError(f"number {number.value}")
+
+
+class NthMessage(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 15:
+            raise RuntimeError("the fifteenth")
+
+
+class FirstTick(Crasher):
+    period_s = 0.05
+
+    def tick(self) -> None:
+        raise ValueError("tick")
+
+
+class NthTick(Crasher):
+    period_s = 0.02
+
+    def tick(self) -> None:
+        self.n += 1000
+        if self.n > 6000:
+            raise ValueError("tick")
+
+
+class InSetup(Crasher):
+    def setup(self) -> None:
+        self.n = {}["none"]
+
+
+class AfterTwoTopics(Crasher):
+    """Crashes when a number of b comes right after one of a whose value is odd."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.last = 0
+        self.subscribe(Number, self.on_b, topic="b")
+
+    def on_a(self, number: Number) -> None:
+        self.last = number.value
+
+    def on_b(self, number: Number) -> None:
+        if self.last == number.value - 1 and number.value > 9:
+            raise AssertionError("b after a")
+
+
+class EmptyArray(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += int(number.weights.max())
+
+
+class ArrayIndex(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += int(number.weights[number.value])
+
+
+class Shapes(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 3:
+            self.n += float(np.dot(number.weights, np.ones(3)))
+
+
+class ReadOnly(Crasher):
+    def on_a(self, number: Number) -> None:
+        if len(number.weights):
+            number.weights[0] = 1.0
+
+
+class KeptArray(Crasher):
+    """Keeps arrays of messages, and crashes over the sum of all."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.kept = []
+
+    def on_a(self, number: Number) -> None:
+        self.kept.append(number.weights)
+        if sum(float(one.sum()) for one in self.kept) > 30:
+            raise OverflowError("too much")
+
+
+class Division(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 10 // (number.value % 6)
+
+
+class Cause(Crasher):
+    def on_a(self, number: Number) -> None:
+        try:
+            {}[number.value]
+        except KeyError as error:
+            raise LookupError("not known") from error
+
+
+class InHelper(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 5:
+            sorted([1, 2], key=self.key)
+
+    def key(self, one: int) -> int:
+        return one // (one - 1)
+
+
+class Recursion(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 5:
+            self.on_a(number)
+
+
+class TimeOfDay(Crasher):
+    def on_a(self, number: Number) -> None:
+        if self.clock.now_ns() // 1000 % 5 == 3:
+            raise ValueError("bad time")
+
+
+class Elapsed(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.begun_s = self.monotonic_s()
+
+    def on_a(self, number: Number) -> None:
+        if self.monotonic_s() - self.begun_s > 0.2:
+            raise TimeoutError("too late")
+
+
+class Random(Crasher):
+    def on_a(self, number: Number) -> None:
+        if random.random() < 0.2:
+            raise ValueError("bad luck")
+
+
+class NumpyRandom(Crasher):
+    def on_a(self, number: Number) -> None:
+        if np.random.rand() < 0.2:
+            raise ValueError("bad luck")
+
+
+class SetOrder(Crasher):
+    """Which line crashes depends on the order in a set of strings."""
+
+    def on_a(self, number: Number) -> None:
+        first = next(iter({"red", "green", "blue"}))
+        if first == "red":
+            raise ValueError("red")
+        if first == "green":
+            raise ValueError("green")
+        raise ValueError("blue")
+
+
+class SettingChanged(Crasher):
+    gain: int = setting(1, "how much", changeable=True)
+
+    def on_a(self, number: Number) -> None:
+        self.n += 10 // self.gain
+
+
+class Restored(Crasher):
+    """Saves what it counts; its second process crashes over what it restored."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.state = self.restored or {"n": 0}
+
+    def on_a(self, number: Number) -> None:
+        self.state["n"] += 1
+        self.checkpoint(self.state)
+        if self.restored and self.state["n"] == 12:
+            raise ValueError("twelve in all")
+        if self.state["n"] == 8:
+            raise ValueError("eight in all")
+
+
+class LatchedMessage(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.value = 0
+        self.subscribe(Latched, self.on_map, topic="map")
+
+    def on_map(self, message: Latched) -> None:
+        self.value = message.value
+
+    def on_a(self, number: Number) -> None:
+        if self.value and number.value > 5:
+            raise ValueError(self.value)
+
+
+class ReplyHandler(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 4:
+            self.call(Ask(value=self.n), self.on_reply)
+
+    def on_reply(self, answer: Answer) -> None:
+        raise ValueError(f"the answer is {answer.value}")
+
+
+class NoServer(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 4:
+            self.call(Ask(value=self.n), lambda _answer: None, self.on_error, topic="nobody")
+
+    def on_error(self, error: Exception) -> None:
+        raise RuntimeError("there is no server") from error
+
+
+class CallTimeout(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.serve(Ask, self.on_ask, topic="slow")
+
+    def on_ask(self, _ask: Ask) -> Answer:
+        time.sleep(0.01)
+        return Answer(value=1)
+
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 4:
+            self.call(Ask(value=1), lambda _answer: None, self.on_error, timeout_s=1e-6)
+
+    def on_error(self, error: Exception) -> None:
+        raise TimeoutError("no answer in time") from error
+
+
+class ServiceHandler(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.serve(Ask, self.on_ask, topic="server")
+
+    def on_ask(self, ask: Ask) -> Answer:
+        raise ValueError(f"asked for {ask.value}")
+
+
+class TimerCall(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.calls = 0
+        self.every(0.03, self.on_timer)
+
+    def on_timer(self) -> None:
+        self.calls += 1
+        if self.calls == 4:
+            raise ValueError("fourth call")
+
+
+class Late(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.subscribe(Number, self.on_a, topic="never", deadline_s=0.2, on_late=self.on_late, optional=False)
+
+    def on_late(self) -> None:
+        raise TimeoutError("nothing came")
+
+
+class Pattern(Crasher):
+    def setup(self) -> None:
+        self.n = 0
+        self.subscribe_encoded("crashes/msg/N*", self.on_encoded, topic="[ab]")
+
+    def on_encoded(self, message: EncodedMessage) -> None:
+        self.n += len(message.data)
+        if self.n > 200:
+            raise ValueError("too many bytes")
+
+
+class Sender(Crasher):
+    def on_a(self, number: Number) -> None:
+        if self.envelope().sender == "feeder" and number.value > 6:
+            raise PermissionError("not from you")
+
+
+class WrongPublication(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.publish(Number(value=number.value * 500_000_000, weights=number.weights), topic="out")
+
+
+class LargeMessage(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.subscribe(Number, self.on_large, MessageHandling.KEEP_ONLY_NEWEST, topic="large")
+
+    def on_large(self, number: Number) -> None:
+        raise ValueError(f"{number.weights.sum():g}")
+
+
+class Segfault(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            ctypes.string_at(0)
+
+
+class Abort(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            os.abort()
+
+
+class FloatingPoint(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            os.kill(os.getpid(), signal.SIGFPE)
+
+
+class Killed(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+class StackOverflow(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            faulthandler._stack_overflow()
+
+
+class BusyLoop(Crasher):
+    def on_a(self, number: Number) -> None:
+        while number.value > 6:
+            self.n += 1
+
+
+class Sleeps(Crasher):
+    period_s = 0.05
+
+    def tick(self) -> None:
+        if self.n > 6:
+            time.sleep(1000)
+
+
+class Memory(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            self.all = np.ones(2 << 30)
+
+
+class Exit(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            sys.exit(3)
+
+
+class HardExit(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            os._exit(7)
+
+
+KINDS = {
+    name: kind
+    for name, kind in list(globals().items())
+    if isinstance(kind, type) and issubclass(kind, Crasher)
+}
+"""The ways to crash, by the names of their classes."""
+del KINDS["Crasher"]
+
+
+def profile(names: list[str]) -> str:
+    """Return the profile of a robot whose modules crash."""
+    lines = ["modules:"]
+    for name in names:
+        own = ["settings: {}"]
+        if name == "Restored":
+            own = ["restart: {policy: on-failure, max_restarts: 1, backoff_s: 0.01}"]
+        elif name == "Memory":
+            own = ["memory: {process_bytes: 4294967296}"]
+        elif name in ("BusyLoop", "Sleeps"):
+            own = ["handler_deadline_s: 2"]
+        restart = [] if name == "Restored" else ["restart: {policy: never}"]
+        options = ", ".join([f"class: 'crashes:{name}'", *own, *restart])
+        lines.append(f"  {module_name(name)}: {{{options}}}")
+    lines.append("  feeder: {class: 'crashes:Feeder'}")
+    lines.append(
+        f"  conductor: {{class: 'crashes:Conductor', ends_run: true, settings: {{count: {len(names)}}}}}"
+    )
+    return "\n".join(lines) + "\n"
+
+
+def module_name(name: str) -> str:
+    """Return the name of the module of a kind."""
+    return "setting" if name == "SettingChanged" else name.lower()
