@@ -3,6 +3,7 @@
 import argparse
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,10 @@ WORKER = "robbie_mp.cli.replay"
 
 class NoSuchStep(RobbieError, LookupError):
     """`--until` names a step or message that a capsule does not hold."""
+
+
+class NoDebugpy(RobbieError, ImportError):
+    """`--debug` needs a package that is not installed."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -144,9 +149,9 @@ def _step_number(capsule: Capsule, text: str) -> int:
 
 def _wait_for_editor(port: int) -> None:
     try:
-        import debugpy  # noqa: PLC0415 (an optional package)
+        debugpy = import_module("debugpy")
     except ImportError:
-        raise RobbieError("--debug needs debugpy: pip install debugpy") from None
+        raise NoDebugpy("--debug needs debugpy: pip install debugpy") from None
     debugpy.listen(("127.0.0.1", port))
     print(f"waiting for an editor to attach to 127.0.0.1:{port}")
     debugpy.wait_for_client()

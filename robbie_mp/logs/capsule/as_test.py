@@ -1,5 +1,6 @@
-"""Writes a test that crashes as a capsule does, with as few messages as possible, as an author would write it."""
+"""Writes a test that crashes as a capsule does, with as few messages as possible, as an author writes it."""
 
+import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -86,9 +87,9 @@ class Scene:
 
 def perform(harness: ModuleHarness[Any], one: Act) -> None:
     """Do what a line of the test says."""
-    if one.time_s:
-        harness.advance(one.time_s)
     message = one.message
+    if one.time_s or message is None:
+        harness.advance(one.time_s)
     if isinstance(message, SettingChange):
         import yaml  # noqa: PLC0415
 
@@ -139,7 +140,8 @@ def write_test(capsule: Capsule, workspace: Path, path: Path, limit_s: float) ->
     write_private(path, text)
     kept = sum(one.message is not None for one in acts)
     print(
-        f"{path}: {kept} of {whole} messages are left, after {scene.attempts} attempts; it crashes with {wanted}"
+        f"{path}: {kept} of {whole} messages are left, after {scene.attempts} attempts; "
+        f"it crashes with {wanted}"
     )
     return 0
 
@@ -154,12 +156,13 @@ def _crashes_like(scene: Scene, wanted: Crash) -> Callable[[Sequence[Act]], bool
 def acts_of(capsule: Capsule) -> list[Act]:
     """Return the lines of a test with everything that the module got."""
     acts: list[Act] = []
-    now_ns: int | None = None
+    manifest = capsule.manifest
+    now_ns = (manifest.is_whole and manifest.start.monotonic_ns) or None
     for step in capsule.steps:
         if step.event is None or step.kind is Event.TEARDOWN:
             continue
-        time_ns = step.event.time_ns or now_ns or 0
-        passed_s = 0.0 if now_ns is None else max(0, time_ns - now_ns) / 1e9
+        time_ns = step.event.time_ns or now_ns
+        passed_s = 0.0 if now_ns is None or time_ns is None else max(0, time_ns - now_ns) / 1e9
         now_ns = time_ns
         acts.append(Act(passed_s, _message_of(step), step.channel.topic if step.channel else "", step.sender))
     return acts
@@ -216,13 +219,15 @@ def simplified(acts: list[Act], is_wanted: Callable[[Sequence[Act]], bool]) -> l
             tried = [*acts[:number], found, *acts[number + 1 :]]
             if found != acts[number] and is_wanted(tried):
                 acts = tried
+                if found.time_s == 0:
+                    break
         if acts[number].message is not None:
             acts = _simplified_fields(acts, number, is_wanted)
     return acts
 
 
 def _simpler(one: Act) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = [{"time_s": 0.0}, {"sender": "test"}]
+    found: list[dict[str, Any]] = [{"sender": "test"}, {"time_s": 0.0}]
     return found + ([{"time_s": float(f"{one.time_s:.2g}")}] if one.time_s else [])
 
 
@@ -313,16 +318,15 @@ def source(scene: Scene, acts: Sequence[Act], wanted: Crash) -> str:
     }
     needed = any(isinstance(one.message, SettingChange | Reply) for one in acts)
     for name, value in more.items():
-        if value or (name == "restored" and value is not None):
-            if name != "name" or needed or "name" in scene.settings:
-                arguments.append(f"{name}={_plain(value, imports)}")
+        if (name != "name" or needed) and (value or (name == "restored" and value is not None)):
+            arguments.append(f"{name}={_plain(value, imports)}")
     body = [line for one in acts for line in _act_lines(one, imports)]
     seed = []
     if scene.seeded:
         seed = [f"    random.seed({start.seed})", f"    np.random.seed({start.seed})"]
         imports.numpy = True
     name = re.sub(
-        r"\W+", "_", f"{start.module}_survives_what_ended_it_with_{wanted.what or wanted.kind}".lower()
+        r"\W+", "_", f"{start.module}_does_not_crash_with_{_snake(wanted.what or wanted.kind)}".lower()
     )
     report = scene.capsule.report
     lines = [
@@ -340,11 +344,15 @@ def source(scene: Scene, acts: Sequence[Act], wanted: Crash) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _snake(name: str) -> str:
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+
+
 def _act_lines(one: Act, imports: Imports) -> list[str]:
-    lines = [f"harness.advance({one.time_s:g})"] if one.time_s else []
     message = one.message
+    lines = [f"harness.advance({one.time_s:g})"] if one.time_s or message is None else []
     if isinstance(message, SettingChange):
-        return [*lines, f"harness.change_setting({message.setting!r}, {message.value})"]
+        return [*lines, f"harness.change_setting({_plain(message.setting, imports)}, {_setting(message)})"]
     if message is None:
         return lines
     text = _message(message, imports)
@@ -359,10 +367,16 @@ def _act_lines(one: Act, imports: Imports) -> list[str]:
         ]
     if isinstance(message, Request):
         topic = topic_of_service(one.topic)
-        return [*lines, f"harness.call({text}{f', topic={topic!r}' if topic else ''})"]
-    more = f", topic={one.topic!r}" if one.topic else ""
-    more += f", sender={one.sender!r}" if one.sender != "test" else ""
+        return [*lines, f"harness.call({text}{f', topic={_plain(topic, imports)}' if topic else ''})"]
+    more = f", topic={_plain(one.topic, imports)}" if one.topic else ""
+    more += f", sender={_plain(one.sender, imports)}" if one.sender != "test" else ""
     return [*lines, f"harness.send({text}{more})"]
+
+
+def _setting(message: SettingChange) -> str:
+    import yaml  # noqa: PLC0415
+
+    return _plain(yaml.safe_load(message.value), Imports())
 
 
 def _message(message: Message, imports: Imports) -> str:
@@ -391,13 +405,19 @@ def _plain(value: Any, imports: Imports) -> str:
     if isinstance(value, Message):
         return _message(value, imports)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key!r}: {_plain(one, imports)}" for key, one in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{_plain(key, imports)}: {_plain(one, imports)}" for key, one in value.items())
+            + "}"
+        )
     if isinstance(value, list | tuple):
         inside = ", ".join(_plain(one, imports) for one in value)
         return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' * (len(value) == 1)})"
     if isinstance(value, np.ndarray):
         imports.numpy = True
         return _array(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
     return repr(value.item() if isinstance(value, np.generic) else value)
 
 

@@ -111,7 +111,7 @@ def raised_crash(error: BaseException) -> Crash:
 
 
 def dumped_place(lines: list[str]) -> Place | None:
-    """Return where the main thread was when faulthandler printed the stacks, outside of libraries if it can."""
+    """Return where the main thread was when faulthandler printed the stacks: outside of libraries."""
     begin = [number for number, line in enumerate(lines) if line.startswith("Current thread ")]
     if not begin:
         return None

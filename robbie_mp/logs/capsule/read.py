@@ -1,4 +1,4 @@
-"""Reads capsules. A capsule may be damaged or forged: everything is checked, and nothing in it is executed."""
+"""Reads capsules. One may be damaged or forged: everything is checked, and nothing in it is executed."""
 
 import json
 import zipfile
@@ -43,7 +43,9 @@ class Step:
         sender: of a message.
         data: of a message; None: it was too large to be kept.
         told: the events of clocks, other modules and ports, in order.
-        published: channel and bytes of each publication, in order; bytes None: too large; channel None: refused.
+        published: channel and bytes of each publication, in order. Without a channel it was refused; without
+            bytes it was too large.
+        checkpoint: image of the checkpoint that it saved last meanwhile.
     """
 
     kind: Event

@@ -1,4 +1,4 @@
-"""A module that gets again what a capsule holds: the same messages, ticks, times, answers and random numbers."""
+"""A module that gets again what a capsule holds: messages, ticks, times, answers and random numbers."""
 
 import json
 import random
@@ -132,6 +132,7 @@ class ReplayedPeers:
         self._told = told
         self.name = name
         self.incarnation = incarnation
+        self.kept: set[int] = set()
 
     def now_ns(self) -> int:
         """See `Peers`."""

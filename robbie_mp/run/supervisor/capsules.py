@@ -32,8 +32,8 @@ BURST, PER_S = 3, 0.1
 MOST_WAITING = 16
 MOST_MESSAGE_BYTES = 16 << 20
 """A larger message that the module was handling is left out."""
-END_S = 5.0
-"""How long the end of a run waits for what is being written."""
+END_S = 10.0
+"""How long the end of a run waits for each capsule that is still to be written."""
 LIMIT_S = 60.0
 """A writer that takes longer is killed: the disk has stalled."""
 
@@ -187,21 +187,24 @@ class Capsules:
 
     def close(self) -> None:
         """Wait for what is being written, as long as the disk accepts data."""
-        until_s = time.monotonic() + END_S
-        while self._process is not None or self._waiting:
-            self.turn()
-            if self._process is None:
-                continue
+        while self._process is not None:
             try:
-                self._process.wait(max(0.0, until_s - time.monotonic()))
+                self._process.wait(END_S)
             except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._say(self._order.module if self._order else "", Kind.WARNING, "a capsule is not written")
+                self._give_up()
                 break
-        if self._process is not None and self._process.stderr is not None:
+            self.turn()
+
+    def _give_up(self) -> None:
+        assert self._process is not None and self._order is not None
+        self._process.kill()
+        if self._process.stderr is not None:
             self._process.stderr.close()
-        for order in self._waiting:
+        for order in (self._order, *self._waiting):
             order.close()
+            self._say(
+                order.module, Kind.WARNING, "no capsule of this crash: the run is over, the disk is slow"
+            )
 
 
 def _opened(name: str, folder: int) -> BinaryIO:

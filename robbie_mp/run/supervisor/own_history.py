@@ -27,7 +27,7 @@ from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.module.membership import Membership
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import ModuleSpec
-from robbie_mp.run.supervisor.spare import imported_files
+from robbie_mp.run.supervisor.imported_files import imported_files
 
 ROOM_FACTOR = 16
 """A module does without a history if this many of it do not fit into what is free in /dev/shm."""

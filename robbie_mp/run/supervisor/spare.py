@@ -17,6 +17,7 @@ from robbie_mp.base.stock_robots import ROBOTS
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.supervisor.assignment import wait_for_assignment
 from robbie_mp.run.supervisor.child import leave_interrupts_to_supervisor, run_child
+from robbie_mp.run.supervisor.imported_files import imported_files
 
 IMPORTED_AHEAD = ("numpy", "robbie_mp.run.supervisor.core_child", "robbie_mp.run.supervisor.module_child")
 """Modules that any child may need: a spare becomes the core or a module."""
@@ -44,13 +45,6 @@ def main(run_folder: Path) -> None:
         if versions(files) != imported:
             start_afresh(run_folder, *assignment)
         run_child(run_folder, plan, *assignment)
-
-
-def imported_files(*folders: str) -> list[str]:
-    """Return the files below these folders that this interpreter has imported."""
-    below = tuple(os.path.join(folder, "") for folder in folders)
-    files = [getattr(module, "__file__", None) or "" for module in list(sys.modules.values())]
-    return [file for file in files if file.startswith(below)]
 
 
 def versions(files: list[str]) -> list[tuple[int, int] | None]:

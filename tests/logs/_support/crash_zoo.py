@@ -372,7 +372,7 @@ class Pattern(Crasher):
 
 class Sender(Crasher):
     def on_a(self, number: Number) -> None:
-        if self.envelope().sender == "feeder" and number.value > 6:
+        if self.envelope.sender == "feeder" and number.value > 6:
             raise PermissionError("not from you")
 
 
