@@ -119,9 +119,10 @@ static int begin_tick(const struct loop_object *self, uint64_t event)
     if (subscriber_check(self->subscriber) < 0)
         return -1;
     MAY_DIE(return -1);
-    store(words + OUT_ACTIVITY_SINCE_NS, monotonic_ns());
+    const uint64_t now_ns = monotonic_ns();
+    store(words + OUT_ACTIVITY_SINCE_NS, now_ns);
     store(words + OUT_ACTIVITY, ACTIVITY_TICK);
-    subscriber_record(self->subscriber, event);
+    subscriber_record(self->subscriber, event, now_ns);
     return 1;
 }
 

@@ -326,9 +326,9 @@ shared_word *subscriber_words(const struct subscriber_object *self)
     return self->words.words;
 }
 
-void subscriber_record(const struct subscriber_object *self, uint64_t event)
+void subscriber_record(const struct subscriber_object *self, uint64_t event, uint64_t time_ns)
 {
-    const struct history_event recorded = {event, monotonic_ns(), {0}};
+    const struct history_event recorded = {event, time_ns, {0}};
     history_append(self->history, &recorded, NULL, 0);
 }
 

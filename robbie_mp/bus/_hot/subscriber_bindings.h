@@ -18,8 +18,8 @@ enum handled subscriber_handle_next(struct subscriber_object *self, PyObject *in
 /* The words of the module's outbound segment; NULL if they are closed. */
 shared_word *subscriber_words(const struct subscriber_object *self);
 
-/* Record an event of the loop, such as EVENT_TICK, that is about to happen now. */
-void subscriber_record(const struct subscriber_object *self, uint64_t event);
+/* Record an event of the loop, such as EVENT_TICK, that is about to happen. */
+void subscriber_record(const struct subscriber_object *self, uint64_t event, uint64_t time_ns);
 
 /* Check that Python code that has run in between has left it usable; 1, or -1 with an exception. */
 int subscriber_check(const struct subscriber_object *self);

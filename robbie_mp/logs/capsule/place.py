@@ -29,9 +29,8 @@ class Place:
         """Whether another place is the same, perhaps in another folder."""
         if other is None or Path(self.file).name != Path(other.file).name:
             return False
-        own, theirs = Path(self.file).parts[-2:], Path(other.file).parts[-2:]
         is_same = self.function.rpartition(".")[2] == other.function.rpartition(".")[2]
-        return is_same and (not same_line or self.line == other.line) and (own == theirs or same_line)
+        return is_same and (not same_line or self.line == other.line)
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line} in {self.function}"

@@ -132,7 +132,7 @@ class NthTick(Crasher):
 
 class InSetup(Crasher):
     def setup(self) -> None:
-        self.n = {}["none"]
+        self.n = dict[str, int]()["none"]
 
 
 class AfterTwoTopics(Crasher):
@@ -164,7 +164,7 @@ class ArrayIndex(Crasher):
 class Shapes(Crasher):
     def on_a(self, number: Number) -> None:
         if number.value > 3:
-            self.n += float(np.dot(number.weights, np.ones(3)))
+            self.n += int(np.dot(number.weights, np.ones(3)))
 
 
 class ReadOnly(Crasher):
@@ -178,7 +178,7 @@ class KeptArray(Crasher):
 
     def setup(self) -> None:
         super().setup()
-        self.kept = []
+        self.kept: list[np.ndarray] = []
 
     def on_a(self, number: Number) -> None:
         self.kept.append(number.weights)
@@ -194,7 +194,7 @@ class Division(Crasher):
 class Cause(Crasher):
     def on_a(self, number: Number) -> None:
         try:
-            {}[number.value]
+            dict[int, int]()[number.value]
         except KeyError as error:
             raise LookupError("not known") from error
 
@@ -417,7 +417,7 @@ class Killed(Crasher):
 class StackOverflow(Crasher):
     def on_a(self, number: Number) -> None:
         if number.value > 6:
-            faulthandler._stack_overflow()
+            faulthandler._stack_overflow()  # type: ignore[attr-defined]
 
 
 class BusyLoop(Crasher):
