@@ -19,6 +19,8 @@ from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 
 LIMIT_S = 5.0
 """One step may take this long; beyond it, it hangs."""
+START_LIMIT_S = 20.0
+"""The same for imports and setup."""
 DUMP_S = 2.0
 """A process that hangs has this long to print its stacks."""
 POLL_S = 0.05
@@ -138,12 +140,13 @@ def _wait(pid: int, read_end: int, progress: Progress, limit_s: float) -> tuple[
             said += piece
             continue
         now_s = time.monotonic()
+        allowed_s = limit_s if seen > 0 else max(limit_s, START_LIMIT_S)
         if progress.number != seen:
             seen, since_s = progress.number, now_s
-        elif not hangs and now_s - since_s > limit_s:
+        elif not hangs and now_s - since_s > allowed_s:
             hangs = True
             os.kill(pid, signal.SIGABRT)
-        elif hangs and now_s - since_s > limit_s + DUMP_S:
+        elif hangs and now_s - since_s > allowed_s + DUMP_S:
             os.kill(pid, signal.SIGKILL)
 
 

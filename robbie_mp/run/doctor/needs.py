@@ -64,6 +64,7 @@ class Needs:
         tool_rings = out_words(core.ring_records) + in_words(profile.tools.credits) + WAKEUP_WORDS
         whole_bytes = profile.tools.count * tool_rings * WORD_BYTES
         whole_bytes += sum(memory.limit_bytes + 2 * memory.checkpoint_bytes for memory in memories)
+        whole_bytes += sum(memory.history_bytes or 0 for memory in memories)
         maps = sum(segments(memory) for memory in memories) * DESCRIPTORS_OF_A_MAP
         to_start = OWN_DESCRIPTORS + DESCRIPTORS_OF_A_CHILD * (slots + profile.spares.count)
         schedulings = [core.scheduling, *(module.scheduling for module in profile.modules)]

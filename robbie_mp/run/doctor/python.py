@@ -3,7 +3,7 @@
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from robbie_mp.base.extras import Requirement, installed, own_requirements
 from robbie_mp.bus._hot.choice import why_not
@@ -116,7 +116,26 @@ def look_at_modules(profile: Profile) -> Iterator[Finding]:
     Raises:
         ProfileError: something named as a module class is not one, or a setting is wrong.
     """
-    yield check_modules(len(profile.modules), preflight(profile).failures)
+    found = preflight(profile)
+    yield check_modules(len(profile.modules), found.failures)
+    kept = {one.name for one in profile.modules if one.memory.history_bytes is not None}
+    yield check_capsules(sorted(found.forgetful & kept), len(kept))
+
+
+def check_capsules(forgetful: Sequence[str], count: int) -> Finding:
+    """Say whose crashes are replayed from their start only as long as the history since then is kept.
+
+    Args:
+        forgetful: the modules that never save a checkpoint.
+        count: the modules that keep a history.
+    """
+    found = f"{count} modules keep a history, from which a crash is replayed"
+    if forgetful:
+        found += (
+            "; these have no checkpoints, so that after a while only the newest part is replayed "
+            f"(memory.history_bytes): {', '.join(forgetful)}"
+        )
+    return ok("capsules", found)
 
 
 def check_modules(count: int, failures: Mapping[str, str]) -> Finding:

@@ -29,6 +29,10 @@ class NotAModule(Exception):
     """The profile names a class that does not exist, or that is not a module class."""
 
 
+MODULE_FILE = "robbie_mp.module.module"
+"""Where `checkpoint` is defined."""
+
+
 def main() -> None:
     """Check every module of the request and exit, even if the imported code has started threads."""
     request = json.load(sys.stdin)
@@ -77,9 +81,10 @@ def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[s
     further: list[TypeDescription] = []
     flaws: list[CodeFlaw] = []
     failure = ""
-    is_missing = False
+    is_missing = saves_state = False
     try:
         cls: type = load_class(module["class_path"], base)
+        saves_state = _saves_state(cls)
         flaws += class_flaws(cls)
         folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
         settings, found = examine_settings(cls, module["settings"], folder=workspace, folder_of=folder_of)
@@ -104,8 +109,16 @@ def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[s
         "settings": settings,
         "failure": failure,
         "missing": is_missing,
+        "saves_state": saves_state,
         "types": known,
     }
+
+
+def _saves_state(cls: type) -> bool:
+    """Whether a method of the class, or of one that it is derived from, calls `checkpoint`."""
+    methods = (one for base in cls.__mro__ if base.__module__ != MODULE_FILE for one in vars(base).values())
+    codes = (getattr(one, "__code__", None) for one in methods)
+    return any(code is not None and "checkpoint" in code.co_names for code in codes)
 
 
 def _hook(cls: type, name: str) -> Callable[..., Any]:

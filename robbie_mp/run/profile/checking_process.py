@@ -35,6 +35,7 @@ def check_events(
     Yields:
         For each module `{"begin": name}`, then `{"result": {"errors": [[key, text]…], "flaws": [[file, line,
         text]…], "settings": {…}, "failure": traceback or "", "missing": whether that is an ImportError,
+        "saves_state": whether it calls `checkpoint`,
         "types": [[name, version, schema]…]}}`; at last `{"end": True}`, or `{"broken": how it ended}`, or
         `{"useless": traceback}` if the base class cannot be imported.
     """

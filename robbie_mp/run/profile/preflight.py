@@ -34,6 +34,8 @@ class Preflight:
     """For each module whose code failed, its settings unchecked: the traceback, or how the process ended."""
     missing: set[str] = field(default_factory=set)
     """Those of `failures` that could not import something, such as a library that is not installed."""
+    forgetful: set[str] = field(default_factory=set)
+    """The modules that never call `checkpoint`."""
     types: dict[str, TypeDescription] = field(default_factory=dict)
     """The message types that the imported code declares, by name, without the stock types."""
 
@@ -46,6 +48,8 @@ class Preflight:
                 self.missing.add(module)
         else:
             self.settings[module] = result["settings"]
+            if not result.get("saves_state"):
+                self.forgetful.add(module)
 
 
 def preflight(

@@ -74,6 +74,8 @@ CASES: dict[Level, list[Finding]] = {
         runs.check_runs(0, []),
         runs.check_runs(2, []),
         python.check_modules(3, {}),
+        python.check_capsules([], 3),
+        python.check_capsules(["laser"], 3),
     ],
     WARN: [
         limits.check_optional(0, 9, replace(NEEDS, realtime_priority=10)),
