@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -17,16 +16,15 @@ def commands(mark: str) -> list[list[str]]:
 
 
 @pytest.mark.slow
-def test_walk_through_leads_from_a_crash_to_a_test_that_fails(tmp_path: Path) -> None:
-    robot = Robot(tmp_path)
-    (tmp_path / "bumper.py").write_text(block(PAGE, "module"))
+def test_walk_through_leads_from_a_crash_to_a_test_that_fails(robot: Robot) -> None:
+    (robot.folder / "bumper.py").write_text(block(PAGE, "module"))
     robot.write_profile(block(PAGE, "profile"))
     robot.start()
     robot.until(lambda top: top["bumper"]["restarts"] > 0)
     robot.until(lambda _top: bool(list((robot.output / "log" / "crashes").glob("bumper-*-1.capsule"))))
     robot.command("stop")
     (capsule,) = (robot.output / "log" / "crashes").glob("bumper-*-1.capsule")
-    capsule.rename(tmp_path / "bumper.capsule")
+    capsule.rename(robot.folder / "bumper.capsule")
 
     (words,) = commands("replay")
     replayed = robot.command(*words)
@@ -34,18 +32,18 @@ def test_walk_through_leads_from_a_crash_to_a_test_that_fails(tmp_path: Path) ->
     assert block(PAGE, "verdict").strip() in replayed.stdout
     for words in commands("look"):
         looked = subprocess.run(
-            [*COMMAND, *words], cwd=tmp_path, input="c\nq\n", capture_output=True, text=True, check=False
+            [*COMMAND, *words], cwd=robot.folder, input="c\nq\n", capture_output=True, text=True, check=False
         )
         assert "LaserScan" in looked.stdout or "ValueError" in looked.stdout, looked
 
     (words,) = commands("write")
     written = robot.command(*words)
     assert written.returncode == 0, written
-    test = tmp_path / "tests" / "test_bumper.py"
+    test = robot.folder / "tests" / "test_bumper.py"
     assert block(PAGE, "written").rpartition("harness.send(")[0] in test.read_text()
     test_command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(test)]
-    assert subprocess.run(test_command, cwd=tmp_path, capture_output=True, check=False).returncode == 1
-    code = tmp_path / "bumper.py"
+    assert subprocess.run(test_command, cwd=robot.folder, capture_output=True, check=False).returncode == 1
+    code = robot.folder / "bumper.py"
     code.write_text(code.read_text().replace("if seen.min()", "if len(seen) and seen.min()"))
-    assert subprocess.run(test_command, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+    assert subprocess.run(test_command, cwd=robot.folder, capture_output=True, check=False).returncode == 0
     assert robot.command(*commands("replay")[0]).stdout.count("no crash") == 1

@@ -8,7 +8,7 @@ import pytest
 
 from robbie_mp.logs.capsule.read import read_capsule
 from robbie_mp.logs.capsule.replay import judge, replay
-from tests._support.robot import COMMAND, Robot
+from tests._support.robot import COMMAND, robot_in
 from tests.logs._support import crash_zoo
 
 ZOO = Path(crash_zoo.__file__)
@@ -23,10 +23,10 @@ def capsules(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     names = list(crash_zoo.KINDS)
     for begin in range(0, len(names), GROUP):
         folder = tmp_path_factory.mktemp("crashes")
-        robot = Robot(folder)
-        (folder / "crashes.py").write_text(ZOO.read_text())
-        robot.write_profile(crash_zoo.profile(names[begin : begin + GROUP]))
-        robot.run()
+        with robot_in(folder) as robot:
+            (robot.folder / "crashes.py").write_text(ZOO.read_text())
+            robot.write_profile(crash_zoo.profile(names[begin : begin + GROUP]))
+            robot.run()
         for name in names[begin : begin + GROUP]:
             files = sorted(
                 (robot.output / "log" / "crashes").glob(f"{crash_zoo.module_name(name)}-*.capsule")
@@ -47,7 +47,7 @@ def test_crash_is_replayed_at_the_same_line(capsules: dict[str, Path], name: str
         assert ended.returncode == 0, ended
         return
     capsule = read_capsule(path)
-    verdict = judge(capsule, replay(capsule, workspace, limit_s=3.0, quiet=True))
+    verdict = judge(capsule, replay(capsule, workspace, limit_s=5.0, quiet=True))
     assert verdict.is_same, "\n".join(verdict.lines)
     assert len(verdict.lines) == 1, "what it published differs"
 
