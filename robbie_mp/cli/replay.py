@@ -1,8 +1,10 @@
 """`robbie replay CAPSULE`: run a module that crashed again, with the same messages and times."""
 
 import argparse
+import json
 import subprocess
 import sys
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,6 +66,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--step", action="store_true", help="wait before each step")
     what.add_argument("--debug", metavar="PORT", type=int, help="wait for an editor (debugpy) on this port")
     what.add_argument("--as-test", metavar="FILE", type=Path, help="write a small test that crashes likewise")
+    parser.add_argument("--json", action="store_true", help="print the verdict as one line of JSON")
     parser.add_argument(
         "--limit", metavar="SECONDS", type=float, default=LIMIT_S, help="a step that takes longer hangs (5)"
     )
@@ -82,7 +85,7 @@ def replay(arguments: argparse.Namespace) -> int:
         ("--as-test", arguments.as_test),
     ):
         words += [name, str(value)] if value is not None else []
-    words += [name for name in ("--pdb", "--step") if getattr(arguments, name[2:])]
+    words += [name for name in ("--pdb", "--step", "--json") if getattr(arguments, name[2:])]
     sys.stdout.flush()
     ended = subprocess.run(
         [*python_command(WORKER), *words], env=replaying.environment_of(capsule), check=False
@@ -113,10 +116,11 @@ def main(words: list[str]) -> int:
 
 def _run(arguments: argparse.Namespace, capsule: Capsule) -> int:
     workspace = (arguments.workspace or Path.cwd()).resolve()
-    for warning in capsule.warnings:
-        print(f"note: {warning}")
+    notes = list(capsule.warnings)
     if changed := replaying.changed_code(capsule, workspace):
-        print(f"note: the code is another one than then: {', '.join(changed[:5])}")
+        notes.append(f"the code is another one than then: {', '.join(changed[:5])}")
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr if arguments.json else sys.stdout)
     if arguments.as_test is not None:
         from robbie_mp.logs.capsule.as_test import write_test  # noqa: PLC0415
 
@@ -134,7 +138,7 @@ def _run(arguments: argparse.Namespace, capsule: Capsule) -> int:
         )
         return 0
     verdict = replaying.judge(capsule, replaying.replay(capsule, workspace, arguments.limit))
-    print("\n".join(verdict.lines))
+    print(json.dumps(asdict(verdict)) if arguments.json else "\n".join(verdict.lines))
     return 0 if verdict.is_same else 1
 
 
