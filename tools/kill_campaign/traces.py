@@ -70,6 +70,7 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
     for slot, incarnation in slots.items():
         kept |= {names.outbound(run_id, slot, incarnation), names.inbound(run_id, slot, incarnation)}
         kept.add(names.wakeup(run_id, slot, incarnation))
+        kept.add(names.history(run_id, slot, incarnation))
         kept |= {names.checkpoint(run_id, slot, number) for number in (0, 1)}
         data.append(names.data_prefix(run_id, slot, incarnation))
     return sorted(name for name in traces.names if name not in kept and not name.startswith(tuple(data)))
