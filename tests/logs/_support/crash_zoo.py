@@ -465,15 +465,16 @@ def profile(names: list[str]) -> str:
     """Return the profile of a robot whose modules crash."""
     lines = ["modules:"]
     for name in names:
-        own = ["settings: {}"]
+        own, process = ["settings: {}"], ""
         if name == "Restored":
             own = ["restart: {policy: on-failure, max_restarts: 1, backoff_s: 0.01}"]
         elif name == "Memory":
-            own = ["memory: {process_bytes: 4294967296}"]
+            process = ", process_bytes: 4294967296"
         elif name in ("BusyLoop", "Sleeps"):
             own = ["handler_deadline_s: 2"]
         restart = [] if name == "Restored" else ["restart: {policy: never}"]
-        options = ", ".join([f"class: 'crashes:{name}'", *own, *restart])
+        memory = f"memory: {{history_bytes: 4M{process}}}"
+        options = ", ".join([f"class: 'crashes:{name}'", *own, memory, *restart])
         lines.append(f"  {module_name(name)}: {{{options}}}")
     lines.append("  feeder: {class: 'crashes:Feeder'}")
     lines.append(
