@@ -326,7 +326,7 @@ class ModuleHarness(Generic[ModuleClass]):
         while self.bus.handle_next():
             self._loop.run_calls()
         if not is_taken:
-            raise NotSubscribed(type(self.module).__name__, type_name, topic, self.bus.subscriptions)
+            raise _not_subscribed(type(self.module).__name__, type_name, topic, self.bus.subscriptions)
 
     def change_setting(self, name: str, value: object) -> None:
         """Change a setting as `robbie param set` does.
@@ -462,11 +462,14 @@ class NotSubscribed(RobbieError, LookupError):
       - the module subscribes only later, in another handler
     """
 
-    def __init__(self, module: str, type_name: str, topic: str, subscriptions: Iterable[Subscription]):
-        topics = {one.name.topic: one for one in subscriptions if one.name.type_name == type_name}
-        takes = f"; it takes it on {', '.join(map(repr, sorted(topics)))}"
-        why = (did_you_mean(topic, topics) or takes) if topics else "; it does not subscribe to this type"
-        super().__init__(f"{module} takes no {type_name} on topic {topic!r}{why}")
+
+def _not_subscribed(
+    module: str, type_name: str, topic: str, subscriptions: Iterable[Subscription]
+) -> NotSubscribed:
+    topics = {one.name.topic: one for one in subscriptions if one.name.type_name == type_name}
+    takes = f"; it takes it on {', '.join(map(repr, sorted(topics)))}"
+    why = (did_you_mean(topic, topics) or takes) if topics else "; it does not subscribe to this type"
+    return NotSubscribed(f"{module} takes no {type_name} on topic {topic!r}{why}")
 
 
 class HarnessCheckpoints:
