@@ -20,7 +20,7 @@ from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.run_summary import print_summary
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.logs.black_box.salvage import salvage
-from robbie_mp.run.profile.model import Profile
+from robbie_mp.run.profile.model import BLACK_BOX, Profile
 from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
 from robbie_mp.run.results import remove_oldest
 from robbie_mp.run.supervisor.run import RunResult, default_output_directory, run_profile
@@ -109,7 +109,8 @@ def run_robot(
     output = arguments.output or default_output_directory(profile.name)
     if arguments.output is None:
         _remove_oldest_results(output.parent, profile.trace.kept_runs)
-    heading = f"{profile.name}: {len(profile.modules)} modules; results in {output}; Ctrl-C ends the run"
+    count = sum(module.name != BLACK_BOX for module in profile.modules)
+    heading = f"{profile.name}: {count} modules; results in {output}; Ctrl-C ends the run"
     screen = RunScreen(quiet=arguments.quiet or arguments.json, heading=heading)
     started_s = time.monotonic()
     summary: dict[str, object] = {}

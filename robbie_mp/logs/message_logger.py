@@ -1,6 +1,7 @@
 """The message logger: records a run's messages into a log, and counts those it could not record."""
 
 import errno
+import logging
 import os
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -43,6 +44,8 @@ class MessageLogger(Module):
     patience_s = 0.02
     nice = LOGGER_NICE
     follows_run_clock = False
+    tells_where = logging.INFO
+    """The level at which the log says where it records."""
 
     types: list[str] = setting(["*"], "patterns of the types to record, such as sensor_msgs/msg/*")
     topics: list[str] = setting(["*"], "patterns of the topics to record; '': messages without a topic")
@@ -96,7 +99,7 @@ class MessageLogger(Module):
         self.began_ns = self.clock.monotonic_ns()
         self.shown = (self.began_ns, 0, 0)
         self.warned = False
-        self.log.info("recording into %s", recording)
+        self.log.log(self.tells_where, "recording into %s", recording)
 
     def recording_folder(self) -> Path:
         """Return the folder of the recording, the same one after a restart."""

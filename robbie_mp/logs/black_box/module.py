@@ -1,6 +1,7 @@
 """The module of the black box, which `robbie run` adds to every robot."""
 
 import contextlib
+import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -40,6 +41,8 @@ PART_SHARE, LATCHED_SHARE = 8, 8
 GIVE_UP_NS = 10_000_000_000
 CLOSE_S = 6.0
 """How long the end of a run waits for clips."""
+FLUSH_S = 0.2
+"""How long a trigger waits until what was before it outlives this process."""
 TRIGGER_CHARACTERS = 200
 UNSEEN = "messages that may be triggers were dropped before the black box got them"
 
@@ -52,6 +55,7 @@ class BlackBox(MessageLogger):
     """
 
     period_s = 0.25
+    tells_where = logging.DEBUG
 
     types = ["*"]  # noqa: RUF012 - settings of the logger, which no profile can change here
     topics = ["*"]  # noqa: RUF012
@@ -145,12 +149,12 @@ class BlackBox(MessageLogger):
         self.newest_ns = envelope.published_ns
         watched = self.watched[key] if key in self.watched else self._watch(key)
         is_new = envelope.sequence > self.position.sequence  # not one that the core has kept from before
-        if watched is not None:
-            self._check_triggers(key, watched, data, is_new=is_new)
         if len(data) < self.large_bytes:
             self.session.record(key, envelope.sequence, envelope.published_ns, data)
         else:
             self._thin(key, data)
+        if watched is not None:
+            self._check_triggers(key, watched, data, is_new=is_new)
 
     def _thin(self, key: ChannelKey, data: memoryview) -> None:
         envelope = self.envelope
@@ -218,6 +222,7 @@ class BlackBox(MessageLogger):
         has_news = clip.add(what, now_ns, time.time() - (now_ns - at_ns) / 1e9, self.after_s)
         if has_news:
             self.log.info("clip %s: %s", clip.name, what)
+            self.session.recorder.flush(FLUSH_S)  # first: whoever hears of the clip may kill this process
             self._save()
             self._announce(clip, Clip.OPEN)
 
@@ -403,6 +408,9 @@ class BlackBox(MessageLogger):
             self.state.miss(clip.count, "the run has ended")
         self.state.open = []
         self._save()
+        if not self.state.triggers:
+            self.status = ""
+            return
         self.log.info(
             "%d triggers, %d with a clip on the disk, %s",
             self.state.triggers,

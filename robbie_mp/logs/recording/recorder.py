@@ -137,6 +137,17 @@ class Recorder:
         self._ends_part = True
         self._queue.flush()
 
+    def flush(self, wait_s: float) -> None:
+        """Write what was recorded until now, so that it outlives this process.
+
+        Args:
+            wait_s: wait for that, but no longer.
+        """
+        self._queue.flush()
+        give_up_s = time.monotonic() + wait_s
+        while (self.waiting_bytes or self._sync_due_ns is not None) and time.monotonic() < give_up_s:
+            time.sleep(0.001)
+
     def close(self) -> None:
         """Write what still waits, end the log, and wait until that is done."""
         self._queue.end()
