@@ -136,5 +136,5 @@ def test_what_is_no_image_is_left_out_with_its_reason(
 
 def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "cv2", None)
-    with pytest.raises(png.NotPng, match=r"pip install 'robbie-mp\[vision\]'"):
+    with pytest.raises(png.NotPng, match="pip install opencv-python-headless"):
         png.PngMaker()

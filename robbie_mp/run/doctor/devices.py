@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from robbie_mp.base.problem import ProfileError
 from robbie_mp.run.doctor.finding import Finding, fail, ok
 from robbie_mp.run.exclusive_use import named_devices
 from robbie_mp.run.profile.model import Profile
@@ -13,7 +14,10 @@ from robbie_mp.run.profile.preflight import preflight
 
 def look_at_devices(profile: Profile) -> Iterator[Finding]:
     """Look for each device that a module's settings name by its path, in the profile or by default."""
-    checked = preflight(profile).settings
+    try:
+        checked = preflight(profile).settings
+    except ProfileError:  # which is another finding
+        checked = {}
     modules = [replace(one, settings=checked.get(one.name, one.settings)) for one in profile.modules]
     for setting, device in named_devices(modules):
         if device.startswith("/"):

@@ -250,7 +250,7 @@ def test_module_calls_a_service_over_zenoh(zenoh_has_started: None) -> None:
                 return getattr(ends[0].message, "message", "") == "hello"
 
             until(bridge, has_replied)
-        assert any("/SC/" in one for one in node.tokens())
+        until(bridge, lambda: any("/SC/" in one for one in node.tokens()))
 
 
 def test_module_calls_a_service_of_a_node_with_cyclonedds() -> None:

@@ -217,7 +217,7 @@ def test_images_have_the_drivers_stamps_and_missing_ones_are_counted(v4l2: FakeV
 
 def test_library_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "cv2", None)
-    with pytest.raises(CameraLibraryMissing, match=r"pip install 'robbie-mp\[vision\]'"):
+    with pytest.raises(CameraLibraryMissing, match="pip install opencv-python-headless"):
         OpenCvCamera("/dev/null")
 
 

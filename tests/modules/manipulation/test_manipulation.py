@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ from robbie_mp.messages import (
     TeachRecognition,
     TFMessage,
 )
+from robbie_mp.module.harness import NotSubscribed
 from robbie_mp.scene.module import SceneGraphService
 from robbie_robots.modules.manipulation.manipulation import Manipulation
 from robbie_robots.modules.manipulation.messages import (
@@ -241,7 +242,8 @@ class TableRobot:
         self.camera.send(self.arm.take(JointState)[-1], topic="arm")
         self.camera.advance(1.1)
         for topic in ("depth", "table_camera"):
-            self.finder.send(self.camera.take(CameraInfo, topic)[-1], topic=topic)
+            with suppress(NotSubscribed):  # that of the pictures only if objects are named in them
+                self.finder.send(self.camera.take(CameraInfo, topic)[-1], topic=topic)
         depth = self.camera.take(Image, "depth")[-1]
         self.finder.send(depth, topic="depth")
         return depth, self.camera.take(Image, "table_camera")[-1]
