@@ -9,7 +9,7 @@ from robbie_mp.bus.transport.segment import Segment
 from robbie_mp.run.supervisor.states import STATES, ChildState
 
 FAILED = STATES.index(ChildState.FAILED) + 1
-IN_ORDER = ("exit code 0", "killed by SIGTERM")
+IN_ORDER = ("exit code 0", "exit code 0: the run is over", "killed by SIGTERM")
 """Ends of texts about processes that ended as they should, or in an ordered stop."""
 
 

@@ -210,3 +210,17 @@ def test_full_account_of_a_run_is_in_its_last_line(robot: Robot) -> None:
     (clip,) = clips(robot)
     assert clip.about is not None and clip.about.triggers == ["mark: at the end"]
     assert "1 triggers, 1 with a clip on the disk, 0 missed" in robot.log("black_box")
+
+
+def test_end_of_the_run_in_good_order_is_no_trigger(robot: Robot) -> None:
+    robot.write_profile(
+        """
+modules:
+  counter: {class: "zoo.modules:Counter", ends_run: true, settings: {count: 300}}
+  listener: {class: "zoo.modules:Listener"}
+""",
+        has_black_box=True,
+    )
+    ended = robot.run()
+    assert ended.exit_code == 0, ended.stderr
+    assert not (robot.output / "clips").exists()
