@@ -35,7 +35,7 @@ class JointOrders:
 
     @property
     def memory(self) -> dict[str, object]:
-        """What the base has told, for the `orders` of the module's checkpoint."""
+        """The last orders of the base. The module stores them as `orders` in its checkpoint."""
         return {"is_stopped": self._control.is_stopped, "mode": self.mode}
 
     def _resume(self, *, is_stopped: bool, mode: int | None) -> None:

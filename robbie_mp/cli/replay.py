@@ -4,6 +4,7 @@ import argparse
 import json
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.python_command import python_command
+from robbie_mp.cli.output import plain_output
 from robbie_mp.cli.parser import add_command
 from robbie_mp.logs.capsule import replay as replaying
 from robbie_mp.logs.capsule.attempt import LIMIT_S
@@ -107,11 +109,13 @@ def main(words: list[str]) -> int:
     parser = argparse.ArgumentParser()
     _add_arguments(parser)
     arguments = parser.parse_args(words)
-    try:
-        return _run(arguments, read_capsule(arguments.capsule))
-    except RobbieError as error:
-        print(error, file=sys.stderr)
-        return 1
+    is_interactive = arguments.pdb or arguments.step or arguments.until is not None
+    with nullcontext() if is_interactive else plain_output():
+        try:
+            return _run(arguments, read_capsule(arguments.capsule))
+        except RobbieError as error:
+            print(error, file=sys.stderr)
+            return 1
 
 
 def _run(arguments: argparse.Namespace, capsule: Capsule) -> int:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 import psutil
@@ -50,7 +51,7 @@ class Robot:
     def write_profile(self, text: str, name: str = "robot", *, has_black_box: bool = False) -> None:
         """Write a profile; without a black box a robot starts sooner."""
         if not has_black_box:
-            text += "\nblack_box: false\n"
+            text = f"{dedent(text)}\nblack_box: false\n"
         (self.folder / "profiles" / f"{name}.yaml").write_text(text)
 
     def write_secret(self, name: str, text: str) -> None:

@@ -1,6 +1,7 @@
 """What a capsule that is damaged or forged does: it is refused with a reason, and nothing in it is run."""
 
 import json
+import subprocess
 import zipfile
 from collections.abc import Callable
 from dataclasses import asdict
@@ -20,6 +21,8 @@ from robbie_mp.logs.capsule.replay import judge, replay
 from robbie_mp.logs.capsule.replayed import ForeignClass, ReplayHarness
 from robbie_mp.logs.capsule.write import write_capsule
 from robbie_mp.run.trace.crash import CrashReport, LastWords
+from tests._support.robot import COMMAND
+from tests.security._support.hostile import HOSTILE, check_plain
 
 TRACEBACK = [
     "CRITICAL ValueError: no",
@@ -130,6 +133,24 @@ def test_truncated_capsule_is_refused(capsule: Path, share: float) -> None:
 def test_forged_capsule_is_refused(capsule: Path, member: str, change: Callable[[bytes], bytes]) -> None:
     with pytest.raises(CapsuleUnreadable):
         read_capsule(changed(capsule, member, change))
+
+
+@pytest.mark.slow
+def test_texts_of_a_forged_capsule_are_printed_plainly(capsule: Path) -> None:
+    forged = changed(
+        capsule, MANIFEST, lambda data: json.dumps(json.loads(data) | {"damage": HOSTILE}).encode()
+    )
+    forged.rename(capsule)
+    for option in ([], ["--list"], ["--json"]):
+        ended = subprocess.run(
+            [*COMMAND, "replay", capsule.name, *option],
+            cwd=capsule.parent,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        check_plain(ended.stdout + ended.stderr, option, may_have_lines=True)
+        assert option or "owned" in ended.stdout, ended
 
 
 def test_class_from_elsewhere_is_not_imported(capsule: Path) -> None:

@@ -39,7 +39,7 @@ NAMES_IT = {
     "param",
     "gui", "top", "log", "info", "recording", "diff", "export", "import-carmen", "import-rosbag", "module",
     "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion", "devices", "install",
-    "foxglove", "mark", "clips",
+    "foxglove", "mark", "clips", "replay",
 }  # fmt: skip
 """Commands that a test below runs with hostile input."""
 

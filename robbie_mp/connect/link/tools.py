@@ -38,8 +38,8 @@ class ToolRefused(RobbieError, RuntimeError):
     """
 
 
-class Client(Protocol):
-    """The one for whom commands are run, as far as the link knows."""
+class ToolClients(Protocol):
+    """What the link knows of the robots for which commands are run."""
 
     def is_up(self, robot: str) -> bool:
         """Whether it is heard."""
@@ -75,7 +75,7 @@ class LinkTools:
         refused: commands that were not.
     """
 
-    def __init__(self, robot: str, run_id: str, client: Client):
+    def __init__(self, robot: str, run_id: str, client: ToolClients):
         self._robot, self._run_id, self._client = robot, run_id, client
         self._running: dict[int, _Running] = {}
         self.started = 0

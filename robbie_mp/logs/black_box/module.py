@@ -222,7 +222,8 @@ class BlackBox(MessageLogger):
         has_news = clip.add(what, now_ns, time.time() - (now_ns - at_ns) / 1e9, self.after_s)
         if has_news:
             self.log.info("clip %s: %s", clip.name, what)
-            self.session.recorder.flush(FLUSH_S)  # first: whoever hears of the clip may kill this process
+            # Before the clip is announced: this process may be killed at any time.
+            self.session.recorder.flush(FLUSH_S)
             self._save()
             self._announce(clip, Clip.OPEN)
 

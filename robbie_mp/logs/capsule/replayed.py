@@ -44,7 +44,7 @@ class ForeignClass(RobbieError, ImportError):
 
 
 @dataclass(frozen=True)
-class Difference:
+class PublicationDifference:
     """The first publication that was another one than before."""
 
     step: int
@@ -175,7 +175,7 @@ class ReplayedBus(HarnessBus):
         super().__init__(ManualClock(), name, wiring)
         self._own_topic = wiring.own
         self.peers = ReplayedPeers(told, name, incarnation)  # type: ignore[assignment]
-        self.difference: Difference | None = None
+        self.difference: PublicationDifference | None = None
         self._step = 0
         self._expected: dict[tuple[str, str], deque[bytes | None]] = {}
         self._refusals = 0
@@ -197,7 +197,7 @@ class ReplayedBus(HarnessBus):
 
     def _differ(self, text: str) -> None:
         if self.difference is None:
-            self.difference = Difference(self._step, text)
+            self.difference = PublicationDifference(self._step, text)
 
     def publish(self, message: Message | EncodedMessage, topic: str, latched: bool = False) -> bool:
         """Compare a message with the one that was published then."""

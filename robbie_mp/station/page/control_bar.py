@@ -1,4 +1,4 @@
-"""The bar above the tiles of all layouts: who controls the robot, why, and how late the page is."""
+"""The control bar above the tiles of every layout: who controls the robot, why, and the page's delay."""
 
 from __future__ import annotations
 

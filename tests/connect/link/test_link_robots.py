@@ -1,6 +1,7 @@
 """Two robots, each a run of this machine, exchange messages over loopback."""
 
 import json
+import time
 
 import pytest
 
@@ -92,8 +93,15 @@ def test_own_types_of_a_robot_are_known_on_a_laptop_without_their_classes(robot:
     wait_until(lambda: "crew/msg/Sample" in robot.command("list", "types", *run).stdout)
     echoed = robot.command("echo", "soil", "--once", "--json", *run)
     assert json.loads(echoed.stdout)["message"] == {"moisture_percent": 12.5}, echoed.stderr
-    done = robot.command("record", "--duration", "0.5", "-o", "recorded", *run)
-    assert done.returncode == 0, done.stderr
-    exported = robot.command("export", "recorded", "exported", "--topics", "soil")
-    assert exported.returncode == 0, exported.stderr
-    assert "12.5" in next((robot.folder / "exported").iterdir()).read_text()
+    exported = robot.folder / "exported"
+
+    def is_exported() -> bool:  # on a busy machine, a recording may end before its first message
+        done = robot.command("record", "--duration", "0.5", "-o", f"recorded{time.monotonic_ns()}", *run)
+        assert done.returncode == 0, done.stderr
+        newest = max(path.name for path in robot.folder.glob("recorded*"))
+        done = robot.command("export", newest, "exported", "--topics", "soil")
+        assert done.returncode == 0, done.stderr
+        return exported.exists()
+
+    wait_until(is_exported)
+    assert "12.5" in next(exported.iterdir()).read_text()

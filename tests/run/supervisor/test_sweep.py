@@ -33,7 +33,8 @@ class Place:
         return sweep([self.base, self.base / "missing"], self.shared_memory)
 
     def names(self) -> list[str]:
-        return sorted(path.name for path in self.shared_memory.rglob("*") if not path.is_dir())
+        # Not by rglob, which fails where a sweep removes a folder meanwhile.
+        return sorted(name for _, _, names in os.walk(self.shared_memory) for name in names)
 
     def add_names(self, run_id: str) -> None:
         """Add a segment."""
