@@ -100,8 +100,9 @@ def everything_works(page: Page, address: str) -> None:
 
 
 def log_out_works(address: str) -> None:
-    # Before the browser leaves the page, its sockets may ask once more, and are refused.
-    with open_page(address, may_say=("WebSocket connection to",)) as page:
+    # Before the browser leaves the page, its sockets may ask once more, and are refused; what it is still
+    # loading is cut off.
+    with open_page(address, may_say=("WebSocket connection to", "Failed to load resource")) as page:
         log_in(page)
         page.wait_for_selector("#emergency-stop-state:has-text('ready')")
         page.click("#log-out")

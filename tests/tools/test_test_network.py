@@ -105,6 +105,7 @@ def test_one_packet_in_five_is_lost_when_this_is_set(network: Network) -> None:
     assert len(arrivals(network, 50)) == 50
 
 
+@pytest.mark.alone  # it measures delays
 def test_delay_varies_within_its_jitter_and_keeps_the_order(network: Network) -> None:
     arrivals(network, 1)  # now the hosts know each other's Ethernet addresses
     network.set(NetworkConditions(delay_s=0.1, jitter_s=0.05))
