@@ -201,12 +201,13 @@ class ReliableReader:
         if sample.size > self.max_bytes:
             proxy.note(sample.sequence)
             return None
+        total = -(-sample.size // sample.fragment_bytes)
         parts = proxy.partial.setdefault(sample.sequence, {})
         for number, at in enumerate(range(0, len(sample.payload), sample.fragment_bytes), sample.fragment):
-            parts[number] = sample.payload[at : at + sample.fragment_bytes]
+            if number <= total:
+                parts[number] = sample.payload[at : at + sample.fragment_bytes]
         if len(proxy.partial) > MAX_PARTIAL:
             proxy.partial.popitem(last=False)
-        total = -(-sample.size // sample.fragment_bytes)
         if len(parts) < total or any(one not in parts for one in range(1, total + 1)):
             return None
         proxy.partial.pop(sample.sequence, None)

@@ -28,6 +28,8 @@ _FRAGMENT = struct.Struct("<IHHI")
 _HEARTBEAT = struct.Struct("<4s4siIiII")
 _SEQUENCE = struct.Struct("<iI")
 _TO_QOS, _TO_QOS_OF_FRAGMENT = 16, 28
+_MAX_SEQUENCE: Final = 1 << 62
+"""No writer comes here; what is counted on from any number below still fits into 64 bits."""
 Wrong = (struct.error, IndexError, ValueError)
 """What reading raises if the bytes are wrong."""
 
@@ -246,7 +248,10 @@ def _split(sequence: int) -> tuple[int, int]:
 
 
 def _joined(high: int, low: int) -> int:
-    return (high << 32) + low
+    sequence = (high << 32) + low
+    if sequence > _MAX_SEQUENCE:
+        raise ValueError("a number that no writer reaches")
+    return sequence
 
 
 def _set(base: int, numbers: Iterable[int]) -> bytes:
