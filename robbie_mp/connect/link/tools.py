@@ -114,7 +114,7 @@ class LinkTools:
             raise ToolRefused(f"{self._robot} runs {MAX_RUNNING} commands for others already; try again")
         try:
             one = _Running(self._robot, client, request, self._command(tool, request), self._run_id)
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: a NUL in an argument
             raise ToolRefused(f"{self._robot} cannot start it: {error}") from error
         self._running[free[0]] = one
         self.started += 1

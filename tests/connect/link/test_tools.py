@@ -131,3 +131,10 @@ def test_command_ends_when_its_client_has_gone(
     look_after_until(served, lambda: not served._running)
     served.take("laptop", "log", request(2, "true"))
     assert served.started == 2
+
+
+def test_request_with_a_nul_is_refused_and_the_link_goes_on(peer: Peer, served: LinkTools) -> None:
+    request = ToolRequest.decode(ToolRequest(request=7, arguments=["aQb"]).encode().replace(b"aQb", b"a\0b"))
+    served.take("hill", "top", request)
+    assert served.refused == 1
+    assert "cannot start it" in peer.replies[0].error
