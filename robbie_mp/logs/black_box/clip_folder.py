@@ -74,14 +74,15 @@ def clip_folders(output_directory: Path) -> Iterator[Path]:
 
 
 def saved_clips(folders: Iterable[Path]) -> list[SavedClip]:
-    """Return the clips in some folders, the oldest first."""
-    found = [
-        _read(path)
-        for folder in folders
-        if folder.is_dir()
-        for path in folder.iterdir()
-        if CLIP_NAME.fullmatch(path.name) and path.is_dir() and not path.is_symlink()
-    ]
+    """Return the clips in some folders, the oldest first, without those that cannot be read."""
+    found: list[SavedClip] = []
+    for folder in folders:
+        with contextlib.suppress(OSError):  # another user's, or another run has just removed it
+            found += [
+                _read(path)
+                for path in folder.iterdir()
+                if CLIP_NAME.fullmatch(path.name) and path.is_dir() and not path.is_symlink()
+            ]
     return sorted(found, key=lambda clip: clip.folder.name)
 
 
@@ -92,10 +93,11 @@ def _read(folder: Path) -> SavedClip:
         open(folder / ABOUT, "rb", opener=private_opener) as file,
     ):
         about = msgspec.json.decode(file.read(MAX_ABOUT_BYTES), type=AboutClip)
-    for path in folder.iterdir():
-        with contextlib.suppress(OSError):
-            size += path.lstat().st_size
-    return SavedClip(folder, about, size, (folder / PINNED).exists())
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            with contextlib.suppress(OSError):
+                size += path.lstat().st_size
+    return SavedClip(folder, about, size, os.path.lexists(folder / PINNED))
 
 
 class ClipFolder:

@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -209,3 +210,20 @@ def test_image_becomes_jpeg_with_its_header() -> None:
     small = CompressedImage.decode(kept[1])
     assert small.data[:3].tobytes() == b"\xff\xd8\xff" and small.header == image.header
     assert LargeMessages(0.5, 1e6, 75).take(key, memoryview(b"\0\1\0\0nonsense" * 9)) is not None  # as it is
+
+
+def test_clips_of_another_user_do_not_stop_those_of_this_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    foreign, own = tmp_path / "foreign", tmp_path / "own"
+    (foreign / clip_name("x", ())).mkdir(parents=True)
+    (own / clip_name("y", ())).mkdir(parents=True)
+    iterdir = Path.iterdir
+
+    def refuse(path: Path) -> Iterator[Path]:
+        if path == foreign:  # permissions do not stop root, who may run this test
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return iterdir(path)
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    assert [clip.folder.parent for clip in saved_clips([foreign, own])] == [own]
