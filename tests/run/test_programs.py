@@ -67,7 +67,7 @@ def until(harness: ModuleHarness[Program], condition: Callable[[], bool]) -> Non
 def test_a_program_is_asked_to_end_and_nothing_of_its_tree_is_left(
     mark: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with run(TREE.format(mark=mark), ready_line="^ready$") as harness:
+    with run(TREE.format(mark=mark), ready_line="ready") as harness:
         wait_until(lambda: len(marked(mark)) >= 4)  # with the shell itself
         harness.advance(1.5)
         assert "processes" in harness.module.status
@@ -107,7 +107,7 @@ def test_when_its_module_dies_the_program_ends(mark: str) -> None:
 @pytest.mark.parametrize(
     ("text", "settings", "problem"),
     [
-        ("echo alive; sleep 20", {"alive_line": "alive"}, "no line that matches 'alive'"),
+        ("echo alive; sleep 20", {"alive_line": "alive"}, "no line with 'alive'"),
         ("sleep 20", {"alive_topic": "String sign"}, "no message of String sign"),
     ],
 )
@@ -138,7 +138,6 @@ def test_a_topic_that_keeps_coming_is_a_sign_of_life() -> None:
     [
         ({"command": []}, "expected a program"),
         ({"command": ["no-such-program"]}, "there is no program 'no-such-program' in PATH"),
-        ({"command": ["true"], "alive_line": "("}, "is not a regular expression"),
         ({"command": ["true"], "alive_topic": "a b c"}, "expected a type"),
     ],
 )

@@ -160,15 +160,19 @@ def test_speeds_beyond_the_pad_are_clamped() -> None:
         (1.0, 1.0, 0.5),
         (60.0, 60.0, 0.1),
         (math.inf, math.inf, 0.1),
-        (math.nan, 0.0, 1.0),
-        (-3, 0.0, 1.0),
-        ("old", 0.0, 1.0),
+        (-0.05, 0.0, 1.0),
+        (-3, math.inf, 0.1),
     ],
 )
 def test_top_speed_falls_with_the_age_of_the_operators_picture(seen: Any, age_s: float, share: float) -> None:
     wish = checked({"linear": 1, "angular": 1, "sent_s": 1, "held": True, "picture_age_s": seen})
     assert wish is not None
     assert (wish.picture_age_s, share_of_speed(wish.picture_age_s)) == (age_s, share)
+
+
+@pytest.mark.parametrize("seen", [math.nan, "old", [], 10**400])
+def test_input_whose_picture_has_no_age_is_refused(seen: Any) -> None:
+    assert checked({"linear": 1, "angular": 1, "sent_s": 1, "held": True, "picture_age_s": seen}) is None
 
 
 def test_who_has_let_go_does_not_move_the_robot() -> None:

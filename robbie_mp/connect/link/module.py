@@ -86,7 +86,7 @@ NS = 1e-9
 
 _FOR_LINK = (OperatorRequest.type_name, LinkTypes.type_name, ToolRequest.type_name)
 MAX_TOOL_REQUESTS = 16
-"""Requests to run commands that wait until the next tick; of more, the newest count."""
+"""Requests to run commands that wait until the next tick; more are refused."""
 TOOL_REPLY_TOPIC = "tool_reply"
 
 
@@ -237,7 +237,7 @@ class Link(Module):
         self.operators = LinkOperators(self.robot, None if self.checkpoint_lost else self.restored)
         self._orders: deque[tuple[SetControl, int]] = deque(maxlen=MAX_ORDERS)
         """Orders of operators, and when each arrived."""
-        self._tool_requests: deque[ToolCall] = deque(maxlen=MAX_TOOL_REQUESTS)
+        self._tool_requests: deque[ToolCall] = deque()
         self._tools = LinkTools(self.robot, self.run_id, LinkClients(self))
         self._asked: set[str] = set()
         """Robots that tools on this machine have asked to run commands."""
@@ -588,6 +588,8 @@ class Link(Module):
         try:
             request = ToolRequest.decode(message.data)
         except MessageError:
+            return Fate.REFUSED
+        if len(self._tool_requests) == MAX_TOOL_REQUESTS:
             return Fate.REFUSED
         self._tool_requests.append(ToolCall(message.robot, message.name.topic, request, refusal))
         return Fate.PUBLISHED

@@ -177,6 +177,8 @@ class _Running:
 
     def is_gone(self, is_up: bool, now_s: float) -> bool:
         """Whether it has to end because its client has been gone for long; interrupt it first."""
+        if self._interrupted_s is not None and now_s - self._interrupted_s > GRACE_S:
+            self._process.kill()  # its last reply follows
         if is_up:
             self._heard_s = now_s
             return False

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -21,18 +20,18 @@ MAX_LINE_BYTES = 1 << 16
 
 
 class LineWatch:
-    """Passes on what a program prints, and notes when a line matched a pattern.
+    """Passes on what a program prints, and notes when a line held a text.
 
     Args:
-        patterns: the patterns.
+        texts: the texts.
 
     Attributes:
-        seen_s: for each pattern, when a line last matched it, in monotonic time.
+        seen_s: for each text, when a line last held it, in monotonic time.
     """
 
-    def __init__(self, patterns: Sequence[str]):
+    def __init__(self, texts: Sequence[str]):
         self.seen_s: dict[str, float] = {}
-        self._patterns = {text: re.compile(text) for text in patterns}
+        self._texts = tuple(texts)
 
     def follow(self, source: IO[bytes], target: int) -> threading.Thread:
         """Pass on each line to a descriptor, in a thread that ends with the source."""
@@ -43,10 +42,9 @@ class LineWatch:
     def _pass_on(self, source: IO[bytes], target: int) -> None:
         with source:
             while line := source.readline(MAX_LINE_BYTES):
-                text = line.decode("utf-8", "replace").rstrip("\r\n")
-                for name, pattern in self._patterns.items():
-                    if pattern.search(text):
-                        self.seen_s[name] = time.monotonic()
+                printed = line.decode("utf-8", "replace")
+                # Not regular expressions: some take for ever over a line that a program chooses.
+                self.seen_s |= {text: time.monotonic() for text in self._texts if text in printed}
                 os.write(target, line)
 
 

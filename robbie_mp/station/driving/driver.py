@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from robbie_mp.station.page.page import Page
 
 MIN_LINEAR_M_PER_S, MIN_ANGULAR_RAD_PER_S = 0.05, 0.1
+AHEAD_S = 0.1
+"""A picture may seem to come from the future by this: the clock of the robot is estimated."""
 FULL_SPEED_AGE_S, MIN_SHARE = 0.5, 0.1
 """Up to this age of the picture there is the whole top speed; of any older one, at least this share."""
 STEP = 1.25
@@ -176,6 +178,7 @@ def checked(sent: Any) -> DriverInput | None:
     """Return what the page sent, with speeds from -1 to 1; None if it is malformed."""
     try:
         linear, angular, sent_s = (float(sent[name]) for name in ("linear", "angular", "sent_s"))
+        picture_age_s = _age(sent.get("picture_age_s"))
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
     if not all(map(math.isfinite, (linear, angular, sent_s))):
@@ -183,9 +186,21 @@ def checked(sent: Any) -> DriverInput | None:
     held = bool(sent.get("held"))
     linear, angular = (max(-1.0, min(1.0, speed)) if held else 0.0 for speed in (linear, angular))
     begins, unguarded = bool(sent.get("begins")), bool(sent.get("unguarded"))
-    seen_s = sent.get("picture_age_s")
-    picture_age_s = float(seen_s) if isinstance(seen_s, int | float) and seen_s >= 0.0 else 0.0
     return DriverInput(held, begins, linear, angular, sent_s, unguarded, picture_age_s)
+
+
+def _age(seen_s: Any) -> float:
+    """Return the age of a picture; inf if the page's clock cannot be right. Without one in sight, it is 0.
+
+    Raises:
+        TypeError, ValueError, OverflowError: it is no number.
+    """
+    if seen_s is None:
+        return 0.0
+    age_s = float(seen_s)
+    if math.isnan(age_s):
+        raise ValueError("the age of a picture is NaN")
+    return max(0.0, age_s) if age_s > -AHEAD_S else math.inf
 
 
 def share_of_speed(picture_age_s: float) -> float:

@@ -138,3 +138,19 @@ def test_request_with_a_nul_is_refused_and_the_link_goes_on(peer: Peer, served: 
     served.take("hill", "top", request)
     assert served.refused == 1
     assert "cannot start it" in peer.replies[0].error
+
+
+def test_command_that_ignores_an_interrupt_is_killed(
+    served: LinkTools, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tools, "GRACE_S", 0.1)
+    text = "trap '' INT; echo ready; while :; do sleep 0.05; done"
+    served.take("laptop", "log", ToolRequest(request=1, arguments=["sh", "-c", text]))
+
+    def looked(condition: Callable[[], bool]) -> bool:
+        served.look_after()
+        return condition()
+
+    wait_until(lambda: looked(lambda: any(reply.output for reply in peer.replies)))
+    served.take("laptop", "log", ToolRequest(request=1, interrupts=True))
+    wait_until(lambda: looked(lambda: peer.replies[-1].is_over), 10.0)
