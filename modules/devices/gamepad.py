@@ -1,15 +1,16 @@
 """The operator's gamepad."""
 
 from robbie_mp import REQUIRED, Duration, Header, Module, Time, setting
-from robbie_mp.messages import DeviceState, DriveCommand
+from robbie_mp.messages import DeviceState, DriveCommand, Mark
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_robots.hw.gamepad import Gamepad
 
 STATE_PERIOD_S = 1.0
 STOOD_STILL_S = 0.5
 """Time between two ticks after which the operator must take hold again: the robot has stopped meanwhile."""
-# Codes of Linux: BTN_TL, ABS_X and ABS_Y.
+# Codes of Linux: BTN_TL, BTN_SELECT, ABS_X and ABS_Y.
 LEFT_SHOULDER = 0x136
+SELECT = 0x13A
 ABS_X, ABS_Y = 0, 1
 
 
@@ -21,11 +22,13 @@ class GamepadModule(Module):
     take hold again. A stick that was not moved since the gamepad
     was plugged in counts as centred.
 
-    Publishes `DriveCommand` on topic `manual`, and `DeviceState` on a topic named after the module.
+    Publishes `DriveCommand` on topic `manual`, `DeviceState` on a topic named after the module, and a `Mark`
+    when the operator presses the button that marks the moment.
     """
 
     device: str = setting(REQUIRED, "file of the gamepad, such as /dev/input/by-id/usb-…-event-joystick")
     dead_man_button: int = setting(LEFT_SHOULDER, "code of the button that must be held", minimum=0)
+    mark_button: int = setting(SELECT, "code of the button that marks the moment", minimum=0)
     forward_axis: int = setting(ABS_Y, "code of the axis for forward", minimum=0)
     turn_axis: int = setting(ABS_X, "code of the axis for turning", minimum=0)
     axis_min: int = setting(-32768, "an axis' value when pushed forward or left")
@@ -44,6 +47,8 @@ class GamepadModule(Module):
         """Look for the gamepad in the first tick, and ever after."""
         self.gamepad = Gamepad(self.device)
         self.is_driving = False
+        self.is_marking = False
+        self.marks = 0
         self.told: bool | None = None
         self.told_ns = 0
         self.polled_ns = self.clock.monotonic_ns()
@@ -64,6 +69,7 @@ class GamepadModule(Module):
         elif self.is_driving:
             self._command(0.0, 0.0)
             self.is_driving = False
+        self._mark()
         self._tell_state()
 
     def teardown(self) -> None:
@@ -94,6 +100,13 @@ class GamepadModule(Module):
             ),
             topic="manual",
         )
+
+    def _mark(self) -> None:
+        """Mark the moment in which the button goes down."""
+        was_marking, self.is_marking = self.is_marking, self.mark_button in self.gamepad.state.pressed
+        if self.is_marking and not was_marking:
+            self.marks += 1
+            self.publish(Mark(header=Header(stamp=self.now()), text=f"gamepad {self.marks}"))
 
     def _tell_state(self) -> None:
         """Publish whether the gamepad is there, when that changes and every second."""

@@ -13,6 +13,7 @@ from robbie_mp.messages import (
     Detection2DArray,
     Image,
     MapMetaData,
+    Mark,
     ObjectHypothesis,
     ObjectHypothesisWithPose,
     OccupancyGrid,
@@ -53,7 +54,8 @@ class Victims(Module):
 
     The module publishes the tags in an image as `Detection2DArray` on the image's topic. The operator answers
     with the service `AnswerVictim`. Without an answer in time, the module asks again later. It also publishes
-    `SearchedWalls`, the walls that the camera has seen well.
+    `SearchedWalls`, the walls that the camera has seen well, and a `Mark` when it knows a victim well for the
+    first time, so that the black box keeps that moment.
 
     After a restart, it still knows all victims, answers and searched walls.
     """
@@ -217,6 +219,10 @@ class Victims(Module):
             victim.asked_s = now_s
             victim.questions += 1
             self.log.info("victim %d at %s: %s", victim.tag, victim.position_m.round(2), victim.state.name)
+            if victim.questions == 1:
+                x_m, y_m, _ = victim.position_m.tolist()
+                found = f"victim found: tag {victim.tag} at {x_m:.1f}, {y_m:.1f} m"
+                self.publish(Mark(header=Header(stamp=self.now(), frame_id="map"), text=found))
             self._tell(victim)
 
     def _ask_later(self, victim: Victim) -> None:

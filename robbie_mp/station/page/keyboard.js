@@ -29,12 +29,26 @@ export default {
       }
     };
     addEventListener("keydown", this.on_key);
+    this.pressed = null; // buttons that are held when the page opens mean nothing
+    this.timer = setInterval(() => this.look(), LOOK_MS);
     this.on_open = () => (this.is_open = !this.is_open);
     addEventListener("robbie-keys", this.on_open);
   },
   unmounted() {
+    clearInterval(this.timer);
     removeEventListener("keydown", this.on_key);
     removeEventListener("robbie-keys", this.on_open);
+  },
+  methods: {
+    // Emits the keys of the gamepad's buttons that have just gone down; there are no events for them.
+    look() {
+      if (document.visibilityState !== "visible") return void (this.pressed = null);
+      const pads = [...(navigator.getGamepads?.() ?? [])];
+      const now = GAMEPAD_BUTTONS.filter((button) => pads.some((pad) => pad?.buttons[button]?.pressed));
+      for (const button of now)
+        if (this.pressed && !this.pressed.includes(button)) this.$emit("key", { key: `gamepad ${button}`, panel: "" });
+      this.pressed = now;
+    },
   },
 };
 
@@ -43,4 +57,6 @@ const ALWAYS = [
   ["W A S D, arrows", "Drive while held"],
   ["?", "This list"],
 ];
-const NAMES = { "+": "+", "-": "−", " ": "Space" };
+const NAMES = { "+": "+", "-": "−", " ": "Space", "gamepad 8": "Gamepad: Back" };
+const GAMEPAD_BUTTONS = [8]; // those that have keys; 8 is Back, Select or Share of a standard gamepad (W3C Gamepad API)
+const LOOK_MS = 50;

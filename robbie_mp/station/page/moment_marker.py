@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from robbie_mp.station.page.page import Page
 
 
+GAMEPAD_BACK = "gamepad 8"
+
+
 class MomentMarker:
     """A button at the top of the page. It marks at once, because typing a text would take too long."""
 
@@ -39,5 +42,6 @@ class MomentMarker:
                 ui.notify(text)
 
         page.add_key("m", "Mark this moment", mark)
+        page.add_key(GAMEPAD_BACK, "Mark this moment", mark)
         button = ui.button(icon="bookmark_add", on_click=mark).props("flat dense color=white id=mark")
         button.props('aria-label="Mark this moment" title="Mark this moment"')

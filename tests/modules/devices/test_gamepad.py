@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from robbie_mp import ModuleHarness
-from robbie_mp.messages import DeviceState, DriveCommand
+from robbie_mp.messages import DeviceState, DriveCommand, Mark
 from robbie_robots.hw.gamepad import EV_ABS, EV_KEY, EV_SYN, EVENT, SYN_DROPPED, GamepadEvents
-from robbie_robots.modules.devices.gamepad import ABS_X, ABS_Y, LEFT_SHOULDER, GamepadModule
+from robbie_robots.modules.devices.gamepad import ABS_X, ABS_Y, LEFT_SHOULDER, SELECT, GamepadModule
 
 REPORT = (EV_SYN, 0, 0)
 HOLD = (EV_KEY, LEFT_SHOULDER, 1)
@@ -128,3 +128,9 @@ def test_gamepad_held_while_its_module_stood_still_must_be_let_go(operator: Oper
     assert operator.does() == []
     assert operator.does(LET_GO) == []
     assert speeds(operator.does(HOLD, FORWARD)) == [(0.5, 0.0)]
+
+
+def test_each_press_of_the_mark_button_marks_once_and_moves_nothing(operator: Operator) -> None:
+    presses = [operator.does((EV_KEY, SELECT, held)) for held in (1, 1, 0, 1)]
+    assert presses == [[], [], [], []]
+    assert [mark.text for mark in operator.harness.take(Mark)] == ["gamepad 1", "gamepad 2"]

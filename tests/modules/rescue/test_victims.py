@@ -13,6 +13,7 @@ from robbie_mp.messages import (
     Detection2DArray,
     Image,
     MapMetaData,
+    Mark,
     OccupancyGrid,
     Point,
     Pose,
@@ -133,6 +134,13 @@ def test_victim_is_placed_on_the_map_and_the_operator_is_asked(watching: Watchin
     assert (place.x, place.y, place.z) == pytest.approx((ROOM_M, 2.0, 0.35), abs=0.1)
     assert abs(found.pose.orientation.yaw) == pytest.approx(math.pi, abs=0.3)
     assert found.image.data.size == 3 * found.image.width * found.image.height > 0
+
+
+def test_moment_in_which_a_victim_is_known_well_is_marked_once(watching: Watching) -> None:
+    watching.look(2.8, 1.7)
+    watching.look(2.8, 1.6)
+    (mark,) = watching.harness.take(Mark)
+    assert mark.text.startswith(f"victim found: tag {TAG} at 4.0, 2.0")
 
 
 def test_places_of_tags_are_published_with_the_images_header(watching: Watching) -> None:
