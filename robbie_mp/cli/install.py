@@ -116,6 +116,7 @@ def _command(arguments: argparse.Namespace) -> list[str]:
         ("--set", arguments.overrides),
         ("--var", arguments.variables),
         ("--without", arguments.without),
+        ("--only", arguments.only),
     ):
         for value in values:
             words += [option, value]

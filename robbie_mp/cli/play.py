@@ -149,8 +149,8 @@ def play(arguments: argparse.Namespace) -> int:
 def _checked(arguments: argparse.Namespace, settings: dict[str, Any]) -> tuple[Profile, Preflight]:
     if arguments.profile:
         profile = _robot(arguments, settings)
-    elif arguments.overrides or arguments.variables or arguments.without:
-        raise refuse("--set, --var and --without change a profile; name one after the recording")
+    elif arguments.overrides or arguments.variables or arguments.without or arguments.only:
+        raise refuse("--set, --var, --without and --only change a profile; name one after the recording")
     else:
         profile = _alone(settings)
     if arguments.charge and not (arguments.lockstep or profile.clock.lockstep):
@@ -219,7 +219,9 @@ def _robot(arguments: argparse.Namespace, settings: dict[str, Any]) -> Profile:
         ProfileError: it has no playback, or is wrong otherwise.
     """
     name = arguments.profile
-    profile = load_profile(name, variables=arguments.variables, without=arguments.without)
+    profile = load_profile(
+        name, variables=arguments.variables, without=arguments.without, only=arguments.only
+    )
     modules = {module.name for module in profile.modules}
     if PLAYBACK in modules and profile.clock.source != PLAYBACK:
         raise refuse(f"profile {name!r} needs `clock: {{source: {PLAYBACK}}}`: the playback sets the clock")

@@ -42,7 +42,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def add_profile_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments for a profile: `profile` and `overrides`."""
-    name = parser.add_argument("profile", help="name of a profile in profiles/, or path of a file")
+    name = parser.add_argument(
+        "profile", help="a profile in profiles/, by name or path; or package.module:Class, one alone"
+    )
     name.completer = completers.profiles  # type: ignore[attr-defined]
     add_set_argument(parser)
 
@@ -59,11 +61,12 @@ def load(arguments: argparse.Namespace, given: Sequence[str] = ()) -> Profile:
         overrides=[*given, *arguments.overrides],
         variables=arguments.variables,
         without=arguments.without,
+        only=arguments.only,
     )
 
 
 def add_set_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the options that change a profile: `overrides`, `variables`, `without`."""
+    """Add the options that change a profile: `overrides`, `variables`, `without`, `only`."""
     parser.add_argument(
         "--set",
         dest="overrides",
@@ -81,14 +84,24 @@ def add_set_argument(parser: argparse.ArgumentParser) -> None:
         help="give a variable of the profile a value; may be repeated",
     )
     variables.completer = completers.profile_variables  # type: ignore[attr-defined]
-    without = parser.add_argument(
-        "--without",
-        metavar="MODULE",
-        action="append",
-        default=[],
-        help="leave out a module of the profile; may be repeated",
-    )
-    without.completer = completers.profile_modules  # type: ignore[attr-defined]
+    for option, what in (
+        ("--without", "leave out these modules"),
+        ("--only", "leave out all but these modules"),
+    ):
+        names = parser.add_argument(
+            option,
+            metavar="MODULE[,MODULE...]",
+            type=_names,
+            action="extend",
+            default=[],
+            help=f"{what} of the profile; may be repeated",
+        )
+        names.completer = completers.profile_modules  # type: ignore[attr-defined]
+
+
+def _names(text: str) -> list[str]:
+    """Return the names in a list with commas."""
+    return text.split(",")
 
 
 def show(arguments: argparse.Namespace) -> int:

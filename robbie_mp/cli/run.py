@@ -22,6 +22,7 @@ from robbie_mp.cli.screen import RunScreen
 from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.run.profile.model import BLACK_BOX, Profile
 from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
+from robbie_mp.run.profile.workspace import is_class
 from robbie_mp.run.results import remove_oldest
 from robbie_mp.run.supervisor.run import RunResult, default_output_directory, run_profile
 
@@ -43,6 +44,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
             "robbie run robot",
             "robbie run sim/arena --set mapping.resolution_m=0.1",
             "robbie run robot --var simulated=true --without camera",
+            "robbie run robot --only laser,mapping",
+            "robbie run robot.laser:Laser --set laser.rate_hz=10",
             "robbie run robot --quiet --json > summary.json",
             "robbie run robot --another",
         ],
@@ -74,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     profile, findings = check(load(arguments).with_black_box())
     if arguments.fresh:
         _set_checkpoints_aside(profile)
-    return run_robot(profile, findings, arguments, is_robot=True)
+    return run_robot(profile, findings, arguments, is_robot=not is_class(arguments.profile))
 
 
 def check(profile: Profile) -> tuple[Profile, Preflight]:

@@ -189,6 +189,8 @@ COMMANDS = {
     "run robot --set sensr.period_s=1": (2, "--set sensr.*: there is no module 'sensr'"),
     "run robot --set sensor.period_s=fast": (2, "--set sensor.period_s: .*expected float, at least 0.01"),
     "run robot --without nosuch": (2, "--without nosuch: there is no module 'nosuch'; modules: sensor"),
+    "run robot --only nosuch": (2, "--only nosuch: there is no module 'nosuch'; modules: sensor"),
+    "run nosuch:Sensor": (2, "nosuch:Sensor: modules.sensor.class: there is no Python module 'nosuch'"),
     "run robot --var x=1": (2, "--var x: there is no variable 'x'; .*declare it under `variables:`"),
     "echo scan": (1, "no run.*; start one with `robbie run PROFILE`"),
     "stop": (1, "no run.*; start one with `robbie run PROFILE`"),

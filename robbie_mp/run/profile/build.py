@@ -28,6 +28,7 @@ from robbie_mp.run.profile.model import (
     ToolLimits,
     TraceSettings,
 )
+from robbie_mp.run.profile.workspace import CLASS_PATH
 
 PROGRAM_KEY = "program"
 PROGRAM_CLASS = "robbie_mp.run.program.module:Program"
@@ -49,7 +50,6 @@ PROFILE_KEYS = (
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
 NAMESPACE = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
-CLASS_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
 def build_profile(name: str, tree: YamlNode, *, workspace: Path, current_folder: Path) -> Profile:

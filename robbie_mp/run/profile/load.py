@@ -17,6 +17,7 @@ def load_profile(
     overrides: Sequence[str] = (),
     variables: Sequence[str] = (),
     without: Sequence[str] = (),
+    only: Sequence[str] = (),
 ) -> Profile:
     """Return a profile of the workspace that contains `start`.
 
@@ -24,17 +25,19 @@ def load_profile(
     the settings, because it must import them.
 
     Args:
-        name_or_file: A name such as `demo` or `sim/arena`, or the path of a file in a folder profiles/.
+        name_or_file: A name such as `demo` or `sim/arena`, the path of a file in a folder profiles/, or the
+            class of a module, `package.module:Class`, which then runs alone.
         start: A folder in the workspace; the current directory by default.
         overrides: Each `MODULE.SETTING=VALUE` or `CONFIG.KEY=VALUE`, the value in YAML.
         variables: Each `NAME=VALUE`, the value in YAML.
         without: Names of modules to leave out.
+        only: Names of the modules to keep; none: all.
 
     Raises:
         ProfileError: The profile cannot be used; it lists every problem with file and line.
     """
     here = Path.cwd()
     workspace, name = locate(name_or_file, start or here)
-    resolved = resolve(merge_profile(workspace, name, overrides), variables, without)
+    resolved = resolve(merge_profile(workspace, name, overrides), variables, without, only)
     profile = build_profile(name, resolved.tree, workspace=workspace.root, current_folder=here)
     return replace(profile, left_out=resolved.left_out)

@@ -1,16 +1,20 @@
 """Merges a profile with its parents and with the overrides of the command line."""
 
+import re
 from collections.abc import Sequence
 from functools import reduce
 
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.yaml_reader import YamlNode, read_text
-from robbie_mp.run.profile.workspace import Workspace
+from robbie_mp.run.profile.model import BLACK_BOX
+from robbie_mp.run.profile.workspace import Workspace, is_class
+
+_WORD_BEGINS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
 def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> YamlNode:
-    """Return the merged content of a profile as a map.
+    """Return the merged content of a profile as a map; of a class, that of a profile with nothing else.
 
     Parents come first, in their order, each before its children and each only once. If two parents share a
     parent, the changes that either makes to it are kept. Maps merge, null removes, everything else replaces.
@@ -18,6 +22,8 @@ def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()
     Raises:
         ProfileError: a file is missing or is not YAML, or a profile is its own ancestor.
     """
+    if is_class(name):
+        return override(_profile_of_class(name), overrides)
     lineage: dict[str, YamlNode] = {}
     _collect(workspace, name, (), None, lineage)
     empty = YamlNode({}, lineage[name].place)
@@ -69,6 +75,15 @@ def _names(parents: YamlNode | None) -> list[YamlNode]:
     if problems:
         raise ProfileError(problems)
     return parents.value
+
+
+def _profile_of_class(class_path: str) -> YamlNode:
+    """Return the profile of one module, named as its class, in small letters; it has no black box."""
+    place = SourcePlace(class_path)
+    name = _WORD_BEGINS.sub("_", class_path.rpartition(":")[2]).strip("_").lower()
+    module = YamlNode({"class": YamlNode(class_path, place)}, place)
+    modules = YamlNode({name: module}, place)
+    return YamlNode({"modules": modules, BLACK_BOX: YamlNode(False, place)}, place)
 
 
 def override(profile: YamlNode, overrides: Sequence[str]) -> YamlNode:

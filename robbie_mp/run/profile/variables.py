@@ -3,7 +3,8 @@
 All of it happens after the profile has been merged with its parents and `--set`, and before it is checked:
 
 1. A variable has its default from `variables`, or the value of `--var`, which must have the same type.
-2. A module whose `if` is false is left out, and so is one named by `--without`.
+2. A module whose `if` is false is left out, and so are those named by `--without`, and all but those of
+   `--only`.
 3. `${name}` is replaced in all values. A value that is nothing else keeps the variable's type.
 """
 
@@ -33,19 +34,22 @@ class Resolved(NamedTuple):
     """Why each module is not in the tree, by its name."""
 
 
-def resolve(tree: YamlNode, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Resolved:
+def resolve(
+    tree: YamlNode, settings: Sequence[str] = (), without: Sequence[str] = (), only: Sequence[str] = ()
+) -> Resolved:
     """Replace the variables of a merged profile, and leave out the modules that shall not run.
 
     Args:
         tree: the profile, merged with its parents and overrides.
         settings: each `NAME=VALUE` of the command line, the value in YAML.
         without: the names of modules to leave out.
+        only: the names of the modules to keep; none: all.
 
     Raises:
         ProfileError: it lists unknown variables, wrong values and conditions, and unknown modules.
     """
     resolver = _Resolver(tree)
-    resolved = resolver.resolve(settings, without)
+    resolved = resolver.resolve(settings, without, only)
     if resolver.problems:
         raise ProfileError(resolver.problems)
     return resolved
@@ -59,7 +63,7 @@ class _Resolver:
         self.problems: list[Problem] = []
         self.variables: Trees = {}
 
-    def resolve(self, settings: Sequence[str], without: Sequence[str]) -> Resolved:
+    def resolve(self, settings: Sequence[str], without: Sequence[str], only: Sequence[str]) -> Resolved:
         content = _map_of(self.tree)
         if content is None:
             return Resolved(self.tree, {})  # which is reported when the profile is built
@@ -67,7 +71,7 @@ class _Resolver:
         for text in settings:
             self._set(text)
         modules = _map_of(content.get("modules")) or {}
-        left_out = self._left_out(modules, without)
+        left_out = self._left_out(modules, without, only)
         kept = {
             name: _without_names(_without_condition(module), left_out)
             for name, module in modules.items()
@@ -165,18 +169,28 @@ class _Resolver:
 
     # -- modules -----------------------------------------------------------------------------------------
 
-    def _left_out(self, modules: Trees, without: Sequence[str]) -> dict[str, str]:
+    def _left_out(self, modules: Trees, without: Sequence[str], only: Sequence[str]) -> dict[str, str]:
         left_out: dict[str, str] = {}
         for name, module in modules.items():
             condition = (_map_of(module) or {}).get("if")
             if condition is not None and not self._holds(f"modules.{name}.if", condition):
                 left_out[name] = f"if: {condition.plain()}"
         for name in without:
-            if name not in modules:
-                near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
-                self._report(SourcePlace(f"--without {name}"), f"there is no module {name!r}{near}")
+            self._check_name("--without", name, modules)
             left_out.setdefault(name, f"--without {name}")
+        for name in only:
+            self._check_name("--only", name, modules)
+            if name in left_out:
+                self._report(SourcePlace(f"--only {name}"), f"{name} is left out ({left_out[name]})")
+        if only:
+            why = f"--only {','.join(only)}"
+            left_out = {name: why for name in modules if name not in only} | left_out
         return left_out
+
+    def _check_name(self, option: str, name: str, modules: Trees) -> None:
+        if name not in modules:
+            near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
+            self._report(SourcePlace(f"{option} {name}"), f"there is no module {name!r}{near}")
 
     def _check_clock(self, clock: YamlNode | None, left_out: Mapping[str, str]) -> None:
         source = (_map_of(clock) or {}).get("source")

@@ -13,6 +13,8 @@ from robbie_mp.base.yaml_reader import YamlNode, read_file
 FOLDER = "profiles"
 SUFFIX = ".yaml"
 NAME = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
+CLASS_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+"""The class of a module, `package.module:Class`."""
 STOCK_FOLDERS = (Path(__file__).with_name("stock"), ROBOTS / FOLDER)
 """The profiles that come with Robbie-MP: parents such as `robbie:playback`, and the stock robots."""
 
@@ -101,16 +103,21 @@ def find_workspace(start: Path, wanted: str = "") -> Workspace:
     raise refuse(f"no folder {FOLDER}/ in {start} or above it; go to your robot's folder{near}")
 
 
+def is_class(name: str) -> bool:
+    """Whether this names the class of a module, which runs alone, and not a profile."""
+    return not name.startswith(STOCK) and CLASS_PATH.fullmatch(name) is not None
+
+
 def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     """Return the workspace and name of a profile that is given by name, or by a path that ends with .yaml.
 
-    A profile that comes with Robbie-MP needs no workspace.
+    A profile that comes with Robbie-MP needs no workspace, and neither does a class that runs alone.
 
     Raises:
         ProfileError: there is no workspace, or the file is not in one.
     """
-    if name_or_file.startswith(STOCK) and not enclosing_workspace(start):
-        return Workspace(start), name_or_file
+    if name_or_file.startswith(STOCK) or is_class(name_or_file):
+        return Workspace(enclosing_workspace(start.absolute()) or start), name_or_file
     if not name_or_file.endswith(SUFFIX):
         return find_workspace(start, name_or_file), name_or_file
     file = Path(os.path.abspath(start / name_or_file))

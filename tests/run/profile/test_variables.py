@@ -33,13 +33,13 @@ modules:
 """
 
 
-def load(*variables: str, without: tuple[str, ...] = (), overrides: tuple[str, ...] = ()):  # type: ignore[no-untyped-def]
-    return load_profile("demo", overrides=overrides, variables=variables, without=without)
+def load(*variables: str, overrides: tuple[str, ...] = (), **names: tuple[str, ...]):  # type: ignore[no-untyped-def]
+    return load_profile("demo", overrides=overrides, variables=variables, **names)
 
 
-def problems(*variables: str, without: tuple[str, ...] = ()) -> list[str]:
+def problems(*variables: str, **names: tuple[str, ...]) -> list[str]:
     with pytest.raises(ProfileError) as caught:
-        load(*variables, without=without)
+        load(*variables, **names)
     return [str(problem) for problem in caught.value.problems]
 
 
@@ -202,6 +202,21 @@ def test_module_is_left_out_by_name(robot: Robot) -> None:
     assert profile.left_out["camera"] == "--without camera"
     assert problems(without=("camra",)) == [
         "--without camra: there is no module 'camra'; did you mean 'camera'?"
+    ]
+
+
+def test_all_but_the_named_modules_are_left_out(robot: Robot) -> None:
+    robot.write("demo", "modules: {a: {class: 'm:A'}, b: {class: 'm:A', depends_on: [a]}, c: {class: 'm:A'}}")
+    profile = load(only=("b",))
+    assert [(module.name, module.depends_on) for module in profile.modules] == [("b", ())]
+    assert profile.left_out == {"a": "--only b", "c": "--only b"}
+    assert problems(only=("d", "b")) == ["--only d: there is no module 'd'; modules: a, b, c"]
+
+
+def test_module_that_is_left_out_otherwise_cannot_be_the_only_one(robot: Robot) -> None:
+    robot.write("demo", DEMO)
+    assert problems(only=("camera",), without=("camera",)) == [
+        "--only camera: camera is left out (--without camera)"
     ]
 
 

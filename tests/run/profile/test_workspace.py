@@ -35,6 +35,17 @@ def test_path_of_a_profile_determines_the_workspace(robot: Robot, monkeypatch: p
         assert (profile.name, profile.workspace, profile.variables) == ("sim/arena", robot.root, {"a": 1})
 
 
+def test_class_of_a_module_is_a_profile_of_that_module_alone(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (robot.root / "deep").mkdir()
+    monkeypatch.chdir(robot.root / "deep")
+    profile = robot.load("my.robot:HTTPCamera2Left", "http_camera2_left.rate_hz=3")
+    (module,) = profile.with_black_box().modules
+    assert (module.name, module.class_path) == ("http_camera2_left", "my.robot:HTTPCamera2Left")
+    assert (module.settings, profile.workspace) == ({"rate_hz": 3}, robot.root)
+
+
 def test_workspace_can_be_given(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     robot.write("demo", "")
     monkeypatch.chdir("/")
