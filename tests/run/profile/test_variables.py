@@ -1,6 +1,7 @@
 """Variables, conditions, and modules left out on the command line."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,11 +34,11 @@ modules:
 """
 
 
-def load(*variables: str, overrides: tuple[str, ...] = (), **names: tuple[str, ...]):  # type: ignore[no-untyped-def]
+def load(*variables: str, overrides: tuple[str, ...] = (), **names: Any):  # type: ignore[no-untyped-def]
     return load_profile("demo", overrides=overrides, variables=variables, **names)
 
 
-def problems(*variables: str, **names: tuple[str, ...]) -> list[str]:
+def problems(*variables: str, **names: Any) -> list[str]:
     with pytest.raises(ProfileError) as caught:
         load(*variables, **names)
     return [str(problem) for problem in caught.value.problems]
