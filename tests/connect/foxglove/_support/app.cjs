@@ -56,7 +56,9 @@ function connect(link) {
 function seen(client, event) {
   return new Promise((resolve, reject) => {
     client.on(event, resolve);
-    setTimeout(() => reject(new Error(`no ${event}`)), LIMIT_MS).unref();
+    client.on("error", (error) => reject(new Error(`no ${event}: ${error?.message ?? error}`)));
+    // Also what keeps this program alive after the end of a connection: it never ends without a word.
+    setTimeout(() => reject(new Error(`no ${event}`)), LIMIT_MS);
   });
 }
 
