@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests._support.robot import Robot
-from tests.station._support.browser import LIMIT_S, browser, needs_chromium, page_of
+from tests._support.robot import LIMIT_S, Robot
+from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of, titles_of
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(600)]

@@ -196,7 +196,8 @@ class Page:
         """Let a key start an action wherever the focus is, but for texts; `?` lists it.
 
         Args:
-            key: the character, in lower case, or a gamepad's button that keyboard.js knows. If another action has it already, that one keeps it.
+            key: the character, in lower case, or a gamepad's button that keyboard.js knows. If another
+                action has it already, that one keeps it.
             text: what it does.
             action: called in the page server's thread; None: a script of the page listens itself.
         """
