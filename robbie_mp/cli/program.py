@@ -22,7 +22,10 @@ from robbie_mp.cli.parser import BAD_USAGE, HelpFormatter, Parser
 GROUPS = {
     "run a robot": ("run", "stop", "module", "play", "playback", "connect"),
     "look at a run": (
-        "list", "top", "log", "echo", "hz", "bw", "plot", "graph", "type", "gui", "foxglove", "replay",
+        "list", "top", "log", "echo", "hz", "bw", "plot", "graph", "type", "gui", "foxglove",
+    ),
+    "debug a module": (
+        "attach", "replay",
     ),
     "talk to a run": ("pub", "call", "param", "mark"),
     "record, and use recordings": (

@@ -6,7 +6,8 @@ supervisor replies with one line as soon as the command is done: `{"done": TEXT}
 
 After `{"command": "stop"}`, which stops the whole run, the supervisor closes the connection when the run is
 over. After `{"command": "attach", "purpose": TEXT}` the connection stays open for as long as the tool is
-attached; see `robbie_mp.run.supervisor.attached_tools`.
+attached; see `robbie_mp.run.supervisor.attached_tools`. For `debug` and `breakpoint` see
+`robbie_mp.run.debug_link`.
 """
 
 import json
@@ -98,13 +99,8 @@ def converse(folder: Path, request: Mapping[str, object]) -> tuple[socket.socket
     Raises:
         RunNotControlled: no supervisor replies.
     """
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection = connect(folder)
     try:
-        folder_fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            connection.connect(socket_address(folder_fd))
-        finally:
-            os.close(folder_fd)
         connection.sendall(pack_line(request))
         line = b""
         while not line.endswith(b"\n") and (more := connection.recv(MAX_LINE_BYTES)):
@@ -112,6 +108,27 @@ def converse(folder: Path, request: Mapping[str, object]) -> tuple[socket.socket
         return connection, json.loads(line or b"{}")
     except OSError as error:
         connection.close()
-        raise RunNotControlled(
-            f"run {folder.name} takes no commands: {error.strerror}; see `robbie list`"
-        ) from error
+        raise _not_controlled(folder, error) from error
+
+
+def connect(folder: Path) -> socket.socket:
+    """Connect to the control socket of a run, given the run's folder.
+
+    Raises:
+        RunNotControlled: no supervisor replies.
+    """
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        folder_fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            connection.connect(socket_address(folder_fd))
+        finally:
+            os.close(folder_fd)
+    except OSError as error:
+        connection.close()
+        raise _not_controlled(folder, error) from error
+    return connection
+
+
+def _not_controlled(folder: Path, error: OSError) -> RunNotControlled:
+    return RunNotControlled(f"run {folder.name} takes no commands: {error.strerror}; see `robbie list`")

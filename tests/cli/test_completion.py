@@ -160,9 +160,9 @@ def test_no_color_is_respected_on_a_terminal(robbie: Path, variable: str) -> Non
 
 
 CHANGING = {
-    "stop", "module", "pub", "param set", "param dump", "param load", "record", "recording", "export",
-    "import-carmen", "import-rosbag", "new", "install", "keys new", "keys trust", "keys revoke", "keys check",
-    "completion", "playback keys", "plot",
+    "attach", "stop", "module", "pub", "param set", "param dump", "param load", "record", "recording",
+    "export", "import-carmen", "import-rosbag", "new", "install", "keys new", "keys trust", "keys revoke",
+    "keys check", "completion", "playback keys", "plot",
 }  # fmt: skip
 """Commands that do something, rather than list or show it, or that draw."""
 

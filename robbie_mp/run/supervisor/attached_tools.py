@@ -87,9 +87,7 @@ class AttachedTools:
             )
         name = free[0]
         incarnation = self._last_incarnation[name] + 1
-        pid, _, _ = PEER_CREDENTIALS.unpack(
-            connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, PEER_CREDENTIALS.size)
-        )
+        pid = peer_pid(connection)
         self._memory.open(name, incarnation)
         self._last_incarnation[name] = incarnation
         self._memory.attached(name, incarnation, pid)
@@ -143,6 +141,13 @@ class AttachedTools:
                 for name in self._leaving
                 if not self._memory.is_reclaimed(name, self._last_incarnation[name])
             }
+
+
+def peer_pid(connection: socket.socket) -> int:
+    """Return the process at the other end of a connection."""
+    found = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, PEER_CREDENTIALS.size)
+    pid: int = PEER_CREDENTIALS.unpack(found)[0]
+    return pid
 
 
 def _send_reply(connection: socket.socket, answer: dict[str, object] | dict[str, str]) -> None:

@@ -16,6 +16,7 @@ from typing import NoReturn
 
 from robbie_mp.base.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import CORE, RunPlan
+from robbie_mp.run.supervisor.breakpoints import open_debugger_at_breakpoints
 from robbie_mp.run.supervisor.leftovers import MARKER
 from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 from robbie_mp.run.trace.channel import ChannelHandler, log_to_supervisor
@@ -79,6 +80,7 @@ def _outcome(
         else:
             from robbie_mp.run.supervisor.module_child import run_module  # noqa: PLC0415
 
+            open_debugger_at_breakpoints(run_folder)
             run_module(run_folder, plan, name, incarnation)
     except SystemExit as end:
         if isinstance(end.code, str):

@@ -11,6 +11,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
@@ -18,6 +19,7 @@ from robbie_mp.base.linux.private_files import PRIVATE_FILE
 from robbie_mp.run.control import MAX_LINE_BYTES, BadRequest, pack_line, socket_address, unpack_request
 from robbie_mp.run.supervisor.attached_tools import AttachedTools
 from robbie_mp.run.supervisor.child_spec import ChildKind
+from robbie_mp.run.supervisor.debugging import Debugging
 from robbie_mp.run.supervisor.output import STALLED_AFTER_S, SUPERVISOR
 from robbie_mp.run.supervisor.states import ChildState
 from robbie_mp.run.supervisor.supervised_child import SupervisedChild
@@ -95,6 +97,7 @@ class ControlServer:
         tree: Tree,
         clock: Callable[[], float] = time.monotonic,
         tools: AttachedTools | None = None,
+        debugging: Debugging | None = None,
     ):
         """Listen; clients are served once the tree runs.
 
@@ -103,8 +106,10 @@ class ControlServer:
             tree: the children to control.
             clock: monotonic time in s.
             tools: attaches tools; None: tools cannot attach.
+            debugging: holds modules at breakpoints; None: they pass them.
         """
         self._tree = tree
+        self._debugging = debugging
         self._tools = tools
         self._recording = TraceRecording(folder, tree)
         self._clock = clock
@@ -175,29 +180,41 @@ class ControlServer:
 
     def _begin(self, line: bytes, client: "_Client") -> Progress | None:
         """Carry out a request; return a function that reports when it is done."""
-        match unpack_request(line):
+        request = unpack_request(line)
+        if (take := self._taking(request)) is not None:
+            self._hand_over(client, take)
+            return None
+        match request:
             case {"command": "stop", "module": str(name)}:
                 return _stopped(self._tree.stop_child(name, "stopped by command"))
             case {"command": "start", "module": str(name)}:
                 return _restarted(self._tree.start_child(name, "started by command"))
             case {"command": "restart", "module": str(name)}:
                 return _restarted(self._tree.restart_child(name, "restarted by command"))
-            case {"command": "attach", "purpose": str(purpose)} if self._tools:
-                self._hand_over(client, purpose[:MAX_PURPOSE_LENGTH], self._tools)
-                return None
             case {"command": "record", "kinds": [*kinds], **others} if not others.keys() - {"module"}:
                 return self._record(kinds, others.get("module"))
             case {"command": "stop", **others} if not others:
                 self._tree.stop("stopped by command")
                 return lambda: None
             case request:
-                expected = "stop, attach, record, or stop, start or restart of a module"
+                expected = "stop, attach, record, debug, or stop, start or restart of a module"
                 raise BadRequest(f"expected {expected}; got {request!r:.100}")
 
-    def _hand_over(self, client: "_Client", purpose: str, tools: AttachedTools) -> None:
+    def _taking(self, request: object) -> Callable[[socket.socket], None] | None:
+        """Return what takes over the connection of such a request; None: nothing does."""
+        match request:
+            case {"command": "attach", "purpose": str(purpose)} if self._tools:
+                return partial(self._tools.attach, purpose=purpose[:MAX_PURPOSE_LENGTH])
+            case {"command": "debug", "module": str(name)} if self._debugging:
+                return partial(self._debugging.attach, name=name)
+            case {"command": "breakpoint", "where": str(where)} if self._debugging:
+                return partial(self._debugging.stand, where=where)
+        return None
+
+    def _hand_over(self, client: "_Client", take: Callable[[socket.socket], None]) -> None:
         self._tree.unwatch(client.connection.fileno())
         try:
-            tools.attach(client.connection, purpose)
+            take(client.connection)
         except BaseException:
             self._tree.watch(client.connection.fileno(), lambda: self._on_readable(client))
             raise

@@ -30,6 +30,7 @@ from robbie_mp.run.supervisor.capsules import Capsules
 from robbie_mp.run.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.run.supervisor.connection_watch import ConnectionWatch
 from robbie_mp.run.supervisor.control import ControlServer
+from robbie_mp.run.supervisor.debugging import Debugging
 from robbie_mp.run.supervisor.files_watch import FilesWatch
 from robbie_mp.run.supervisor.health_watch import HealthWatch
 from robbie_mp.run.supervisor.memory import SUPERVISOR, RunMemory
@@ -204,7 +205,9 @@ def _run(
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
-            lambda: _each_turn(tree, memory, control, tools, watch, health, files, service, capsules),
+            lambda: _each_turn(
+                tree, memory, control, tools, debugging, watch, health, files, service, capsules
+            ),
             spares=_spares(profile, run_folder, environment),
         )
         capsules = memory.capsules = Capsules(
@@ -223,9 +226,11 @@ def _run(
         )
         files = FilesWatch(lambda: {run_folder / PLAN_FILE: None, **memory.files()}, memory.data_files)
         tools = AttachedTools(tree, memory, plan.tool_names)
-        control = ControlServer(run_folder, tree, tools=tools)
+        debugging = Debugging(tree)
+        control = ControlServer(run_folder, tree, tools=tools, debugging=debugging)
         connections.callback(control.close)
         connections.callback(tools.close)
+        connections.callback(debugging.close)
         listener.begin(plan.run_id)
         _say_hot_path(tree)
     except BaseException:
@@ -266,6 +271,7 @@ def _each_turn(
     memory: RunMemory,
     control: ControlServer,
     tools: AttachedTools,
+    debugging: Debugging,
     watch: ConnectionWatch,
     health: HealthWatch,
     files: FilesWatch,
@@ -291,6 +297,7 @@ def _each_turn(
         _kill(tree, tools, name, incarnation, "the core refused its records; core.log says why")
     control.turn()
     tools.turn()
+    debugging.turn()
     watch.turn()
     capsules.turn()
 

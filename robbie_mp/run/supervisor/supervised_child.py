@@ -67,6 +67,7 @@ class SupervisedChild:
             the run meets in its first start has not failed.
         ended_run: whether it ended in the way that ends the run.
         awaits_retry: whether it is FAILED and will be retried.
+        is_debugged: whether it stands at a breakpoint, so that it is neither hung nor late.
         unfinished: why it did not end in order when the run stopped, so that what it writes at its end, such
             as a map, is missing; '' if it did, or if it never ran.
     """
@@ -79,7 +80,7 @@ class SupervisedChild:
         self.incarnation = 0
         self.reason = ""
         self.was_settled = self._was_up = self.never_came_up = False
-        self.ended_run = False
+        self.ended_run = self.is_debugged = False
         self.output = output
         self._budget = budget
         self._around = surroundings
@@ -148,6 +149,7 @@ class SupervisedChild:
         self._is_retried, self.awaits_retry = self.awaits_retry, False
         self._then = None
         self._stop_reason = self._kill_reason = ""
+        self.is_debugged = False
         self._kill_at_s = self._killed_s = None
         self._due_s = self._clock() + self.spec.module.start_deadline_s
         self.output.begin(self.incarnation)
@@ -184,7 +186,7 @@ class SupervisedChild:
             self.kill(self._kill_reason)
         elif self.state is ChildState.STARTING:
             self._check_ready()
-            if self._incarnations.awaits_time(self.spec.name):
+            if self.is_debugged or self._incarnations.awaits_time(self.spec.name):
                 self._due_s = now_s + self.spec.module.start_deadline_s  # the delay is not its fault
             elif self.state is ChildState.STARTING and now_s >= self._due_s + self._starved_s(now_s):
                 self.kill(f"not ready within {self.spec.module.start_deadline_s:g} s")
@@ -322,7 +324,7 @@ class SupervisedChild:
     def _check_hang(self, now_s: float) -> None:
         if self._then is not None or self._process is None or self._run_queue is None:
             return  # in an ordered stop, the grace period is the deadline
-        doing = self._incarnations.doing(self.spec.name, self.incarnation)
+        doing = None if self.is_debugged else self._incarnations.doing(self.spec.name, self.incarnation)
         hung_s = self._hang_watch.hung_for_s(doing, now_s, self._run_queue)
         if hung_s is not None and doing is not None:
             what = self._incarnations.describe(self.spec.name, self.incarnation, doing)
