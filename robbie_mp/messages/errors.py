@@ -23,6 +23,19 @@ class FieldValueError(FieldError, ValueError):
     """A value has the right type, but is out of range, too long, or of the wrong shape."""
 
 
+class UnknownField(FieldError, TypeError):
+    """A message is made with a field that its type does not have.
+
+    Example scenarios:
+      - `Twist(linar=…)`
+      - a program was written for another version of the type
+    """
+
+
+class ImmutableMessage(FieldError, AttributeError):
+    """A field of a message is set or deleted; a copy with another value comes from `replace()`."""
+
+
 class IllFormed(FieldValueError):
     """The values of a message make no sense together, or none at all; the text says which, and what would.
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar, cast
 import numpy as np
 from typing_extensions import Self, dataclass_transform
 
+from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.bus._hot.choice import native
 from robbie_mp.messages.codec.functions import FUNCTIONS
 from robbie_mp.messages.codec.table import tabulate
 from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration, read_fields
-from robbie_mp.messages.errors import DeclarationError, NotAMessage
+from robbie_mp.messages.errors import DeclarationError, ImmutableMessage, NotAMessage
 from robbie_mp.messages.field_types import Field, Items, MessageLayout, Nested, Numbers, natural_default
 from robbie_mp.messages.text import represent
 
@@ -232,12 +233,16 @@ class Message(metaclass=MessageType):
                 object.__setattr__(self, field.name, natural_default(field.type))
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(
+        known = [field.name for field in fields_of(type(self))]
+        if name not in known:
+            near = did_you_mean(name, known) or f"; its fields are {', '.join(known)}"
+            raise ImmutableMessage(f"{type(self).__name__} is immutable, and has no field {name!r}{near}")
+        raise ImmutableMessage(
             f"{type(self).__name__} is immutable; create a copy with another {name}: see replace()"
         )
 
     def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"{type(self).__name__} is immutable")
+        raise ImmutableMessage(f"{type(self).__name__} is immutable")
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):

@@ -4,6 +4,7 @@ Most are found before anything starts. No mistake shows a traceback.
 """
 
 import re
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,13 +15,14 @@ import pytest
 from robbie_mp import Module, ModuleHarness, setting
 from robbie_mp.cli import main
 from robbie_mp.messages import DriveCommand, Image, LaserScan, OccupancyGrid
-from robbie_mp.messages.errors import FieldError, NotAMessage
+from robbie_mp.messages.errors import FieldError, ImmutableMessage, NotAMessage, UnknownField
 from robbie_mp.module.deadlines import InvalidDeadline
 from robbie_mp.module.handlers import InvalidHandler
 from robbie_mp.module.harness import NotSubscribed
 from robbie_mp.module.module import InvalidPeriod
 from robbie_mp.module.subscriptions import SubscribedTwice
 from robbie_mp.module.wiring import InvalidTopic
+from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 from tests._support.own_runs import see_own_runs_only
 
 HEAD = "from robbie_mp import *\nfrom robbie_mp.messages import LaserScan\n\n\n"
@@ -338,8 +340,18 @@ WHILE_IT_RUNS: dict[str, tuple[Callable[[Any], object], type[Exception], str]] =
     ),
     "wrong field": (
         lambda _: LaserScan(range=[1.0]),  # type: ignore[call-arg]
-        TypeError,
+        UnknownField,
         "LaserScan() got an unexpected keyword argument 'range'; did you mean 'ranges'",
+    ),
+    "set a wrong field": (
+        lambda _: setattr(LaserScan(), "range", [1.0]),
+        ImmutableMessage,
+        "LaserScan is immutable, and has no field 'range'; did you mean 'ranges'",
+    ),
+    "set a field": (
+        lambda _: setattr(LaserScan(), "ranges", [1.0]),
+        ImmutableMessage,
+        "LaserScan is immutable; create a copy with another ranges: see replace()",
     ),
     "text for a number": (
         lambda _: DriveCommand(linear_m_per_s="fast"),  # type: ignore[arg-type]
@@ -392,6 +404,22 @@ def test_mistake_while_a_module_runs_is_explained(name: str) -> None:
     with ModuleHarness(Camera) as harness, pytest.raises(error, match=pattern(line)) as raised:
         do(harness.module)
     assert "\n" not in str(raised.value)
+    leave_out_our_frames(raised.value)
+    assert {frame.filename for frame in traceback.extract_tb(raised.value.__traceback__)} == {__file__}
+
+
+def test_error_of_ours_that_no_line_of_the_module_raised_has_no_traceback() -> None:
+    class Ticks(Module):
+        def tick(self) -> None:
+            pass
+
+    with pytest.raises(InvalidPeriod) as raised, ModuleHarness(Ticks):
+        pass
+    frames = raised.value.__traceback__
+    assert frames
+    raised.value.__traceback__ = frames.tb_next  # without this test
+    leave_out_our_frames(raised.value)
+    assert raised.value.__traceback__ is None
 
 
 class Listens(Module):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.messages.errors import UnknownField
 from robbie_mp.messages.field_types import Field, FieldType, MessageLayout, Nested, Numbers, Primitive, Text
 from robbie_mp.messages.fitting import fit
 
@@ -46,11 +47,11 @@ def constructor(layout: MessageLayout) -> Callable[..., Any]:
     return __new__
 
 
-def _unknown(message_type: type[Any], names: set[str], known: Iterable[str]) -> TypeError:
+def _unknown(message_type: type[Any], names: set[str], known: Iterable[str]) -> UnknownField:
     """Return the error that Python raises for arguments of other names, and the names that there are."""
     name = min(names)
     near = did_you_mean(name, known) or f"; its fields are {', '.join(known)}"
-    return TypeError(f"{message_type.__qualname__}() got an unexpected keyword argument {name!r}{near}")
+    return UnknownField(f"{message_type.__qualname__}() got an unexpected keyword argument {name!r}{near}")
 
 
 def _is_number(field: Field) -> bool:

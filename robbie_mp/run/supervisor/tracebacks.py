@@ -19,7 +19,8 @@ def leave_out_our_frames(error: BaseException) -> None:
 
     Those that called the module's code go, and of an error that we raise on purpose also those behind it,
     with a cause that is ours alone. So do those of libraries behind an error of the system, such as a port
-    that is not there: its text says it all. If nothing would be left, all stay.
+    that is not there: its text says it all. If nothing would be left, all stay, but for an error that we
+    raise on purpose: none of its frames is of use to the module's author.
     """
     seen: set[int] = set()
     one: BaseException | None = error
@@ -27,6 +28,8 @@ def leave_out_our_frames(error: BaseException) -> None:
         seen.add(id(one))
         if kept := _kept(one):
             one.__traceback__ = _linked(kept)
+        elif isinstance(one, RobbieError):
+            one.__traceback__ = None
         cause = one.__cause__ or one.__context__
         if kept and isinstance(one, SAYS_ALL) and cause is not None and not _kept(cause):
             one.__cause__, cause = None, None  # which also suppresses the context
