@@ -27,7 +27,7 @@ class UnknownField(FieldError, TypeError):
     """A message is made with a field that its type does not have.
 
     Example scenarios:
-      - `Twist(linar=…)`
+      - `Twist(speed=…)`
       - a program was written for another version of the type
     """
 
