@@ -29,7 +29,7 @@ GROUPS = {
     ),
     "talk to a run": ("pub", "call", "param", "mark"),
     "record, and use recordings": (
-        "record", "clips", "info", "recording", "diff", "export", "import-carmen", "import-rosbag",
+        "record", "clips", "report", "info", "recording", "diff", "export", "import-carmen", "import-rosbag",
     ),
     "set up robots and machines": (
         "new", "profile", "doctor", "devices", "install", "keys", "clean", "completion",

@@ -31,6 +31,9 @@ MEGABYTE = 1e6
 MAX_READ_S = 5.0
 """How long the end of a run waits until the part that a killed logger left has been read."""
 
+RECORDING_INTO = "recording into "
+"""Begins the line of the log that says where it records, by which reports find the recording."""
+
 
 class MessageLogger(Module):
     """Records messages unchanged into MCAP files, which ROS 2 tools can open too.
@@ -99,7 +102,7 @@ class MessageLogger(Module):
         self.began_ns = self.clock.monotonic_ns()
         self.shown = (self.began_ns, 0, 0)
         self.warned = False
-        self.log.log(self.tells_where, "recording into %s", recording)
+        self.log.log(self.tells_where, "%s%s", RECORDING_INTO, recording)
 
     def recording_folder(self) -> Path:
         """Return the folder of the recording, the same one after a restart."""

@@ -39,7 +39,7 @@ NAMES_IT = {
     "param",
     "gui", "top", "log", "info", "recording", "diff", "export", "import-carmen", "import-rosbag", "module",
     "stop", "keys", "connect", "profile", "clean", "doctor", "new", "completion", "devices", "install",
-    "foxglove", "mark", "clips", "replay",
+    "foxglove", "mark", "clips", "replay", "report",
 }  # fmt: skip
 """Commands that a test below runs with hostile input."""
 
@@ -108,6 +108,10 @@ def test_logs_with_hostile_texts_print_plainly(reader: Reader, tmp_path: Path) -
     clip = ClipFolder(tmp_path / "results", 1 << 30)
     clip.finish("20261128T000000Z-x", AboutClip(HOSTILE, HOSTILE, [HOSTILE], [0.0], 0, HOSTILE))
     assert "\\x1b]0;owned" in reader.run("clips", "--in", str(tmp_path / "results"))
+    (tmp_path / "results" / "summary.json").write_text("{}")
+    reader.run(
+        "report", str(tmp_path / "results"), "--output", str(tmp_path / f"report{HOSTILE}".replace("/", ""))
+    )
     cut = tmp_path / f"cut{HOSTILE.replace('/', '')}.mcap"
     cut.write_bytes(log.read_bytes()[:-40])
     reader.run("info", str(cut), may_have_lines=True)  # the user's own word may have two lines
