@@ -158,7 +158,8 @@ def test_report_needs_no_network_and_runs_nothing(tmp_path: Path) -> None:
 
 def test_what_failed_says_how_long_it_took_to_recover(tmp_path: Path) -> None:
     first, second = failures_of(read_run(results(tmp_path), None).remarks)
-    assert (first.module, first.reason, first.took_s) == ("mapping", "killed by SIGSEGV", pytest.approx(2.5))
+    assert (first.module, first.reason) == ("mapping", "killed by SIGSEGV")
+    assert first.took_s == pytest.approx(2.5)
     assert (second.took_s, second.outcome, second.times) == (None, "FAILED", 1)
 
 
