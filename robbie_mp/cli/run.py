@@ -44,6 +44,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
             "robbie run robot",
             "robbie run sim/arena --set mapping.resolution_m=0.1",
             "robbie run robot --var simulated=true --without camera",
+            "robbie run robot --reload",
             "robbie run robot --only laser,mapping",
             "robbie run robot.laser:Laser --set laser.rate_hz=10",
             "robbie run robot --quiet --json > summary.json",
@@ -59,6 +60,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument(
         "--another", action="store_true", help="start a second robot, although one of this workspace runs"
+    )
+    parser.add_argument(
+        "--reload",
+        action="store_true",
+        help="restart modules whose source files are saved, if the new code can be imported",
     )
     parser.set_defaults(command=run)
 
@@ -77,7 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
     profile, findings = check(load(arguments).with_black_box())
     if arguments.fresh:
         _set_checkpoints_aside(profile)
-    return run_robot(profile, findings, arguments, is_robot=not is_class(arguments.profile))
+    if arguments.reload:
+        profile = replace(profile, spares=replace(profile.spares, count=max(1, profile.spares.count)))
+    is_robot = not is_class(arguments.profile)
+    return run_robot(profile, findings, arguments, is_robot=is_robot, reloads=arguments.reload)
 
 
 def check(profile: Profile) -> tuple[Profile, Preflight]:
@@ -98,6 +107,7 @@ def run_robot(
     balance_of: Callable[[Path], Balance | None] = lambda _folder: None,
     *,
     is_robot: bool = False,
+    reloads: bool = False,
 ) -> int:
     """Run a checked profile to its end, show what happens, and print a summary.
 
@@ -107,6 +117,7 @@ def run_robot(
         arguments: those of `add_output_arguments`.
         balance_of: returns what was left out, from the folder for results; this makes the exit code 1.
         is_robot: whether it is the robot of its workspace, which runs once unless `arguments.another`.
+        reloads: whether modules are restarted when their source files are saved.
     """
     sweep_dead_runs()
     output = arguments.output or default_output_directory(profile.name)
@@ -133,6 +144,7 @@ def run_robot(
             summarize,
             is_robot=is_robot,
             another=is_robot and arguments.another,
+            reloads=reloads,
         )
     if result.unwritten:
         print(

@@ -50,6 +50,8 @@ class RunPlan:
     """The robot's own message types that its modules declare on import, and those that it has learnt since.
     Each is the content of a `TypeDescription` as a plain tuple, so that the core and spares need not import
     `messages`."""
+    reloads: bool = False
+    """Whether modules are restarted when their files are saved, so that they report which these are."""
 
     @classmethod
     def of_profile(
@@ -60,6 +62,8 @@ class RunPlan:
         output_directory: Path,
         supervisor_pid: int,
         types: Iterable[tuple[str, int, str, str]] = (),
+        *,
+        reloads: bool = False,
     ) -> Self:
         """Plan a run of a profile."""
         return cls(
@@ -74,6 +78,7 @@ class RunPlan:
             tools=profile.tools,
             clock=profile.clock,
             types=list(types),
+            reloads=reloads,
         )
 
     @property

@@ -51,7 +51,7 @@ def main() -> None:
         signal.setitimer(signal.ITIMER_REAL, request["timeout_s"] + 1)
         _emit(events, {"begin": module["name"]})
         others = [name for name in request["names"] if name != module["name"]]
-        result = _examine(module, base, Path(request["workspace"]), others)
+        result = examine(module, base, Path(request["workspace"]), others)
         if os.getpid() != this_process:  # the imported code has forked
             os._exit(0)
         _emit(events, {"result": result})
@@ -74,7 +74,7 @@ def _emit(events: TextIO, event: dict[str, object]) -> None:
     events.flush()
 
 
-def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[str]) -> dict[str, object]:
+def examine(module: dict[str, Any], base: type, workspace: Path, others: list[str]) -> dict[str, object]:
     """Return a module's errors and its complete settings, or the failure of its code."""
     errors: list[tuple[tuple[str, ...], str]] = []
     settings: dict[str, object] = {}

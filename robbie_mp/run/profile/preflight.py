@@ -9,7 +9,7 @@ as FAILED with its traceback.
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -136,6 +136,16 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
         text = f"profile {profile.name} has no modules to run; list them under `modules:`"
         raise ProfileError([Problem(text, profile.place_of("modules"))])
     return replace(profile, modules=kept)
+
+
+def first_problem(result: Mapping[str, Any]) -> str:
+    """Return in a line what is wrong with a module, given the result of `check.examine`; '': nothing is."""
+    for problem in _flaws(result.get("flaws") or ()):
+        return str(problem)
+    for key, text in result.get("errors") or ():
+        return f"{key[0]}: {text}"
+    failure = result.get("failure") or ""
+    return f"{last_line(failure)}{_last_place(failure)}" if failure else ""
 
 
 def last_line(failure: str) -> str:

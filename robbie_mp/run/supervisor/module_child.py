@@ -44,6 +44,7 @@ from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.check import load_class
 from robbie_mp.run.profile.model import HANDLER_TIMES, MEASURED, ModuleSpec
 from robbie_mp.run.run_clock import RunClock
+from robbie_mp.run.supervisor.imported_files import report_imports
 from robbie_mp.run.supervisor.own_history import (
     begin_history,
     open_history,
@@ -120,7 +121,11 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
     gc.freeze()  # imported objects stay, so the collector need not scan them again
     with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/", writable=False):
+        if plan.reloads:
+            report_imports(run_folder, name, plan.workspace)
         runner.set_up()
+        if plan.reloads:
+            report_imports(run_folder, name, plan.workspace)  # those that it imports only there, too
         prefer_new_threads(planned.scheduling)
         runner.run()
     checkpoints.close()

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.base.stock_robots import ROBOTS
 from robbie_mp.base.version import installed_version
 from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.checkpoint.image import ImageLayout, lay_out
@@ -27,7 +26,7 @@ from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.module.membership import Membership
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import ModuleSpec
-from robbie_mp.run.supervisor.imported_files import imported_files
+from robbie_mp.run.supervisor.imported_files import robot_files
 
 ROOM_FACTOR = 16
 """A module does without a history if this many of it do not fit into what is free in /dev/shm."""
@@ -123,7 +122,7 @@ def _random_state() -> list[object]:
 def _files(workspace: str) -> dict[str, list[int]]:
     """Return time and size of the files of the workspace, and of the stock robots, that are imported."""
     found = {}
-    for file in imported_files(workspace, str(ROBOTS)):
+    for file in robot_files(workspace):
         with contextlib.suppress(OSError):
             stat = os.stat(file)
             found[str(Path(file))] = [stat.st_mtime_ns, stat.st_size]

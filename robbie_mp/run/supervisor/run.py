@@ -36,6 +36,7 @@ from robbie_mp.run.supervisor.health_watch import HealthWatch
 from robbie_mp.run.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.run.supervisor.output import Listener, OutputStore
 from robbie_mp.run.supervisor.own_log import logging_to
+from robbie_mp.run.supervisor.reload import Reloader
 from robbie_mp.run.supervisor.scheduling import computing_with
 from robbie_mp.run.supervisor.spares import SpareCommand
 from robbie_mp.run.supervisor.states import StateChange
@@ -91,6 +92,7 @@ def run_profile(
     *,
     is_robot: bool = False,
     another: bool = False,
+    reloads: bool = False,
 ) -> RunResult:
     """Run a profile to its end.
 
@@ -103,6 +105,7 @@ def run_profile(
         summarize: returns the content of `SUMMARY_FILE` in the output directory; '': no such file.
         is_robot: whether this is the robot of its workspace.
         another: whether it may run beside another robot of its workspace.
+        reloads: whether modules are restarted when their source files are saved.
 
     Raises:
         RobotRunsAlready: the robot of this workspace runs already.
@@ -142,6 +145,7 @@ def run_profile(
             output_directory,
             os.getpid(),
             types,
+            reloads=reloads,
         )
         plan.save(directory.folder)
         starting.close()
@@ -199,6 +203,8 @@ def _run(
     # Sets of strings have the same order in each process, and when a crash is replayed.
     hash_seed = 0 if profile.clock.lockstep else secrets.randbits(32)
     environment.setdefault("PYTHONHASHSEED", str(hash_seed))
+    if plan.reloads:
+        environment["PYTHONDONTWRITEBYTECODE"] = "1"  # two saves in a second may look the same there
     try:
         tree = Tree(
             _children(profile, run_folder, environment),
@@ -206,7 +212,7 @@ def _run(
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
             lambda: _each_turn(
-                tree, memory, control, tools, debugging, watch, health, files, service, capsules
+                tree, memory, control, tools, debugging, watch, health, files, service, capsules, reloader
             ),
             spares=_spares(profile, run_folder, environment),
         )
@@ -231,6 +237,9 @@ def _run(
         connections.callback(control.close)
         connections.callback(tools.close)
         connections.callback(debugging.close)
+        reloader = Reloader(run_folder, profile.workspace, plan.modules, tree) if plan.reloads else None
+        if reloader is not None:
+            connections.callback(reloader.close)
         listener.begin(plan.run_id)
         _say_hot_path(tree)
     except BaseException:
@@ -277,6 +286,7 @@ def _each_turn(
     files: FilesWatch,
     service: ServiceManager,
     capsules: Capsules,
+    reloader: Reloader | None,
 ) -> None:
     memory.beat()
     if not tree.stop_reason:
@@ -300,6 +310,8 @@ def _each_turn(
     debugging.turn()
     watch.turn()
     capsules.turn()
+    if reloader is not None:
+        reloader.turn()
 
 
 def _kill(tree: Tree, tools: AttachedTools, name: str, incarnation: int, why: str) -> None:

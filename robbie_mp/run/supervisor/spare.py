@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import NoReturn
 
 from robbie_mp.base.linux.prctl import die_with_parent, set_process_name
-from robbie_mp.base.stock_robots import ROBOTS
 from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.supervisor.assignment import wait_for_assignment
 from robbie_mp.run.supervisor.child import leave_interrupts_to_supervisor, run_child
-from robbie_mp.run.supervisor.imported_files import imported_files
+from robbie_mp.run.supervisor.imported_files import robot_files, versions
 
 IMPORTED_AHEAD = ("numpy", "robbie_mp.run.supervisor.core_child", "robbie_mp.run.supervisor.module_child")
 """Modules that any child may need: a spare becomes the core or a module."""
@@ -38,26 +38,56 @@ def main(run_folder: Path) -> None:
             print(f"spares.imports names {name}, which cannot be imported: {error}", file=sys.stderr)
         except Exception:
             traceback.print_exc()  # the module that needs it will report it again
-    files = imported_files(plan.workspace, str(ROBOTS))
-    imported = versions(files)
+    stage = Stage(plan)
     set_process_name("spare")  # only now is it a spare
-    if assignment := wait_for_assignment():
-        if versions(files) != imported:
+    if assignment := wait_for_assignment(stage.rehearse):
+        if not stage.is_up_to_date(assignment[0]):
             start_afresh(run_folder, *assignment)
         run_child(run_folder, plan, *assignment)
 
 
-def versions(files: list[str]) -> list[tuple[int, int] | None]:
-    """Return modification time and size of each file; None for a file that no longer exists."""
-    found: list[tuple[int, int] | None] = []
-    for file in files:
-        try:
-            stat = os.stat(file)
-        except OSError:
-            found.append(None)
-        else:
-            found.append((stat.st_mtime_ns, stat.st_size))
-    return found
+class Stage:
+    """Where a spare rehearses a module before it takes the place of one that runs.
+
+    Args:
+        plan: the run.
+    """
+
+    def __init__(self, plan: RunPlan):
+        self._plan = plan
+        self._imported = versions(robot_files(plan.workspace))
+        self._rehearsed = ""
+        if plan.reloads:
+            self._warm_up()
+
+    def rehearse(self, name: str) -> dict[str, object]:
+        """Import a module's class as its process would; return what is wrong, and the imported files.
+
+        The answer is that of `robbie_mp.run.profile.check.examine`, with `files`; or `{"stale": True}`: this
+        process has imported files that were saved since.
+        """
+        if not self.is_up_to_date():
+            return {"stale": True}
+        importlib.invalidate_caches()
+        result = self._examine(self._plan.modules[self._plan.names.index(name) - 1])
+        self._imported = versions(robot_files(self._plan.workspace))
+        self._rehearsed = name
+        return {**result, "files": self._imported}
+
+    def _examine(self, planned: ModuleSpec) -> dict[str, object]:
+        from robbie_mp.module.module import Module  # noqa: PLC0415 (a spare for the core imports it anyway)
+        from robbie_mp.run.profile.check import examine  # noqa: PLC0415
+
+        module = {name: getattr(planned, name) for name in ("class_path", "settings", "folder_of")}
+        return examine(module, Module, Path(self._plan.workspace), [])
+
+    def _warm_up(self) -> None:
+        """Examine a small module: the first time takes five times as long as the next."""
+        self._examine(ModuleSpec("probe", "robbie_mp.run.battery_guard:BatteryGuard"))
+
+    def is_up_to_date(self, name: str = "") -> bool:
+        """Whether this process may become a module: it has rehearsed it, or no file has changed."""
+        return name == self._rehearsed != "" or versions(self._imported) == self._imported
 
 
 def start_afresh(run_folder: Path, name: str, incarnation: int) -> NoReturn:

@@ -17,7 +17,7 @@ from robbie_mp.run.supervisor.incarnations import Incarnations
 from robbie_mp.run.supervisor.leftovers import OrphanReaper
 from robbie_mp.run.supervisor.output import OutputStore
 from robbie_mp.run.supervisor.restart import RestartBudget
-from robbie_mp.run.supervisor.spares import SpareCommand, SparePool
+from robbie_mp.run.supervisor.spares import Rehearsal, SpareCommand, SparePool
 from robbie_mp.run.supervisor.states import ChildState, StateChange
 from robbie_mp.run.supervisor.supervised_child import POLL_S, ChildServices, SupervisedChild, Then
 from robbie_mp.run.trace.kinds import Kind
@@ -320,6 +320,10 @@ class Tree:
         if self._stop:
             raise CannotControl(f"the run is stopping: {self.stop_reason}")
         return self.child(name)
+
+    def rehearse(self, rehearsal: Rehearsal) -> None:
+        """Have a spare interpreter find out whether a module could be started with its code of now."""
+        self._spares.rehearse(rehearsal)
 
     def watch(self, fd: int, callback: Callable[[], None]) -> None:
         """Call back from the loop whenever a descriptor is readable."""
