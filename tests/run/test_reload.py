@@ -96,7 +96,7 @@ def test_module_whose_file_is_saved_runs_the_new_code_and_others_run_on(reloadin
 MISTAKES = {
     "class Listener(Module)\n    pass": "listen.py:9: SyntaxError: expected ':' in `class Listener(Module)`",
     "class Listener(Modul): pass": "listen.py:9: NameError: name 'Modul' is not defined",
-    "class Listner(Module): pass": "class: listen has no class 'Listener'; did you mean 'Listner'?",
+    "class Listener2(Module): pass": "class: listen has no class 'Listener'; did you mean 'Listener2'?",
     "import no_such_library": "ModuleNotFoundError: No module named 'no_such_library'",
     "raise SystemExit(7)": "SystemExit: 7",
     "import os; os._exit(3)": "its import ended the process: exit code 3",
