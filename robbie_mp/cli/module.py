@@ -1,21 +1,27 @@
-"""`robbie module start|stop|restart NAME`: start and stop single modules of a run."""
+"""`robbie module start|stop|restart|swap NAME`: start, stop and exchange single modules of a run."""
 
 import argparse
-from dataclasses import replace
+from contextlib import closing
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robbie_mp.base.problem import refuse
+from robbie_mp.bus.observe import RunObserver
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.run.control import control
+from robbie_mp.cli.variants import add_variant_arguments, checked_variant, variant_of
+from robbie_mp.run.control import RunNotControlled, control
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.dependencies import with_dependents
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import preflight, runnable
+from robbie_mp.run.variant import TRIAL_S, Variant
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
+
 
 DESCRIPTIONS = {
     "restart": "Stop a module in order if it runs, start it again with its full restart budget, and wait "
@@ -41,6 +47,59 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         name.completer = completers.modules  # type: ignore[attr-defined]
         add_run_argument(command)
         command.set_defaults(command=tell, action=action)
+    _add_swap(actions)
+
+
+def _add_swap(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    command = add_command(
+        actions,
+        "swap",
+        "exchange the code or the settings of one module",
+        "Restart a module with other code, another class or other settings, for the rest of the run. "
+        "Messages wait for it meanwhile, and its last checkpoint is handed over. The code is checked first "
+        f"as before a run. If it does not come up, or ends within {TRIAL_S:g} s, what ran before is put "
+        "back. Exit code 0: it runs; 1: it does not; 2: its code or settings are wrong, and it was left "
+        "as it was.",
+        [
+            "robbie module swap mapping --with ~/fixed",
+            "robbie module swap mapping --with ~/fixed/mapping.py --set resolution_m=0.1",
+            "robbie module swap mapping --class mapping_2:Mapping --fresh",
+            "robbie module swap mapping --back",
+        ],
+    )
+    name = command.add_argument("module", help="name of the module")
+    name.completer = completers.modules  # type: ignore[attr-defined]
+    add_variant_arguments(command)
+    command.add_argument("--back", action="store_true", help="run what the profile says again")
+    command.add_argument("--fresh", action="store_true", help="start without the checkpoint")
+    add_run_argument(command)
+    command.set_defaults(command=swap)
+
+
+def swap(arguments: argparse.Namespace) -> int:
+    """Exchange a module's code or settings, and say what became of its messages."""
+    run, name = choose_run(arguments.run), arguments.module
+    variant = variant_of(arguments)
+    if arguments.back == (variant != Variant()):
+        raise refuse("name other code or settings with --with, --class or --set; or else --back")
+    try:
+        checked_variant(RunPlan.load(run.folder), name, variant)
+    except FileNotFoundError:
+        raise RunNotControlled(f"run {run.run_id} is just starting, or has ended") from None
+    with closing(RunObserver(run.run_id)) as observer:
+        before = _missed(observer, name)
+        fields = {"variant": asdict(variant), "fresh": arguments.fresh}
+        done = control(run.folder, "swap", name, **fields)
+        missed = _missed(observer, name) - before
+    print(done)
+    print(f"messages that it missed meanwhile: {missed or 'none'}")
+    return 0
+
+
+def _missed(observer: RunObserver, name: str) -> int:
+    """Return how many messages for a module were lost in crashes, or dropped because its queue was full."""
+    figures = next(one for one in observer.modules() if one.name == name)
+    return sum(one.lost + one.overflowed for one in figures.subscriptions)
 
 
 def tell(arguments: argparse.Namespace) -> int:

@@ -54,6 +54,7 @@ class CheckpointKeeper:
         disk: None: nothing is kept on disk.
         log: receives messages about checkpoints found, refused or damaged.
         on_saved: called with what was stored when a checkpoint is complete.
+        is_fresh: whether the module starts fresh, although there may be a checkpoint.
 
     Attributes:
         restored: the state to continue from; None for a fresh start.
@@ -67,6 +68,8 @@ class CheckpointKeeper:
         disk: DiskPolicy | None,
         log: logging.Logger,
         on_saved: Callable[[ImageLayout], None] = lambda _image: None,
+        *,
+        is_fresh: bool = False,
     ):
         self._buffers, self._on_saved = buffers, on_saved
         self._log = log
@@ -74,8 +77,10 @@ class CheckpointKeeper:
         self.lost = len(buffers.damaged)
         for damage in buffers.damaged:
             log.error("the newest checkpoint is lost: %s", damage)
-        found = buffers.found
-        if found is None and disk is not None:
+        found = None if is_fresh else buffers.found
+        if is_fresh:
+            log.info("starts fresh, as ordered")
+        elif found is None and disk is not None:
             found = self._read(disk.path)
         if found is not None:
             log.info("restored from a checkpoint that is %.1f s old", (time.time_ns() - found.taken_ns) / 1e9)

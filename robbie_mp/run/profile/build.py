@@ -267,7 +267,7 @@ class _Builder:
         """
         hints = get_type_hints(cls)
         names = [field.name for field in fields(cls)]  # type: ignore[arg-type]
-        keys = {"class" if name == "class_path" else name for name in names} - {"name", "folder_of"}
+        keys = {"class" if name == "class_path" else name for name in names} - {"name", "folder_of", "code"}
         self.refuse_unknown(content, sorted(keys | {PROGRAM_KEY} if cls is ModuleSpec else keys), f"{where}.")
         values: dict[str, Any] = {**(vars(default) if default is not None else {}), **built}
         for field in fields(cls):  # type: ignore[arg-type]

@@ -21,6 +21,7 @@ from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.descriptions import TypeDescription, own_types
 from robbie_mp.module.settings import SettingError, examine_settings
 from robbie_mp.run.profile.code_check import CodeFlaw, class_flaws, import_flaw, type_flaws
+from robbie_mp.run.variant import put_first
 
 Class = TypeVar("Class")
 
@@ -82,6 +83,7 @@ def examine(module: dict[str, Any], base: type, workspace: Path, others: list[st
     flaws: list[CodeFlaw] = []
     failure = ""
     is_missing = saves_state = False
+    put_first(module["code"], module["class_path"])
     try:
         cls: type = load_class(module["class_path"], base)
         saves_state = _saves_state(cls)

@@ -51,6 +51,7 @@ def check_events(
                 "class_path": module.class_path,
                 "settings": module.settings,
                 "folder_of": module.folder_of,
+                "code": module.code,
             }
             for module in modules
         ],

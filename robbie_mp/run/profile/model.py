@@ -140,6 +140,8 @@ class ModuleSpec:
     """Kinds of trace entries that are recorded for it; None: those of `trace.record`."""
     folder_of: Mapping[str, Path] = field(default_factory=dict)
     """Folder that a relative path in a setting starts from, where it is not the workspace."""
+    code: str = ""
+    """See `Variant`: no profile has it."""
 
 
 @dataclass(frozen=True)

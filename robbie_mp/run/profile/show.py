@@ -61,7 +61,7 @@ def _module_tree(module: ModuleSpec, settings: Mapping[str, object]) -> dict[str
     tree = {"class": module.class_path, "settings": {**module.settings, **settings}}
     rest = _plain(module) | {"topics": dict(module.topics)}
     return tree | {
-        key: rest[key] for key in rest if key not in ("name", "class_path", "settings", "folder_of")
+        key: rest[key] for key in rest if key not in ("name", "class_path", "settings", "folder_of", "code")
     }
 
 

@@ -23,8 +23,10 @@ from robbie_mp.run.supervisor.debugging import Debugging
 from robbie_mp.run.supervisor.output import STALLED_AFTER_S, SUPERVISOR
 from robbie_mp.run.supervisor.states import ChildState
 from robbie_mp.run.supervisor.supervised_child import SupervisedChild
+from robbie_mp.run.supervisor.swaps import Swaps
 from robbie_mp.run.supervisor.tree import Tree
 from robbie_mp.run.trace.kinds import RECORDED_FILE, Kind, recorded_as_json, write_recorded
+from robbie_mp.run.variant import Variant
 
 
 class TraceRecording:
@@ -112,6 +114,7 @@ class ControlServer:
         self._debugging = debugging
         self._tools = tools
         self._recording = TraceRecording(folder, tree)
+        self._swaps = Swaps(tree, clock)
         self._clock = clock
         self._clients: list[_Client] = []
         self._accept_again_s: float | None = None
@@ -129,6 +132,7 @@ class ControlServer:
 
     def turn(self) -> None:
         """Reply to clients whose command is done, disconnect late ones; called in every loop iteration."""
+        self._swaps.turn()
         if self._accept_again_s is not None and self._clock() >= self._accept_again_s:
             self._accept_again_s = None
             self._tree.watch(self._listener.fileno(), self._on_connect)
@@ -185,20 +189,25 @@ class ControlServer:
             self._hand_over(client, take)
             return None
         match request:
-            case {"command": "stop", "module": str(name)}:
-                return _stopped(self._tree.stop_child(name, "stopped by command"))
-            case {"command": "start", "module": str(name)}:
-                return _restarted(self._tree.start_child(name, "started by command"))
-            case {"command": "restart", "module": str(name)}:
-                return _restarted(self._tree.restart_child(name, "restarted by command"))
+            case {"command": "stop" | "start" | "restart" as command, "module": str(name)}:
+                return self._move(command, name)
+            case {"command": "swap", "module": str(name), "variant": variant, "fresh": bool(is_fresh)}:
+                return self._swaps.begin(name, Variant.of(variant), is_fresh=is_fresh).progress
             case {"command": "record", "kinds": [*kinds], **others} if not others.keys() - {"module"}:
                 return self._record(kinds, others.get("module"))
             case {"command": "stop", **others} if not others:
                 self._tree.stop("stopped by command")
                 return lambda: None
             case request:
-                expected = "stop, attach, record, debug, or stop, start or restart of a module"
+                expected = "stop, attach, record, debug, or stop, start, restart or swap of a module"
                 raise BadRequest(f"expected {expected}; got {request!r:.100}")
+
+    def _move(self, command: str, name: str) -> Progress:
+        if command == "stop":
+            return _stopped(self._tree.stop_child(name, "stopped by command"))
+        if command == "start":
+            return _restarted(self._tree.start_child(name, "started by command"))
+        return _restarted(self._tree.restart_child(name, "restarted by command"))
 
     def _taking(self, request: object) -> Callable[[socket.socket], None] | None:
         """Return what takes over the connection of such a request; None: nothing does."""

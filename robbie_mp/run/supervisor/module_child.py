@@ -52,12 +52,14 @@ from robbie_mp.run.supervisor.own_history import (
     record_nothing,
 )
 from robbie_mp.run.supervisor.scheduling import apply_scheduling, prefer_new_threads
+from robbie_mp.run.variant import Variant, put_first, variant_of_environment
 
 
 def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> None:
     """Import, construct and run a module until it is stopped or stops itself."""
     slot = plan.names.index(name)
-    planned = plan.modules[slot - 1]
+    variant = variant_of_environment() or Variant()
+    planned = variant.applied(plan.modules[slot - 1])
     native = choice.native()
     wiring = Wiring(planned.topics, planned.namespace)
     place = Membership(plan.run_id, slot, incarnation, plan.sizes, native, wiring)
@@ -66,10 +68,11 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     blocks = make_block_store(plan.run_id, slot, incarnation, *sizes, native)
     if (process_bytes := planned.memory.process_bytes) is not None:
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
-    sys.path.insert(0, plan.workspace)
-    module_class = load_class(planned.class_path, Module)
+    module_class = import_class(plan, planned)
     history = open_history(plan.run_id, slot, incarnation, planned.memory.history_bytes, native)
-    checkpoints = open_checkpoints(plan, place, slot, incarnation, history)
+    checkpoints = open_checkpoints(
+        plan, place, slot, incarnation, history, is_fresh=variant.fresh_start == incarnation
+    )
     clock = run_clock(plan, name, module_class, place.memory)
     settings_file = SettingsFile(run_folder, name)
     settings = read_settings(plan, planned, module_class, settings_file.start().values)
@@ -129,6 +132,13 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         prefer_new_threads(planned.scheduling)
         runner.run()
     checkpoints.close()
+
+
+def import_class(plan: RunPlan, planned: ModuleSpec) -> type[Module]:
+    """Import a module's class from the workspace, or from the code that was swapped in for it."""
+    sys.path.insert(0, plan.workspace)
+    put_first(planned.code, planned.class_path)
+    return load_class(planned.class_path, Module)
 
 
 def make_ticks(
@@ -208,9 +218,18 @@ def read_settings(
 
 
 def open_checkpoints(
-    plan: RunPlan, place: Membership, slot: int, incarnation: int, history: OwnHistory | None
+    plan: RunPlan,
+    place: Membership,
+    slot: int,
+    incarnation: int,
+    history: OwnHistory | None,
+    *,
+    is_fresh: bool = False,
 ) -> CheckpointKeeper:
-    """Find the checkpoint of an earlier incarnation or run, and prepare to write new ones."""
+    """Find the checkpoint of an earlier incarnation or run, and prepare to write new ones.
+
+    With `is_fresh`, one that is found is not used.
+    """
     planned = plan.modules[slot - 1]
     disk = None
     if planned.checkpoint.persist:
@@ -230,4 +249,4 @@ def open_checkpoints(
         if history is not None:
             record_checkpoint(history, image)
 
-    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name), count)
+    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name), count, is_fresh=is_fresh)

@@ -139,6 +139,11 @@ class SupervisedChild:
         return self._process is not None and self._then is not None
 
     @property
+    def is_ordered_to_end(self) -> bool:
+        """Whether its present process, or the last one, has been told to end."""
+        return self._then is not None
+
+    @property
     def restarts(self) -> int:
         """How often it was started again."""
         return max(0, self.incarnation - 1)

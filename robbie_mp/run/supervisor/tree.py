@@ -136,6 +136,8 @@ class Tree:
         output: what the children print.
         helper_pids: returns the pids of the supervisor's further processes.
         before_output_ends: called when all children have ended, while remarks can still be added.
+        is_put_back: called with each change; whether a module on trial has ended and is replaced, so that the
+            robot need not stop.
         stop_reason: why the run stops; empty while it does not.
     """
 
@@ -174,6 +176,7 @@ class Tree:
         self._each_turn = each_turn
         self.helper_pids: Callable[[], set[int]] = set
         self.before_output_ends: Callable[[], None] = lambda: None
+        self.is_put_back: Callable[[SupervisedChild, StateChange], bool] = lambda _child, _change: False
         self._clock = RunningTime(clock)
         self._wall_clock = wall_clock
         self._clock_offset_s = wall_clock() - self._clock()
@@ -449,9 +452,10 @@ class Tree:
         name = child.spec.name
         if child.ended_run:
             self.stop(f"{name} ended the run")
+        is_put_back = self.is_put_back(child, change)
         if change.new is ChildState.BACKOFF or (change.new is ChildState.RUNNING and child.is_retried):
             self._restart_dependents(child)
-        if change.new is ChildState.FAILED and child.spec.is_needed:
+        if change.new is ChildState.FAILED and child.spec.is_needed and not is_put_back:
             self.stop(f"{name} is FAILED: {change.reason}")
 
     def _restart_dependents(self, child: SupervisedChild) -> None:

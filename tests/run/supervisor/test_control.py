@@ -301,7 +301,7 @@ def test_endless_nesting_is_refused(tmp_path: Path) -> None:
 
 def test_unknown_command_is_refused(tmp_path: Path) -> None:
     said = refusal(tmp_path, b'{"command": "halt", "module": 7}\n')
-    assert "expected stop, attach, record, debug, or stop, start or restart" in said
+    assert "expected stop, attach, record, debug, or stop, start, restart or swap" in said
 
 
 def test_misspelt_module_name_does_not_stop_the_run(tmp_path: Path) -> None:
