@@ -14,6 +14,7 @@ from robbie_mp.station.driving.motion import RobotMotion
 from robbie_mp.station.driving.operators import Operators
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map.marks import MapMarks, PlacesWatch
+from robbie_mp.station.past.player import ClipPlayer
 from robbie_mp.station.scene_view.picture_pose import has_turned
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.cameras import Cameras
@@ -21,6 +22,7 @@ from robbie_mp.station.watch.joints import JointsWatch
 from robbie_mp.station.watch.lights import LightsWatch
 from robbie_mp.station.watch.run import RunWatch
 from robbie_mp.station.watch.settings import SettingsWatch
+from robbie_mp.station.web.proxy import public_address
 
 if TYPE_CHECKING:
     import logging
@@ -43,6 +45,8 @@ class RunView:
     """The figures of all processes and channels."""
     settings: SettingsWatch
     """The settings of all modules that can be changed."""
+    player: ClipPlayer
+    """Plays clips of the run."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,9 @@ def context_of(station: StationModule) -> StationContext:
     """Return what a station offers to its panels; called in its `setup`."""
     settings_watch = SettingsWatch(station, station.known_run.folder)
     figures = RunWatch(station.run_id)
-    run = RunView(station.known_run, station.output_directory, figures, settings_watch)
+    known, output = station.known_run, station.output_directory
+    player = ClipPlayer(known.folder, output, public_address(station.public_address).path, station.log)
+    run = RunView(known, output, figures, settings_watch, player)
     scene = SceneGraphListener(station, hears_time_jumps=False)
     station.hear(TimeJump, lambda _jump: scene.forget())
     places = PlacesWatch(station)

@@ -21,6 +21,7 @@ FRAMEWORK_PANELS = {
     "parameters": "robbie_mp.station.panels.parameters:ParametersPanel",
     "devices": "robbie_mp.station.panels.devices:DevicesPanel",
     "plots": "robbie_mp.station.panels.plots:PlotsPanel",
+    "happened": "robbie_mp.station.panels.happened:HappenedPanel",
     "trace": "robbie_mp.station.panels.trace:TracePanel",
     "messages": "robbie_mp.station.panels.messages:MessagesPanel",
 }

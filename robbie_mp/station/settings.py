@@ -45,6 +45,9 @@ class StationSettings:
     poses: dict[str, dict[str, float]] = setting(
         {}, "poses by name, each with the positions (rad) of joints by name; `joints` offers them"
     )
+    past_of: dict[str, str] = setting(
+        {}, "of a page that plays a clip: `path` of the live page and `title`; the station sets it itself"
+    )
     speech_commands: list[str] = setting([], "speech commands of the robot")
     persons: list[str] = setting([], "names of persons that the robot knows")
     objects: list[str] = setting([], "names of objects that the robot knows")

@@ -59,6 +59,18 @@ def sweep(
     )
 
 
+def sweep_base(base: Path, shared_memory: Path = SHARED_MEMORY) -> None:
+    """Remove what the dead runs of one folder left, and of no other.
+
+    Args:
+        base: the folder that holds the runs; it need not exist.
+        shared_memory: where named segments appear.
+    """
+    for folder in list(base.glob("*")):
+        if RUN_ID.fullmatch(folder.name):
+            _sweep_run(folder.name, [base], shared_memory, lambda _run_id, _folder: None)
+
+
 def dead_runs(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) -> list[str]:
     """Return the ids of dead runs that left something."""
     bases = safe_folders() if bases is None else bases

@@ -24,19 +24,20 @@ PRIMARY = "#00796b"
 POSITIVE, NEGATIVE = "#2e7d32", "#c62828"
 """Colours of notes. White text on them has contrasts of 5.1 and 5.6."""
 STYLE = Path(__file__).parent / "cockpit.css"
-LOG_OUT = """() => fetch(`${window.path_prefix}/logout`, {method: 'POST'})
-  .then(() => window.location.assign(`${window.path_prefix}/login`))"""
+LOG_OUT = """() => fetch(`${window.stop_prefix}/logout`, {method: 'POST'})
+  .then(() => window.location.assign(`${window.stop_prefix}/login`))"""
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
 """Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
 BEGIN = """<script>
 window.path_prefix = "{prefix}"; // as NiceGUI does later
+window.stop_prefix = "{stop_prefix}"; // of the robot's own page, also on a page that shows the past
 const browser_path = decodeURI(location.pathname), own_path = "{path}";
 if (browser_path !== window.path_prefix + own_path && browser_path.endsWith(own_path))
   location.replace(browser_path.slice(0, -own_path.length) + "/login"); // which tells what is wrong
 // Asks the server without a WebSocket. Returns the status of its answer, and its text if it refuses the page.
 window.ask_server = async () => {
   const question = { method: "POST", headers: { Accept: "text/plain" }, signal: AbortSignal.timeout(3000) };
-  const answer = await fetch(`${window.path_prefix}/emergency-stop`, question).catch(() => null);
+  const answer = await fetch(`${window.stop_prefix}/emergency-stop`, question).catch(() => null);
   return { status: answer?.status, refusal: answer?.status === 403 ? await answer.text() : "" };
 };
 </script>"""
@@ -93,8 +94,8 @@ class BrowserLink(PageLink):
 class PageParts:
     """The builders of the parts of a page."""
 
-    driver: Callable[[Page], Drives]
-    """Builds what drives for an operator's page."""
+    driver: Callable[[Page], Drives] | None
+    """Builds what drives for an operator's page; None: nothing does."""
     strip: Callable[[Page], None]
     """Builds the strip with the state of the robot."""
     tools: Sequence[Callable[[Page], None]]
@@ -107,6 +108,8 @@ class PageParts:
     """Each with its title."""
     plays_log: Callable[[], bool]
     """Returns whether a log plays."""
+    stop_path: str | None = None
+    """Of a page that shows the past, the path of the live page, whose robot its emergency stop stops."""
 
 
 def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: str = "") -> None:
@@ -119,13 +122,13 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
         single: the only panel that the page shows; '': it has layouts.
     """
     client = ui.context.client
-    _add_paths(client)
+    _add_paths(client, parts.stop_path)
     ui.add_head_html(LOAD_AGAIN)
     ui.run_javascript(RECONNECT)
     for style in (*STYLES, STYLE):
         ui.add_css(style)
     ui.colors(primary=PRIMARY, positive=POSITIVE, negative=NEGATIVE)
-    if page.role is Role.OPERATOR:
+    if page.role is Role.OPERATOR and parts.driver is not None:
         page.driver = parts.driver(page)
     cockpit = Cockpit(page, layouts, parts.panels, single, parts.plays_log)
     with ui.element("div").classes("cockpit"):
@@ -146,11 +149,13 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
     page.always(ENDS_PERIOD_S, page.show_ends)
 
 
-def _add_paths(client: Client) -> None:
+def _add_paths(client: Client, stop_path: str | None) -> None:
     if client.request is not None:
         prefix, path = client.request.scope.get("root_path", ""), client.request.scope["path"]
         own_path = path[len(prefix) :]
-        ui.add_head_html(BEGIN.replace("{prefix}", prefix).replace("{path}", own_path))
+        stop_prefix = prefix if stop_path is None else stop_path.rstrip("/")
+        begin = BEGIN.replace("{prefix}", prefix).replace("{path}", own_path)
+        ui.add_head_html(begin.replace("{stop_prefix}", stop_prefix))
 
 
 def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:

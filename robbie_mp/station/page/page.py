@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from nicegui import ui
 
-from robbie_mp.messages import IllFormed, check_well_formed
+from robbie_mp.messages import IllFormed, PlaybackControl, check_well_formed
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
 from robbie_mp.station.driving.dead_man import ORDER_LIMIT_S, DeadManSwitch
 from robbie_mp.station.web.access import Role
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from robbie_mp.station.module import StationModule
     from robbie_mp.station.page.requests import Asked, Asking
     from robbie_mp.station.web.access import Access
+
+CONTROL = PlaybackControl.type_name
+"""The type of the only messages that a page which shows the past may publish."""
 
 
 class PageLink(Protocol):
@@ -99,6 +102,8 @@ class Page:
         """The timers of panels, which run only while the page shows these."""
         self.shown: frozenset[str] = frozenset()
         """Names of the panels that the page shows now."""
+        self.shows_past = False
+        """Whether it plays a clip, so that nobody there can order anything."""
         self.dead_man = DeadManSwitch()
         self.driver: Drives | None = None
         """Drives for an operator; None on an observer's page."""
@@ -125,6 +130,13 @@ class Page:
         ui.notify(f"{what} was refused: it needs an {needs.name.lower()}", type="negative")
         return False
 
+    def _is_past(self, what: str) -> bool:
+        """Return whether the page shows the past, where nobody can order anything, and report that."""
+        if not self.shows_past:
+            return False
+        ui.notify(f"{what} was refused: this is the past; go back to live", type="negative")
+        return True
+
     def may_move(self, what: str) -> bool:
         """Return whether the visitor may give an order that lets the robot move. It must not be late."""
         if not self.may(what):
@@ -148,7 +160,7 @@ class Page:
             Whether it was published. It is not if the visitor lacks the role, the message is ill-formed, or
             the robot's memory is full.
         """
-        if not self.may(what, needs):
+        if not self.may(what, needs) or (message.type_name != CONTROL and self._is_past(what)):
             return False
         try:
             check_well_formed(message)
@@ -176,7 +188,7 @@ class Page:
         Returns:
             How it ends, in a while; None if the visitor lacks the role, or it is late.
         """
-        if not (self.may_move(what) if moves else self.may(what)):
+        if self._is_past(what) or not (self.may_move(what) if moves else self.may(what)):
             return None
         asked = self._station.ask(message, what, topic, within_s=ORDER_LIMIT_S if moves else None)
         self._asked.append((asked, success))

@@ -220,7 +220,7 @@ const NO_SOCKETS = `The robot answers, but not on a WebSocket. A proxy must pass
 proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection "upgrade";).`;
 
 function address() {
-  return `${window.path_prefix}/emergency-stop`;
+  return `${window.stop_prefix}/emergency-stop`;
 }
 
 function kept_press() {

@@ -40,12 +40,14 @@ class EmergencyStopControl:
         messages: source of the base's state.
         clock: tells the time.
         publish: sends stops and releases to the base.
+        can_release: whether pages have the button that releases it.
 
     Attributes:
         service: serves the buttons of all pages.
     """
 
-    def __init__(self, messages: MessageSource, clock: Clock, publish: Publish):
+    def __init__(self, messages: MessageSource, clock: Clock, publish: Publish, *, can_release: bool = True):
+        self._can_release = can_release
         self._messages = messages
         self._clock = clock
         self._publish = publish
@@ -76,7 +78,10 @@ class EmergencyStopControl:
         """Build the stop button of a page, and the button that releases the stop."""
         ui.add_css(STYLE)
         StopButton()
+        if self._can_release:
+            self._build_release(page)
 
+    def _build_release(self, page: Page) -> None:
         def release() -> None:
             dialog.close()
             if page.may_move("the release of the emergency stop") and not self._requests.release():

@@ -26,6 +26,9 @@ from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.playback_bar import PlaybackBar
 from robbie_mp.station.page.state_strip import StateStrip
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panels_in_order
+from robbie_mp.station.past.banner import PastBanner
+from robbie_mp.station.past.files import RunFiles
+from robbie_mp.station.past.passing import with_clip_player
 from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
 from robbie_mp.station.web.connections import bounded_connections
 from robbie_mp.station.web.gate import SESSION, App, Gate, below, with_forwarded
@@ -125,12 +128,18 @@ class Website:
         panels, titles = make_panels(station)
         self._panels = [*panels.values()]
         self._strip = StateStrip(station, self._panels)
-        self._emergency_stop = EmergencyStopControl(station.messages, station.clock, module.publish)
+        past = station.settings.past_of
+        self._emergency_stop = EmergencyStopControl(
+            station.messages, station.clock, module.publish, can_release=not past
+        )
+        known = station.run.known
+        RunFiles(known.folder, station.run.output_directory, known.record.profile if known.record else "")
         parts = self._parts([(panels[name], title or panels[name].title) for name, title in titles.items()])
         self._add_pages(parts, layouts_of(station, [*titles]))
         connections = bounded_connections(station.settings.trusted_proxies)
         public = public_address(station.settings.public_address)
         behind = self._beside_pages(below(public.path, page_application()))
+        behind = with_clip_player(behind, station.run.player, access)
         self._gate = Gate(behind, access, connections, public)
         outside = with_forwarded(self._gate, station.settings.trusted_proxies)
         self._server = PageServer(outside, listener, connections)
@@ -141,6 +150,17 @@ class Website:
         playback = PlaybackBar(station.messages, [kind for one in self._panels for kind in one.log_events])
         marker = MomentMarker(station.clock, station.log)
         below = [panel.build_below_tiles for panel in self._panels]
+        if past := station.settings.past_of:
+            return PageParts(
+                driver=None,
+                strip=strip.build,
+                tools=[self._emergency_stop.build],
+                bars=[PastBanner(past.get("title", "")).build],
+                foot=[playback.build],
+                panels=titled,
+                plays_log=lambda: playback.has_log,
+                stop_path=past.get("path", ""),
+            )
         return PageParts(
             driver=lambda page: Driver(station, page, self._module.publish),
             strip=strip.build,
@@ -166,6 +186,7 @@ class Website:
         client, operators = ui.context.client, self._context.operators
         session, link = client.request.scope[SESSION], BrowserLink(core.sio, client.id)
         page = Page(client.id, session, self._access, self._module, link)
+        page.shows_past = bool(self._context.settings.past_of)
         operators.opened(page)
         client.on_delete(lambda: operators.closed(page))
         return page
@@ -203,6 +224,7 @@ class Website:
         """
         self._server.check()
         self._emergency_stop.tick()
+        self._context.run.player.tick()
         self._map.tick()
         self._context.robot.motion.tick()
         self._strip.tick()
@@ -215,6 +237,7 @@ class Website:
         """Tell the pages that the station ends, stop the page server, and close the panels."""
         self._emergency_stop.service.end()
         self._server.close()
+        self._context.run.player.close()
         for panel in self._panels:
             panel.close()
         self._context.run.figures.close()
