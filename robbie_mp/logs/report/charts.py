@@ -59,7 +59,7 @@ def curve(series: PlotSeries, begin_s: float, end_s: float, unit: str, low: floa
         lines.append(element("line", x1=LEFT, x2=WIDTH - RIGHT, y1=f"{y:.1f}", y2=f"{y:.1f}", class_="grid"))
         label = f"{low + share * span:.3g} {unit}"
         lines.append(element("text", label, x=LEFT - 6, y=f"{y + 4:.1f}", text_anchor="end"))
-    curve_line = element("polyline", points=points, class_="curve")
+    curve_line = element("polyline", points=Html(points), class_="curve")
     drawn = [*lines, *_time_axis(span_s), curve_line]
     return element(
         "svg", *drawn, viewBox=f"0 0 {WIDTH} {HEIGHT}", role="img", class_="chart", aria_label=series.name
@@ -101,7 +101,7 @@ def timeline(rows: Sequence[tuple[str, Sequence[Stretch]]], begin_s: float, end_
         y = row_px * at + row_px / 2
         drawn.append(element("line", x1=left, x2=WIDTH - RIGHT, y1=y, y2=y, class_="grid"))
         drawn.append(element("text", name[:16], x=left - 8, y=y + 4, text_anchor="end"))
-        for one in stretches:
+        for one in stretches[:MOST_DRAWN]:
             begin, wide = x(one.begin_s), max(3.0, x(one.end_s) - x(one.begin_s))
             place = {"x": f"{begin:.1f}", "width": f"{wide:.1f}", "y": y - 7, "height": 14, "rx": 1.5}
             drawn.append(element("rect", element("title", one.text), class_=f"at-{one.kind}", **place))
@@ -130,9 +130,9 @@ def map_drawing(map_picture: MapPicture | None, way: Way, pins: Sequence[Pin]) -
     drawn: list[object] = []
     if shown.address:
         drawn.append(
-            element("image", href=shown.address, width=width, height=height, preserveAspectRatio="none")
+            element("image", href=Html(shown.address), width=width, height=height, preserveAspectRatio="none")
         )
-    drawn += [element("polyline", points=points, class_="way") for points in _pieces(way, shown)]
+    drawn += [element("polyline", points=Html(points), class_="way") for points in _pieces(way, shown)]
     for kind, place in (("begin", way.places[:1]), ("end", way.places[-1:])):
         for x_m, y_m in place:
             x, y = shown.place(x_m, y_m)

@@ -24,7 +24,7 @@ def text(value: object, longest: int = MAX_TEXT) -> Html:
 
 
 def element(name: str, *children: object, **attributes: object) -> Html:
-    """Return an element; its attributes and those of its children that are no HTML are escaped.
+    """Return an element; its attributes and those of its children that are no HTML are escaped and cut off.
 
     Args:
         name: of the element.

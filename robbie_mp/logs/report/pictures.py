@@ -3,12 +3,15 @@
 import base64
 import io
 import math
+import struct
+import zlib
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robbie_mp.attached.views.image_pixels import NoPicture, jpeg
 from robbie_mp.base.linux.regular_file import open_regular
@@ -22,9 +25,14 @@ MAX_PIXELS = 50_000_000
 MAX_FILE_BYTES = 64 << 20
 MAX_SIDE, MAX_MAP_SIDE = 560, 1400
 QUALITY = 80
+MAX_RESOLUTION_M = 1e3
 MAX_BYTES = 12 << 20
 """Of all pictures of a report, encoded."""
-UNKNOWN, FREE, OCCUPIED = (214, 220, 226, 255), (255, 255, 255, 255), (28, 38, 48, 255)
+FORMATS = ("JPEG", "PNG", "WEBP", "GIF")
+"""Those that are read, whatever a file is called: Pillow starts other programs for some further ones."""
+DAMAGED = (NoPicture, ImportError, OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error)
+"""What Pillow raises of a picture that is damaged, or if it is missing itself."""
+UNKNOWN, FREE, OCCUPIED = (214, 220, 226), (255, 255, 255), (28, 38, 48)
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,7 @@ class Pictures:
                 data = jpeg(message, QUALITY, MAX_SIDE)  # type: ignore[arg-type]
             else:
                 data = _scaled(_opened(np.asarray(message.data).tobytes()))
-        except (NoPicture, ImportError, OSError, ValueError, SyntaxError) as error:
+        except DAMAGED as error:
             return self._without(_why(error))
         return self._address(data, "jpeg")
 
@@ -71,7 +79,7 @@ class Pictures:
         try:
             with open_regular(path) as file:
                 data = _scaled(_opened(file.read(MAX_FILE_BYTES)))
-        except (NoPicture, ImportError, OSError, ValueError, SyntaxError) as error:
+        except DAMAGED as error:
             return self._without(_why(error))
         return self._address(data, "jpeg")
 
@@ -83,18 +91,16 @@ class Pictures:
             self._without(_why(error))
             return None
         info = grid.info
-        cells = np.asarray(grid.data).reshape(info.height, info.width)
-        known = np.argwhere(cells >= 0)
-        if not len(known) or not info.resolution > 0:
+        cells = np.asarray(grid.data, np.int8).reshape(info.height, info.width)
+        known = cells >= 0
+        rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+        if not len(rows) or not 0 < info.resolution < MAX_RESOLUTION_M:
             return None
-        (top, left), (bottom, right) = (known.min(axis=0) - 3).clip(0), known.max(axis=0) + 4
-        cut = cells[top:bottom, left:right][::-1]
-        shades = np.empty((*cut.shape, 4), np.uint8)
-        share = (np.clip(cut, 0, 100) / 100.0)[..., None]
-        shades[:] = np.round((1 - share) * np.array(FREE) + share * np.array(OCCUPIED))
-        shades[cut < 0] = UNKNOWN
-        picture = PillowModule.fromarray(shades).convert("RGB")
+        top, left = max(0, rows[0] - 3), max(0, columns[0] - 3)
+        cut = cells[top : rows[-1] + 4, left : columns[-1] + 4][::-1]
         height, width = cut.shape
+        stride = max(1, max(height, width) // (4 * MAX_MAP_SIDE))
+        picture = PillowModule.fromarray(_shades()[cut[::stride, ::stride].view(np.uint8)])
         picture.thumbnail((MAX_MAP_SIDE, MAX_MAP_SIDE))
         encoded = io.BytesIO()
         picture.quantize(32).save(encoded, "PNG", optimize=True)
@@ -119,13 +125,20 @@ class Pictures:
         return ""
 
 
+def _shades() -> NDArray[np.uint8]:
+    """Return the colour of each value of a cell, taken as a number without sign: (256, 3)."""
+    share = np.minimum(np.arange(128), 100)[:, None] / 100.0
+    known = np.round((1 - share) * np.array(FREE) + share * np.array(OCCUPIED)).astype(np.uint8)
+    return np.concatenate([known, np.tile(np.array(UNKNOWN, np.uint8), (128, 1))])
+
+
 def _opened(data: bytes) -> "PillowImage":
     """Open a picture, without reading its pixels yet."""
     from PIL import Image as PillowModule  # noqa: PLC0415 - an extra
 
     limit, PillowModule.MAX_IMAGE_PIXELS = PillowModule.MAX_IMAGE_PIXELS, None  # which only warns
     try:
-        picture = PillowModule.open(io.BytesIO(data))
+        picture = PillowModule.open(io.BytesIO(data), formats=FORMATS)
     finally:
         PillowModule.MAX_IMAGE_PIXELS = limit
     if picture.width * picture.height > MAX_PIXELS:

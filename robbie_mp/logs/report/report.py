@@ -15,7 +15,7 @@ from robbie_mp.logs.report.charts import Pin, Stretch, clock, curve, map_drawing
 from robbie_mp.logs.report.elements import Html, element, joined, picture, table, text
 from robbie_mp.logs.report.failures import Failure, failures_of
 from robbie_mp.logs.report.pictures import Pictures
-from robbie_mp.logs.report.run_files import ModuleSummary, ReportedRun
+from robbie_mp.logs.report.run_files import ModuleSummary, ReportedRun, is_time
 from robbie_mp.logs.report.seen import Finding, Seen
 from robbie_mp.run.supervisor.run import SUMMARY_FILE
 from robbie_mp.run.trace.reader import LOG_FOLDER
@@ -69,7 +69,8 @@ class Report:
         self._run, self._seen, self._now_s = run, seen, now_s
         self._pictures = Pictures()
         self._failures = failures_of(run.remarks)
-        self._happened = merged(happenings_of(run.clips), seen.happened)
+        of_clips = [one for one in happenings_of(run.clips) if is_time(one.time_s)]
+        self._happened = merged(of_clips, seen.happened)
         self._begin_s = run.begin_s or seen.begin_s
         end_s = now_s if run.is_live else run.end_s if run.summary else max(run.end_s, seen.end_s)
         self._end_s = max(self._begin_s, end_s, *(one.time_s for one in self._happened))
@@ -481,6 +482,8 @@ class Report:
             )
         if seen.skipped:
             notes.append(f"{seen.skipped} messages could not be read.")
+        if seen.images_left_out:
+            notes.append(f"{seen.images_left_out} pictures of what was found are left out for lack of room.")
         notes += [f"{count} pictures are left out: {why}." for why, count in self._pictures.left_out.items()]
         errors = [one for one in self._run.remarks if one.kind == "error"]
         cells = [(self._clock(one.time_s), one.module, one.text) for one in errors]

@@ -29,10 +29,19 @@ from robbie_mp.run.trace.reader import LOG_FOLDER, crash_reports, files_of, modu
 OUTPUT = Path("output")
 """Where runs write their results, unless they are told otherwise."""
 MAX_SUMMARY_BYTES = 64 << 20
+LATEST_S = 4.2e9
+"""Begin of 2103, seconds since 1970."""
 MAX_REMARKS = 20_000
+MAX_LINE_BYTES = 1 << 22
+"""Of a trace; a damaged one may have no end of a line."""
 MAX_RESULTS = 20_000
 """Folders of results that are looked at."""
 _WANTED = re.compile(rb'"stream":"supervisor"|"kind":"error"|' + re.escape(RECORDING_INTO.strip().encode()))
+
+
+def is_time(time_s: object) -> bool:
+    """Whether this is a time since 1970 that a run can have; files may be damaged."""
+    return isinstance(time_s, int | float) and 0.0 <= time_s < LATEST_S
 
 
 class NoResults(RobbieError, LookupError):
@@ -243,8 +252,8 @@ def _read_trace(run: ReportedRun) -> None:
 def _entries_in(path: Path) -> Iterator[Entry]:
     try:
         with open_regular(path) as file:
-            for line in file:
-                if _WANTED.search(line) and (entry := Entry.from_line(line)):
+            while line := file.readline(MAX_LINE_BYTES):
+                if _WANTED.search(line) and (entry := Entry.from_line(line)) and is_time(entry.time_s):
                     yield entry
     except OSError:
         return  # rotated away in the meantime, or no file

@@ -42,6 +42,10 @@ STEP_M = 0.03
 JUMP_M = 2.0
 """A longer step is a correction of the map, or a gap between two logs."""
 MAX_PLACES = 4000
+MAX_M = 1e7
+"""A place that is farther away than half of the Earth's circumference is a mistake."""
+MAX_IMAGE_BYTES = 256 << 20
+"""Of the images of all findings, not encoded."""
 NEAR_S = 5.0
 """The robot may have stood still since the last place that was noted."""
 MAP_POSE, ODOMETRY = "map_pose", "odom"
@@ -72,7 +76,7 @@ class Way:
 
     def add(self, time_s: float, x_m: float, y_m: float, *, begins: bool) -> None:
         """Add a place, if it is far enough from the last one."""
-        if not (math.isfinite(x_m) and math.isfinite(y_m)):
+        if not is_place(x_m, y_m):
             return
         step_m = math.dist(self.places[-1], (x_m, y_m)) if self.places else 0.0
         if self.places and step_m < self._step_m and not begins:
@@ -112,6 +116,7 @@ class Seen:
         way: where the robot was on it, or by its odometry.
         views: the newest image of each camera, by topic.
         skipped: messages that could not be read.
+        images_left_out: images of findings for which there was no room.
     """
 
     def __init__(self) -> None:
@@ -128,10 +133,12 @@ class Seen:
         self.infos: list[LogInfo] = []
         self.notes: list[str] = []
         self.skipped = 0
+        self.images_left_out = 0
         self.begin_s = self.end_s = 0.0
         self.host = ""
         self._views: dict[str, LoggedMessage] = {}
         self._begins = True
+        self._image_bytes = 0
 
     def read(self, path: Path, progress: Progress = unwatched) -> bool:
         """Read a log; return whether that was possible. What cannot be read is noted."""
@@ -176,7 +183,8 @@ class Seen:
 
     def _end_view(self, decoder: LogDecoder, topic: str, message: LoggedMessage) -> None:
         image = decoder.decode(message)
-        assert isinstance(image, Image | CompressedImage)
+        if not isinstance(image, Image | CompressedImage):
+            raise TypeError("it only looks like an image")
         self.views[topic] = message.time_ns / 1e9, image
 
     def _end_map(self, decoder: LogDecoder, message: LoggedMessage) -> None:
@@ -185,8 +193,8 @@ class Seen:
     def _try(self, act: Callable[[], None]) -> None:
         try:
             act()
-        except (RobbieError, ValueError):
-            self.skipped += 1
+        except (RobbieError, ValueError, AttributeError, TypeError):
+            self.skipped += 1  # as above
 
     # -- one kind of messages each -----------------------------------------------------------------------
 
@@ -269,6 +277,17 @@ class Seen:
         if len(profile.cpu_percent):
             self.processors.add(time_s, float(profile.cpu_percent.mean()))
 
+    def _kept_image(self, before: Image | None, new: Image) -> Image | None:
+        """Return the new image of a finding; the one before if it has none, or if there is no room."""
+        if not len(new.data):
+            return before
+        added = new.data.nbytes - (0 if before is None else before.data.nbytes)
+        if self._image_bytes + added > MAX_IMAGE_BYTES:
+            self.images_left_out += 1
+            return before
+        self._image_bytes += added
+        return new
+
     def _on_finding(self, channel: LogChannel, time_s: float, message: Any) -> None:
         names = {one.name for one in fields_of(type(message))}
         name = str(message.name) if "name" in names else ""
@@ -277,13 +296,19 @@ class Seen:
         if key not in self.findings and len(self.findings) >= MAX_FINDINGS:
             return
         position = message.pose.position
+        if not is_place(position.x, position.y):
+            raise ValueError(f"nothing can be found at {position.x}, {position.y} m")
         kind = channel.type_name.rpartition("/")[2].removesuffix("Found") or "found"
         first_s = self.findings[key].time_s if key in self.findings else time_s
-        before = self.findings[key].image if key in self.findings else None
-        image = message.image if len(message.image.data) else before
+        image = self._kept_image(self.findings[key].image if key in self.findings else None, message.image)
         self.findings[key] = Finding(
             f"{kind} {name or number}", first_s, position.x, position.y, _details(message), image
         )
+
+
+def is_place(x_m: float, y_m: float) -> bool:
+    """Whether a robot can be, or find something, there; that is false of what is no number."""
+    return abs(x_m) <= MAX_M and abs(y_m) <= MAX_M
 
 
 def is_finding(channel: LogChannel) -> bool:
@@ -333,8 +358,10 @@ def _whole(grid: Message) -> OccupancyGrid:
 
     Raises:
         ValueError: they are not.
+        TypeError: it is of another type of the same name.
     """
-    assert isinstance(grid, OccupancyGrid)
+    if not isinstance(grid, OccupancyGrid):
+        raise TypeError("it only looks like a map")
     if len(grid.data) != grid.info.width * grid.info.height:
         raise ValueError("a map has another number of cells than it says")
     return grid

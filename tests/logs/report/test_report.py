@@ -1,27 +1,34 @@
 """The report of a run says what is in its folder, whoever wrote it and however the run has ended."""
 
+import base64
+import dataclasses
 import json
+import math
 import re
+import tracemalloc
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import EpsImagePlugin
+from PIL import Image as PillowImage
 
 from robbie_mp import Header
 from robbie_mp.cli.program import run_command
-from robbie_mp.logs.report import NoResults, choose_results, read_run, report_of
+from robbie_mp.logs.report import NoResults, choose_results, read_run, report_of, seen
 from robbie_mp.logs.report.elements import element
 from robbie_mp.logs.report.failures import failures_of
 from robbie_mp.logs.report.pictures import MAX_BYTES, Pictures
-from robbie_mp.logs.report.seen import MAX_PLACES, Way
+from robbie_mp.logs.report.seen import MAX_PLACES, Seen, Way
 from robbie_mp.messages import (
     BatteryState,
     EmergencyStop,
     Image,
     MapMetaData,
     Mark,
+    Message,
     OccupancyGrid,
     Point,
     Pose,
@@ -200,6 +207,83 @@ def test_pictures_are_bounded_and_those_left_out_are_counted() -> None:
     assert pictures.of_message(image) == ""
     assert pictures.of_message(Image(encoding="no such", data=np.zeros(3, np.uint8))) == ""
     assert sum(pictures.left_out.values()) == 2
+
+
+def recorded(run: Path, *messages: Message) -> str:
+    """Return the report of a run that has recorded these messages."""
+    path = run / "recorded.mcap"
+    entry = Entry(1, START_S, Kind.INFO, "logger", 1, "log", f"recording into {path}")
+    (run / "log" / "logger.jsonl").write_bytes(entry.to_line())
+    with LogFile(path) as log:
+        for number, message in enumerate(messages):
+            topic = "map_pose" if isinstance(message, PoseStamped) else ""
+            log.add(message, topic, time_ns=START_NS + number * SECOND)
+    return page_of(run)
+
+
+def test_long_way_and_large_map_are_drawn_whole(tmp_path: Path) -> None:
+    way = [PoseStamped(pose=Pose(position=Point(x=one / 10))) for one in range(500)]
+    cells = np.random.default_rng(1).integers(0, 100, 200 * 200).astype(np.int8)
+    grid = OccupancyGrid(info=MapMetaData(resolution=0.5, width=200, height=200), data=cells)
+    page = recorded(results(tmp_path), *way, grid)
+    points = re.search(r'points="([^"]*)" class="way"', page)
+    image = re.search(r'<image href="data:image/png;base64,([^"]*)"', page)
+    assert points and image
+    assert len(points[1].split()) == 500
+    assert base64.b64decode(image[1], validate=True).endswith(b"IEND\xaeB`\x82")
+
+
+@pytest.mark.parametrize("far_m", [math.nan, math.inf, 1e308])
+def test_places_that_are_none_are_counted_and_not_drawn(tmp_path: Path, far_m: float) -> None:
+    image = Image(height=2, width=2, encoding="rgb8", step=6, data=np.zeros(12, np.uint8))
+    poses = [Pose(position=Point(x=one)) for one in (0.0, far_m, -far_m)]
+    ways = [PoseStamped(pose=pose) for pose in poses]
+    found = [VictimFound(id=number, pose=pose, image=image) for number, pose in enumerate(poses)]
+    said = words(recorded(results(tmp_path), *ways, *found))
+    assert "1 found" in said and "2 messages could not be read." in said
+
+
+def test_times_that_are_none_are_left_out(tmp_path: Path) -> None:
+    run = results(tmp_path, exit_code=None)
+    with (run / "log" / "mapping.jsonl").open("ab") as file:
+        for time_s in (math.inf, math.nan, -1.0, 1e300):
+            file.write(dataclasses.replace(remark("late", 14, "new → FAILED: x"), time_s=time_s).to_line())
+    page = page_of(run)
+    assert "late" not in words(page) and len(page) < 100_000
+
+
+def test_large_map_and_many_images_need_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    side = 3000
+    grid = OccupancyGrid(
+        info=MapMetaData(resolution=0.05, width=side, height=side), data=np.zeros(side * side, np.int8)
+    )
+    tracemalloc.start()
+    try:
+        shown = Pictures().of_map(grid)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert shown is not None and (shown.width, shown.height) == (side, side)
+    assert peak < 6 * side * side
+
+    monkeypatch.setattr(seen, "MAX_IMAGE_BYTES", 30)
+    looked = Seen()
+    image = Image(height=2, width=2, encoding="rgb8", step=6, data=np.zeros(12, np.uint8))
+    kept = [looked._kept_image(None, image) for _ in range(4)]
+    assert (sum(one is not None for one in kept), looked.images_left_out) == (2, 2)
+
+
+def test_pictures_of_formats_that_start_programs_are_not_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[object] = []
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *what: started.append(what))
+    path = tmp_path / "map.png"
+    PillowImage.new("RGB", (4, 4)).save(path, "EPS")
+    pictures = Pictures()
+    assert pictures.of_file(path) == ""
+    assert pictures.left_out == {"they are damaged, or of an unknown format": 1}
+    assert not started
 
 
 def test_long_way_is_thinned_out_and_keeps_its_length() -> None:
