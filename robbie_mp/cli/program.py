@@ -25,7 +25,7 @@ GROUPS = {
         "list", "top", "log", "echo", "hz", "bw", "plot", "graph", "type", "gui", "foxglove",
     ),
     "debug a module": (
-        "attach", "replay",
+        "attach", "replay", "shadow",
     ),
     "talk to a run": ("pub", "call", "param", "mark"),
     "record, and use recordings": (

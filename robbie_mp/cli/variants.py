@@ -1,6 +1,7 @@
 """The options that name other code or settings for a module, and their check before it runs."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,11 +90,22 @@ def checked_variant(plan: RunPlan, name: str, variant: Variant) -> ModuleSpec:
         NoSuchModule: there is none of this name.
         ProfileError: the code or the settings are wrong, or it cannot import something.
     """
-    spec = replace(variant.applied(planned_module(plan, name)), optional=False)
-    others = tuple(one for one in plan.modules if one.name != name)
-    profile = Profile(plan.profile_name, (spec, *others), workspace=Path(plan.workspace))
-    findings = preflight(profile, only={name})
+    others = [one for one in plan.modules if one.name != name]
+    return checked(variant.applied(planned_module(plan, name)), others, Path(plan.workspace))
+
+
+def checked(spec: ModuleSpec, others: Sequence[ModuleSpec], workspace: Path) -> ModuleSpec:
+    """Do the same for a module that is not, or not yet, one of a run.
+
+    Args:
+        spec: the module.
+        others: the other modules.
+        workspace: the workspace with its code.
+    """
+    spec = replace(spec, optional=False)
+    profile = Profile("", (spec, *others), workspace=workspace)
+    findings = preflight(profile, only={spec.name})
     runnable(profile, findings)
-    if failure := findings.failures.get(name):
+    if failure := findings.failures.get(spec.name):
         raise ProfileError([Problem(f"{spec.class_path} cannot be imported: {last_line(failure)}")])
-    return replace(spec, settings=findings.settings[name])
+    return replace(spec, settings=findings.settings[spec.name])

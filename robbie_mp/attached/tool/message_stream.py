@@ -31,7 +31,7 @@ class MessageStream:
 
     def __init__(self, run: KnownRun, subscriptions: Sequence[ChannelName], purpose: str):
         self._run = run
-        self._subscriptions = subscriptions
+        self._subscriptions = list(subscriptions)
         self._purpose = purpose
         self._tool = Tool(run, purpose)
         self._missed = 0
@@ -49,6 +49,13 @@ class MessageStream:
         tool.ready()
         tool.wait_for(tool.is_subscribed, OPEN_TIMEOUT_S)
         self._received = 0
+        self._passed_before = self._passed_before_attached()
+
+    def subscribe(self, subscription: ChannelName) -> None:
+        """Also take these messages from now on; the argument is like one of `subscriptions`."""
+        self._subscriptions.append(subscription)
+        self._tool.subscribe(*subscription)
+        self._tool.wait_for(self._tool.is_subscribed, OPEN_TIMEOUT_S)
         self._passed_before = self._passed_before_attached()
 
     def _passed_before_attached(self) -> int:
@@ -85,8 +92,8 @@ class MessageStream:
             if received is not None:
                 yield received
 
-    def receive(self) -> Received | None:
-        """Return the next message; None if none arrived within LONGEST_WAIT_S.
+    def receive(self, timeout_s: float = LONGEST_WAIT_S) -> Received | None:
+        """Return the next message; None if none arrived within the timeout, or LONGEST_WAIT_S.
 
         Raises:
             RunEnded: the run has ended.
@@ -95,7 +102,7 @@ class MessageStream:
         try:
             received = self._tool.take()
             if received is None:
-                self._tool.wait(LONGEST_WAIT_S)
+                self._tool.wait(timeout_s)
                 return None
         except Detached:
             self._attach_again()

@@ -10,7 +10,8 @@ dead process, so it sees everything that process stored.
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 
 from robbie_mp.base.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge, CheckpointTooNew
@@ -21,8 +22,49 @@ from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMis
 from robbie_mp.bus.transport.words import WORD_BYTES
 
 IMAGE_BEGIN = CHECKPOINT_IMAGE * WORD_BYTES
+MAX_COPIES = 10
+"""How often a checkpoint is copied that its module replaces meanwhile."""
 SUPERSEDED = 1 << 63
 """Marks the sequence of a checkpoint that has a newer one, so that the loss of the newer one is noticed."""
+
+
+@dataclass(frozen=True)
+class CheckpointCopy:
+    """A copy of a checkpoint: its encoding, and when it was taken, in ns since 1970."""
+
+    image: bytes
+    taken_ns: int
+
+
+def newest_checkpoint(run_id: str, slot: int) -> CheckpointCopy | None:
+    """Copy the newest checkpoint of a module while that goes on; None if there is none that can be read.
+
+    Args:
+        run_id: the run.
+        slot: that of the module.
+    """
+    for _ in range(MAX_COPIES):
+        copies = [_copied(names.checkpoint(run_id, slot, number)) for number in (0, 1)]
+        for _, image in sorted((copy for copy in copies if copy is not None), reverse=True):
+            with suppress(CheckpointDamaged):  # the module has written a newer one meanwhile
+                return CheckpointCopy(image, decode(image).taken_ns)
+            break
+    return None
+
+
+def _copied(name: str) -> tuple[int, bytes] | None:
+    """Return sequence and image of a segment that somebody else may be writing."""
+    try:
+        segment = Segment.attach(name, SegmentKind.CHECKPOINT)
+    except (SegmentMissing, SegmentMismatch):
+        return None
+    with closing(segment):
+        sequence = segment.words[CHECKPOINT_SEQUENCE] & ~SUPERSEDED
+        image = bytes(segment.buffer[IMAGE_BEGIN:])
+    try:
+        return (sequence, image[: read_header(memoryview(image), len(image)).size]) if sequence else None
+    except (CheckpointDamaged, CheckpointTooNew):
+        return None
 
 
 class CheckpointBuffers:

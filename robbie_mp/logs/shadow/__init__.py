@@ -1,0 +1,1 @@
+"""Runs a variant of a module beside it, with the same messages, and compares what both publish."""
