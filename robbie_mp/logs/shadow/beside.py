@@ -37,7 +37,7 @@ from robbie_mp.run.supervisor.scheduling import computing_with
 
 WINDOW = 8
 """Messages that the shadow may have been sent and not have handled."""
-START_S = 60.0
+START_S = 300.0
 """Imports and setup may take this long."""
 END_S = 1.0
 MOST_TIMES = 100_000
@@ -60,6 +60,7 @@ class ShadowProcess:
     Args:
         begin: what it is; its folder is made here.
         compute_threads: see the profile.
+        is_over: asked while it starts; true ends that.
 
     Attributes:
         feed: what waits for it.
@@ -71,7 +72,7 @@ class ShadowProcess:
         end: how it ended; '' while it runs.
     """
 
-    def __init__(self, begin: Begin, compute_threads: int):
+    def __init__(self, begin: Begin, compute_threads: int, is_over: Callable[[], bool]):
         self._folder = TemporaryDirectory(prefix="robbie-shadow-")
         begin.folder = self._folder.name
         ours, theirs = socket.socketpair()
@@ -96,6 +97,7 @@ class ShadowProcess:
         self._in_flight: deque[bool] = deque()
         """Of each frame that it has been sent and not handled: whether it is a message."""
         self._is_ready = False
+        self._is_over = is_over
         self.feed = Feed()
         self.subscriptions: list[tuple[str, int, str, bool]] | None = None
         self.handled = self.calls = self.done_ns = 0
@@ -150,6 +152,8 @@ class ShadowProcess:
             list(self.pump(0.05))
             if self.end:
                 raise ShadowFailed(f"the shadow has ended before it was {what}: {self.end}")
+            if self._is_over():
+                raise ShadowFailed(f"the shadow was ended before it was {what}")
             if time.monotonic() > until_s:
                 raise ShadowFailed(f"the shadow was not {what} within {START_S:g} s")
 

@@ -65,7 +65,7 @@ def shadow_of_log(log: Log, begin: Begin, is_over: Callable[[], bool]) -> Shadow
     """
     schemas = {channel.key[:2]: channel.schema for channel in log.channels}
     comparison = Comparison(log.start_ns, lambda *key: schemas.get(key))
-    with ShadowProcess(begin, compute_threads=1) as shadow:
+    with ShadowProcess(begin, 1, is_over) as shadow:
         shadow.wait_until_ready()
         shadow.start(log.start_ns, None)
         last_ns = log.start_ns

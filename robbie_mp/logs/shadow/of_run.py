@@ -92,7 +92,9 @@ class ShadowOfRun:
             closing(RecordedRun(self._run.folder)) as recorded,
             closing(RunObserver(self._run.run_id)) as observer,
             ShadowProcess(
-                begin_of(self._spec, recorded.plan.workspace), self._spec.scheduling.compute_threads
+                begin_of(self._spec, recorded.plan.workspace),
+                self._spec.scheduling.compute_threads,
+                is_over,
             ) as shadow,
         ):
             shadow.wait_until_ready()

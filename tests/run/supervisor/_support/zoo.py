@@ -44,6 +44,15 @@ def works(animal: Animal) -> None:
     animal.wait_for_ever()
 
 
+DEADLY_GAIN = 13
+
+
+def works_as_its_variant(animal: Animal) -> None:
+    if f'"gain": {DEADLY_GAIN}' in os.environ.get("ROBBIE_VARIANT", ""):
+        sys.exit(1)
+    works(animal)
+
+
 def works_beside_a_thread(animal: Animal) -> None:
     threading.Thread(target=threading.Event().wait, daemon=True).start()
     works(animal)
