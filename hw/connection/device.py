@@ -9,6 +9,7 @@ from typing import ClassVar, Generic, TypedDict, TypeVar
 
 from strenum import StrEnum
 
+from robbie_mp.base.device_links import monotonic, sleep
 from robbie_robots.hw.connection.errors import DeviceSilent
 from robbie_robots.hw.connection.port import Port
 
@@ -94,7 +95,7 @@ class PluggableDevice(ABC, Generic[T]):
         *,
         clock: Callable[[], float] = time.time,
         silence_s: float | None = None,
-        monotonic: Callable[[], float] = time.monotonic,
+        monotonic: Callable[[], float] = monotonic,
         open_port: Callable[[str, int], Port] = Port,
     ) -> None:
         self.url, self.bit_rate = url, bit_rate
@@ -218,7 +219,7 @@ class PluggableDevice(ABC, Generic[T]):
         """Try to connect if it is time to, else wait until `end_s` at most. Return whether it worked."""
         until_s = min(end_s, self._next_attempt_s)
         if (wait_s := until_s - self._monotonic()) > 0:
-            time.sleep(wait_s)
+            sleep(wait_s)
         if self._monotonic() < self._next_attempt_s:
             return False
         port = None

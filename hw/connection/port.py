@@ -4,13 +4,15 @@ import errno
 import os
 import select
 import socket
-import time
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import serial
+
+from robbie_mp.base.device_links import Link, links, monotonic, sleep
 
 # A host that does not answer at all is given up after this time.
 CONNECT_TIMEOUT_S = 1.0
@@ -36,9 +38,8 @@ class Port:
 
     def __init__(self, url: str, bit_rate: int = 115_200) -> None:
         self.url = url
-        self._link: _Serial | _Tcp
         try:
-            self._link = _Tcp(url) if url.startswith("socket://") else _Serial(url, bit_rate)
+            self._link = links().open(url, lambda: _opened(url, bit_rate))
         except (OSError, ValueError) as error:
             raise PortError(f"cannot open the port {url}: {error}") from None
 
@@ -55,7 +56,7 @@ class Port:
 
     def pause(self, wait_s: float) -> None:
         """Let bytes gather for this time."""
-        time.sleep(wait_s)
+        sleep(wait_s)
 
     def write(self, data: bytes) -> None:
         """Send bytes.
@@ -85,10 +86,15 @@ class Port:
         return self._link.descriptor
 
     def drain(self, quiet_s: float, limit_s: float) -> None:
-        """Read and forget what still arrives, until nothing came for `quiet_s`, or for `limit_s` at most."""
-        end_s = time.monotonic() + limit_s
-        while time.monotonic() < end_s and self.read(quiet_s):
-            pass
+        """Read and forget what still arrives, until nothing came for `quiet_s`, or for `limit_s` at most.
+
+        Raises:
+            PortError: the port broke.
+        """
+        try:
+            self._link.drain(quiet_s, limit_s)
+        except (OSError, TypeError) as error:
+            raise PortError(f"the port {self.url} broke: {error}") from error
 
     def close(self) -> None:
         """Close the port. A closed port may be closed again."""
@@ -119,7 +125,25 @@ def holder_of(path: str) -> str:
     return "another process"
 
 
-class _Serial:
+def _opened(url: str, bit_rate: int) -> Link:
+    return _Tcp(url) if url.startswith("socket://") else _Serial(url, bit_rate)
+
+
+class _Drained(ABC):
+    """What all links have in common."""
+
+    @abstractmethod
+    def read(self, wait_s: float) -> bytes:
+        """See `Link`."""
+
+    def drain(self, quiet_s: float, limit_s: float) -> None:
+        """See `Link`."""
+        end_s = monotonic() + limit_s
+        while monotonic() < end_s and self.read(quiet_s):
+            pass
+
+
+class _Serial(_Drained):
     """A port of pyserial's."""
 
     def __init__(self, url: str, bit_rate: int) -> None:
@@ -170,7 +194,7 @@ class _Serial:
         self._port.close()
 
 
-class _Tcp:
+class _Tcp(_Drained):
     """A TCP connection of our own: pyserial's would block for up to 5 s while a host does not answer."""
 
     def __init__(self, url: str) -> None:

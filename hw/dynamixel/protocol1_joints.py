@@ -5,12 +5,12 @@ Source: Robotis, e-Manual: AX-12A, RX-28, EX-106+, MX-28 (control tables), and D
 
 import math
 import struct
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
@@ -350,8 +350,8 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         for _ in range(ATTEMPTS):
             self._decoder.feed(port.read(0.0))  # an answer that came too late is no answer to this
             port.write(protocol1.read(servo, address, length))
-            end_s = time.monotonic() + ANSWER_S
-            while (left_s := end_s - time.monotonic()) > 0:
+            end_s = monotonic() + ANSWER_S
+            while (left_s := end_s - monotonic()) > 0:
                 for packet in self._decoder.feed(port.read(left_s)):
                     # A line of two wires repeats what we send; a question is shorter than its answer.
                     if packet.servo == servo and len(packet.parameters) == length:

@@ -5,13 +5,13 @@ Source: Robotis, e-Manual of the X series (control table) and Dynamixel Protocol
 
 import math
 import struct
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
@@ -232,11 +232,11 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         """Read the same bytes of all servos at once; those that are silent are missing."""
         port.write(protocol2.sync_read(address, length, self._numbers))
         answers: dict[int, bytes] = {}
-        end_s = time.monotonic() + ANSWER_S
-        while len(answers) < len(self._numbers) and (left_s := end_s - time.monotonic()) > 0:
+        end_s = monotonic() + ANSWER_S
+        while len(answers) < len(self._numbers) and (left_s := end_s - monotonic()) > 0:
             data = port.read(left_s)
             if data:
-                end_s = time.monotonic() + ANSWER_S
+                end_s = monotonic() + ANSWER_S
             for packet in self._decoder.feed(data):
                 # A line of two wires may repeat what we send: a request is no answer.
                 answer = _status(packet)

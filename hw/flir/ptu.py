@@ -1,12 +1,12 @@
 """Pan-tilt units PTU-46, D46 and D47 on a serial line."""
 
 import math
-import time
 from collections import deque
 from collections.abc import Sequence
 
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
@@ -173,8 +173,8 @@ class FlirPanTilt(PluggableDevice[PanTiltState], PanTiltUnit):
     def _answer(self, port: Port, command: bytes) -> PtuAnswer:
         """Send a command and return the answer to it."""
         port.write(command)
-        end_s = time.monotonic() + ANSWER_S
-        while (left_s := end_s - time.monotonic()) > 0:
+        end_s = monotonic() + ANSWER_S
+        while (left_s := end_s - monotonic()) > 0:
             for answer in self._decoder.feed(port.read(left_s)):
                 if answer.limit_hit is not None:
                     continue

@@ -1,12 +1,12 @@
 """Hokuyo's laser range finders on a serial port, USB or TCP, such as URG-04LX, UTM-30LX and UST-10LX."""
 
 import math
-import time
 from contextlib import suppress
 
 from strenum import StrEnum
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.clock import DeviceClock
 from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
@@ -178,8 +178,8 @@ class HokuyoLaser(PluggableLaser):
             DeviceFault: it refuses the command.
         """
         port.write(command.encode() + b"\n")
-        end_s = time.monotonic() + ANSWER_S
-        while (left_s := end_s - time.monotonic()) > 0:
+        end_s = monotonic() + ANSWER_S
+        while (left_s := end_s - monotonic()) > 0:
             replies = self._reader.feed(port.read(left_s), self._clock())
             for number, reply in enumerate(replies, 1):
                 if reply.echo != command:

@@ -1,11 +1,11 @@
 """iRobot's Create 2 and Roomba 600 on a serial line or USB."""
 
 import math
-import time
 from collections import deque
 
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import sleep
 from robbie_robots.hw.battery import BatteryReading
 from robbie_robots.hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference
 from robbie_robots.hw.connection.device import DeviceOptions
@@ -80,9 +80,9 @@ class CreateBase(ConnectedBase):
 
     def _greet(self, port: Port) -> None:
         port.write(oi.start())
-        time.sleep(MODE_CHANGE_S)
+        sleep(MODE_CHANGE_S)
         port.write(oi.pause_stream() + oi.safe())
-        time.sleep(MODE_CHANGE_S)
+        sleep(MODE_CHANGE_S)
         port.drain(quiet_s=0.03, limit_s=0.3)
         port.write(oi.stream(STREAM))
 

@@ -1,11 +1,11 @@
 """Lights on the relays of a board LCUS-1 to LCUS-8."""
 
 import math
-import time
 from collections.abc import Sequence
 
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceSilent
 from robbie_robots.hw.connection.port import Port
@@ -91,8 +91,8 @@ class RelayLights(PluggableDevice[RelayAnswer], Lights):
         port.write(b"\0" * (protocol.COMMAND_BYTES - 1))
         port.write(self._all_off())
         port.write(protocol.QUESTION)
-        end_s = time.monotonic() + ANSWER_S
-        while not self.tells and (left_s := end_s - time.monotonic()) > 0:
+        end_s = monotonic() + ANSWER_S
+        while not self.tells and (left_s := end_s - monotonic()) > 0:
             self.tells = bool(self._decoder.feed(port.read(left_s)))
 
     def _take(self, data: bytes) -> list[RelayAnswer]:

@@ -1,11 +1,11 @@
 """SICK's TiM3xx, 5xx, 7xx, LMS1xx and LMS5xx lasers over TCP."""
 
 import math
-import time
 
 import numpy as np
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.clock import DeviceClock
 from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
@@ -154,8 +154,8 @@ class SickColaLaser(PluggableLaser):
             DeviceFault: it answers with an error.
         """
         port.write(command.frame(self._dialect))
-        end_s = time.monotonic() + ANSWER_S
-        while (left_s := end_s - time.monotonic()) > 0:
+        end_s = monotonic() + ANSWER_S
+        while (left_s := end_s - monotonic()) > 0:
             payloads = self._reader.feed(port.read(left_s))
             for number, payload in enumerate(payloads, 1):
                 if payload.startswith(b"sFA"):

@@ -1,13 +1,13 @@
 """SICK's LMS200, 211, 220, 221 and 291 on RS-232 or RS-422."""
 
 import math
-import time
 from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
+from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.clock import RegularClock
 from robbie_robots.hw.connection.device import DeviceOptions
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
@@ -223,8 +223,8 @@ class SickLms2xx(PluggableLaser):
         """
         for _ in range(ATTEMPTS):
             port.write(command)
-            end_s = time.monotonic() + limit_s / ATTEMPTS
-            while (left_s := end_s - time.monotonic()) > 0:
+            end_s = monotonic() + limit_s / ATTEMPTS
+            while (left_s := end_s - monotonic()) > 0:
                 frames = self._reader.feed(port.read(left_s))
                 for number, frame in enumerate(frames, 1):
                     if frame[4] == REFUSED:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 from robbie_mp.bus.transport import layout
-from robbie_mp.bus.transport.history import Event
+from robbie_mp.bus.transport.history import Event, OwnHistory, record_nothing
 from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.module.inbox import Inbox
@@ -34,7 +34,7 @@ class ModuleRunner(ModuleLoop):
         changes: changes its settings while it runs.
         has_just_settled: for the module that turns the clock of a run in lockstep: whether what it waits for
             has just come; None for all other modules.
-        record: adds an event to the module's history.
+        history: what it has handled; None: that is not kept.
     """
 
     def __init__(
@@ -46,14 +46,15 @@ class ModuleRunner(ModuleLoop):
         ticks: Ticks,
         changes: SettingChanges,
         has_just_settled: Callable[[], bool] | None = None,
-        record: Callable[..., None] = lambda *_event: None,
+        history: OwnHistory | None = None,
     ):
         super().__init__(module, self, ticks, changes)
         self._place = place
         self._inbox = inbox
         self._outbox = outbox
         self._wakeup = wakeup = place.memory.wakeup
-        self._record = record
+        self._record: Callable[..., None] = record_nothing if history is None else history.append
+        self._prepare = record_nothing if history is None else history.prepare
         self._stopping = False
         self.handle_next = inbox.handle_next
         self._has_just_settled = has_just_settled
@@ -138,6 +139,7 @@ class ModuleRunner(ModuleLoop):
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for messages; False if the module was not woken."""
+        self._prepare()
         woken = self._wakeup.wait(timeout_s)
         if self._has_just_settled is not None and self._has_just_settled():
             self._ticks.expedite()

@@ -1,14 +1,32 @@
 /* The Python type History, with the interface of HistoryWriter in robbie_mp/bus/transport/history.py. */
+#define _DEFAULT_SOURCE /* madvise */
 #include "history_bindings.h"
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/statvfs.h>
 
-enum { HEAD_BYTES = HISTORY_RECORD_WORDS * 8, LARGEST_SHARE = 16, MIN_RING_WORDS = 1024 };
+#ifndef MADV_POPULATE_WRITE
+#define MADV_POPULATE_WRITE 23 /* Linux 5.14 */
+#endif
+
+/* As in history.py. */
+enum {
+    HEAD_BYTES = HISTORY_RECORD_WORDS * 8,
+    LARGEST_SHARE = 16,
+    LARGEST_KEY_SHARE = 4,
+    LARGEST_PUBLISHED_SHARE = 256,
+    GROWTH_BYTES = 1 << 16,
+    ROOM_FACTOR = 16,
+    MIN_RING_WORDS = 1024,
+};
+static const char shared_memory[] = "/dev/shm";
 
 static PyObject *history_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
-    static char *names[] = {"words", NULL};
+    static char *names[] = {"words", "ready_bytes", NULL};
     PyObject *words;
-    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O", names, &words))
+    unsigned long long ready_bytes = 0;
+    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O|K", names, &words, &ready_bytes))
         return NULL;
     struct history_object *self = (struct history_object *)type->tp_alloc(type, 0);
     if (self == NULL)
@@ -22,8 +40,17 @@ static PyObject *history_new(PyTypeObject *type, PyObject *args, PyObject *keywo
         PyErr_SetString(PyExc_ValueError, "these words are no history");
         return NULL;
     }
-    self->capacity = (uint64_t)(self->words.count - HISTORY_RING) * 8;
-    self->most_bytes = self->capacity / LARGEST_SHARE;
+    const uint64_t whole_bytes = (uint64_t)self->words.count * 8;
+    self->most_capacity = whole_bytes - HISTORY_RING * 8;
+    if (ready_bytes == 0)
+        ready_bytes = whole_bytes;
+    if (ready_bytes < (HISTORY_RING + MIN_RING_WORDS) * 8 || ready_bytes > whole_bytes || ready_bytes % 8 != 0) {
+        Py_DECREF(self);
+        PyErr_SetString(PyExc_ValueError, "so much of a history cannot be ready");
+        return NULL;
+    }
+    self->capacity = ready_bytes - HISTORY_RING * 8;
+    store(self->words.words + HISTORY_CAPACITY, self->capacity);
     return (PyObject *)self;
 }
 
@@ -36,6 +63,44 @@ static void history_dealloc(struct history_object *self)
 static shared_word *word_at(const struct history_object *self, uint64_t number)
 {
     return self->words.words + HISTORY_RING + number % self->capacity / 8;
+}
+
+/* Whether there is so much free memory that the ring may grow. */
+static bool has_room(uint64_t capacity)
+{
+    struct statvfs found;
+    return statvfs(shared_memory, &found) == 0 && (uint64_t)found.f_bavail * found.f_frsize >= ROOM_FACTOR * capacity;
+}
+
+/* Give the ring so much more memory, and touch it: a write to a new page would take 3 us, in one of 30 messages.
+ * Nothing changes if there is no room, or if the oldest records have been overwritten. */
+static void grow(struct history_object *self, uint64_t bytes)
+{
+    shared_word *words = self->words.words;
+    const uint64_t left = self->most_capacity - self->capacity;
+    bytes = (bytes + GROWTH_BYTES - 1) / GROWTH_BYTES * GROWTH_BYTES;
+    if (bytes > left)
+        bytes = left;
+    if (bytes == 0 || load(words + HISTORY_TAIL) != 0 || !has_room(self->capacity + bytes))
+        return;
+    char *const begin = (char *)(words + HISTORY_RING) + self->capacity;
+    if (madvise(begin, bytes, MADV_POPULATE_WRITE) != 0)
+        return;
+    self->capacity += bytes;
+    store(words + HISTORY_CAPACITY, self->capacity);
+    fence_stores();
+}
+
+static bool is_open(const struct history_object *self)
+{
+    return self != NULL && !self->is_disowned && self->words.words != NULL;
+}
+
+void history_prepare(struct history_object *self)
+{
+    if (is_open(self) && self->capacity < self->most_capacity &&
+        load(self->words.words + HISTORY_HEAD) + GROWTH_BYTES > self->capacity)
+        grow(self, GROWTH_BYTES);
 }
 
 /* Drop the oldest records until this many bytes are free behind the head. */
@@ -55,15 +120,34 @@ static void make_room(struct history_object *self, uint64_t head, uint64_t bytes
     fence_stores(); /* a process may be killed at any time: what is overwritten is no longer told of */
 }
 
+/* Whether the data of a record are kept. */
+static bool is_kept(struct history_object *self, uint64_t kind, uint64_t whole)
+{
+    if (kind == EVENT_PUBLISHED)
+        return whole <= self->most_capacity / LARGEST_PUBLISHED_SHARE;
+    if (whole <= self->most_capacity / LARGEST_SHARE || kind != EVENT_MESSAGE)
+        return whole <= self->most_capacity / LARGEST_SHARE;
+    const bool has_key = self->has_key && self->key_at >= load(self->words.words + HISTORY_TAIL);
+    if (has_key || whole > self->most_capacity / LARGEST_KEY_SHARE)
+        return false;
+    self->has_key = true;
+    self->key_at = load(self->words.words + HISTORY_HEAD);
+    return true;
+}
+
 void history_append(struct history_object *self, const struct history_event *event, const void *data, uint64_t size)
 {
-    if (self == NULL || self->is_disowned || self->words.words == NULL)
+    if (!is_open(self))
         return;
     uint64_t whole = HEAD_BYTES + ((size + 7) & ~(uint64_t)7);
-    if (whole > self->most_bytes || size > self->most_bytes)
+    if (size > self->most_capacity || !is_kept(self, event->kind, whole))
         whole = HEAD_BYTES;
     shared_word *words = self->words.words;
     uint64_t head = load(words + HISTORY_HEAD);
+    if (self->capacity < self->most_capacity && head + whole > self->capacity)
+        grow(self, whole);
+    if (whole > self->capacity)
+        whole = HEAD_BYTES; /* there was no room to grow */
     const uint64_t left = self->capacity - head % self->capacity;
     const uint64_t padding = left < whole ? left : 0;
     make_room(self, head, whole + padding);
@@ -111,6 +195,13 @@ static PyObject *append(struct history_object *self, PyObject *const *arguments,
     Py_RETURN_NONE;
 }
 
+static PyObject *prepare(struct history_object *self, PyObject *Py_UNUSED(none))
+{
+    MAY_DIE(return NULL);
+    history_prepare(self);
+    Py_RETURN_NONE;
+}
+
 static PyObject *let_go(struct history_object *self, PyObject *Py_UNUSED(none))
 {
     release_words(&self->words);
@@ -126,6 +217,7 @@ static PyObject *disown(struct history_object *self, PyObject *Py_UNUSED(none))
 static PyMethodDef history_methods[] = {
     {"append", (PyCFunction)(void (*)(void))append, METH_FASTCALL,
      "Append an event: its kind, its time, up to four values, its data."},
+    {"prepare", (PyCFunction)prepare, METH_NOARGS, "Take memory for what comes next."},
     {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
     {"disown", (PyCFunction)disown, METH_NOARGS, "Record nothing in a forked process."},
     {0},

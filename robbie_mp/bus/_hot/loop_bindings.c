@@ -235,9 +235,19 @@ static long long sooner(long long wait_ns, long long due_ns)
     return left_ns < 0 ? 0 : left_ns < wait_ns ? left_ns : wait_ns;
 }
 
+/* Use the time before the wait for the history; 1, or -1 with an exception. */
+static int prepare_history(const struct loop_object *self)
+{
+    MAY_DIE(return -1);
+    subscriber_prepare_history(self->subscriber);
+    return 1;
+}
+
 /* Wait for messages, for the next tick or for calls; 1, or -1 with an exception. */
 static int wait_for_work(struct loop_object *self, bool has_period)
 {
+    if (prepare_history(self) < 0)
+        return -1;
     long long wait_ns = self->max_wait_ns, calls_due_ns;
     if (has_period)
         wait_ns = sooner(wait_ns, self->times->due_ns);

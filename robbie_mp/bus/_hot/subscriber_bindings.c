@@ -332,6 +332,11 @@ void subscriber_record(const struct subscriber_object *self, uint64_t event, uin
     history_append(self->history, &recorded, NULL, 0);
 }
 
+void subscriber_prepare_history(const struct subscriber_object *self)
+{
+    history_prepare(self->history);
+}
+
 static PyObject *record_into(struct subscriber_object *self, PyObject *history)
 {
     if (!PyObject_TypeCheck(history, &history_type)) {

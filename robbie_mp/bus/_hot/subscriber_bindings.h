@@ -21,6 +21,9 @@ shared_word *subscriber_words(const struct subscriber_object *self);
 /* Record an event of the loop, such as EVENT_TICK, that is about to happen. */
 void subscriber_record(const struct subscriber_object *self, uint64_t event, uint64_t time_ns);
 
+/* Use the time in which there is nothing to do for the history. */
+void subscriber_prepare_history(const struct subscriber_object *self);
+
 /* Check that Python code that has run in between has left it usable; 1, or -1 with an exception. */
 int subscriber_check(const struct subscriber_object *self);
 

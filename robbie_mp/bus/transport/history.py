@@ -3,9 +3,13 @@
 The module writes: each message and tick before it is handled, and everything else that decides what its code
 does next, such as the clock's answers. The oldest records are overwritten. The reader gets the bytes of the
 segment and trusts none of them.
+
+The ring takes its memory piece by piece, before it is needed and while the module waits: a write to a page
+that was never touched takes 3 µs, and modules that handle little need little.
 """
 
 import json
+import os
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -17,11 +21,20 @@ from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.layout import HISTORY_RECORD_WORDS, HISTORY_RING, HISTORY_START_WORDS
 from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.bus.transport.words import WORD_BYTES, WORD_MAX, Words
 
 HEAD_BYTES = HISTORY_RECORD_WORDS * WORD_BYTES
 LARGEST_SHARE = 16
 """A record that is larger than this part of the ring is written without its data."""
+LARGEST_KEY_SHARE = 4
+"""One larger message at a time is kept, up to this part: it stands in for the others in a replay."""
+LARGEST_PUBLISHED_SHARE = 256
+"""The same for what the module published, which is only compared."""
+GROWTH_BYTES = 1 << 16
+"""The ring grows by so much, and is ready for so much."""
+ROOM_FACTOR = 16
+"""The ring does not grow while less than this many of it are free in /dev/shm."""
 _HEAD = struct.Struct("<8Q")
 
 
@@ -49,7 +62,7 @@ class Event(IntEnum):
     BEGUN = 10
     """The setup is over."""
     PORT = 11
-    """A number of the port, whether it was written; the bytes that crossed it."""
+    """A `PortAct` on a link to a device, its number, whether it failed; the bytes that crossed it, or why."""
     RANDOM = 12
     """The state of the generators of random numbers, JSON."""
     TEARDOWN = 13
@@ -67,6 +80,23 @@ class Reading(IntEnum):
     MACHINE_NS = 5
 
 
+class PortAct(IntEnum):
+    """What was done on a link to a device."""
+
+    OPENED = 1
+    """The URL."""
+    READ = 2
+    WRITTEN = 3
+    RATE = 4
+    """The bit rate, as text."""
+    MOTOR = 5
+    """b'1' if the line is high."""
+    DRAINED = 6
+    CLOSED = 7
+    SLEPT = 8
+    """The driver waited; it has no number."""
+
+
 class HistoryWriter(Protocol):
     """Adds to the history; C has a class with this interface."""
 
@@ -74,6 +104,9 @@ class HistoryWriter(Protocol):
         self, kind: int, time_ns: int = 0, a: int = 0, b: int = 0, c: int = 0, d: int = 0, data: Any = b"", /
     ) -> None:
         """Append an event, or without its data if they are too large."""
+
+    def prepare(self) -> None:
+        """Take memory for what comes next, while there is nothing to do."""
 
     def close(self) -> None:
         """Let go of the memory."""
@@ -87,12 +120,18 @@ class PythonHistory:
 
     Args:
         words: the history segment.
+        ready_bytes: so much of it has its memory; 0: all.
+        segment: where the words are, to get it more memory.
     """
 
-    def __init__(self, words: memoryview):
+    def __init__(self, words: memoryview, ready_bytes: int = 0, segment: Segment | None = None):
         self._words: Words = words
         self._ring = words[HISTORY_RING:].cast("B")
-        self._capacity = len(self._ring)
+        self._most = len(self._ring)
+        self._capacity = (ready_bytes or words.nbytes) - HISTORY_RING * WORD_BYTES
+        self._segment = segment
+        self._key_at: int | None = None
+        words[layout.HISTORY_CAPACITY] = self._capacity
 
     def append(
         self, kind: int, time_ns: int = 0, a: int = 0, b: int = 0, c: int = 0, d: int = 0, data: Any = b"", /
@@ -102,10 +141,14 @@ class PythonHistory:
             return
         size = memoryview(data).nbytes
         whole = HEAD_BYTES + (size + 7 & ~7)
-        if whole > self._capacity // LARGEST_SHARE:
-            whole = HEAD_BYTES
         words = self._words
         head = words[layout.HISTORY_HEAD]
+        if not self._is_kept(kind, whole):
+            whole = HEAD_BYTES
+        if self._capacity < self._most and head + whole > self._capacity:
+            self._grow(whole)
+        if whole > self._capacity:
+            whole = HEAD_BYTES  # there was no room to grow
         left = self._capacity - head % self._capacity
         padding = left if left < whole else 0
         self._make_room(head, whole + padding)
@@ -120,6 +163,35 @@ class PythonHistory:
             self._ring[at + HEAD_BYTES : at + HEAD_BYTES + size] = memoryview(data).cast("B")
         words[layout.HISTORY_RECORDS] = number
         words[layout.HISTORY_HEAD] = head + whole
+
+    def _is_kept(self, kind: int, whole: int) -> bool:
+        """Whether the data of a record are kept."""
+        if kind == Event.PUBLISHED:
+            return whole <= self._most // LARGEST_PUBLISHED_SHARE
+        if whole <= self._most // LARGEST_SHARE or kind != Event.MESSAGE:
+            return whole <= self._most // LARGEST_SHARE
+        has_key = self._key_at is not None and self._key_at >= self._words[layout.HISTORY_TAIL]
+        if has_key or whole > self._most // LARGEST_KEY_SHARE:
+            return False
+        self._key_at = self._words[layout.HISTORY_HEAD]
+        return True
+
+    def prepare(self) -> None:
+        """Take memory for what comes next, while there is nothing to do."""
+        head = self._words[layout.HISTORY_HEAD] if self._capacity else 0
+        if 0 < self._capacity < self._most and head + GROWTH_BYTES > self._capacity:
+            self._grow(GROWTH_BYTES)
+
+    def _grow(self, count: int) -> None:
+        """Get more memory, if there is room, and if the oldest records have not been overwritten."""
+        grown = min(self._most, self._capacity + -(-count // GROWTH_BYTES) * GROWTH_BYTES)
+        if self._segment is None or self._words[layout.HISTORY_TAIL]:
+            return
+        begin = HISTORY_RING * WORD_BYTES
+        if free_bytes() >= ROOM_FACTOR * grown and self._segment.populate(
+            begin + self._capacity, begin + grown
+        ):
+            self._capacity = self._words[layout.HISTORY_CAPACITY] = grown
 
     def _put(self, number: int, word: int) -> None:
         self._words[HISTORY_RING + number % self._capacity // WORD_BYTES] = word
@@ -136,17 +208,27 @@ class PythonHistory:
 
     def close(self) -> None:
         """Let go of the memory."""
-        self._capacity = 0
+        self._capacity = self._most = 0
         self._ring.release()
 
     def disown(self) -> None:
         """Record nothing in a forked process."""
-        self._capacity = 0
+        self._capacity = self._most = 0
 
 
 def history_words(ring_bytes: int) -> int:
     """Size of a history segment in words."""
     return HISTORY_RING + ring_bytes // WORD_BYTES
+
+
+def record_nothing(*_event: object) -> None:
+    """Add nothing to a history that there is not."""
+
+
+def free_bytes() -> int:
+    """Free shared memory."""
+    found = os.statvfs(SHARED_MEMORY)
+    return found.f_bavail * found.f_frsize
 
 
 class OwnHistory:
@@ -157,10 +239,11 @@ class OwnHistory:
         native: what is written in C; None: Python does it.
 
     Attributes:
-        bytes: size of the ring.
+        bytes: size of the ring when it has grown.
         random_recorded_s: when the state of the generators of random numbers was recorded last.
         writer: appends to it, also in C.
         append: the same.
+        prepare: takes memory for what comes next, while there is nothing to do.
     """
 
     def __init__(self, segment: Segment, native: Native | None):
@@ -168,8 +251,14 @@ class OwnHistory:
         self._words = words
         self.bytes = (len(words) - HISTORY_RING) * WORD_BYTES
         self.random_recorded_s = float("-inf")
-        self.writer: Any = PythonHistory(words) if native is None else native.History(words)
+        ready_bytes = segment.populated_bytes
+        self.writer: HistoryWriter
+        if native is None:
+            self.writer = PythonHistory(words, ready_bytes, segment)
+        else:
+            self.writer = native.History(words, ready_bytes)
         self.append: Callable[..., None] = self.writer.append
+        self.prepare = self.writer.prepare
         keep_from_forks(self)
 
     def disown(self) -> None:
@@ -258,7 +347,9 @@ def _start(image: bytes, size: int) -> dict[str, Any]:
 
 def _records(words: memoryview, tail: int) -> Iterator[Record]:
     ring = words[HISTORY_RING:].cast("B")
-    capacity, head = len(ring), words[layout.HISTORY_HEAD]
+    capacity, head = words[layout.HISTORY_CAPACITY], words[layout.HISTORY_HEAD]
+    if not 0 < capacity <= len(ring) or capacity % WORD_BYTES:
+        raise ValueError(f"the history has a ring of {capacity} bytes")
     if not 0 <= head - tail <= capacity:
         raise ValueError(f"the history goes from {tail} to {head} in {capacity} bytes")
     expected = None

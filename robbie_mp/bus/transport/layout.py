@@ -255,11 +255,13 @@ CLOCK_ROW_COUNT = 1024  # the last rows, to convert the stamps of earlier messag
 CLOCK_WORDS = CLOCK_ROWS + CLOCK_ROW_COUNT * CLOCK_ROW_WORDS
 
 # history: records of what a module has handled, in a ring of bytes; see history.py. Both byte numbers count
-# from the module's start, and the tail is advanced before the record there is overwritten.
+# from the module's start, and the tail is advanced before the record there is overwritten. The ring's
+# capacity grows until it is overwritten for the first time.
 HISTORY_HEAD = HEADER_WORDS
 HISTORY_TAIL = HEADER_WORDS + 1
 HISTORY_RECORDS = HEADER_WORDS + 2  # number of records ever written
 HISTORY_START_BYTES = HEADER_WORDS + 3
+HISTORY_CAPACITY = HEADER_WORDS + 4  # of the ring, bytes
 HISTORY_START = HEADER_WORDS + 8  # what the module began with, a text that is never overwritten
 HISTORY_START_WORDS = 8192
 HISTORY_RING = HISTORY_START + HISTORY_START_WORDS

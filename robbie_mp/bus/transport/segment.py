@@ -25,6 +25,8 @@ from robbie_mp.bus.transport.shared_folder import (
 )
 from robbie_mp.bus.transport.words import WORD_BYTES, Words, check_machine, new_fence
 
+_MADV_POPULATE_WRITE = 23  # Linux 5.14
+
 __all__ = [
     "ForeignMemory",
     "Segment",
@@ -59,6 +61,7 @@ class Segment:
     Attributes:
         name: its name in /dev/shm, as FOLDER/FILE.
         buffer: all of its bytes; read-only unless this process created it or attached as the writer.
+        populated_bytes: so much of it has its memory.
         words: the same memory as unsigned 64-bit words.
     """
 
@@ -67,6 +70,7 @@ class Segment:
         self._mapping = mapping
         self.buffer = memoryview(mapping)
         self._cast = self.buffer.cast("Q")
+        self.populated_bytes = len(mapping)
         if not self.buffer.readonly:
             keep_from_forks(self)
 
@@ -95,8 +99,12 @@ class Segment:
         kind: layout.SegmentKind,
         slot: int = 0,
         incarnation: int = 0,
+        at_first_bytes: int | None = None,
     ) -> Self:
         """Create a segment and allocate all its pages, so that a full /dev/shm is an error here.
+
+        With `at_first_bytes` only so many are allocated, and the others by `populate`; if the system cannot
+        do that, all are. `populated_bytes` tells.
 
         Raises:
             SharedMemoryFull: there is no room for it.
@@ -114,8 +122,12 @@ class Segment:
             with opened_folder(folder) as folder_fd:
                 fd = os.open(file, flags, 0o600, dir_fd=folder_fd)
                 try:
-                    os.posix_fallocate(fd, 0, size)
+                    os.ftruncate(fd, size)
                     mapping = mmap.mmap(fd, size)
+                    populated = at_first_bytes or size
+                    if at_first_bytes is None or not _populate(mapping, 0, at_first_bytes):
+                        populated = size
+                        os.posix_fallocate(fd, 0, size)
                 except OSError:
                     os.unlink(file, dir_fd=folder_fd)
                     raise
@@ -126,6 +138,7 @@ class Segment:
         except OSError as error:  # no memory, no inode, or no descriptor
             raise SharedMemoryFull.of(f"segment {name} of {size} bytes", error) from error
         segment = cls(name, mapping)
+        segment.populated_bytes = populated
         header = segment.words
         header[layout.HEADER_VERSION] = layout.LAYOUT_VERSION
         header[layout.HEADER_KIND] = kind
@@ -190,6 +203,10 @@ class Segment:
             os.close(fd)
         return cls(name, mapping)
 
+    def populate(self, begin: int, end: int) -> bool:
+        """Allocate and touch the pages of some bytes; False if there is no room, or the system cannot."""
+        return _populate(self._mapping, begin, end)
+
     def part(self, start: int, count: int) -> memoryview:
         """Return some words as an object of their own; release it before the segment is closed."""
         return self._cast[start : start + count]
@@ -210,6 +227,14 @@ class Segment:
     def unlink(self) -> None:
         """Remove the name; the memory stays until the last process has unmapped it."""
         unlink_segment(self.name)
+
+
+def _populate(mapping: mmap.mmap, begin: int, end: int) -> bool:
+    try:
+        mapping.madvise(_MADV_POPULATE_WRITE, begin, end - begin)
+    except (OSError, ValueError):  # ValueError: it is closed
+        return False
+    return True
 
 
 def unlink_segment(name: str) -> None:

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from robbie_mp.base.linux.address_space import limited_address_space
 from robbie_mp.base.linux.private_files import write_private
 from robbie_mp.bus.transport.history import Event
 from robbie_mp.logs.capsule.attempt import Progress, attempt
-from robbie_mp.logs.capsule.place import Crash, reported_crash
+from robbie_mp.logs.capsule.form import StartForm
+from robbie_mp.logs.capsule.place import HANG, Crash, reported_crash
 from robbie_mp.logs.capsule.read import Capsule, Step
 from robbie_mp.logs.capsule.replayed import base_state, load_capsule_class, relocated, seed_random
 from robbie_mp.messages import SettingChange, replace
@@ -24,6 +26,8 @@ from robbie_mp.module.calls.peers import topic_of_service
 from robbie_mp.module.harness import ModuleHarness
 
 MOST_ATTEMPTS = 400
+HANG_S = 10.0
+"""A test that hangs ends after this time."""
 SHOWN_ITEMS = 12
 """A longer array is written as zeros or ones, or as its bytes."""
 
@@ -65,13 +69,12 @@ class Scene:
                 seed_random(self.capsule.manifest.start.seed)
             self._play(acts, progress)
 
-        memory_bytes = self.capsule.manifest.start.process_bytes
-        return attempt(act, limit_s=self.limit_s, memory_bytes=memory_bytes).crash
+        return attempt(act, limit_s=self.limit_s).crash
 
     def _play(self, acts: Sequence[Act], progress: Progress) -> None:
         start = self.capsule.manifest.start
         module_class = load_capsule_class(self.capsule, self.workspace)
-        with ModuleHarness(
+        harness = ModuleHarness(
             module_class,
             self.settings,
             name=start.module,
@@ -79,7 +82,8 @@ class Scene:
             topics=start.topics,
             namespace=start.namespace,
             folder=self.workspace,
-        ) as harness:
+        )
+        with limited_address_space(start.more_bytes), harness:
             for number, one in enumerate(acts):
                 progress.show(number + 1)
                 perform(harness, one)
@@ -287,11 +291,12 @@ class Imports:
         self._names: dict[str, set[str]] = {}
         self.numpy = False
 
-    def add(self, one: type) -> str:
-        """Import a class, and return its name."""
+    def add(self, one: Any) -> str:
+        """Import a class or function, and return its name."""
         module = "robbie_mp.messages" if one in set(stock_registry()) else one.__module__
-        self._names.setdefault(module, set()).add(one.__name__)
-        return one.__name__
+        name: str = one.__name__
+        self._names.setdefault(module, set()).add(name)
+        return name
 
     def lines(self) -> list[str]:
         """Return the lines that import them."""
@@ -321,10 +326,13 @@ def source(scene: Scene, acts: Sequence[Act], wanted: Crash) -> str:
         if (name != "name" or needed) and (value or (name == "restored" and value is not None)):
             arguments.append(f"{name}={_plain(value, imports)}")
     body = [line for one in acts for line in _act_lines(one, imports)]
+    limit, guard = _guards(start, wanted, imports)
     seed = []
     if scene.seeded:
         seed = [f"    random.seed({start.seed})", f"    np.random.seed({start.seed})"]
         imports.numpy = True
+    standard = [f"import {one}" for one in ["faulthandler"] * bool(guard) + ["random"] * scene.seeded]
+    standard += [""] * bool(standard)
     name = re.sub(
         r"\W+", "_", f"{start.module}_does_not_crash_with_{_snake(wanted.what or wanted.kind)}".lower()
     )
@@ -332,16 +340,26 @@ def source(scene: Scene, acts: Sequence[Act], wanted: Crash) -> str:
     lines = [
         f'"""What ended {start.module}, from {scene.capsule.path.name}: {report.reason}."""',
         "",
-        *(["import random", ""] if scene.seeded else []),
+        *standard,
         *imports.lines(),
         "",
         "",
         f"def test_{name}() -> None:",
         *seed,
-        f"    with ModuleHarness({', '.join(arguments)}) as harness:",
+        *guard,
+        f"    with {limit}ModuleHarness({', '.join(arguments)}) as harness:",
         *(f"        {line}" for line in body or ["pass"]),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _guards(start: StartForm, wanted: Crash, imports: "Imports") -> tuple[str, list[str]]:
+    """Return what makes the test end: a limit of memory, and lines that end a hang."""
+    if wanted.kind == HANG:
+        return "", [f"    faulthandler.dump_traceback_later({HANG_S:g}, exit=True)"]
+    if wanted.what == "MemoryError" and start.more_bytes is not None:
+        return f"{imports.add(limited_address_space)}({start.more_bytes:_}), ", []
+    return "", []
 
 
 def _snake(name: str) -> str:

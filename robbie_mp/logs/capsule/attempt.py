@@ -9,8 +9,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -61,15 +60,12 @@ class Outcome:
 Act = Callable[[Progress, dict[str, Any]], None]
 
 
-def attempt(
-    act: Act, *, limit_s: float = LIMIT_S, memory_bytes: int | None = None, quiet: bool = True
-) -> Outcome:
+def attempt(act: Act, *, limit_s: float = LIMIT_S, quiet: bool = True) -> Outcome:
     """Run something in a forked process.
 
     Args:
         act: gets a progress to show, and a place for details that are returned even if it raises.
         limit_s: it hangs when it shows no progress for this long.
-        memory_bytes: limit of its address space; None: there is none.
         quiet: whether what it prints is dropped.
     """
     progress = Progress()
@@ -78,7 +74,7 @@ def attempt(
     pid = os.fork()
     if pid == 0:
         os.close(read_end)
-        _run(act, progress, write_end, dump, memory_bytes, quiet=quiet)
+        _run(act, progress, write_end, dump, quiet=quiet)
     os.close(write_end)
     try:
         said, hangs = _wait(pid, read_end, progress, limit_s)
@@ -90,7 +86,7 @@ def attempt(
     return _outcome(said, status, lines, progress.number, hangs=hangs)
 
 
-def _run(act: Act, progress: Progress, to: int, dump: int, memory_bytes: int | None, *, quiet: bool) -> None:
+def _run(act: Act, progress: Progress, to: int, dump: int, *, quiet: bool) -> None:
     """Be the forked process; never returns."""
     crash = Crash("end")
     details: dict[str, Any] = {}
@@ -102,8 +98,7 @@ def _run(act: Act, progress: Progress, to: int, dump: int, memory_bytes: int | N
             os.dup2(nothing, 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         faulthandler.enable(dump)
-        with limited_memory(memory_bytes):
-            act(progress, details)
+        act(progress, details)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
         crash = Crash(EXIT, str(code)) if code else crash
@@ -115,18 +110,6 @@ def _run(act: Act, progress: Progress, to: int, dump: int, memory_bytes: int | N
         os.write(to, text[: 1 << 16])
         sys.stdout.flush()
         os._exit(0)
-
-
-@contextmanager
-def limited_memory(limit_bytes: int | None) -> Iterator[None]:
-    """Limit the address space of this process, as the profile did."""
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    if limit_bytes is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def _wait(pid: int, read_end: int, progress: Progress, limit_s: float) -> tuple[bytes, bool]:

@@ -51,11 +51,17 @@ class StartForm(msgspec.Struct):
     is_restored: bool = False
     lockstep: bool = False
     process_bytes: int | None = None
+    address_space_bytes: int = 0
     started_ns: int = 0
     monotonic_ns: int = 0
     robbie: str = ""
     python: str = ""
     files: dict[str, list[int]] = {}
+
+    @property
+    def more_bytes(self) -> int | None:
+        """The address space that it could take from its start on; None: there was no limit."""
+        return None if self.process_bytes is None else self.process_bytes - self.address_space_bytes
 
 
 class CodeFile(msgspec.Struct):

@@ -41,7 +41,7 @@ class Step:
         channel: of a message.
         subscription: of a message, what the module subscribed to.
         sender: of a message.
-        data: of a message; None: it was too large to be kept.
+        data: of a message; None: it was too large to be kept, and no other stands in for it.
         told: the events of clocks, other modules and ports, in order.
         published: channel and bytes of each publication, in order. Without a channel it was refused; without
             bytes it was too large.
@@ -122,8 +122,31 @@ def _read(path: Path, file: zipfile.ZipFile) -> Capsule:
     events = [msgspec.json.decode(line, type=EventForm) for line in _member(file, EVENTS).splitlines()]
     steps = _Steps(manifest, _messages(path, file)).of(events)
     capsule = Capsule(path, manifest, report, steps)
+    _stand_in(capsule)
     _choose_base(capsule, events)
     return capsule
+
+
+def _stand_in(capsule: Capsule) -> None:
+    """Let the nearest message that was kept stand in for each that was too large, as for an image.
+
+    So what counts messages counts right, and what crashes over such a message does so.
+    """
+    received = [step for step in capsule.steps if step.kind is Event.MESSAGE and step.channel is not None]
+    count = 0
+    for steps in (received, received[::-1]):  # rather an earlier one
+        newest: dict[ChannelForm | None, bytes] = {}
+        for step in steps:
+            if step.data is not None:
+                newest[step.channel] = step.data
+            elif step.channel in newest:
+                step.data = newest[step.channel]
+                count += 1
+    if capsule.manifest.left_out:
+        capsule.warnings.append(
+            f"{capsule.manifest.left_out} messages were too large to be kept, for {count} of which others "
+            "of their topic stand in; raise memory.history_bytes to keep them"
+        )
 
 
 def _member(file: zipfile.ZipFile, name: str) -> bytes:
@@ -207,8 +230,6 @@ def _choose_base(capsule: Capsule, events: list[EventForm]) -> None:
     manifest, steps, warnings = capsule.manifest, capsule.steps, capsule.warnings
     if manifest.damage:
         warnings.append(f"the module's history is damaged: {manifest.damage}")
-    if manifest.left_out:
-        warnings.append(f"{manifest.left_out} messages were too large to be kept; raise memory.history_bytes")
     if manifest.is_whole:
         restored = [one for one in events if one.kind == Event.RESTORED.name]
         if restored:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.base.linux.address_space import limited_address_space
 from robbie_mp.logs.capsule.attempt import LIMIT_S, Outcome, Progress, attempt
 from robbie_mp.logs.capsule.place import END, EXCEPTION, Crash, reported_crash
 from robbie_mp.logs.capsule.read import Capsule, Step
@@ -40,14 +41,16 @@ def replay(capsule: Capsule, workspace: Path, limit_s: float = LIMIT_S, *, quiet
     def act(progress: Progress, details: dict[str, Any]) -> None:
         harness = ReplayHarness(capsule, workspace)
         try:
-            harness.run(lambda number, _step: progress.show(number))
+            with limited_address_space(capsule.manifest.start.more_bytes):
+                harness.run(lambda number, _step: progress.show(number))
         finally:
             bus = harness.replayed
             if bus.difference is not None:
                 details["step"], details["difference"] = bus.difference.step, bus.difference.text
+            details["written"] = harness.links.difference
             details["later"] = sorted(harness.told.later)
 
-    return attempt(act, limit_s=limit_s, memory_bytes=capsule.manifest.start.process_bytes, quiet=quiet)
+    return attempt(act, limit_s=limit_s, quiet=quiet)
 
 
 def judge(capsule: Capsule, outcome: Outcome) -> Verdict:
@@ -67,6 +70,8 @@ def judge(capsule: Capsule, outcome: Outcome) -> Verdict:
         lines.append(
             f"  first difference, in step {outcome.details['step']}: {outcome.details['difference']}"
         )
+    if outcome.details.get("written"):
+        lines.append(f"  first difference at the device: {outcome.details['written']}")
     if now.kind == END and outcome.details.get("later"):
         lines.append(f"  it asked more often than then: {', '.join(outcome.details['later'])}")
     return Verdict(now.is_like(then), lines)

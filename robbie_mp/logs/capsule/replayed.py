@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from robbie_mp.base.device_links import using_links
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.stock_robots import ROBOTS
 from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointTooNew
@@ -20,6 +21,7 @@ from robbie_mp.bus.transport.history import Event, Reading
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.logs.capsule.form import ChannelForm
 from robbie_mp.logs.capsule.read import Capsule, CapsuleUnreadable, Step
+from robbie_mp.logs.capsule.replayed_links import ReplayedLinks
 from robbie_mp.messages.errors import MessageError
 from robbie_mp.messages.message import Message
 from robbie_mp.module.bus import CopyingBus
@@ -70,8 +72,6 @@ class Told:
             elif kind is Event.ANSWER and event.data is not None:
                 question, answer = json.loads(event.data)
                 answers[question].append(answer)
-            elif kind is Event.PORT:
-                answers["port"].append((event.values[0], event.data))
             elif kind is Event.RANDOM and event.data is not None:
                 _set_random(event.data)
         self._answers = answers
@@ -288,6 +288,7 @@ class ReplayHarness(ModuleHarness[Module]):
         self._capsule = capsule
         self.told = Told()
         self.told.begin(capsule.steps[0])
+        self.links = ReplayedLinks(capsule.steps)
         seed_random(start.seed)
         module_class = load_capsule_class(capsule, workspace)
         super().__init__(
@@ -337,7 +338,9 @@ class ReplayHarness(ModuleHarness[Module]):
             if number:
                 self.told.begin(step)
                 self.replayed.begin(number, step)
-            self._do(step)
+            self.links.begin(step)
+            with using_links(self.links):
+                self._do(step)
             self.replayed.end()
 
     def _do(self, step: Step) -> None:

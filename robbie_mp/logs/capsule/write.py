@@ -100,7 +100,11 @@ def write_capsule(path: Path, facts: dict[str, Any], files: dict[str, bytes]) ->
     with TemporaryDirectory(prefix="robbie-capsule-") as folder:
         log = _MessageLog(Path(folder) / MESSAGES, tables, facts["types"], start, report["module"])
         with log:
-            events = [log.event(record, files.get("message")) for record in found.records]
+            received = [one.number for one in found.records if one.kind is Event.MESSAGE]
+            events = [
+                log.event(record, files.get("message") if record.number in received[-1:] else None)
+                for record in found.records
+            ]
         commit, diff = _git(start.workspace)
         manifest = Manifest(
             format=FORMAT,
@@ -214,7 +218,7 @@ class _MessageLog:
 
         Args:
             record: the record.
-            last: the bytes of the message that the module was handling when it died.
+            last: its bytes, if it is the message that the module was handling when it died.
         """
         event = EventForm(record.kind.name, record.number, record.time_ns, record.values, record.size)
         self._last_ns = record.time_ns or self._last_ns

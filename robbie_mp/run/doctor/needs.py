@@ -16,6 +16,7 @@ from robbie_mp.bus.transport.layout import (
 from robbie_mp.bus.transport.words import WORD_BYTES
 from robbie_mp.run.profile.model import MemoryLimits, Profile
 from robbie_mp.run.supervisor.memory import SUPERVISOR_SEGMENT_BYTES
+from robbie_mp.run.supervisor.own_history import AT_FIRST_BYTES
 
 OWN_DESCRIPTORS = 32
 """Descriptors that a process has when it has just started."""
@@ -70,7 +71,7 @@ class Needs:
         schedulings = [core.scheduling, *(module.scheduling for module in profile.modules)]
         return cls(
             profile=profile.name,
-            start_bytes=fixed_bytes + sum(memory.segment_bytes for memory in memories),
+            start_bytes=fixed_bytes + sum(bytes_at_start(memory) for memory in memories),
             limit_bytes=fixed_bytes + whole_bytes,
             largest_file_bytes=max(
                 [tables * WORD_BYTES, *(max(m.limit_bytes, m.checkpoint_bytes) for m in memories)]
@@ -81,6 +82,11 @@ class Needs:
             realtime_priority=max(one.realtime_priority for one in schedulings),
             limits_wake_latency=any(one.wake_latency_us is not None for one in schedulings),
         )
+
+
+def bytes_at_start(memory: MemoryLimits) -> int:
+    """Return the shared memory that a module takes at its start, without its rings."""
+    return memory.segment_bytes + (AT_FIRST_BYTES if memory.history_bytes else 0)
 
 
 def segments(memory: MemoryLimits) -> int:

@@ -61,9 +61,9 @@ class MemoryLimits:
     """Address space of its process; None: no limit."""
     checkpoint_bytes: int = bounded(64 << 20, 4096, MAX_BYTES)
     """Largest size of a checkpoint; two are kept."""
-    history_bytes: int | None = bounded(None, 1 << 17, 1 << 30)
+    history_bytes: int | None = bounded(8 << 20, 1 << 17, 1 << 30)
     """What it has handled, kept for the capsule of a crash; None: nothing. Messages that are larger than a
-    sixteenth of it are left out."""
+    sixteenth of it are left out. Its memory is taken as it is needed."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from robbie_mp.base.device_links import Links, MachineLinks, using_links
 from robbie_mp.base.linux.bus_error import surviving_truncation
 from robbie_mp.bus._hot import choice
 from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
@@ -16,7 +17,7 @@ from robbie_mp.bus.checkpoint.file import checkpoint_file
 from robbie_mp.bus.checkpoint.image import ImageLayout
 from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from robbie_mp.bus.transport import layout, names
-from robbie_mp.bus.transport.history import OwnHistory
+from robbie_mp.bus.transport.history import OwnHistory, record_nothing
 from robbie_mp.bus.transport.layout import LINE_WORDS, HotPath
 from robbie_mp.bus.transport.run_memory import IncarnationMemory, make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
@@ -27,6 +28,7 @@ from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.membership import Membership
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.recorded import RecordedClock
+from robbie_mp.module.recorded_links import RecordedLinks
 from robbie_mp.module.runner import ModuleRunner
 from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.module.settings import SettingError, check_settings
@@ -49,7 +51,6 @@ from robbie_mp.run.supervisor.own_history import (
     begin_history,
     open_history,
     record_checkpoint,
-    record_nothing,
 )
 from robbie_mp.run.supervisor.scheduling import apply_scheduling, prefer_new_threads
 from robbie_mp.run.variant import Variant, put_first, variant_of_environment
@@ -117,13 +118,16 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         make_ticks(plan, module, clock, place, bus.inbox, record),
         SettingChanges(module, bus, settings_file),
         None if lockstep is None else lockstep.has_just_settled,
-        record,
+        history,
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
     gc.freeze()  # imported objects stay, so the collector need not scan them again
-    with surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/", writable=False):
+    with (
+        using_links(device_links(history)),
+        surviving_truncation(f"{SHARED_MEMORY / names.folder(plan.run_id)}/", writable=False),
+    ):
         if plan.reloads:
             report_imports(run_folder, name, plan.workspace)
         runner.set_up()
@@ -132,6 +136,11 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         prefer_new_threads(planned.scheduling)
         runner.run()
     checkpoints.close()
+
+
+def device_links(history: OwnHistory | None) -> Links:
+    """Return what a module's drivers open their devices with."""
+    return MachineLinks() if history is None else RecordedLinks(history.append)
 
 
 def import_class(plan: RunPlan, planned: ModuleSpec) -> type[Module]:

@@ -6,7 +6,6 @@ import logging
 import os
 import random
 import secrets
-import shutil
 import sys
 import time
 from pathlib import Path
@@ -14,42 +13,46 @@ from pathlib import Path
 import numpy as np
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.address_space import address_space_bytes
 from robbie_mp.base.version import installed_version
 from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.checkpoint.image import ImageLayout, lay_out
 from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper
 from robbie_mp.bus.transport import names
-from robbie_mp.bus.transport.history import LARGEST_SHARE, Event, OwnHistory, history_words
+from robbie_mp.bus.transport.history import (
+    GROWTH_BYTES,
+    LARGEST_SHARE,
+    ROOM_FACTOR,
+    Event,
+    OwnHistory,
+    free_bytes,
+    history_words,
+)
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
-from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.module.membership import Membership
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.supervisor.imported_files import robot_files
 
-ROOM_FACTOR = 16
-"""A module does without a history if this many of it do not fit into what is free in /dev/shm."""
+AT_FIRST_BYTES = 2 * GROWTH_BYTES
+"""Memory of a history when its module starts; it then grows."""
 RANDOM_PERIOD_S = 1.0
 """Least time between two records of the state of the generators of random numbers."""
 START_FORMAT = 1
-
-
-def record_nothing(*_event: object) -> None:
-    """Add nothing to a history that there is not."""
 
 
 def open_history(
     run_id: str, slot: int, incarnation: int, ring_bytes: int | None, native: Native | None
 ) -> OwnHistory | None:
     """Make the history of a module's process; None: the profile wants none, or there is little memory."""
-    if ring_bytes is None:
+    if not ring_bytes:
         return None
     try:
-        if shutil.disk_usage(SHARED_MEMORY).free < ROOM_FACTOR * ring_bytes:
+        if free_bytes() < ROOM_FACTOR * AT_FIRST_BYTES:
             return None
-        name = names.history(run_id, slot, incarnation)
-        segment = Segment.create(name, history_words(ring_bytes), SegmentKind.HISTORY, slot, incarnation)
+        name, words = names.history(run_id, slot, incarnation), history_words(ring_bytes)
+        segment = Segment.create(name, words, SegmentKind.HISTORY, slot, incarnation, AT_FIRST_BYTES)
     except (OSError, RobbieError) as error:
         logging.getLogger("robbie.history").warning("a crash will have no capsule: %s", error)
         return None
@@ -86,6 +89,7 @@ def begin_history(
             "is_restored": checkpoints.restored is not None,
             "lockstep": plan.clock.lockstep,
             "process_bytes": planned.memory.process_bytes,
+            "address_space_bytes": address_space_bytes(),
             "started_ns": time.time_ns(),
             "monotonic_ns": time.monotonic_ns(),
             "robbie": installed_version(),

@@ -1,25 +1,53 @@
 """The history of a module: what is kept, in C and in Python alike, and what any other bytes read as."""
 
 from array import array
+from collections.abc import Iterator
+from os import getpid, sysconf
+from platform import release
+from resource import RUSAGE_THREAD, getrusage
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport import history as transport_history
+from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.history import (
     HEAD_BYTES,
+    LARGEST_PUBLISHED_SHARE,
     LARGEST_SHARE,
     Event,
     HistoryWriter,
+    OwnHistory,
     PythonHistory,
     history_words,
     read_history,
 )
+from robbie_mp.bus.transport.layout import SegmentKind
+from robbie_mp.bus.transport.segment import Segment
+from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
+from robbie_mp.run.supervisor.own_history import AT_FIRST_BYTES
 from tests._support.implementations import BOTH, NATIVE, Native
 
 RING_BYTES = 1 << 14
+RUN = f"testhist{getpid()}"
+PAGE_BYTES = sysconf("SC_PAGESIZE")
 EVENTS = st.lists(st.tuples(st.sampled_from([1, 2, 6]), st.binary(max_size=700)), max_size=80)
+
+
+def image(segment: Segment) -> bytes:
+    """Read a segment as what writes a capsule does."""
+    return (SHARED_MEMORY / segment.name).read_bytes()
+
+
+def taken_bytes(segment: Segment) -> int:
+    """Return the memory that a segment takes."""
+    return (SHARED_MEMORY / segment.name).stat().st_blocks * 512
+
+
+GROWS = pytest.mark.skipif(
+    tuple(int(one) for one in release().split(".")[:2]) < (5, 14), reason="it cannot touch memory beforehand"
+)
 
 
 class Kept:
@@ -50,11 +78,87 @@ def test_newest_records_are_read_in_order_and_the_oldest_are_overwritten(native:
 @pytest.mark.parametrize("native", BOTH)
 def test_large_data_are_left_out_but_not_the_record(native: Native | None) -> None:
     kept = Kept(native)
-    kept.writer.append(Event.MESSAGE, 5, 0, 0, 0, 0, bytes(RING_BYTES // LARGEST_SHARE))
+    for data in (bytes(RING_BYTES), bytes(RING_BYTES // LARGEST_SHARE), bytes(RING_BYTES // LARGEST_SHARE)):
+        kept.writer.append(Event.MESSAGE, 5, 0, 0, 0, 0, data)
+    kept.writer.append(Event.PUBLISHED, 0, 0, 0, 0, 0, bytes(RING_BYTES // LARGEST_PUBLISHED_SHARE))
     kept.writer.append(Event.TICK, 6)
-    large, tick = read_history(kept.image()).records
+    whole, key, large, published, tick = read_history(kept.image()).records
+    assert (whole.data, whole.size) == (None, RING_BYTES)
+    assert key.data == bytes(RING_BYTES // LARGEST_SHARE), "one large message is kept, for the others"
     assert (large.data, large.size, large.time_ns) == (None, RING_BYTES // LARGEST_SHARE, 5)
+    assert published.data is None
     assert (tick.kind, tick.data) == (Event.TICK, b"")
+
+
+@pytest.mark.parametrize("native", BOTH)
+def test_large_message_is_kept_again_when_the_one_before_is_overwritten(native: Native | None) -> None:
+    kept = Kept(native)
+    for number in range(400):
+        kept.writer.append(
+            Event.MESSAGE, 0, 0, 0, 0, 0, bytes(RING_BYTES // LARGEST_SHARE if number % 9 else 1)
+        )
+    found = read_history(kept.image())
+    assert len([one for one in found.records if one.size > 1 and one.data is not None]) == 1
+
+
+@pytest.fixture
+def segment() -> Iterator[Segment]:
+    """A history of which only the beginning has its memory."""
+    make_folder(RUN)
+    name, words = names.history(RUN, 1, 1), history_words(1 << 20)
+    made = Segment.create(name, words, SegmentKind.HISTORY, at_first_bytes=AT_FIRST_BYTES)
+    yield made
+    made.close()
+    remove_names(RUN)
+
+
+@GROWS
+@pytest.mark.parametrize("native", BOTH)
+def test_ring_takes_its_memory_as_it_is_needed(segment: Segment, native: Native | None) -> None:
+    history = OwnHistory(segment, native)
+    at_first = taken_bytes(segment)
+    assert at_first < 1 << 18
+    for number in range(3000):  # without a break
+        history.append(Event.MESSAGE, number, 0, 0, 0, 0, bytes(100))
+    found = read_history(image(segment))
+    assert (len(found.records), found.is_whole, found.damage) == (3000, True, "")
+    assert at_first < taken_bytes(segment) < segment.size * 3 // 4
+    for number in range(9000):
+        history.append(Event.MESSAGE, number, 0, 0, 0, 0, bytes(100))
+    found = read_history(image(segment))
+    assert (found.is_whole, found.damage, found.records[-1].number) == (False, "", 12_000)
+    assert len(found.records) > (1 << 20) / 170
+    history.close()
+
+
+@GROWS
+@pytest.mark.parametrize("native", BOTH)
+def test_ring_that_is_prepared_causes_no_page_fault(segment: Segment, native: Native | None) -> None:
+    history = OwnHistory(segment, native)
+    data, faults = bytes(100), 0
+    for number in range(4000):
+        before = getrusage(RUSAGE_THREAD).ru_minflt
+        history.append(Event.MESSAGE, number, 0, 0, 0, 0, data)
+        faults += getrusage(RUSAGE_THREAD).ru_minflt - before
+        history.prepare()
+    assert faults < 4000 * 170 / PAGE_BYTES / 4, "it touched most pages itself"
+    history.close()
+
+
+@GROWS
+@pytest.mark.parametrize("native", BOTH)
+def test_ring_does_not_grow_into_the_last_of_the_memory(
+    segment: Segment, native: Native | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if native is not None:
+        pytest.skip("what C asks the system cannot be replaced")
+    monkeypatch.setattr(transport_history, "free_bytes", lambda: 1 << 20)
+    history = OwnHistory(segment, native)
+    for number in range(3000):
+        history.append(Event.MESSAGE, number, 0, 0, 0, 0, bytes(100))
+    found = read_history(image(segment))
+    assert (found.is_whole, found.damage, found.records[-1].number) == (False, "", 3000)
+    history.close()
 
 
 @pytest.mark.skipif(NATIVE is None, reason="there is no C")

@@ -1,5 +1,6 @@
 """Modules that crash in many ways; copied into the workspace of a test as `crashes.py`."""
 
+import contextlib
 import ctypes
 import faulthandler
 import os
@@ -7,11 +8,14 @@ import random
 import signal
 import sys
 import time
+import tty
+from pathlib import Path
 
 import numpy as np
 
 from robbie_mp import (
     Array,
+    CallRefused,
     EncodedMessage,
     Message,
     MessageHandling,
@@ -23,9 +27,13 @@ from robbie_mp import (
     setting,
 )
 from robbie_mp.messages import ModuleState, SettingChange
+from robbie_robots.hw.connection.device import PluggableDevice
+from robbie_robots.hw.connection.errors import DeviceSilent as DeviceNotThere
+from robbie_robots.hw.connection.port import Port, PortError
+from robbie_robots.modules.devices.pluggable import PluggableDeviceModule
 
 FEED_S = 0.01
-QUIET_S = 8.0
+QUIET_S = 20.0
 """Longest time between two crashes; one that failed in its setup was not seen."""
 
 
@@ -53,7 +61,12 @@ class Feeder(Module):
 
     def setup(self) -> None:
         self.n = 0
-        self.serve(Ask, lambda ask: Answer(value=2 * ask.value))
+        self.serve(Ask, self.on_ask)
+
+    def on_ask(self, ask: Ask) -> Answer:
+        if ask.value < 0:
+            raise CallRefused("negative")
+        return Answer(value=2 * ask.value)
 
     def tick(self) -> None:
         self.n += 1
@@ -65,8 +78,48 @@ class Feeder(Module):
             self.publish(Number(value=self.n, weights=np.ones(100_000)), topic="large")
             change = SettingChange(request=1, setting="gain", value="0")
             self.publish(change, topic="setting")
+        if self.n % 10 == 5:
+            self.publish(Number(value=self.n, weights=np.full(100_000, self.n)), topic="image")
         if self.n == 25:
             self.call(Ask(value=13), lambda _reply: None, lambda _error: None, topic="server")
+
+
+class Devices(Module):
+    """Simulated devices at pseudo-terminals: they send lines. One is damaged, and one device hangs up."""
+
+    period_s = 0.02
+    names: list[str] = setting([], "whose devices there are")
+
+    def setup(self) -> None:
+        self.n = 0
+        self.ends: dict[str, int] = {}
+        for name in self.names:
+            own, theirs = os.openpty()
+            tty.setraw(theirs)
+            os.set_blocking(own, False)
+            self.ends[name] = own
+            device_of(name).unlink(missing_ok=True)
+            device_of(name).symlink_to(os.ttyname(theirs))
+
+    def tick(self) -> None:
+        self.n += 1
+        for name, end in list(self.ends.items()):
+            if name == "devicepulledout" and self.n == 40:
+                os.close(self.ends.pop(name))
+            elif name == "deviceanswer":
+                with contextlib.suppress(BlockingIOError):
+                    os.write(end, b"%d!\n" % (os.read(end, 100).count(b"?") * self.n))
+            elif name != "devicesilent" or self.n < 40:
+                os.write(end, b"7x\n" if self.n == 30 else b"%d\n" % self.n)
+
+    def teardown(self) -> None:
+        for name in self.names:
+            device_of(name).unlink()
+
+
+def device_of(name: str) -> Path:
+    """Return the path of a device; it is there only while the robot runs."""
+    return Path(__file__).parent / f"device-{name}"
 
 
 class Conductor(Module):
@@ -390,6 +443,81 @@ class LargeMessage(Crasher):
         raise ValueError(f"{number.weights.sum():g}")
 
 
+class ThirdImage(Crasher):
+    """Messages that are too large to be kept; the third one is too many."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.images = 0
+        self.subscribe(Number, self.on_image, topic="image")
+
+    def on_image(self, number: Number) -> None:
+        self.images += 1
+        if self.images == 3:
+            raise ValueError(f"a third image of {len(number.weights)}")
+
+
+class AfterImages(ThirdImage):
+    """The same, in another handler; the last message is not a large one."""
+
+    def on_image(self, number: Number) -> None:
+        self.images += 1
+
+    def on_a(self, number: Number) -> None:
+        if self.images == 3:
+            raise ValueError("three images")
+
+
+class ClockJump(Crasher):
+    """The wall clock is set back while it runs."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.last_ns = 0
+        self.true_ns, time.time_ns = time.time_ns, self.false_ns
+
+    def false_ns(self) -> int:
+        return self.true_ns() - 3_600_000_000_000 * (self.n > 9)
+
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        now_ns = self.clock.now_ns()
+        if now_ns < self.last_ns:
+            raise ValueError("time went back")
+        self.last_ns = now_ns
+
+
+class Refused(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 4:
+            self.call(Ask(value=-1), lambda _answer: None, self.on_error)
+
+    def on_error(self, error: Exception) -> None:
+        raise RuntimeError("refused") from error
+
+
+class TimerAfterReply(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 4:
+            self.call(Ask(value=4), self.on_reply)
+
+    def on_reply(self, answer: Answer) -> None:
+        self.every(0.03, self.on_timer)
+
+    def on_timer(self) -> None:
+        raise RuntimeError("after the answer")
+
+
+class Allocations(Crasher):
+    """Takes more and more memory, in small pieces."""
+
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        self.kept = [*getattr(self, "kept", []), np.empty(40_000_000)]
+
+
 class Segfault(Crasher):
     def on_a(self, number: Number) -> None:
         if number.value > 6:
@@ -452,13 +580,99 @@ class HardExit(Crasher):
             os._exit(7)
 
 
+class DeviceCrasher(Crasher):
+    """Reads lines of a device."""
+
+    period_s = 0.02
+
+    def setup(self) -> None:
+        super().setup()
+        self.port: Port | None = None
+        self.rest = b""
+        self.heard_s = self.monotonic_s()
+
+    def tick(self) -> None:
+        if self.port is None:
+            try:
+                self.port = Port(str(device_of(self.name)))
+            except PortError:
+                return
+        self.ask()
+        data = self.port.read(0.02)
+        if data:
+            self.heard_s = self.monotonic_s()
+        *lines, self.rest = (self.rest + data).split(b"\n")
+        for line in lines:
+            self.on_line(line)
+
+    def ask(self) -> None:
+        pass
+
+    def on_line(self, line: bytes) -> None:
+        self.n += 1
+
+
+class DeviceLine(DeviceCrasher):
+    def on_line(self, line: bytes) -> None:
+        self.n += int(line)
+
+
+class DeviceSilent(DeviceCrasher):
+    def ask(self) -> None:
+        if self.monotonic_s() - self.heard_s > 0.4:
+            raise TimeoutError("the device is silent")
+
+
+class DeviceAnswer(DeviceCrasher):
+    def ask(self) -> None:
+        self.port.write(b"?\n")
+
+    def on_line(self, line: bytes) -> None:
+        if line.endswith(b"7!"):
+            raise ValueError(line)
+
+
+class DevicePulledOut(DeviceCrasher):
+    pass
+
+
+class Lines(PluggableDevice[int]):
+    """A driver of such a device."""
+
+    def _start(self, port: Port) -> None:
+        port.drain(0.0, 0.1)
+        if not port.read(0.5):
+            raise DeviceNotThere("no line")
+
+    def _take(self, data: bytes) -> list[int]:
+        self.rest += data
+        *lines, self.rest = self.rest.split(b"\n")
+        return [int(line, 36) % 7 for line in lines if len(line) > 1]
+
+    def _reset(self) -> None:
+        self.rest = b""
+
+
+class DeviceDriver(PluggableDeviceModule[int]):
+    """The sum of what the device sends in a second has a limit."""
+
+    def open_device(self) -> Lines:
+        self.sum = 0
+        return Lines(str(device_of(self.name)), silence_s=self.silence_s)
+
+    def on_value(self, value: int) -> None:
+        self.sum += value
+        if self.sum > 60:
+            raise OverflowError(self.sum)
+
+
 KINDS = {
     name: kind
     for name, kind in list(globals().items())
-    if isinstance(kind, type) and issubclass(kind, Crasher)
+    if isinstance(kind, type) and issubclass(kind, Crasher | DeviceDriver)
 }
 """The ways to crash, by the names of their classes."""
-del KINDS["Crasher"]
+del KINDS["Crasher"], KINDS["DeviceCrasher"]
 
 
 def profile(names: list[str]) -> str:
@@ -468,7 +682,9 @@ def profile(names: list[str]) -> str:
         own, process = ["settings: {}"], ""
         if name == "Restored":
             own = ["restart: {policy: on-failure, max_restarts: 1, backoff_s: 0.01}"]
-        elif name == "Memory":
+        elif name == "DeviceDriver":
+            own = ["settings: {port: unused}"]
+        elif name in ("Memory", "Allocations"):
             process = ", process_bytes: 4294967296"
         elif name in ("BusyLoop", "Sleeps"):
             own = ["handler_deadline_s: 2"]
@@ -476,6 +692,8 @@ def profile(names: list[str]) -> str:
         memory = f"memory: {{history_bytes: 4M{process}}}"
         options = ", ".join([f"class: 'crashes:{name}'", *own, memory, *restart])
         lines.append(f"  {module_name(name)}: {{{options}}}")
+    devices = ", ".join(module_name(name) for name in names if name.startswith("Device"))
+    lines.append(f"  devices: {{class: 'crashes:Devices', settings: {{names: [{devices}]}}}}")
     lines.append("  feeder: {class: 'crashes:Feeder'}")
     lines.append(
         f"  conductor: {{class: 'crashes:Conductor', ends_run: true, settings: {{count: {len(names)}}}}}"

@@ -20,6 +20,7 @@ from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import MemoryLimits, ModuleSpec, Profile
 from robbie_mp.run.run_directory import lock_folder
 from robbie_mp.run.supervisor.memory import RunMemory
+from robbie_mp.run.supervisor.own_history import AT_FIRST_BYTES
 from robbie_mp.run.supervisor.sweep import sweep
 
 PROFILE = """
@@ -108,7 +109,7 @@ def test_estimated_memory_at_the_start_is_that_of_a_run() -> None:
     taken = sum(file.stat().st_size for file in SHARED_MEMORY.glob("robbie-d0c7d0c7/*"))
     memory.close()
     needs = Needs.of(Profile("p", modules))
-    first_messages = 2 * MemoryLimits().segment_bytes + (64 << 10)
+    first_messages = 2 * (MemoryLimits().segment_bytes + AT_FIRST_BYTES) + (64 << 10)
     assert needs.start_bytes == taken + first_messages
 
 
