@@ -625,6 +625,7 @@ class DeviceSilent(DeviceCrasher):
 
 class DeviceAnswer(DeviceCrasher):
     def ask(self) -> None:
+        assert self.port is not None
         self.port.write(b"?\n")
 
     def on_line(self, line: bytes) -> None:
@@ -638,6 +639,8 @@ class DevicePulledOut(DeviceCrasher):
 
 class Lines(PluggableDevice[int]):
     """A driver of such a device."""
+
+    rest = b""
 
     def _start(self, port: Port) -> None:
         port.drain(0.0, 0.1)
