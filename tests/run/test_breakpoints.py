@@ -11,6 +11,7 @@ from typing import IO
 import pytest
 
 from tests._support import robot as robots
+from tests._support.debugger import held_by_debugger
 from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
 
 CODE = """
@@ -177,6 +178,20 @@ def attached_when_running(robot: Robot) -> Iterator[Attached]:
     robot.until(lambda top: top["bumper"]["state"] == "RUNNING")
     with attached(robot) as terminal:
         yield terminal
+
+
+@pytest.mark.slow
+def test_module_that_gdb_holds_does_not_count_as_hung(standing: Robot) -> None:
+    standing.start("--set", "bumper.stands_in=nowhere")
+    figures = standing.until(
+        lambda top: top["bumper"]["state"] == "RUNNING" and bool(top["bumper"]["status"])
+    )
+    with held_by_debugger(figures["bumper"]["pid"]):
+        time.sleep(2.5)  # longer than its deadline
+        assert standing.top()["bumper"]["restarts"] == 0
+    before = seen(standing)
+    wait_until(lambda: seen(standing) > before + 10)
+    assert standing.top()["bumper"]["restarts"] == 0
 
 
 @pytest.mark.slow

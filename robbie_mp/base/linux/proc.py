@@ -95,6 +95,15 @@ def read_wait_channel(pid: int) -> str:
     return "" if name == "0" else name
 
 
+def is_traced(pid: int) -> bool:
+    """Whether a debugger such as gdb is attached to a process (ptrace(2))."""
+    try:
+        with open(f"/proc/{pid}/status", "rb") as file:
+            return any(line.startswith(b"TracerPid:") and line.split()[1] != b"0" for line in file)
+    except OSError:
+        return False
+
+
 @dataclass(frozen=True)
 class ProcessUsage:
     """Processor time, memory and threads of a process; zeros if it has ended."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.base.linux.proc import read_wait_channel
-from robbie_mp.run.supervisor.child_spec import ChildSpec
+from robbie_mp.base.linux.proc import is_traced, read_wait_channel
+from robbie_mp.run.supervisor.child_spec import ChildKind, ChildSpec
 from robbie_mp.run.supervisor.crash import CrashWatch
 from robbie_mp.run.supervisor.deadlines import HangWatch, RunQueueTime
 from robbie_mp.run.supervisor.event_loop import EventLoop
@@ -67,7 +67,8 @@ class SupervisedChild:
             the run meets in its first start has not failed.
         ended_run: whether it ended in the way that ends the run.
         awaits_retry: whether it is FAILED and will be retried.
-        is_debugged: whether it stands at a breakpoint, so that it is neither hung nor late.
+        is_debugged: whether it stands at a breakpoint. So it is neither hung nor late, as if a debugger such
+            as gdb holds it.
         unfinished: why it did not end in order when the run stopped, so that what it writes at its end, such
             as a map, is missing; '' if it did, or if it never ran.
     """
@@ -191,7 +192,7 @@ class SupervisedChild:
             self.kill(self._kill_reason)
         elif self.state is ChildState.STARTING:
             self._check_ready()
-            if self.is_debugged or self._incarnations.awaits_time(self.spec.name):
+            if self._is_held(now_s >= self._due_s) or self._incarnations.awaits_time(self.spec.name):
                 self._due_s = now_s + self.spec.module.start_deadline_s  # the delay is not its fault
             elif self.state is ChildState.STARTING and now_s >= self._due_s + self._starved_s(now_s):
                 self.kill(f"not ready within {self.spec.module.start_deadline_s:g} s")
@@ -331,9 +332,22 @@ class SupervisedChild:
             return  # in an ordered stop, the grace period is the deadline
         doing = None if self.is_debugged else self._incarnations.doing(self.spec.name, self.incarnation)
         hung_s = self._hang_watch.hung_for_s(doing, now_s, self._run_queue)
-        if hung_s is not None and doing is not None:
+        if hung_s is not None and doing is not None and self._is_held():
+            self._hang_watch.hung_for_s(None, now_s, self._run_queue)  # it has the whole time again
+        elif hung_s is not None and doing is not None:
             what = self._incarnations.describe(self.spec.name, self.incarnation, doing)
             self.abort(f"{what} for {hung_s:.1f} s")
+
+    def _is_held(self, would_count: bool = True) -> bool:
+        """Whether a module is held by a debugger, of whatever kind.
+
+        Args:
+            would_count: whether the module would count as hung or late otherwise; only then it is looked up
+                whether a debugger such as gdb holds it. The core is not spared, because all modules need it.
+        """
+        if self.is_debugged or not would_count or self.spec.kind is ChildKind.CORE or self.pid is None:
+            return self.is_debugged
+        return is_traced(self.pid)
 
     def _may_open(self) -> bool:
         if not self._around.may_start(self):
