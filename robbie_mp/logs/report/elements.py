@@ -29,7 +29,8 @@ def element(name: str, *children: object, **attributes: object) -> Html:
     Args:
         name: of the element.
         children: its content.
-        attributes: `class_` is `class`, `_` in a name is `-`; None: it has no such attribute.
+        attributes: `class_` is `class`, `_` in a name is `-`; None: it has no such attribute. What is long
+            and made here, such as the points of a curve, is given as Html.
     """
     listed = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{text(value)}"'

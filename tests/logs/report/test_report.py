@@ -16,8 +16,10 @@ from PIL import EpsImagePlugin
 from PIL import Image as PillowImage
 
 from robbie_mp import Header
+from robbie_mp.attached.views.series import PlotSeries
 from robbie_mp.cli.program import run_command
 from robbie_mp.logs.report import NoResults, choose_results, read_run, report_of, seen
+from robbie_mp.logs.report.charts import curve
 from robbie_mp.logs.report.elements import element
 from robbie_mp.logs.report.failures import failures_of
 from robbie_mp.logs.report.pictures import MAX_BYTES, Pictures
@@ -293,6 +295,15 @@ def test_long_way_is_thinned_out_and_keeps_its_length() -> None:
     assert len(way.places) <= MAX_PLACES
     assert way.travelled_m == pytest.approx(2 * MAX_PLACES, rel=0.01)
     assert not way.breaks
+
+
+def test_long_curves_are_drawn_whole() -> None:
+    series = PlotSeries("charge")
+    for number in range(5000):
+        series.add(float(number), number % 100)
+    (points,) = re.findall('points="([^"]*)"', curve(series, 0.0, 5000.0, "%", 0.0, 100.0))
+    assert 400 < len(points.split()) <= 1000
+    assert all(len([float(number) for number in point.split(",")]) == 2 for point in points.split())
 
 
 def test_texts_and_attributes_are_escaped() -> None:
