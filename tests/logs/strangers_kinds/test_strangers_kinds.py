@@ -1,0 +1,37 @@
+"""Crashes of many kinds, by somebody who has not seen the code of replay, are replayed to the same line."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from tests._support.robot import PROJECT
+from tests.logs.strangers_kinds.kinds import KINDS
+from tests.logs.strangers_kinds.trial import Outcome, attempt, table
+
+AT_ONCE = 2
+
+
+@pytest.fixture
+def outcomes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Outcome]:
+    """What became of each kind."""
+    (tmp_path / "runtime").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "runtime"))
+    monkeypatch.setenv("PYTHONPATH", str(PROJECT))
+    folders = [tmp_path / f"kind_{number}" for number in range(len(KINDS))]
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return list(pool.map(attempt, KINDS, folders))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_crashes_are_replayed_to_the_same_line(outcomes: list[Outcome]) -> None:
+    print(table(outcomes))
+    by_name = dict(zip([kind.name for kind in KINDS], outcomes, strict=True))
+    assert [name for name, outcome in by_name.items() if not outcome.crashed] == []
+    missed = {kind.name: by_name[kind.name] for kind in KINDS if not by_name[kind.name].replayed}
+    expected = {kind.name: kind.why_not for kind in KINDS if kind.why_not}
+    assert [row.row() for name, row in missed.items() if expected.get(name, "-") not in row.verdict] == []
+    messages = [outcome.messages for outcome in outcomes if outcome.messages is not None]
+    assert median(messages) <= 5
