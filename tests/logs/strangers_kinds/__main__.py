@@ -1,4 +1,4 @@
-"""Prints the table of some kinds, or of all: `python -m tests.logs.strangers_kinds NAME…`."""
+"""Prints the table of some kinds, or of all: `python -m tests.logs.strangers_kinds NAME…|FROM:TO`."""
 
 import os
 import sys
@@ -19,8 +19,9 @@ def main(folder: Path) -> None:
     os.environ["XDG_RUNTIME_DIR"] = str(folder / "runtime")
     os.environ["PYTHONPATH"] = str(PROJECT)
     words = sys.argv[1:] or [""]
+    first, colon, end = words[0].partition(":")
     for number, kind in enumerate(KINDS):
-        if any(word in kind.name for word in words):
+        if int(first) <= number < int(end) if colon else any(word in kind.name for word in words):
             outcome = attempt(kind, folder / f"kind_{number}")
             print(outcome.row(), flush=True)
             for line in outcome.test.partition("-> None:\n")[2].splitlines()[:LINES]:

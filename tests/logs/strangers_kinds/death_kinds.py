@@ -32,7 +32,7 @@ DEATH_KINDS = [
         "import os",
         "pass",
         """if number.word == "w6":
-                    os._exit(3)  # here""",
+                    os._exit(3)""",
         "exit code 3",
         "os._exit",
     ),
@@ -40,7 +40,7 @@ DEATH_KINDS = [
         "import sys",
         "pass",
         """if number.word == "w6":
-                    sys.exit(4)  # here""",
+                    sys.exit(4)""",
         "exit code 4",
         "sys.exit",
     ),
@@ -48,7 +48,7 @@ DEATH_KINDS = [
         "import os\n        import signal",
         "pass",
         """if number.value == 9:
-                    os.kill(os.getpid(), signal.SIGKILL)  # here""",
+                    os.kill(os.getpid(), signal.SIGKILL)""",
         "SIGKILL",
         "SIGKILL",
     ),

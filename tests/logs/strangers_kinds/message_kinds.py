@@ -383,7 +383,7 @@ MESSAGE_KINDS = [
         class Victim(Module):
             def setup(self) -> None:
                 self.names = {"laser/front": "front", "laser/rear": "rear"}
-                self.subscribe(Number, self.on_number, topic="laser/")
+                self.subscribe(Number, self.on_number)
 
             def on_number(self, number: Number) -> None:
                 name = self.names[self.envelope.topic]  # here

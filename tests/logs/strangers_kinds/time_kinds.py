@@ -165,11 +165,11 @@ CLOCK_KINDS = [
         "run clock: now",
     ),
     on_number(
-        "",
-        "self.started_s = self.clock.monotonic_ns()",
-        """left = 250_000_000 - (self.clock.monotonic_ns() - self.started_s)
-                self.status = f"{left ** 0.5:.1f}"  # here""",
-        "TypeError",
+        "import math",
+        "self.started_ns = self.clock.monotonic_ns()",
+        """left_ns = 250_000_000 - (self.clock.monotonic_ns() - self.started_ns)
+                self.status = f"{math.sqrt(left_ns):.1f}"  # here""",
+        "ValueError",
         "run clock: monotonic",
     ),
 ]

@@ -101,7 +101,7 @@ WORLD_KINDS = [
                         return
                 self.status = self.port.read(0.01).decode()  # here
         """,
-        feeder=PTY.replace('b"?"', 'b"\\xff"'),
+        feeder=PTY.replace("SIGN", r'b"\xff"'),
     ),
     Kind(
         "bytes of a device, by os.read",
