@@ -405,7 +405,7 @@ FORM_KINDS = [
 
             def on_number(self, number: Number) -> None:
                 closes = number.value % 2 == 0 and number.value != 10
-                self.machine.to(Gripper.CLOSED if closes else Gripper.OPEN)  # here
+                self.machine.go(Gripper.CLOSED if closes else Gripper.OPEN, "told")  # here
         """,
     ),
     Kind(
@@ -436,7 +436,7 @@ FORM_KINDS = [
     ),
     Kind(
         "field of a message to publish",
-        "FieldError",
+        "FieldValueError",
         """
         from parts import Number, Other
         from robbie_mp import Module
@@ -503,6 +503,7 @@ FORM_KINDS = [
                 self.status = self.looks[self.count]  # here
                 self.count += 1
         """,
+        profile="settings: {arena: robbie:hw/simulation/arenas/demo.yaml},",
     ),
     Kind(
         "exception in setup",

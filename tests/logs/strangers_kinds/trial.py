@@ -19,6 +19,8 @@ from tests.logs.strangers_kinds.kind import Kind
 ENDS_S = 150.0
 """A robot that has not crashed by then does not."""
 MESSAGE = re.compile(r"\bharness\.(?:send|send_encoded|reply|refuse|call|send_goal|feed_back|end_goal)\(")
+TEST_S = 40.0
+"""A written test that has not ended by then hangs."""
 FEW_PLUGINS = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
 
 
@@ -74,8 +76,7 @@ def run(robot: Robot, kind: Kind) -> str:
         if kind.commands:
             robot.until(lambda modules: "victim" in modules and modules["victim"]["state"] == "RUNNING")
         for command in kind.commands:
-            done = robot.command(*command)
-            assert done.returncode == 0, done.stderr
+            robot.command(*command)  # may fail: it gets no answer of a module that it killed
         return process.communicate(timeout=ENDS_S)[1]
 
 
@@ -107,15 +108,13 @@ def replay(robot: Robot, kind: Kind, capsule: Path) -> Outcome:
 def fails(folder: Path, kind: Kind) -> bool:
     """Whether the written test fails because of the same crash."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_crash.py"]
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        env={**os.environ, **FEW_PLUGINS},
-        capture_output=True,
-        text=True,
-        timeout=ENDS_S,
-        check=False,
-    )
+    environment = {**os.environ, **FEW_PLUGINS}
+    try:
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TEST_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return kind.error == "hung"
     is_same = kind.error in done.stdout or kind.error == f"exit code {done.returncode}" or done.returncode < 0
     return done.returncode != 0 and is_same
 
