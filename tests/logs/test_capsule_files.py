@@ -1,7 +1,11 @@
 """What a capsule that is damaged or forged does: it is refused with a reason, and nothing in it is run."""
 
+import builtins
 import json
+import math
 import subprocess
+import sys
+import traceback
 import zipfile
 from collections.abc import Callable
 from dataclasses import asdict
@@ -14,8 +18,9 @@ from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.board import Board
 from robbie_mp.bus.transport.history import Event, PythonHistory, history_words
 from robbie_mp.bus.transport.tables import CoreTables, TableSizes
+from robbie_mp.logs.capsule.as_test import numbers
 from robbie_mp.logs.capsule.form import EVENTS, MANIFEST, MESSAGES
-from robbie_mp.logs.capsule.place import HANG, Crash, Place, reported_crash
+from robbie_mp.logs.capsule.place import HANG, Crash, Place, raised_crash, reported_crash
 from robbie_mp.logs.capsule.read import CapsuleUnreadable, read_capsule
 from robbie_mp.logs.capsule.replay import judge, replay
 from robbie_mp.logs.capsule.replayed import ForeignClass, ReplayHarness
@@ -174,3 +179,44 @@ def test_ends_are_recognised_in_reports() -> None:
     died = report(signal=11, exit_code=None, reason="killed by SIGSEGV", said=dump)
     assert reported_crash(died) == Crash("signal", "SIGSEGV", place=place)
     assert reported_crash(report(exit_code=3, said=[])) == Crash("exit", "3")
+
+
+def said(error: Exception) -> CrashReport:
+    """Return the report of a module that ended with an exception."""
+    lines = "".join(traceback.format_exception(error)).splitlines()
+    return report(said=[f"CRITICAL {type(error).__name__}: {error}", *lines])
+
+
+def caught(function: Callable[[], object]) -> Exception:
+    """Return what it raises."""
+    with pytest.raises(Exception) as found:
+        function()
+    return found.value
+
+
+def test_place_is_that_of_the_authors_code_and_not_of_a_library() -> None:
+    def ask() -> None:
+        json.loads("[1, 2")
+
+    error = caught(ask)
+    for crash in (reported_crash(said(error)), raised_crash(error)):
+        assert crash.place is not None
+        assert crash.place.function.endswith("ask"), crash
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="exception groups came with Python 3.11")
+def test_place_of_an_exception_group_is_not_that_of_its_members() -> None:
+    def member() -> None:
+        raise ValueError("inside")
+
+    def ask() -> None:
+        raise builtins.ExceptionGroup("several", [caught(member)])  # type: ignore[attr-defined,unused-ignore]
+
+    error = caught(ask)
+    assert reported_crash(said(error)).is_like(raised_crash(error))
+    assert raised_crash(error).place == reported_crash(said(error)).place
+
+
+@pytest.mark.parametrize("value", [math.nan, -math.inf, [0.5, math.inf], 2])
+def test_numbers_are_written_as_code_that_runs(value: object) -> None:
+    assert repr(eval(numbers(value))) == repr(value)

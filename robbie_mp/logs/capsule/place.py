@@ -11,9 +11,11 @@ from typing_extensions import Self
 
 from robbie_mp.run.trace.crash import CrashReport
 
-_FRAME = re.compile(r'\s*File "(?P<file>.*)", line (?P<line>\d+),? in (?P<function>.+)')
+_FRAME = re.compile(r'(?:  \| )?\s*File "(?P<file>.*)", line (?P<line>\d+),? in (?P<function>.+)')
+"""Also one of a group of exceptions, but not those of its members, which are further to the right."""
 _ERROR = re.compile(r"CRITICAL (?P<type>[\w.]+): ?(?P<text>.*)", re.DOTALL)
 _HANG = re.compile(r".* for \d+(\.\d+)? s: ")
+_LIBRARIES = "/lib/python", "/robbie_mp/", "<frozen "
 EXCEPTION, SIGNAL, HANG, EXIT, END = "exception", "signal", "hang", "exit", "end"
 
 
@@ -98,15 +100,14 @@ def reported_crash(report: CrashReport) -> Crash:
         return Crash(EXIT, str(report.exit_code))
     places = [_place(match) for line in trace if (match := _FRAME.match(line))]
     text = error["text"].partition(" (the profile allows memory.")[0]
-    return Crash(EXCEPTION, error["type"], text, places[-1] if places else None)
+    return Crash(EXCEPTION, error["type"], text, innermost(places[::-1]))
 
 
 def raised_crash(error: BaseException) -> Crash:
     """Return the crash that an exception is."""
     frames = traceback.extract_tb(error.__traceback__)
-    last = frames[-1] if frames else None
-    place = Place(last.filename, last.lineno or 0, last.name) if last else None
-    return Crash(EXCEPTION, type(error).__name__, str(error), place)
+    places = [Place(frame.filename, frame.lineno or 0, frame.name) for frame in frames]
+    return Crash(EXCEPTION, type(error).__name__, str(error), innermost(places[::-1]))
 
 
 def dumped_place(lines: list[str]) -> Place | None:
@@ -119,7 +120,12 @@ def dumped_place(lines: list[str]) -> Place | None:
         if (match := _FRAME.match(line)) is None:
             break
         places.append(_place(match))
-    theirs = (one for one in places if "/lib/python" not in one.file and "/robbie_mp/" not in one.file)
+    return innermost(places)
+
+
+def innermost(places: list[Place]) -> Place | None:
+    """Return the place that the author knows, of places from the innermost on: outside of libraries."""
+    theirs = (one for one in places if not any(folder in one.file for folder in _LIBRARIES))
     return next(theirs, places[0] if places else None)
 
 

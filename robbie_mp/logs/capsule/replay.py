@@ -56,7 +56,8 @@ def replay(capsule: Capsule, workspace: Path, limit_s: float = LIMIT_S, *, quiet
 def judge(capsule: Capsule, outcome: Outcome) -> Verdict:
     """Compare how a module crashed then and in a replay."""
     then, now = reported_crash(capsule.report), outcome.crash
-    where = f"in step {outcome.step} of {len(capsule.steps) - 1}"
+    last = len(capsule.steps) - 1
+    where = f"in step {outcome.step} of {last}{', sooner than then' if outcome.step < last else ''}"
     if now.kind == END:
         lines = ["no crash", f"  it was: {then}"]
     elif now.is_like(then):

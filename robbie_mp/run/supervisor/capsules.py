@@ -32,8 +32,10 @@ BURST, PER_S = 3, 0.1
 MOST_WAITING = 16
 MOST_MESSAGE_BYTES = 16 << 20
 """A larger message that the module was handling is left out."""
-END_S = 5.0
-"""How long the end of a run waits for each capsule that is still to be written."""
+END_S = 20.0
+"""How long the end of a run waits for each capsule that is still to be written.
+
+Its writer takes half a second of a processor, which is many seconds where 20 other processes run."""
 LIMIT_S = 60.0
 """A writer that takes longer is killed: the disk has stalled."""
 
