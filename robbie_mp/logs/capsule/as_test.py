@@ -28,11 +28,11 @@ from robbie_mp.module.harness import ModuleHarness
 MOST_ATTEMPTS = 400
 HANG_S = 10.0
 """A test that hangs ends after this time."""
+SHOWN_ITEMS = 12
+"""A longer array is written as zeros or ones, or as its bytes."""
 SURE = 3
 """So often in a row the shortened test must crash; else it may do so by chance."""
 _NOT_FINITE = re.compile(r"-?\b(?:nan|inf)\b")
-SHOWN_ITEMS = 12
-"""A longer array is written as zeros or ones, or as its bytes."""
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ DEATH_KINDS = [
 
             def on_number(self, number: Number) -> None:
                 left = number.value - 6.5
-                while left != 3.5:  # here
+                while left != 3.5:
                     left += 1 if left < 0 else 0
                     if left < 0:
                         break
@@ -130,6 +130,7 @@ DEATH_KINDS = [
                 return 0.0 if 0 <= left < 8 else 1 + self.depth(left - 0.5)  # here""",
         "RecursionError",
         "recursion",
+        why_not="sooner than then",  # the replay's own stack is a little deeper
     ),
     on_number(
         "import sys",
@@ -176,6 +177,7 @@ DEATH_KINDS = [
                 self.kept.append(np.ones(25_000_000))  # here
         """,
         profile="memory:, process_bytes: 2G",
+        why_not="sooner than then",  # the replay takes memory itself
     ),
 ]
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from textwrap import dedent
 
+CHANCE = "no crash|sooner than then"
+"""What replay says where the module depends on what Robbie-MP does not give it."""
 HERE = "# here"
 """Marks the line of the crash."""
 
@@ -70,7 +72,7 @@ class Kind:
         commands: arguments of `robbie`, run as soon as the victim is RUNNING.
         environment: further variables, only of the run.
         crashes: how often it has to crash; the last capsule counts.
-        why_not: a part of what replay says if this kind cannot be replayed; empty: it can.
+        why_not: what replay says if this kind cannot be replayed (a regular expression); empty: it can.
     """
 
     name: str

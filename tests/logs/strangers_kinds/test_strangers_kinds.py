@@ -1,5 +1,6 @@
 """Crashes of many kinds, by somebody who has not seen the code of replay, are replayed to the same line."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from statistics import median
@@ -32,6 +33,11 @@ def test_crashes_are_replayed_to_the_same_line(outcomes: list[Outcome]) -> None:
     assert [name for name, outcome in by_name.items() if not outcome.crashed] == []
     missed = {kind.name: by_name[kind.name] for kind in KINDS if not by_name[kind.name].replayed}
     expected = {kind.name: kind.why_not for kind in KINDS if kind.why_not}
-    assert [row.row() for name, row in missed.items() if expected.get(name, "-") not in row.verdict] == []
+    unexpected = [
+        row.row()
+        for name, row in missed.items()
+        if name not in expected or not re.search(expected[name], row.verdict)
+    ]
+    assert unexpected == []
     messages = [outcome.messages for outcome in outcomes if outcome.messages is not None]
     assert median(messages) <= 5

@@ -1,6 +1,6 @@
 """Crashes by ticks, clocks and chance."""
 
-from tests.logs.strangers_kinds.kind import Kind
+from tests.logs.strangers_kinds.kind import CHANCE, Kind
 
 
 def on_number(imports: str, setup: str, body: str, error: str, name: str, why_not: str = "") -> Kind:
@@ -128,6 +128,7 @@ CLOCK_KINDS = [
                     raise TimeoutError("it takes too long")  # here""",
         "TimeoutError",
         "wall clock: time.time",
+        CHANCE,
     ),
     on_number(
         "from datetime import datetime, timezone",
@@ -136,6 +137,7 @@ CLOCK_KINDS = [
                     self.status = f"{self.rows[datetime.now(timezone.utc).microsecond % 7]}"  # here""",
         "IndexError",
         "wall clock: datetime.now",
+        CHANCE,
     ),
     on_number(
         "import time",
@@ -145,6 +147,7 @@ CLOCK_KINDS = [
                     raise ValueError(f"a step of {now_s - self.last_s}")  # here""",
         "ValueError",
         "time.monotonic",
+        CHANCE,
     ),
     on_number(
         "import time",
@@ -155,6 +158,7 @@ CLOCK_KINDS = [
                     raise RuntimeError("too slow")  # here""",
         "RuntimeError",
         "time.perf_counter",
+        CHANCE,
     ),
     on_number(
         "",
@@ -188,6 +192,7 @@ CHANCE_KINDS = [
         "assert self.random.gauss(0.0, 1.0) < 1.2  # here",
         "AssertionError",
         "random.Random without a seed",
+        CHANCE,
     ),
     on_number(
         "import numpy as np",
@@ -202,6 +207,7 @@ CHANCE_KINDS = [
         "assert self.random.normal(size=3).max() < 1.5  # here",
         "AssertionError",
         "numpy default_rng without a seed",
+        CHANCE,
     ),
     on_number(
         "from uuid import uuid4",
@@ -209,6 +215,7 @@ CHANCE_KINDS = [
         'self.status = f"{int(str(uuid4())[:2])}"  # here',
         "ValueError",
         "uuid4",
+        CHANCE,
     ),
     on_number(
         "import os",
@@ -216,6 +223,7 @@ CHANCE_KINDS = [
         "self.status = os.urandom(4).decode()  # here",
         "UnicodeDecodeError",
         "os.urandom",
+        CHANCE,
     ),
     on_number(
         "import secrets",
@@ -223,6 +231,7 @@ CHANCE_KINDS = [
         'self.status = f"{int(secrets.token_hex(1))}"  # here',
         "ValueError",
         "secrets",
+        CHANCE,
     ),
     on_number(
         "",

@@ -1,6 +1,6 @@
 """Crashes by what is outside the module: devices, files, the environment, threads and processes."""
 
-from tests.logs.strangers_kinds.kind import Kind
+from tests.logs.strangers_kinds.kind import CHANCE, Kind
 from tests.logs.strangers_kinds.time_kinds import on_number
 
 PTY = """
@@ -132,6 +132,7 @@ WORLD_KINDS = [
                         self.status = f"{int(line)}"  # here
         """,
         feeder=PTY.replace("SIGN", 'b"?"'),
+        why_not=CHANCE,
     ),
     Kind(
         "packet of a socket",
@@ -180,6 +181,7 @@ WORLD_KINDS = [
                     data = b"[1, 2" if self.count == 6 else b"[1, 2]"
                     self.socket.sendto(data, ("127.0.0.1", int(Path("udp_port").read_text())))
         """,
+        why_not=CHANCE,
     ),
     Kind(
         "file of the workspace",
@@ -223,6 +225,7 @@ WORLD_KINDS = [
                 if len(self.file.read_text().split()) == 9:
                     raise RuntimeError("the file is full")  # here
         """,
+        why_not=CHANCE,
     ),
     Kind(
         "file that another module writes",
@@ -262,6 +265,7 @@ WORLD_KINDS = [
             def teardown(self) -> None:
                 Path("speed.txt").unlink(missing_ok=True)
         """,
+        why_not=CHANCE,
     ),
     Kind(
         "environment variable",
@@ -282,6 +286,7 @@ WORLD_KINDS = [
                 self.status = f"{int(self.level) + number.value}"  # here
         """,
         environment={"STRANGE_LEVEL": "high"},
+        why_not=CHANCE,
     ),
     Kind(
         "own thread, its error raised in a tick",
@@ -313,6 +318,7 @@ WORLD_KINDS = [
                 if self.error:
                     raise self.error
         """,
+        why_not=CHANCE,
     ),
     Kind(
         "own thread that reads what messages say",
@@ -354,6 +360,7 @@ WORLD_KINDS = [
                     raise result
                 self.status = result
         """,
+        why_not=CHANCE,
     ),
     on_number(
         "from concurrent.futures import ThreadPoolExecutor",
