@@ -45,16 +45,7 @@ def check_events(
         "base_class": base_class,
         "timeout_s": timeout_s,
         "names": [module.name for module in profile.modules],
-        "modules": [
-            {
-                "name": module.name,
-                "class_path": module.class_path,
-                "settings": module.settings,
-                "folder_of": module.folder_of,
-                "code": module.code,
-            }
-            for module in modules
-        ],
+        "modules": [question_about(module) for module in modules],
     }
     with _checking_process(request) as process:
         assert process.stdout
@@ -69,6 +60,12 @@ def check_events(
             if "end" in event or "useless" in event:
                 return
         yield {"broken": _how_it_ended(process)}
+
+
+def question_about(module: ModuleSpec) -> dict[str, Any]:
+    """Return what `robbie_mp.run.profile.check.examine` must know about a module."""
+    known = ("name", "class_path", "code", "settings", "folder_of")
+    return {name: getattr(module, name) for name in known}
 
 
 @contextmanager

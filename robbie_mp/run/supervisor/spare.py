@@ -14,6 +14,7 @@ from typing import NoReturn
 
 from robbie_mp.base.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.profile.checking_process import question_about
 from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.supervisor.assignment import wait_for_assignment
 from robbie_mp.run.supervisor.child import leave_interrupts_to_supervisor, run_child
@@ -78,8 +79,7 @@ class Stage:
         from robbie_mp.module.module import Module  # noqa: PLC0415 (a spare for the core imports it anyway)
         from robbie_mp.run.profile.check import examine  # noqa: PLC0415
 
-        module = {name: getattr(planned, name) for name in ("class_path", "settings", "folder_of")}
-        return examine(module, Module, Path(self._plan.workspace), [])
+        return examine(question_about(planned), Module, Path(self._plan.workspace), [])
 
     def _warm_up(self) -> None:
         """Examine a small module: the first time takes five times as long as the next."""
