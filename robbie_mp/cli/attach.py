@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 SOON_S = 0.3
 """A module that steps stands again sooner."""
 
+MAX_PROMPT = 1 << 14
+"""Characters of an unfinished line, which may be the prompt; a longer one is none, and is shown at once."""
+
 
 class _ModuleGone(Exception):
     """The module has ended, or goes on, while the user types."""
@@ -100,6 +103,8 @@ def _debug(terminal: DebugLink) -> None:
         if "end" in line:
             raise _Left
         lines, newline, shown = (shown + str(line.get("text", ""))).rpartition("\n")
+        if len(shown) > MAX_PROMPT:
+            lines, newline, shown = lines + newline, shown, ""
         sys.stdout.write(lines + newline)
         sys.stdout.flush()
         if "ask" in line:

@@ -156,6 +156,37 @@ def test_two_swaps_at_once_are_not_mixed_and_a_killed_one_is_put_back(adding: Ro
     adding.until(lambda top: "FIRST x1" in top["adder"]["status"])
 
 
+@pytest.mark.slow
+def test_code_on_trial_that_ends_the_run_ends_it(robot: Robot) -> None:
+    (robot.folder / "source.py").write_text(SOURCE)
+    robot.write_profile('modules: {source: {class: "source:Source", ends_run: true}}')
+    process = robot.start()
+    robot.until(lambda top: top["source"]["state"] == "RUNNING")
+    ending = variant(robot, "ending", SOURCE.replace("self.count += 1", "self.stop()"))
+    assert robot.command("module", "swap", "source", "--with", ending).returncode == 1
+    assert process.wait(20) == 0
+
+
+@pytest.mark.slow
+def test_module_that_is_stopped_on_trial_starts_again_with_what_ran_before(adding: Robot) -> None:
+    request = {"command": "swap", "module": "adder", "variant": {"settings": {"factor": 2}}, "fresh": False}
+    answers: list[dict[str, str]] = []
+
+    def ask() -> None:
+        connection, answer = converse(adding.known_run().folder, request)
+        connection.close()
+        answers.append(answer)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    adding.until(lambda top: "x2" in top["adder"]["status"])
+    assert adding.command("module", "stop", "adder").returncode == 0
+    asking.join()
+    assert "stopped before its trial was over" in answers[0]["error"]
+    assert adding.command("module", "start", "adder").returncode == 0
+    adding.until(lambda top: "FIRST x1" in top["adder"]["status"])
+
+
 @pytest.mark.parametrize(
     ("value", "said"),
     [

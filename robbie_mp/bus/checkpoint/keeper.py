@@ -58,7 +58,7 @@ class CheckpointKeeper:
 
     Attributes:
         restored: the state to continue from; None for a fresh start.
-        lost: how many checkpoints that are newer were damaged, or could not be read.
+        lost: how many checkpoints that are newer were damaged, could not be read, or were left out.
         refused: number of checkpoints for which there was no memory.
     """
 
@@ -80,6 +80,7 @@ class CheckpointKeeper:
         found = None if is_fresh else buffers.found
         if is_fresh:
             log.info("starts fresh, as ordered")
+            self.lost += buffers.found is not None  # a base must not forget that its stop is engaged
         elif found is None and disk is not None:
             found = self._read(disk.path)
         if found is not None:

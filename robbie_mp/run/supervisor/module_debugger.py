@@ -39,7 +39,8 @@ class ModuleDebugger(pdb.Pdb):
     ) -> None:
         self._terminal = Terminal()
         file = cast("IO[str]", self._terminal)
-        super().__init__(stdin=file, stdout=file, nosigint=True)
+        # Without .pdbrc: in a current folder such as /tmp, others may have written it, and it is executed.
+        super().__init__(stdin=file, stdout=file, nosigint=True, readrc=False)
         self._run_folder = run_folder
         self._one_at_a_time = one_at_a_time
         self._on_passed = on_passed

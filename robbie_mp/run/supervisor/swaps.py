@@ -122,7 +122,7 @@ class Swaps:
             return False
         if child.incarnation < trial.first:
             if change.new.is_final:
-                self._end(trial, "error", change.reason)
+                self._call_off(trial, change.reason)
             return False
         if change.new is ChildState.STARTING:
             trial.until_s = None
@@ -130,12 +130,17 @@ class Swaps:
             trial.until_s = self._clock() + TRIAL_S
             if trial.failure:
                 self._end(trial, "error", f"{trial.failure}; it is RUNNING again, start {child.incarnation}")
-        elif child.is_ordered_to_end:
-            if change.new is ChildState.STOPPED:
-                self._end(trial, "error", f"it was stopped before its trial was over: {change.reason}")
+        elif child.is_ordered_to_end or self._tree.stop_reason:  # nothing starts again in a run that stops
+            if change.new.is_final:
+                self._call_off(trial, f"it was stopped before its trial was over: {change.reason}")
         else:
             return self._put_back(trial, change)
         return False
+
+    def _call_off(self, trial: Trial, why: str) -> None:
+        """End a trial of a module that has ended; if it is started again, it runs what ran before."""
+        self._set(trial.child, trial.before, is_fresh=trial.is_fresh)
+        self._end(trial, "error", why)
 
     def _put_back(self, trial: Trial, change: StateChange) -> bool:
         """Start again what ran before; False: that was tried already."""

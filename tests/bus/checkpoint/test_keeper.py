@@ -43,6 +43,17 @@ def start(slot: SlotOfARun, path: Path) -> Iterator[Starter]:
         keeper.close()
 
 
+def test_checkpoint_that_is_left_out_by_order_counts_as_lost(slot: SlotOfARun) -> None:
+    """So a base that is swapped starts with its emergency stop engaged, for it may have been engaged."""
+    log = logging.getLogger("module")
+    nothing = CheckpointKeeper(slot.start(1 << 20), None, log, is_fresh=True)
+    nothing.save({"engaged": True})
+    nothing.close()
+    fresh = CheckpointKeeper(slot.start(1 << 20), None, log, is_fresh=True)
+    fresh.close()
+    assert (nothing.lost, fresh.lost, fresh.restored) == (0, 1, None)
+
+
 def on_disk(path: Path) -> Any:
     found = read_file(path)
     return None if found is None else found.state
