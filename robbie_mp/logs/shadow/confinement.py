@@ -6,16 +6,21 @@ to get around it: such code should not be run on a robot at all.
 
 import os
 import sys
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from robbie_mp.base.errors import RobbieError
 
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+IN_MEMORY = ":memory:"
+"""The data base of SQLite that is in no file."""
 HARMLESS = ("/dev/null", "/dev/zero", "/dev/urandom", "/dev/random")
 CHANGES = {
     "os.remove": 1, "os.rmdir": 1, "os.mkdir": 1, "os.truncate": 1, "os.chmod": 1, "os.chown": 1,
     "os.utime": 1, "os.rename": 2, "os.link": 2, "os.symlink": 2,
+    "os.setxattr": 1, "os.removexattr": 1, "sqlite3.connect": 1,
 }  # fmt: skip
 """Events that change files, and how many of their first arguments are paths."""
 REFUSED = {
@@ -25,6 +30,12 @@ REFUSED = {
     "os.fork": "other processes", "os.forkpty": "other processes", "os.kill": "other processes",
     "os.killpg": "other processes",
 }  # fmt: skip
+UNHEARD = {
+    "_posixsubprocess.fork_exec": "other programs", "_posixshmem.shm_open": "shared memory",
+    "_posixshmem.shm_unlink": "shared memory", "signal.pidfd_send_signal": "other processes",
+    "os.mkfifo": "pipes", "os.mknod": "devices",
+}  # fmt: skip
+"""Functions of which Python raises no event; processes that multiprocessing starts would be free."""
 
 
 class NotForAShadow(RobbieError, PermissionError):
@@ -50,12 +61,22 @@ def confine(folder: str) -> None:
             _check_open(arguments, allowed)
         elif event in CHANGES:
             for path in arguments[: CHANGES[event]]:
-                if isinstance(path, str | bytes | os.PathLike):
+                if isinstance(path, str | bytes | os.PathLike) and path != IN_MEMORY:
                     _check_place(_real(path), allowed, "change")
         elif event in REFUSED:
             raise NotForAShadow(f"a shadow must not reach {REFUSED[event]} ({event})")
 
     sys.addaudithook(check)
+    for name, what in UNHEARD.items():
+        module, _, function = name.rpartition(".")
+        setattr(import_module(module), function, _refusal(name, what))
+
+
+def _refusal(name: str, what: str) -> Callable[..., None]:
+    def refuse(*_: object, **__: object) -> None:
+        raise NotForAShadow(f"a shadow must not reach {what} ({name})")
+
+    return refuse
 
 
 def _check_open(arguments: tuple[Any, ...], allowed: str) -> None:

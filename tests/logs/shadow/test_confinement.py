@@ -18,19 +18,30 @@ REFUSED = {
     "os.system('true')": "other programs",
     "os.fork()": "other processes",
     "os.kill(os.getppid(), 0)": "other processes",
+    "signal.pidfd_send_signal(os.pidfd_open(os.getppid()), 0)": "other processes",
+    "multiprocessing.get_context('spawn').Process(target=print).start()": "other programs",
+    "shared_memory.SharedMemory('robbie-shadow-test', create=True, size=1)": "shared memory",
+    "sqlite3.connect('elsewhere')": "must not change",
+    "os.mkfifo('elsewhere')": "pipes",
+    "os.setxattr('elsewhere', 'user.a', b'1')": "must not change",
 }
 ALLOWED = [
     "open(folder + '/map.png', 'w').close()",
     "os.mkdir(folder + '/maps')",
     "open('/dev/null', 'w').close()",
     "open('/proc/self/stat').close()",
+    "sqlite3.connect(':memory:').close()",
+    "sqlite3.connect(folder + '/found.db').close()",
+    "multiprocessing.dummy.Pool(2).map(abs, [1])",
 ]
 
 
 def outcome(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
     """Run code in a process that is confined to a folder."""
     begin = (
-        f"import os, socket; from robbie_mp.logs.shadow.confinement import confine; folder = {str(folder)!r}"
+        "import multiprocessing.dummy, os, signal, socket, sqlite3; "
+        "from multiprocessing import shared_memory; "
+        f"from robbie_mp.logs.shadow.confinement import confine; folder = {str(folder)!r}"
     )
     program = f"{begin}; confine(folder); {code}"
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
