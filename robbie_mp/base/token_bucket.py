@@ -31,9 +31,9 @@ class TokenBucket:
         self._left -= allowed
         return allowed
 
-    def spend(self) -> None:
-        """Count one that passes in any case; the next ones wait longer."""
-        self._left = self._filled() - 1.0
+    def spend(self, count: int = 1) -> None:
+        """Count some that pass in any case; the next ones wait longer."""
+        self._left = self._filled() - count
 
     def _filled(self) -> float:
         now_s = self._clock()

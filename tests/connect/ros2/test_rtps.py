@@ -10,7 +10,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.connect.ros2.rtps import participant, wire
-from robbie_mp.connect.ros2.rtps.endpoints import MAX_AHEAD, MAX_PARTIAL, ReliableReader, ReliableWriter
+from robbie_mp.connect.ros2.rtps.endpoints import (
+    AGAIN_BYTES_PER_S,
+    MAX_AHEAD,
+    MAX_PARTIAL,
+    ReliableReader,
+    ReliableWriter,
+)
 from robbie_mp.connect.ros2.rtps.participant import Participant
 
 ALICE, BOB, CAROL = b"A" * 12, b"B" * 12, b"C" * 12
@@ -93,6 +99,19 @@ def test_reader_that_has_gone_gets_nothing() -> None:
     network.readers[BOB].forget(ALICE)
     network.writer.write(b"hello")
     assert network.got == {BOB: [], CAROL: [b"hello"]}
+
+
+def test_one_small_question_is_not_answered_with_all_that_is_kept() -> None:
+    sent: list[int] = []
+    writer = ReliableWriter(WRITER, lambda _to, parts: sent.append(sum(map(len, parts))))
+    writer.match(BOB + READER)
+    for _ in range(64):
+        writer.write(bytes(1 << 20))
+    sent.clear()
+    for _ in range(3):
+        writer.on_acknack(BOB + READER, 1, list(range(1, 65)))
+    assert AGAIN_BYTES_PER_S <= sum(sent) < 2 * AGAIN_BYTES_PER_S
+    assert writer.withheld > 150
 
 
 def test_parts_of_messages_and_numbers_far_ahead_take_little_memory() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
+from robbie_mp.base.token_bucket import TokenBucket
 from robbie_mp.connect.ros2.rtps import wire
 
 Send = Callable[[bytes, list[bytes]], None]
@@ -14,6 +15,8 @@ KEPT: Final = 64
 """Messages that a writer of responses keeps for readers that have missed them."""
 MAX_PEERS: Final = 1000
 """Most endpoints of others that one of this side has to do with."""
+AGAIN_BYTES_PER_S: Final = 4 << 20
+"""What a reader may be sent again: anybody can ask, in a datagram of some 60 bytes, for all that is kept."""
 FASTDDS: Final = b"\x01\x0f"
 """The number of its vendor, with which the GUIDs of its participants begin."""
 GREETING_S: Final = 0.3
@@ -42,6 +45,8 @@ class _ReaderProxy:
 
     first: int
     acknowledged: int
+    again: TokenBucket = field(default_factory=lambda: TokenBucket(AGAIN_BYTES_PER_S, AGAIN_BYTES_PER_S))
+    """Bytes that it may be sent again now."""
 
 
 @dataclass
@@ -53,6 +58,9 @@ class ReliableWriter:
         send: sends to a participant.
         is_latched: whether readers that come later get what is kept.
         kept: number of messages that are kept.
+
+    Attributes:
+        withheld: messages that were not sent again at once, because their reader had got too many again.
     """
 
     entity: bytes
@@ -61,6 +69,7 @@ class ReliableWriter:
     kept: int = KEPT
     readers: dict[bytes, _ReaderProxy] = field(default_factory=dict)
     _history: "OrderedDict[int, Written]" = field(default_factory=OrderedDict)
+    withheld: int = 0
     _last: int = 0
     _count: int = 0
 
@@ -87,12 +96,21 @@ class ReliableWriter:
         return self._last
 
     def on_acknack(self, reader: bytes, base: int, missing: list[int]) -> None:
-        """Send again what a reader misses."""
+        """Send again what a reader misses; if that is too much for now, it asks for the rest again."""
         proxy = self.readers.get(reader)
         if proxy is None:
             return
         proxy.acknowledged = max(proxy.acknowledged, min(base - 1, self._last))
-        parts = [part for one in missing if 0 < one <= self._last for part in self._parts(reader, one)]
+        parts: list[bytes] = []
+        for one in missing:
+            if not 0 < one <= self._last:
+                continue
+            if proxy.again.wait_s:
+                self.withheld += 1
+                continue
+            found = list(self._parts(reader, one))
+            proxy.again.spend(sum(map(len, found)))
+            parts += found
         if parts or base <= self._last:
             self._send(reader, (*parts, self._heartbeat(reader)))
 
