@@ -2,6 +2,7 @@
 
 import os
 import socket
+import sys
 import threading
 from pathlib import Path
 
@@ -23,14 +24,14 @@ def test_line_without_an_end_is_shown_in_pieces(capsys: pytest.CaptureFixture[st
         theirs.close()
 
     said: list[int] = []
-    show = attach.sys.stdout.write
+    show = sys.stdout.write
 
     def write(text: str) -> int:
         said.append(len(text))
         return show(text)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(attach.sys.stdout, "write", write)
+        patched.setattr(sys.stdout, "write", write)
         saying = threading.Thread(target=say)
         saying.start()
         attach._debug(ours)
