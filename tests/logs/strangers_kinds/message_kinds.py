@@ -248,6 +248,7 @@ MESSAGE_KINDS = [
                 ) as image:
                     image.data[:] = 0 if self.count == 6 else 220
         """,
+        why_not="sooner than then",  # only the last image fits into the history
     ),
     Kind(
         "two views of 6 MB images",
@@ -290,6 +291,7 @@ MESSAGE_KINDS = [
                 ) as image:
                     image.data[:] = min(self.count, 7)
         """,
+        why_not="sooner than then",  # only the last image fits into the history
     ),
     Kind(
         "own nested message type",
