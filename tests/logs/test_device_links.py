@@ -127,10 +127,10 @@ def test_other_bytes_written_are_the_first_difference(monkeypatch: pytest.Monkey
     recording = Recording()
     opens(Script(), monkeypatch)
     with using_links(recording.links):
-        Port("x").write(b"go")
+        Port("/run/1/x").write(b"go")
     links = recording.replayed()
     with using_links(links):
-        Port("x").write(b"stop")
+        Port("/run/2/x").write(b"stop")
     assert links.difference == "written b'stop', it was b'go'"
 
 

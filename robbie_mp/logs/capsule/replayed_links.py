@@ -44,13 +44,13 @@ class ReplayedLinks:
         if step.event is not None and step.event.time_ns:
             self._pass_to(step.event.time_ns)
 
-    def open(self, url: str, _opened: Callable[[], Link]) -> Link:
+    def open(self, _url: str, _opened: Callable[[], Link]) -> Link:
         """See `Links`."""
         opened = [number for number in self._numbers if self._waits(number, PortAct.OPENED)]
         number = opened[0] if opened else self._numbers[0] if self._numbers else -1
         while self._numbers and self._numbers[0] <= number:
             self._numbers.popleft()
-        self.take(number, PortAct.OPENED, url.encode())
+        self.take(number, PortAct.OPENED)  # of a device that another module offers, the URL is another
         return ReplayedLink(self, number)
 
     def monotonic(self) -> float:
