@@ -51,10 +51,10 @@ async def _pass(player: ClipPlayer, access: Access, scope: Scope, receive: Recei
         return
     player.used_s = time.monotonic()
     port, session = address
-    path, query = f"{player.path}{scope['path'][len(PLAYER_PATH) :]}", scope["query_string"].decode("latin-1")
+    path, query = f"{player.path}{scope['path'][len(PLAYER_PATH) :]}", str(scope["query_string"], "latin-1")
     url = f"http://127.0.0.1:{port}{path}{'?' if query else ''}{query}"
     headers = {
-        name.decode("latin-1"): value.decode("latin-1")
+        str(name, "latin-1"): str(value, "latin-1")
         for name, value in scope["headers"]
         if name in KEPT_OF_REQUEST
     }
