@@ -122,12 +122,7 @@ class Segment:
             with opened_folder(folder) as folder_fd:
                 fd = os.open(file, flags, 0o600, dir_fd=folder_fd)
                 try:
-                    os.ftruncate(fd, size)
-                    mapping = mmap.mmap(fd, size)
-                    populated = at_first_bytes or size
-                    if at_first_bytes is None or not _populate(mapping, 0, at_first_bytes):
-                        populated = size
-                        os.posix_fallocate(fd, 0, size)
+                    mapping, populated_bytes = _allocated(fd, size, at_first_bytes)
                 except OSError:
                     os.unlink(file, dir_fd=folder_fd)
                     raise
@@ -138,7 +133,7 @@ class Segment:
         except OSError as error:  # no memory, no inode, or no descriptor
             raise SharedMemoryFull.of(f"segment {name} of {size} bytes", error) from error
         segment = cls(name, mapping)
-        segment.populated_bytes = populated
+        segment.populated_bytes = populated_bytes
         header = segment.words
         header[layout.HEADER_VERSION] = layout.LAYOUT_VERSION
         header[layout.HEADER_KIND] = kind
@@ -227,6 +222,18 @@ class Segment:
     def unlink(self) -> None:
         """Remove the name; the memory stays until the last process has unmapped it."""
         unlink_segment(self.name)
+
+
+def _allocated(fd: int, size: int, at_first_bytes: int | None) -> tuple[mmap.mmap, int]:
+    """Map a new file; return how much of it has its memory, too."""
+    if at_first_bytes is not None:
+        os.ftruncate(fd, size)
+        mapping = mmap.mmap(fd, size)
+        if _populate(mapping, 0, at_first_bytes):
+            return mapping, at_first_bytes
+        mapping.close()  # it holds a descriptor
+    os.posix_fallocate(fd, 0, size)
+    return mmap.mmap(fd, size), size
 
 
 def _populate(mapping: mmap.mmap, begin: int, end: int) -> bool:

@@ -28,6 +28,9 @@ class ScriptedPort(Port):
         self.written.append(data)
         self._waiting += self._answer(data, self.bit_rate)
 
+    def drain(self, quiet_s: float, limit_s: float) -> None:
+        self._waiting = b""
+
     def set_bit_rate(self, bit_rate: int) -> None:
         self.bit_rate = bit_rate
 
