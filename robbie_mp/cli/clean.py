@@ -3,6 +3,7 @@
 import argparse
 import json
 import time
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from robbie_mp.attached.views import quantities
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import say
 from robbie_mp.cli.parser import add_command
+from robbie_mp.logs.black_box.power_loss import recover
 from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.run.results import RunResults, results_below
 from robbie_mp.run.supervisor.sweep import Swept, sweep
@@ -58,6 +60,12 @@ def sweep_dead_runs() -> Swept:
     for line in told:
         say(line)
     return swept
+
+
+def recover_power_losses(spools: Iterable[Path]) -> None:
+    """Make clips of what power cuts have left."""
+    for line in recover(spools):
+        say(line)
 
 
 def clean(arguments: argparse.Namespace) -> int:

@@ -13,9 +13,11 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import write_private
 from robbie_mp.base.utc import time_text
 from robbie_mp.base.visible_text import one_line
+from robbie_mp.cli.clean import recover_power_losses, sweep_dead_runs
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.logs.black_box.clip_folder import CLIPS, PINNED, SavedClip, saved_clips
+from robbie_mp.logs.black_box.spool import SPOOL
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -57,7 +59,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def clips(arguments: argparse.Namespace) -> int:
-    """Pin, unpin, and list."""
+    """Pin, unpin, and list, after what killed runs and power cuts have left has become clips."""
+    sweep_dead_runs()
+    recover_power_losses(path for path in arguments.folder.rglob(SPOOL) if path.is_dir())
     folders = [path for path in arguments.folder.rglob(CLIPS) if path.is_dir() and not path.is_symlink()]
     if arguments.pin:
         write_private(_found(arguments.pin, folders).folder / PINNED, "")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.attached.views.run_figures import as_data
 from robbie_mp.base.balance import Balance
 from robbie_mp.bus.checkpoint.file import checkpoint_file, set_aside
-from robbie_mp.cli.clean import sweep_dead_runs
+from robbie_mp.cli.clean import recover_power_losses, sweep_dead_runs
 from robbie_mp.cli.log_files import LEFT_OUT, print_balance
 from robbie_mp.cli.output import say, warn
 from robbie_mp.cli.parser import add_command
@@ -20,6 +20,7 @@ from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.run_summary import print_summary
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.logs.black_box.salvage import salvage
+from robbie_mp.logs.black_box.spool import spool_folders
 from robbie_mp.run.profile.model import BLACK_BOX, Profile
 from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
 from robbie_mp.run.profile.workspace import is_class
@@ -121,6 +122,7 @@ def run_robot(
     """
     sweep_dead_runs()
     output = arguments.output or default_output_directory(profile.name)
+    recover_power_losses(spool_folders(output))
     if arguments.output is None:
         _remove_oldest_results(output.parent, profile.trace.kept_runs)
     count = sum(module.name != BLACK_BOX for module in profile.modules)

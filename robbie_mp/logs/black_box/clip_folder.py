@@ -58,9 +58,9 @@ class SavedClip:
     is_pinned: bool
 
 
-def clip_name(trigger: str, taken: Iterable[str]) -> str:
-    """Return a name for the folder of a clip, which is not taken yet."""
-    base = f"{file_stamp()}-{_NO_LETTER.sub('-', trigger.lower()).strip('-')[:40].strip('-') or 'mark'}"
+def clip_name(trigger: str, taken: Iterable[str], time_s: float | None = None) -> str:
+    """Return a name for the folder of a clip at a time, or now, which is not taken yet."""
+    base = f"{file_stamp(time_s)}-{_NO_LETTER.sub('-', trigger.lower()).strip('-')[:40].strip('-') or 'mark'}"
     names = (base if not number else f"{base}-{number + 1}" for number in range(10_000))
     return next(name for name in names if name not in set(taken))
 

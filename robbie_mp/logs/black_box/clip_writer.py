@@ -125,6 +125,9 @@ class ClipWriter:
             job.error = ""
         except OSError as error:
             self._fail(job, error.strerror or str(error))
+        except Exception as error:  # an error of ours must cost no other clip, nor be silent
+            self._log.exception("clip %s cannot be written", job.clip.name)
+            self._fail(job, f"{type(error).__name__}: {error}")
 
     def _copy_one(self, job: _Job, number: int) -> None:
         try:

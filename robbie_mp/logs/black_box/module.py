@@ -16,6 +16,7 @@ from robbie_mp.logs.black_box.clip_writer import ClipWriter
 from robbie_mp.logs.black_box.end_watch import EndWatch
 from robbie_mp.logs.black_box.large_messages import RAW_SHARE, LargeMessages
 from robbie_mp.logs.black_box.ring import RING, STATE, ring_home, ring_parts
+from robbie_mp.logs.black_box.spool import AboutSpool, Spool
 from robbie_mp.logs.black_box.state import MAX_OPEN, BoxState, OpenClip
 from robbie_mp.logs.black_box.triggers import ChannelTriggers, TriggerError, triggers_of
 from robbie_mp.logs.message_logger import MessageLogger
@@ -43,6 +44,8 @@ CLOSE_S = 6.0
 """How long the end of a run waits for clips."""
 FLUSH_S = 0.2
 """How long a trigger waits until what was before it outlives this process."""
+STALLED_NS = 5_000_000_000
+"""After a flush that took too long, triggers wait for none in this time."""
 TRIGGER_CHARACTERS = 200
 UNSEEN = "messages that may be triggers were dropped before the black box got them"
 
@@ -77,6 +80,10 @@ class BlackBox(MessageLogger):
     large_bytes: int = setting(1 << 18, "messages of this size are thinned out", minimum=1 << 10)
     large_every_s: float = setting(0.5, "time between those that are kept of a topic", minimum=0.0)
     jpeg_quality: int = setting(75, "of images kept as JPEG; 0: as they are", minimum=0, maximum=95)
+    spool_s: float = setting(
+        5.0, "time within which small messages are on the disk, for a power cut; 0: never", minimum=0.0
+    )
+    spool_bytes: int = setting(8 << 20, "disk space for these messages", minimum=1 << 18)
     triggers: list[str] = setting([], "further triggers, such as battery.percentage < 0.1")
 
     @classmethod
@@ -107,15 +114,30 @@ class BlackBox(MessageLogger):
         """Whether messages of a type and topic may be triggers."""
         self.watched: dict[ChannelKey, ChannelTriggers | None] = {}
         self.folder_of_clips = ClipFolder(self.output_directory, self.clips_bytes)
+        self.flush_due_ns = 0
         super().setup()
-        self.writer = ClipWriter(
-            self.home / RING, self.folder_of_clips, self.run_id, self.run.plan.profile_name, self.log
+        self._keep_epoch()
+        profile = self.run.plan.profile_name
+        about = AboutSpool(self.run_id, profile, self.clips_bytes)
+        self.spool = (
+            Spool(self.output_directory, about, self.run, self.spool_bytes, self.spool_s, self.log)
+            if self.spool_s
+            else None
         )
+        self.writer = ClipWriter(self.home / RING, self.folder_of_clips, self.run_id, profile, self.log)
         self.slot = self.run.plan.names.index(self.name)
         self.ends = EndWatch(self.run_id, self.run.plan.names, self.state.seen)
         self.newest_ns = self.began_ns
         """When the newest message that has arrived was published."""
         self.part_due_ns = self.count_due_ns = self.began_ns
+
+    def _keep_epoch(self) -> None:
+        """Have one time in all of the run's clips, though the clock is set and this process killed."""
+        if self.state.epoch_ns:
+            self.run.epoch_ns = self.state.epoch_ns
+        else:
+            self.state.epoch_ns = self.run.epoch_ns
+            self._save()
 
     def recording_folder(self) -> Path:
         """Return the folder of the ring."""
@@ -153,6 +175,8 @@ class BlackBox(MessageLogger):
             self.session.record(key, envelope.sequence, envelope.published_ns, data)
         else:
             self._thin(key, data)
+        if is_new and self.spool is not None:
+            self.spool.keep(key, envelope.sequence, envelope.published_ns, data)
         if watched is not None:
             self._check_triggers(key, watched, data, is_new=is_new)
 
@@ -219,13 +243,20 @@ class BlackBox(MessageLogger):
             self.state.miss(1, "too many clips at once")
             return
         clip = open_[0] if open_ else self._new_clip(what, at_ns)
-        has_news = clip.add(what, now_ns, time.time() - (now_ns - at_ns) / 1e9, self.after_s)
+        has_news = clip.add(what, now_ns, self.run.time_ns(at_ns) / 1e9, self.after_s)
         if has_news:
             self.log.info("clip %s: %s", clip.name, what)
             # Before the clip is announced: this process may be killed at any time.
-            self.session.recorder.flush(FLUSH_S)
+            self._flush(now_ns)
             self._save()
             self._announce(clip, Clip.OPEN)
+
+    def _flush(self, now_ns: int) -> None:
+        """Let what was before a trigger outlive this process; a flood of them must not stop all else."""
+        if now_ns >= self.flush_due_ns:
+            self.session.recorder.flush(FLUSH_S)
+            if time.monotonic_ns() - now_ns >= FLUSH_S * 1e9:
+                self.flush_due_ns = time.monotonic_ns() + STALLED_NS
 
     def _new_clip(self, what: str, at_ns: int) -> OpenClip:
         since_ns = at_ns - round(self.before_s * 1e9)
@@ -233,7 +264,7 @@ class BlackBox(MessageLogger):
         first = next((number for number, ended_ns in ended if ended_ns >= since_ns), None)
         taken = [*self.folder_of_clips.names(), *(clip.name for clip in self.state.open)]
         clip = OpenClip(
-            name=clip_name(what, taken),
+            name=clip_name(what, taken, self.run.time_ns(at_ns) / 1e9),
             at_ns=at_ns,
             until_ns=0,
             first=(max(self.ended_ns.copy(), default=-1) + 1) if first is None else first,
@@ -384,8 +415,13 @@ class BlackBox(MessageLogger):
             parts.append(f"removed {removed} old clips")
         if self.session.missed:
             parts.append(f"dropped {self.session.missed}")
+        if self.spool is not None:
+            self.spool.look()
+            parts.append(f"left out {self.spool.left_out} of the spool")
         errors = [recorder.error and f"cannot keep messages: {recorder.error}"]
         errors.append(self.writer.error and f"cannot write clips: {self.writer.error}")
+        if self.spool is not None and self.spool.problem:
+            errors.append(f"a power cut would lose the last messages: {self.spool.problem}")
         self.degraded = "; ".join(filter(None, errors))
         self.status = ", ".join(parts)
 
@@ -409,6 +445,8 @@ class BlackBox(MessageLogger):
             self.state.miss(clip.count, "the run has ended")
         self.state.open = []
         self._save()
+        if self.spool is not None:
+            self.spool.close()
         if not self.state.triggers:
             self.status = ""
             return

@@ -1,11 +1,14 @@
 """Where the black box keeps the last messages: in the run's shared memory, as parts of a log."""
 
+import contextlib
 import os
 from pathlib import Path
 
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
+from robbie_mp.logs.recording.errors import LogError
 from robbie_mp.logs.recording.format import PART_NAME
+from robbie_mp.logs.recording.reader import open_log
 
 RING, STATE = "ring", "state.json"
 
@@ -22,3 +25,10 @@ def ring_parts(ring: Path) -> list[int]:
     except OSError:
         return []
     return sorted(int(match["number"]) for match in found if match and match["name"] == ring.name)
+
+
+def last_message_s(log: Path) -> float | None:
+    """Return when the last message of a log came, seconds since 1970; None if it has none."""
+    with contextlib.suppress(LogError, OSError), open_log(log) as found:
+        return found.end_ns / 1e9 if found.message_count else None
+    return None

@@ -14,6 +14,8 @@ MAX_TRIGGERS = 50
 """Triggers that a clip names; more are only counted."""
 MAX_CLIP_S = 60.0
 """Further triggers make a clip no longer than this after the first one."""
+AGAIN_NS = 1_000_000_000
+"""A trigger that comes again sooner is only counted."""
 MAX_OPEN = 8
 CLIP_NAME = re.compile(r"\d{8}T\d{6}Z-[a-z0-9-]{1,60}")
 
@@ -37,6 +39,8 @@ class OpenClip:
     """Triggers beyond MAX_TRIGGERS, and those that came again within a second."""
     times_s: list[float] = field(default_factory=list)
     """When the triggers came, seconds since 1970."""
+    told_ns: dict[str, int] = field(default_factory=dict)
+    """When each trigger was named last, on the machine's monotonic clock."""
 
     @property
     def count(self) -> int:
@@ -46,12 +50,13 @@ class OpenClip:
     def add(self, trigger: str, now_ns: int, time_s: float, after_s: float) -> bool:
         """Add a trigger; return whether more than a count has changed."""
         self.until_ns = min(now_ns + round(after_s * 1e9), self.at_ns + round(MAX_CLIP_S * 1e9))
-        is_again = trigger in self.triggers and time_s - self.times_s[self.triggers.index(trigger)] < 1.0
+        is_again = trigger in self.told_ns and now_ns - self.told_ns[trigger] < AGAIN_NS
         if is_again or len(self.triggers) >= MAX_TRIGGERS:
             self.more += 1
             return False
         self.triggers.append(trigger)
         self.times_s.append(time_s)
+        self.told_ns[trigger] = now_ns
         return True
 
 
@@ -63,6 +68,8 @@ class BoxState:
     """
 
     open: list[OpenClip] = field(default_factory=list)
+    epoch_ns: int = 0
+    """Start of the machine's monotonic clock, ns since 1970, for all times of the run; 0: not known."""
     seen: dict[str, tuple[int, int]] = field(default_factory=dict)
     """For each module, the end of a process and the incarnation in FAILED that have been triggers."""
     clips: int = 0

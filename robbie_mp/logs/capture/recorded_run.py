@@ -42,7 +42,7 @@ class RecordedRun:
         self._clock = RunClock.attach(self.plan.run_id) if self.plan.clock.source is not None else None
         self._core = Segment.attach(names.core(self.plan.run_id), SegmentKind.CORE)
         self.begin = self._core.words[layout.CORE_LAST_SEQUENCE]
-        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+        self.epoch_ns = time.time_ns() - time.monotonic_ns()
 
     @property
     def core(self) -> Words:
@@ -64,7 +64,7 @@ class RecordedRun:
         A run without its own clock uses the machine's clock as it is set when recording starts. Message times
         then advance evenly even if the machine's clock is set during the recording.
         """
-        return self._epoch_ns + machine_ns if self._clock is None else self._clock.at(machine_ns)
+        return self.epoch_ns + machine_ns if self._clock is None else self._clock.at(machine_ns)
 
     def schema(self, type_name: str, version: int) -> str | None:
         """Return the ros2msg text of a type; None if that version of it is not known."""
