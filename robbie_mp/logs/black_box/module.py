@@ -44,8 +44,6 @@ CLOSE_S = 6.0
 """How long the end of a run waits for clips."""
 FLUSH_S = 0.2
 """How long a trigger waits until what was before it outlives this process."""
-STALLED_NS = 5_000_000_000
-"""After a flush that took too long, triggers wait for none in this time."""
 TRIGGER_CHARACTERS = 200
 UNSEEN = "messages that may be triggers were dropped before the black box got them"
 
@@ -81,7 +79,7 @@ class BlackBox(MessageLogger):
     large_every_s: float = setting(0.5, "time between those that are kept of a topic", minimum=0.0)
     jpeg_quality: int = setting(75, "of images kept as JPEG; 0: as they are", minimum=0, maximum=95)
     spool_s: float = setting(
-        5.0, "time within which small messages are on the disk, for a power cut; 0: never", minimum=0.0
+        0.0, "time within which small messages are on the disk, for a power cut; 0: never", minimum=0.0
     )
     spool_bytes: int = setting(8 << 20, "disk space for these messages", minimum=1 << 18)
     triggers: list[str] = setting([], "further triggers, such as battery.percentage < 0.1")
@@ -114,7 +112,6 @@ class BlackBox(MessageLogger):
         """Whether messages of a type and topic may be triggers."""
         self.watched: dict[ChannelKey, ChannelTriggers | None] = {}
         self.folder_of_clips = ClipFolder(self.output_directory, self.clips_bytes)
-        self.flush_due_ns = 0
         super().setup()
         self._keep_epoch()
         profile = self.run.plan.profile_name
@@ -247,16 +244,9 @@ class BlackBox(MessageLogger):
         if has_news:
             self.log.info("clip %s: %s", clip.name, what)
             # Before the clip is announced: this process may be killed at any time.
-            self._flush(now_ns)
+            self.session.recorder.flush(FLUSH_S)
             self._save()
             self._announce(clip, Clip.OPEN)
-
-    def _flush(self, now_ns: int) -> None:
-        """Let what was before a trigger outlive this process; a flood of them must not stop all else."""
-        if now_ns >= self.flush_due_ns:
-            self.session.recorder.flush(FLUSH_S)
-            if time.monotonic_ns() - now_ns >= FLUSH_S * 1e9:
-                self.flush_due_ns = time.monotonic_ns() + STALLED_NS
 
     def _new_clip(self, what: str, at_ns: int) -> OpenClip:
         since_ns = at_ns - round(self.before_s * 1e9)

@@ -7,7 +7,7 @@ from pathlib import Path
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.logs.black_box.clip_folder import AboutClip, ClipFolder, clip_name, saved_clips
 from robbie_mp.logs.black_box.ring import last_message_s, ring_home, ring_parts
-from robbie_mp.logs.black_box.spool import LOG, AboutSpool, locked, remove_spool
+from robbie_mp.logs.black_box.spool import ABOUT, LOG, AboutSpool, locked, remove_spool
 from robbie_mp.logs.recording.format import part_path
 from robbie_mp.logs.recording.mcap_records import MAGIC
 
@@ -25,7 +25,11 @@ def recover(spools: Iterable[Path]) -> list[str]:
             about = AboutSpool.read(folder)
             if not is_dead or (about is not None and ring_home(about.run_id).exists()):
                 continue
-            told += ["a spool cannot be read, and is removed"] if about is None else _rescue(folder, about)
+            if about is None:
+                if (folder / ABOUT).exists():
+                    told.append(f"{folder / ABOUT} cannot be read, so no clip is made; remove {folder}")
+                continue
+            told += _rescue(folder, about)
             remove_spool(folder)
     return [one_line(line) for line in told]
 

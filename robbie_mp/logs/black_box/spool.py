@@ -7,7 +7,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -137,7 +137,7 @@ class Spool:
         if about is None or about.run_id != self._about.run_id:
             shutil.rmtree(self.folder / LOG, ignore_errors=True)
 
-    def _writer(self, dropped: object) -> LogWriter:
+    def _writer(self, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
         keep = self._run.keep_limits
         return LogWriter(
             self.folder / LOG,
@@ -145,7 +145,7 @@ class Spool:
             self._run.metadata(),
             Split(self._bytes // PARTS),
             DiskBudget(self.folder, self._bytes),
-            dropped,  # type: ignore[arg-type]
+            dropped,
             keep=replace(keep, bytes=min(keep.bytes, self._bytes // PARTS // 2)),
         )
 
@@ -202,6 +202,9 @@ class Spool:
 
 
 def remove_spool(folder: Path) -> None:
-    """Remove a spool, and not what a link leads to; call it with the lock."""
+    """Remove a spool's own files, and not what a link leads to; call it with the lock."""
     if not os.path.islink(folder):
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(folder / LOG, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            (folder / ABOUT).unlink()
+            folder.rmdir()

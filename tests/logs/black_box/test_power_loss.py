@@ -97,6 +97,15 @@ def test_clip_that_was_being_written_is_said_to_be_not_whole(tmp_path: Path) -> 
     assert any("mark-x is not whole" in line for line in lines)
 
 
+def test_folder_that_only_has_the_name_of_a_spool_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / SPOOL).mkdir()
+    (tmp_path / SPOOL / "mine.txt").write_text("mine")
+    assert recover([tmp_path / SPOOL]) == []
+    (tmp_path / SPOOL / ABOUT).write_text("no JSON")
+    assert "cannot be read" in recover([tmp_path / SPOOL])[0]
+    assert {one.name for one in (tmp_path / SPOOL).iterdir()} == {"mine.txt", ABOUT}
+
+
 class FakeRun(SimpleNamespace):
     """As much of a run as a spool asks for."""
 
