@@ -154,6 +154,8 @@ def _print(report: ShadowReport) -> None:
     print(_counts(report))
     if report.end:
         print(one_line(f"the shadow has ended: {report.end}"))
+    elif not report.handled:
+        print("nothing was compared: the shadow has handled no message; it may need more time (--for)")
     elif report.is_equal:
         print(f"equal: {sum(one.equal for one in report.channels)} messages")
 

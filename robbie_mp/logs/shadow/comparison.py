@@ -93,8 +93,8 @@ class ShadowReport:
 
     @property
     def is_equal(self) -> bool:
-        """Whether the shadow has lived and published the same as the module."""
-        return not self.end and all(channel.is_equal for channel in self.channels)
+        """Whether the shadow has lived, has handled something, and has published the same as the module."""
+        return bool(self.handled) and not self.end and all(channel.is_equal for channel in self.channels)
 
     def as_data(self) -> dict[str, Any]:
         """Return it as plain data, for JSON."""

@@ -1,0 +1,25 @@
+"""A shadow that has compared nothing is not said to be equal."""
+
+from dataclasses import replace
+
+from robbie_mp.bus.transport.histogram import Distribution
+from robbie_mp.logs.shadow.comparison import ShadowReport
+
+FINE = ShadowReport(
+    channels=[],
+    handled=10,
+    lost=0,
+    replaced=0,
+    unhandled=0,
+    calls=0,
+    module_times=None,
+    shadow_times=Distribution(),
+    end="",
+    from_checkpoint=False,
+)
+
+
+def test_shadow_is_equal_only_if_it_has_lived_and_handled_something() -> None:
+    assert FINE.is_equal
+    assert not replace(FINE, handled=0, unhandled=36).is_equal
+    assert not replace(FINE, end="exit code 3").is_equal
