@@ -61,9 +61,7 @@ class Reader:
             "run when the watch was restarted": self.type_when(
                 "watch", lambda watch: watch.restarts == 1 and watch.status != ""
             ),
-            "run when the controller follows the ball": self.type_when(
-                "controller", lambda controller: "sightings" in controller.status and controller.handled >= 5
-            ),
+            "run when the controller follows the ball": self.type_until_it_follows,
             "stop the run": lambda _text: self.stop(),
         }
 
@@ -114,6 +112,18 @@ class Reader:
             self.type(text)
 
         return action
+
+    def type_until_it_follows(self, text: str) -> None:
+        """A busy machine may lose the ball between two looks."""
+
+        def follows() -> bool:
+            controller = self.module("controller")
+            if controller is None or controller.states != "FOLLOW" or controller.handled < 5:
+                return False
+            self.type(text)
+            return "[FOLLOW]" in self.answer
+
+        wait_until(follows, LIMIT_S)
 
     def type_later(self, text: str) -> None:
         since_s = time.monotonic()

@@ -171,11 +171,13 @@ def reads_and_changes_parameters(run: AttachedRun) -> None:
 
 
 def calls(robot: Robot, run: AttachedRun) -> None:
+    wait_until(lambda: len(attached(robot)) <= 1)
     assert run.call(Add(a=2, b=3), topic="sums").total == 5
     with pytest.raises(CallRefused, match="-1 is negative"):
         run.call(Add(a=-1), topic="sums")
     with pytest.raises(NoServer):
         run.call(Add())
+    wait_until(lambda: len(attached(robot)) <= 1)  # each call takes one of three places, and publishing, too
     os.kill(robot.top()["adder"]["pid"], signal.SIGSTOP)
     with pytest.raises(CallTimedOut):
         run.call(Add(a=1), topic="sums", timeout_s=0.2)
