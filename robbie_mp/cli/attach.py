@@ -105,8 +105,7 @@ def _debug(terminal: DebugLink) -> None:
         lines, newline, shown = (shown + str(line.get("text", ""))).rpartition("\n")
         if len(shown) > MAX_PROMPT:
             lines, newline, shown = lines + newline, shown, ""
-        sys.stdout.write(lines + newline)
-        sys.stdout.flush()
+        print(lines + newline, end="", flush=True)
         if "ask" in line:
             try:
                 terminal.send({"line": _typed(terminal, shown)})
