@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import serial
 
-from robbie_mp.base.device_links import Link, links, monotonic, sleep
+from robbie_mp.base.device_links import DeviceLink, links, monotonic, sleep
 
 # A host that does not answer at all is given up after this time.
 CONNECT_TIMEOUT_S = 1.0
@@ -125,7 +125,7 @@ def holder_of(path: str) -> str:
     return "another process"
 
 
-def _opened(url: str, bit_rate: int) -> Link:
+def _opened(url: str, bit_rate: int) -> DeviceLink:
     return _Tcp(url) if url.startswith("socket://") else _Serial(url, bit_rate)
 
 
@@ -134,10 +134,10 @@ class _Drained(ABC):
 
     @abstractmethod
     def read(self, wait_s: float) -> bytes:
-        """See `Link`."""
+        """See `DeviceLink`."""
 
     def drain(self, quiet_s: float, limit_s: float) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         end_s = monotonic() + limit_s
         while monotonic() < end_s and self.read(quiet_s):
             pass

@@ -1,7 +1,7 @@
 """What lies between drivers and their devices: a robot records what crosses it, a replay answers instead.
 
-A driver opens its port with `links().open`, and waits and tells time with `monotonic` and `sleep`. Whoever
-runs the driver chooses the links for its thread with `using_links`; without that, they are the machine's.
+A driver opens its port with `links().open`, reads the clock with `monotonic`, and waits with `sleep`. The
+code that runs the driver chooses its links with `using_links`; the default is the links of this machine.
 """
 
 import time
@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from typing import Protocol
 
 
-class Link(Protocol):
+class DeviceLink(Protocol):
     """An open serial line or connection. Methods raise an OSError if it breaks."""
 
     @property
@@ -40,7 +40,7 @@ class Link(Protocol):
 class Links(Protocol):
     """Opens links, and tells the time that belongs to what arrives on them."""
 
-    def open(self, url: str, opened: Callable[[], Link]) -> Link:
+    def open(self, url: str, opened: Callable[[], DeviceLink]) -> DeviceLink:
         """Open a link.
 
         Args:
@@ -58,7 +58,7 @@ class Links(Protocol):
 class MachineLinks:
     """The links of this machine, and its time; see `Links`."""
 
-    def open(self, _url: str, opened: Callable[[], Link]) -> Link:
+    def open(self, _url: str, opened: Callable[[], DeviceLink]) -> DeviceLink:
         """See `Links`."""
         return opened()
 

@@ -52,14 +52,15 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "run other code beside a module, and compare",
         "Run a module a second time, with other code or settings, with the messages that the module gets, "
         "until Ctrl-C. What it publishes goes nowhere, but is compared with what the module publishes, apart "
-        "from the stamps in headers. It cannot move the robot, answer a call, open a device or delay others: "
-        "messages that come too fast for it are dropped and counted. With a recording, it gets the messages "
+        "from the stamps in headers. Its publications and answers reach nobody. Its Python code is kept "
+        "from devices, foreign files and the network; C code that it loads is not. Messages that come too "
+        "fast for it are dropped and counted. With a recording, it gets the messages "
         "in that, as fast as it goes. Exit code 0: both publish the same; 1: they do not, or the shadow "
         "died; 2: its code or settings are wrong.",
         [
-            "robbie shadow mapping --with ~/mended",
+            "robbie shadow mapping --with ~/fixed",
             "robbie shadow mapping --set resolution_m=0.1 --for 10s --json",
-            "robbie shadow mapping --with ~/mended/mapping.py --log recording",
+            "robbie shadow mapping --with ~/fixed/mapping.py --log recording",
         ],
     )
     name = parser.add_argument("module", help="name of the module")

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from robbie_mp.base.device_links import Link, MachineLinks
+from robbie_mp.base.device_links import DeviceLink, MachineLinks
 from robbie_mp.bus.transport.history import Event, PortAct
 
 T = TypeVar("T")
@@ -24,7 +24,7 @@ class RecordedLinks(MachineLinks):
         self._thread = threading.get_ident()
         self._opened = 0
 
-    def open(self, url: str, opened: Callable[[], Link]) -> Link:
+    def open(self, url: str, opened: Callable[[], DeviceLink]) -> DeviceLink:
         """See `Links`."""
         if not self.is_here:
             return opened()
@@ -64,7 +64,7 @@ class RecordedLinks(MachineLinks):
 
 
 class RecordedLink:
-    """A link on which everything that crosses is recorded; see `Link`.
+    """A link on which everything that crosses is recorded; see `DeviceLink`.
 
     Args:
         link: the link.
@@ -72,38 +72,38 @@ class RecordedLink:
         number: counts the links from 1.
     """
 
-    def __init__(self, link: Link, links: RecordedLinks, number: int):
+    def __init__(self, link: DeviceLink, links: RecordedLinks, number: int):
         self._link = link
         self._links = links
         self._number = number
 
     @property
     def descriptor(self) -> int | None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         return self._link.descriptor
 
     def read(self, wait_s: float) -> bytes:
-        """See `Link`."""
+        """See `DeviceLink`."""
         return self._links.tell(PortAct.READ, self._number, lambda: self._link.read(wait_s))
 
     def drain(self, quiet_s: float, limit_s: float) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.tell(PortAct.DRAINED, self._number, lambda: self._link.drain(quiet_s, limit_s))
 
     def write(self, data: bytes) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.tell(PortAct.WRITTEN, self._number, lambda: self._link.write(data), data)
 
     def set_bit_rate(self, bit_rate: int) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         text = str(bit_rate).encode()
         self._links.tell(PortAct.RATE, self._number, lambda: self._link.set_bit_rate(bit_rate), text)
 
     def set_motor_line(self, is_high: bool) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         data = b"1" if is_high else b"0"
         self._links.tell(PortAct.MOTOR, self._number, lambda: self._link.set_motor_line(is_high), data)
 
     def close(self) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.tell(PortAct.CLOSED, self._number, self._link.close)

@@ -18,8 +18,8 @@ def commands(mark: str) -> list[list[str]]:
 def robot_of_the_page(robot: Robot) -> Robot:
     code = block(PAGE, "module")
     (robot.folder / "nearest.py").write_text(code)
-    (robot.folder / "mended").mkdir()
-    (robot.folder / "mended" / "nearest.py").write_text(
+    (robot.folder / "fixed").mkdir()
+    (robot.folder / "fixed" / "nearest.py").write_text(
         code.replace("float(scan.ranges.min())", "float(np.sort(scan.ranges)[1])")
     )
     robot.write_profile(block(PAGE, "profile"))

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.base.device_links import Link, monotonic, sleep, using_links
+from robbie_mp.base.device_links import DeviceLink, monotonic, sleep, using_links
 from robbie_mp.bus.transport.history import Event
 from robbie_mp.logs.capsule.form import EventForm
 from robbie_mp.logs.capsule.read import Step
@@ -71,7 +71,7 @@ def opens(script: Script, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def opens_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(_url: str, _rate: int) -> Link:
+    def fail(_url: str, _rate: int) -> DeviceLink:
         pytest.fail("a replay opened the device")
 
     monkeypatch.setattr("robbie_robots.hw.connection.port._opened", fail)

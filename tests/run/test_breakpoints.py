@@ -29,7 +29,7 @@ class Laser(Module):
         self.publish(DriveCommand())
 
 
-class Bumper(Module):
+class Stumbler(Module):
     stands_in: str = setting("handler", "where it reaches a breakpoint")
     hangs_from: int = setting(0, "the message in which it hangs; 0: none")
 

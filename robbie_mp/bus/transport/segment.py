@@ -103,8 +103,8 @@ class Segment:
     ) -> Self:
         """Create a segment and allocate all its pages, so that a full /dev/shm is an error here.
 
-        With `at_first_bytes` only so many are allocated, and the others by `populate`; if the system cannot
-        do that, all are. `populated_bytes` tells.
+        With `at_first_bytes`, only that many bytes are allocated here, and `populate` allocates the rest
+        later. A system that cannot do that allocates all of them here. `populated_bytes` tells which.
 
         Raises:
             SharedMemoryFull: there is no room for it.

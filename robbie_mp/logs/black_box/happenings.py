@@ -9,7 +9,7 @@ from strenum import StrEnum
 from robbie_mp.logs.black_box.clip_folder import SavedClip
 
 
-class Kind(StrEnum):
+class HappeningKind(StrEnum):
     """What kind of thing happened."""
 
     FAILED = "FAILED"
@@ -23,13 +23,13 @@ class Kind(StrEnum):
 
 
 _KINDS = (
-    (Kind.VICTIM, re.compile(r"mark: victim\b")),
-    (Kind.MARK, re.compile("mark: ")),
-    (Kind.STOP, re.compile(r"EmergencyStop\.")),
-    (Kind.BUMPER, re.compile(r"Bumper\.")),
-    (Kind.FAILED, re.compile(r"\S+ is FAILED: ")),
-    (Kind.HANG, re.compile(r"\S+ ended: .*(\bfor \d+\.\d s\b|\bhung\b|not ready within)")),
-    (Kind.CRASH, re.compile(r"\S+ ended: |the supervisor was killed$")),
+    (HappeningKind.VICTIM, re.compile(r"mark: victim\b")),
+    (HappeningKind.MARK, re.compile("mark: ")),
+    (HappeningKind.STOP, re.compile(r"EmergencyStop\.")),
+    (HappeningKind.BUMPER, re.compile(r"Bumper\.")),
+    (HappeningKind.FAILED, re.compile(r"\S+ is FAILED: ")),
+    (HappeningKind.HANG, re.compile(r"\S+ ended: .*(\bfor \d+\.\d s\b|\bhung\b|not ready within)")),
+    (HappeningKind.CRASH, re.compile(r"\S+ ended: |the supervisor was killed$")),
 )
 _TEXTS = {
     "EmergencyStop.engaged == true": "the emergency stop was engaged",
@@ -43,15 +43,15 @@ class Happening:
 
     time_s: float
     """Seconds since 1970."""
-    kind: Kind
+    kind: HappeningKind
     text: str
     clip: str
     """Name of the clip's folder; '' if there is none."""
 
 
-def kind_of(trigger: str) -> Kind:
+def kind_of(trigger: str) -> HappeningKind:
     """Return the kind of a trigger; a field against a limit of the profile is none of the others."""
-    return next((kind for kind, form in _KINDS if form.match(trigger)), Kind.OTHER)
+    return next((kind for kind, form in _KINDS if form.match(trigger)), HappeningKind.OTHER)
 
 
 def text_of(trigger: str) -> str:

@@ -4,7 +4,7 @@ import json
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 
-from robbie_mp.base.device_links import Link
+from robbie_mp.base.device_links import DeviceLink
 from robbie_mp.bus.transport.history import Event, PortAct
 from robbie_mp.logs.capsule.form import EventForm
 from robbie_mp.logs.capsule.read import Step
@@ -44,7 +44,7 @@ class ReplayedLinks:
         if step.event is not None and step.event.time_ns:
             self._pass_to(step.event.time_ns)
 
-    def open(self, _url: str, _opened: Callable[[], Link]) -> Link:
+    def open(self, _url: str, _opened: Callable[[], DeviceLink]) -> DeviceLink:
         """See `Links`."""
         opened = [number for number in self._numbers if self._waits(number, PortAct.OPENED)]
         number = opened[0] if opened else self._numbers[0] if self._numbers else -1
@@ -105,7 +105,7 @@ class ReplayedLinks:
 
 
 class ReplayedLink:
-    """A link that gives again what crossed it; see `Link`.
+    """A link that gives again what crossed it; see `DeviceLink`.
 
     Args:
         links: knows what crossed it.
@@ -119,27 +119,27 @@ class ReplayedLink:
         self._number = number
 
     def read(self, wait_s: float) -> bytes:
-        """See `Link`."""
+        """See `DeviceLink`."""
         return self._links.read(self._number, wait_s)
 
     def drain(self, _quiet_s: float, _limit_s: float) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.take(self._number, PortAct.DRAINED)
 
     def write(self, data: bytes) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.take(self._number, PortAct.WRITTEN, data)
 
     def set_bit_rate(self, bit_rate: int) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.take(self._number, PortAct.RATE, str(bit_rate).encode())
 
     def set_motor_line(self, is_high: bool) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.take(self._number, PortAct.MOTOR, b"1" if is_high else b"0")
 
     def close(self) -> None:
-        """See `Link`."""
+        """See `DeviceLink`."""
         self._links.take(self._number, PortAct.CLOSED)
 
 

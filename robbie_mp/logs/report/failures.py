@@ -13,7 +13,7 @@ FAILURES = (ChildState.BACKOFF, ChildState.FAILED)
 
 
 @dataclass
-class Failure:
+class ModuleFailure:
     """One end of a process that was none in order; further ones before it runs again belong to it."""
 
     time_s: float
@@ -32,10 +32,10 @@ class Failure:
         return None if self.recovered_s is None else max(0.0, self.recovered_s - self.time_s)
 
 
-def failures_of(remarks: Iterable[Entry]) -> list[Failure]:
+def failures_of(remarks: Iterable[Entry]) -> list[ModuleFailure]:
     """Return the failures, in their order."""
-    found: list[Failure] = []
-    open_: dict[str, Failure] = {}
+    found: list[ModuleFailure] = []
+    open_: dict[str, ModuleFailure] = {}
     for entry in remarks:
         change = _CHANGE.fullmatch(entry.text) if entry.stream == "supervisor" else None
         if change is None:
@@ -44,7 +44,7 @@ def failures_of(remarks: Iterable[Entry]) -> list[Failure]:
         if new in FAILURES:
             reason = _AGAIN.sub("", change["reason"])
             if failure is None:
-                failure = open_[entry.module] = Failure(entry.time_s, entry.module, reason)
+                failure = open_[entry.module] = ModuleFailure(entry.time_s, entry.module, reason)
                 found.append(failure)
             elif change["old"] not in FAILURES:
                 failure.times += 1

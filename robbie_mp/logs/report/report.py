@@ -9,14 +9,14 @@ from importlib.resources import files
 from robbie_mp.attached.views import quantities
 from robbie_mp.base.utc import time_text
 from robbie_mp.base.version import installed_version
-from robbie_mp.logs.black_box.happenings import Happening, Kind, happenings_of
+from robbie_mp.logs.black_box.happenings import Happening, HappeningKind, happenings_of
 from robbie_mp.logs.recording.repair import Progress, unwatched
 from robbie_mp.logs.report.charts import Pin, Stretch, clock, curve, map_drawing, timeline
 from robbie_mp.logs.report.elements import Html, element, joined, picture, table, text
-from robbie_mp.logs.report.failures import Failure, failures_of
+from robbie_mp.logs.report.failures import ModuleFailure, failures_of
 from robbie_mp.logs.report.pictures import Pictures
 from robbie_mp.logs.report.run_files import ModuleSummary, ReportedRun, is_time
-from robbie_mp.logs.report.seen import Finding, Seen
+from robbie_mp.logs.report.seen import Seen, SeenOnTheWay
 from robbie_mp.run.supervisor.run import SUMMARY_FILE
 from robbie_mp.run.trace.reader import LOG_FOLDER
 
@@ -145,8 +145,15 @@ class Report:
             )
             figures.append((f"{sum(book.delivered for book in books)}", said))
         figures.append((str(len(self._failures)), f"failures, {len(repaired)} recovered from"))
-        figures.append((str(sum(one.kind is Kind.STOP for one in self._happened)), "emergency stops"))
-        figures.append((str(sum(one.kind in (Kind.MARK, Kind.VICTIM) for one in self._happened)), "marks"))
+        figures.append(
+            (str(sum(one.kind is HappeningKind.STOP for one in self._happened)), "emergency stops")
+        )
+        figures.append(
+            (
+                str(sum(one.kind in (HappeningKind.MARK, HappeningKind.VICTIM) for one in self._happened)),
+                "marks",
+            )
+        )
         if seen.battery.values:
             figures.append((f"{seen.battery.values[-1]:.0f} %", "battery at the end"))
         return element(
@@ -161,7 +168,7 @@ class Report:
         found = [Pin(one.x_m, one.y_m, one.name, "found") for one in self._found_list()]
         for happening in self._happened:
             place = self._seen.way.at(happening.time_s)
-            if place is not None and happening.kind is not Kind.VICTIM:
+            if place is not None and happening.kind is not HappeningKind.VICTIM:
                 found.append(Pin(*place, f"{self._clock(happening.time_s)} {happening.text}", happening.kind))
         return found[:MOST_ROWS]
 
@@ -184,7 +191,7 @@ class Report:
         drawing = map_drawing(grid, seen.way, pins)
         return section("Map and path", element("div", drawing, element("div", *legend), class_="beside"))
 
-    def _found_list(self) -> list[Finding]:
+    def _found_list(self) -> list[SeenOnTheWay]:
         return sorted(self._seen.findings.values(), key=lambda one: one.time_s)
 
     def _found(self) -> Html:
@@ -210,7 +217,7 @@ class Report:
             parts += [element("h3", "Last image of each camera"), element("div", *views, class_="found")]
         return section("What was found", *parts) if parts else joined()
 
-    def _card(self, number: int, one: Finding) -> Html:
+    def _card(self, number: int, one: SeenOnTheWay) -> Html:
         address = self._pictures.of_message(one.image) if one.image is not None else ""
         shown = picture(address, f"picture of {one.name}") if address else ""
         details = ", ".join(f"{name} {value}" for name, value in one.details.items())
@@ -286,7 +293,7 @@ class Report:
         )
         return section("What failed", listed, note, *reports, is_long=True)
 
-    def _failure_cells(self, one: Failure) -> tuple[object, ...]:
+    def _failure_cells(self, one: ModuleFailure) -> tuple[object, ...]:
         took = element("span", f"not: {one.outcome}", class_="bad")
         if one.took_s is not None:
             took = element("span", quantities.seconds(one.took_s), class_="good")

@@ -52,7 +52,7 @@ MAP_POSE, ODOMETRY = "map_pose", "odom"
 
 
 @dataclass
-class Finding:
+class SeenOnTheWay:
     """Something that the robot has found, as its newest message says."""
 
     name: str
@@ -122,7 +122,7 @@ class Seen:
     def __init__(self) -> None:
         self.grid: OccupancyGrid | None = None
         self.way = Way()
-        self.findings: dict[tuple[str, str], Finding] = {}
+        self.findings: dict[tuple[str, str], SeenOnTheWay] = {}
         self.places: dict[str, PointsOfInterest] = {}
         self.views: dict[str, tuple[float, Image | CompressedImage]] = {}
         self.battery = PlotSeries("charge")
@@ -301,7 +301,7 @@ class Seen:
         kind = channel.type_name.rpartition("/")[2].removesuffix("Found") or "found"
         first_s = self.findings[key].time_s if key in self.findings else time_s
         image = self._kept_image(self.findings[key].image if key in self.findings else None, message.image)
-        self.findings[key] = Finding(
+        self.findings[key] = SeenOnTheWay(
             f"{kind} {name or number}", first_s, position.x, position.y, _details(message), image
         )
 

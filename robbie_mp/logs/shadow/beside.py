@@ -24,7 +24,7 @@ from robbie_mp.logs.shadow.frames import (
     Begin,
     BrokenFrame,
     Done,
-    Failed,
+    EndedByError,
     Frames,
     OfShadow,
     Ready,
@@ -213,7 +213,7 @@ class ShadowProcess:
         except OSError:
             self._has_ended()
 
-    def _take(self, frame: "Ready | Wants | Done | Failed") -> None:
+    def _take(self, frame: "Ready | Wants | Done | EndedByError") -> None:
         match frame:
             case Ready():
                 self._is_ready = True
@@ -224,7 +224,7 @@ class ShadowProcess:
                 if self._in_flight.popleft():
                     self.handled += 1
                     self.times_ns.append(took_ns)
-            case Failed(text=text):
+            case EndedByError(text=text):
                 self.end = text
 
     def _has_ended(self) -> None:

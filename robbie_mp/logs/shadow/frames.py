@@ -84,14 +84,14 @@ class Done(msgspec.Struct, tag=True):
     """How many calls it has made so far, which nobody answers."""
 
 
-class Failed(msgspec.Struct, tag=True):
+class EndedByError(msgspec.Struct, tag=True):
     """An exception has ended the shadow."""
 
     text: str
 
 
 ToShadow = Begin | Start | Given
-OfShadow = Ready | Wants | Said | Done | Failed
+OfShadow = Ready | Wants | Said | Done | EndedByError
 _encode = msgspec.msgpack.Encoder().encode
 _Frame = TypeVar("_Frame")
 

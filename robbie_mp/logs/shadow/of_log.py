@@ -16,7 +16,7 @@ from robbie_mp.run.profile.model import ModuleSpec
 
 PUMP_S = 0.05
 HANGS_AFTER = 400
-"""A shadow that handles nothing in so many times `PUMP_S` hangs."""
+"""A shadow that handles nothing for this many times `PUMP_S` counts as hung."""
 EXPIRE_EVERY = 256
 
 

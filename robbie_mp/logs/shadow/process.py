@@ -26,7 +26,7 @@ from robbie_mp.logs.shadow.confinement import be_the_first_to_go, confine
 from robbie_mp.logs.shadow.frames import (
     Begin,
     Done,
-    Failed,
+    EndedByError,
     Given,
     OfShadow,
     Ready,
@@ -199,7 +199,7 @@ def main() -> None:
         leave_out_our_frames(error)
         traceback.print_exception(error)
         with suppress(OSError):
-            connection.sendall(packed(Failed(f"{type(error).__name__}: {error}"[:1000])))
+            connection.sendall(packed(EndedByError(f"{type(error).__name__}: {error}"[:1000])))
         os._exit(1)
     os._exit(0)
 

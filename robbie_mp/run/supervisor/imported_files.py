@@ -58,7 +58,7 @@ def read_imports(path: Path) -> dict[str, Version | None]:
 
 
 def checked_versions(told: Any) -> dict[str, Version | None]:
-    """Return the versions that another process has told; those of another form are left out."""
+    """Return the file versions that another process reported, without those that are malformed."""
     found: dict[str, Version | None] = {}
     for file, version in told.items() if isinstance(told, dict) else ():
         match version:

@@ -1,8 +1,8 @@
 """The debugger in a module's process: Python's pdb, whose terminal is `robbie attach MODULE`.
 
-Each time it stops, it asks the supervisor for the terminal anew, and gives it back when the module runs on.
-So the module's watchdog is held exactly while it stands, and neither a command nor a module that dies leaves
-anything behind.
+At each stop it asks the supervisor for the terminal again, and it gives the terminal back when the module
+continues. So the watchdog is held only while the module stands there, and nothing is left behind when the
+command or the module dies.
 """
 
 import os

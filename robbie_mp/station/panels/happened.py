@@ -11,7 +11,7 @@ from nicegui import ui
 from robbie_mp.attached.views import quantities
 from robbie_mp.base.utc import time_of_day
 from robbie_mp.logs.black_box.clip_folder import CLIPS, saved_clips
-from robbie_mp.logs.black_box.happenings import Happening, Kind, happenings_of, text_of
+from robbie_mp.logs.black_box.happenings import Happening, HappeningKind, happenings_of, text_of
 from robbie_mp.logs.black_box.module import CLIP_TOPIC
 from robbie_mp.messages import Clip
 from robbie_mp.station.panel import Panel
@@ -29,14 +29,14 @@ REFRESH_S = 1.0
 SHOWN = 100
 """Maximum number of rows; `robbie clips` lists all."""
 LOOKS = {
-    Kind.FAILED: ("dangerous", "text-negative"),
-    Kind.CRASH: ("heart_broken", "text-negative"),
-    Kind.HANG: ("hourglass_disabled", "text-negative"),
-    Kind.STOP: ("front_hand", "text-negative"),
-    Kind.BUMPER: ("crisis_alert", "text-orange"),
-    Kind.VICTIM: ("personal_injury", "text-primary"),
-    Kind.MARK: ("bookmark", "text-primary"),
-    Kind.OTHER: ("speed", "text-orange"),
+    HappeningKind.FAILED: ("dangerous", "text-negative"),
+    HappeningKind.CRASH: ("heart_broken", "text-negative"),
+    HappeningKind.HANG: ("hourglass_disabled", "text-negative"),
+    HappeningKind.STOP: ("front_hand", "text-negative"),
+    HappeningKind.BUMPER: ("crisis_alert", "text-orange"),
+    HappeningKind.VICTIM: ("personal_injury", "text-primary"),
+    HappeningKind.MARK: ("bookmark", "text-primary"),
+    HappeningKind.OTHER: ("speed", "text-orange"),
 }
 """Icon and colour of each kind."""
 GO = f"window.location.assign(`${{window.path_prefix}}{PLAYER_PATH}/`)"
