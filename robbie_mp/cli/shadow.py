@@ -28,7 +28,7 @@ from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.logs.shadow.comparison import ShadowReport
 from robbie_mp.logs.shadow.of_log import recorded_module, shadow_of_log
 from robbie_mp.logs.shadow.of_run import ShadowOfRun, begin_of
-from robbie_mp.logs.shadow.pairing import ChannelResult, Side
+from robbie_mp.logs.shadow.pairing import WAIT_S, ChannelResult, Side
 from robbie_mp.run.control import RunNotControlled
 from robbie_mp.run.exclusive_use import named_devices
 from robbie_mp.run.plan import RunPlan
@@ -149,6 +149,9 @@ def _print(report: ShadowReport) -> None:
     console().print(table)
     for one in report.channels:
         _print_differences(one)
+        if one.is_unseen:
+            what = one.name.topic or one.name.type_name
+            print(one_line(f"{what}: nothing was compared; that takes more than {2 * WAIT_S:g} s"))
     for who, times in (("module", report.module_times), ("shadow", report.shadow_times)):
         if times is not None and times.count:
             print(f"time for a message, {who}: {_times(times)}")

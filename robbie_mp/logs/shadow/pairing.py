@@ -56,9 +56,14 @@ class ChannelResult:
     amounts: dict[str, Amount] = field(default_factory=dict)
 
     @property
+    def is_unseen(self) -> bool:
+        """Whether there were only messages at the begin and the end, so that nothing is known."""
+        return self.left_out > 0 and not (self.equal or self.different or any(self.only))
+
+    @property
     def is_equal(self) -> bool:
-        """Whether both have published the same."""
-        return not (self.different or any(self.only))
+        """Whether both have published the same, as far as it could be compared."""
+        return not (self.different or any(self.only) or self.is_unseen)
 
 
 @dataclass(frozen=True)

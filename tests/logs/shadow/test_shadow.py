@@ -190,7 +190,7 @@ def test_log_gives_the_same_messages(robot: Robot) -> None:
     robot.write_profile(PROFILE)
     robot.start()
     robot.until(lambda top: top["wheels"]["status"] not in ("", "0"))
-    recorded = robot.command("record", "-o", "recording", "--duration", "1s")
+    recorded = robot.command("record", "-o", "recording", "--duration", "4s")
     assert recorded.returncode == 0, recorded.stderr
     robot.command("stop")
 
