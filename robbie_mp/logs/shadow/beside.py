@@ -210,8 +210,8 @@ class ShadowProcess:
             self._unsent = self._unsent[self._connection.send(self._unsent) :]
         except BlockingIOError:
             pass
-        except OSError:
-            self._has_ended()
+        except OSError:  # it has ended; what it said last is still to be read
+            self._unsent = memoryview(b"")
 
     def _take(self, frame: "Ready | Wants | Done | EndedByError") -> None:
         match frame:
