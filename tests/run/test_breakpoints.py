@@ -58,8 +58,8 @@ class Stumbler(Module):
 PROFILE = """
 modules:
   laser: {class: "standing:Laser"}
-  bumper: {class: "standing:Bumper", handler_deadline_s: 1, start_deadline_s: 20}
-  other: {class: "standing:Bumper"}
+  bumper: {class: "standing:Stumbler", handler_deadline_s: 1, start_deadline_s: 20}
+  other: {class: "standing:Stumbler"}
 """
 STANDS = "stands at a breakpoint"
 
