@@ -86,7 +86,7 @@ class ModuleRunner(ModuleLoop):
 
     def set_up(self) -> None:
         """Run `setup()`, and show it."""
-        self._inbox.show(Activity.SETUP)
+        self._set_up_ns = self._inbox.show(Activity.SETUP)
         super().set_up()
         self._inbox.show_idle()
 
@@ -97,7 +97,7 @@ class ModuleRunner(ModuleLoop):
         self._place.endpoint.send(Outbound.READY)
         while not self.ends and not self._place.peers.may_go:
             self._wakeup.wait(MAX_WAIT_S)
-        self._record(Event.BEGUN)
+        self._record(Event.BEGUN, time.monotonic_ns(), self._set_up_ns)
         self.begin()
         self._take_turns()
         if self._module.patience_s:

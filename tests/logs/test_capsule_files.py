@@ -158,6 +158,13 @@ def test_texts_of_a_forged_capsule_are_printed_plainly(capsule: Path) -> None:
         assert option or "owned" in ended.stdout, ended
 
 
+@pytest.mark.timeout(20)
+def test_files_outside_of_the_workspace_that_a_forged_capsule_names_are_not_read(capsule: Path) -> None:
+    code = {name: {"sha256": ""} for name in ("/dev/zero", "../../../../../../dev/zero")}
+    forged = changed(capsule, MANIFEST, lambda data: json.dumps(json.loads(data) | {"code": code}).encode())
+    assert changed_code(read_capsule(forged), capsule.parent) == ["../../../../../../dev/zero"]
+
+
 def test_class_from_elsewhere_is_not_imported(capsule: Path) -> None:
     forged = changed(capsule, MANIFEST, lambda data: data.replace(b"shaky:Shaky", b"antigravity:Module"))
     with pytest.raises(ForeignClass, match="antigravity"):

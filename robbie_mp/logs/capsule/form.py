@@ -87,6 +87,7 @@ class Manifest(msgspec.Struct):
         commit: what git says of the workspace; '' if it is no repository.
         packages: versions of packages that matter.
         environment: variables that matter, and the machine.
+        variables: those that its code names.
     """
 
     format: int
@@ -102,6 +103,7 @@ class Manifest(msgspec.Struct):
     commit: str = ""
     packages: dict[str, str] = {}
     environment: dict[str, str] = {}
+    variables: dict[str, str] = {}
 
 
 class EventForm(msgspec.Struct, omit_defaults=True):

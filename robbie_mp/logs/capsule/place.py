@@ -125,8 +125,13 @@ def dumped_place(lines: list[str]) -> Place | None:
 
 def innermost(places: list[Place]) -> Place | None:
     """Return the place that the author knows, of places from the innermost on: outside of libraries."""
-    theirs = (one for one in places if not any(folder in one.file for folder in _LIBRARIES))
+    theirs = (one for one in places if not is_of_library(one.file))
     return next(theirs, places[0] if places else None)
+
+
+def is_of_library(file: str) -> bool:
+    """Whether a file of code is not its author's own."""
+    return any(folder in file for folder in _LIBRARIES)
 
 
 def _place(match: "re.Match[str]") -> Place:

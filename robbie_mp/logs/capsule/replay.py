@@ -3,15 +3,20 @@
 import os
 import pdb
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from robbie_mp.base.linux.address_space import limited_address_space
 from robbie_mp.logs.capsule.attempt import LIMIT_S, Outcome, Progress, attempt
+from robbie_mp.logs.capsule.outside import Outside, TimeOfThen
+from robbie_mp.logs.capsule.pace import Pace
 from robbie_mp.logs.capsule.place import END, EXCEPTION, Crash, reported_crash
 from robbie_mp.logs.capsule.read import Capsule, Step
 from robbie_mp.logs.capsule.replayed import ReplayHarness
+from robbie_mp.logs.capsule.variables import set_variables
 from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 
 
@@ -37,20 +42,59 @@ def replay(capsule: Capsule, workspace: Path, limit_s: float = LIMIT_S, *, quiet
         limit_s: a step that takes longer hangs.
         quiet: whether what the module prints is dropped.
     """
+    outcome = _replay(capsule, workspace, limit_s, None, quiet=quiet)
+    if outcome.details.get("has_threads") and not _is_repeated(capsule, outcome):
+        # Its threads may not have got so far as then.
+        paced = _replay(capsule, workspace, limit_s, Pace(capsule), quiet=quiet)
+        if paced.crash.is_like(reported_crash(capsule.report)):
+            return paced
+    return outcome
+
+
+def _is_repeated(capsule: Capsule, outcome: Outcome) -> bool:
+    """Whether it crashed at the same line, in the same step."""
+    return outcome.step == len(capsule.steps) - 1 and outcome.crash.is_like(reported_crash(capsule.report))
+
+
+def _replay(capsule: Capsule, workspace: Path, limit_s: float, pace: Pace | None, *, quiet: bool) -> Outcome:
+    outside = Outside(workspace)
 
     def act(progress: Progress, details: dict[str, Any]) -> None:
-        harness = ReplayHarness(capsule, workspace)
+        def before(number: int, step: Step) -> None:
+            progress.show(number)
+            if pace is not None:
+                pace.wait_for(number, step)
+
+        outside.watch()
         try:
-            with limited_address_space(capsule.manifest.start.more_bytes):
-                harness.run(lambda number, _step: progress.show(number))
+            with harness_of(capsule, workspace, outside) as harness:
+                try:
+                    with limited_address_space(capsule.manifest.start.more_bytes):
+                        harness.run(before)
+                finally:
+                    _note(harness, details)
         finally:
-            bus = harness.replayed
-            if bus.difference is not None:
-                details["step"], details["difference"] = bus.difference.step, bus.difference.text
-            details["written"] = harness.links.difference
-            details["later"] = sorted(harness.told.later)
+            details["outside"], details["has_threads"] = outside.noted, outside.has_threads
 
     return attempt(act, limit_s=limit_s, quiet=quiet)
+
+
+@contextmanager
+def harness_of(capsule: Capsule, workspace: Path, outside: Outside) -> Iterator[ReplayHarness]:
+    """Yield the module of a capsule in the environment of then, with Python's clocks at the time of then."""
+    start = capsule.manifest.start
+    set_variables(capsule.manifest.variables, _code_here(capsule, workspace).values())
+    time = TimeOfThen(start.started_ns - start.monotonic_ns, start.monotonic_ns)
+    with time.given(outside):
+        yield ReplayHarness(capsule, workspace, time)
+
+
+def _note(harness: ReplayHarness, details: dict[str, Any]) -> None:
+    bus = harness.replayed
+    if bus.difference is not None:
+        details["step"], details["difference"] = bus.difference.step, bus.difference.text
+    details["written"] = harness.links.difference
+    details["later"] = sorted(harness.told.later)
 
 
 def judge(capsule: Capsule, outcome: Outcome) -> Verdict:
@@ -75,6 +119,8 @@ def judge(capsule: Capsule, outcome: Outcome) -> Verdict:
         lines.append(f"  first difference at the device: {outcome.details['written']}")
     if now.kind == END and outcome.details.get("later"):
         lines.append(f"  it asked more often than then: {', '.join(outcome.details['later'])}")
+    if outcome.details.get("outside") and not _is_repeated(capsule, outcome):
+        lines.append(f"  a capsule does not hold: {', '.join(outcome.details['outside'])}")
     return Verdict(now.is_like(then), lines)
 
 
@@ -95,8 +141,14 @@ def debug(
         steps: stop before each step.
         post_mortem: open the debugger at the exception.
     """
-    harness = ReplayHarness(capsule, workspace)
-    stepping = steps
+    with harness_of(capsule, workspace, Outside(workspace)) as harness:
+        return _debug(capsule, harness, until, is_stepping=steps, post_mortem=post_mortem)
+
+
+def _debug(
+    capsule: Capsule, harness: ReplayHarness, until: int | None, *, is_stepping: bool, post_mortem: bool
+) -> Crash:
+    stepping = is_stepping
 
     def before(number: int, step: Step) -> None:
         nonlocal stepping
@@ -146,13 +198,20 @@ def changed_code(capsule: Capsule, workspace: Path) -> list[str]:
     """Return the files of the module's code that are not what they were."""
     import hashlib  # noqa: PLC0415 (only when a capsule is replayed)
 
+    here = _code_here(capsule, workspace)
     changed = []
     for name, code in capsule.manifest.code.items():
-        path = workspace / name
-        try:
-            is_same = hashlib.sha256(path.read_bytes()).hexdigest() == code.sha256
-        except OSError:
-            is_same = False
+        is_same = name in here and hashlib.sha256(here[name].read_bytes()).hexdigest() == code.sha256
         if not is_same and not Path(name).is_absolute():
             changed.append(name)
     return changed
+
+
+def _code_here(capsule: Capsule, workspace: Path) -> dict[str, Path]:
+    """Return the files that a capsule names, which may be forged, as far as they lie in the workspace."""
+    places = {name: (workspace / name).resolve() for name in capsule.manifest.code}
+    return {
+        name: place
+        for name, place in places.items()
+        if place.is_file() and place.is_relative_to(workspace.resolve())
+    }

@@ -20,6 +20,7 @@ from robbie_mp.bus.checkpoint.image import decode
 from robbie_mp.bus.transport.history import Event, Reading
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.logs.capsule.form import ChannelForm
+from robbie_mp.logs.capsule.outside import TimeOfThen
 from robbie_mp.logs.capsule.read import Capsule, CapsuleUnreadable, Step
 from robbie_mp.logs.capsule.replayed_links import ReplayedLinks
 from robbie_mp.messages.errors import MessageError
@@ -281,11 +282,13 @@ class ReplayHarness(ModuleHarness[Module]):
     Args:
         capsule: the capsule.
         workspace: the folder with the module's code.
+        time: what Python's own clocks say meanwhile; None: the machine's time.
     """
 
-    def __init__(self, capsule: Capsule, workspace: Path):
+    def __init__(self, capsule: Capsule, workspace: Path, time: TimeOfThen | None = None):
         start = capsule.manifest.start
         self._capsule = capsule
+        self._time = time
         self.told = Told()
         self.told.begin(capsule.steps[0])
         self.links = ReplayedLinks(capsule.steps)
@@ -335,6 +338,8 @@ class ReplayHarness(ModuleHarness[Module]):
             if wanted is not None and number not in wanted and step.kind is Event.MESSAGE:
                 continue
             before(number, step)
+            if self._time is not None:
+                self._time.begin(self._begins_ns(number, step))
             if number:
                 self.told.begin(step)
                 self.replayed.begin(number, step)
@@ -342,6 +347,13 @@ class ReplayHarness(ModuleHarness[Module]):
             with using_links(self.links):
                 self._do(step)
             self.replayed.end()
+
+    def _begins_ns(self, number: int, step: Step) -> int:
+        """Return when a step began; 0: not known."""
+        if number:
+            return step.event.time_ns if step.event is not None else 0
+        begun = self._capsule.steps[1].event if len(self._capsule.steps) > 1 else None
+        return begun.values[0] if begun is not None and begun.kind == Event.BEGUN.name else 0
 
     def _do(self, step: Step) -> None:
         calls = calls_of(self.module)

@@ -37,6 +37,7 @@ from robbie_mp.logs.capsule.form import (
     Manifest,
     StartForm,
 )
+from robbie_mp.logs.capsule.variables import named_variables
 from robbie_mp.logs.recording.chunk import Chunk, Compression
 from robbie_mp.logs.recording.format import ChannelKey
 from robbie_mp.logs.recording.part_writer import PartWriter, RecordedChannel
@@ -120,6 +121,7 @@ def write_capsule(path: Path, facts: dict[str, Any], files: dict[str, bytes]) ->
             commit=commit,
             packages=_packages(),
             environment=_environment(),
+            variables=named_variables(map(Path, start.files), os.environ),
         )
         with replacing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as capsule:
             capsule.writestr(MANIFEST, msgspec.json.format(msgspec.json.encode(manifest), indent=1))

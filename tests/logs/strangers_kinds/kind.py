@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from textwrap import dedent
 
-CHANCE = "no crash|sooner than then"
+CHANCE = "a capsule does not hold"
 """What replay says where the module depends on what Robbie-MP does not give it."""
 HERE = "# here"
 """Marks the line of the crash."""
