@@ -22,7 +22,7 @@ from robbie_mp.logs.capsule.as_test import numbers
 from robbie_mp.logs.capsule.form import EVENTS, MANIFEST, MESSAGES
 from robbie_mp.logs.capsule.place import HANG, Crash, Place, raised_crash, reported_crash
 from robbie_mp.logs.capsule.read import CapsuleUnreadable, read_capsule
-from robbie_mp.logs.capsule.replay import judge, replay
+from robbie_mp.logs.capsule.replay import changed_code, judge, replay
 from robbie_mp.logs.capsule.replayed import ForeignClass, ReplayHarness
 from robbie_mp.logs.capsule.write import write_capsule
 from robbie_mp.run.trace.crash import CrashReport, LastWords
