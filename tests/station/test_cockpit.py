@@ -18,7 +18,7 @@ from tests.station._support.browser import LAPTOP, browser, choose_layout, needs
 from tests.station.test_driving import ARENA, Journal
 from tests.station.test_page import address_of
 
-pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(300)]
 HERE = Path(__file__).parent
 PROFILE = """
 modules:

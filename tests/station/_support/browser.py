@@ -74,11 +74,13 @@ def page_of(
 
     page.on("console", note)
     page.on("pageerror", lambda error: said.append(str(error)))
-    page.goto(address)
     try:
+        page.goto(address)
         yield page
     except BaseException:
         print(f"The console said {said}. The page at {page.url} shows:\n{_shown(page)}")
+        with suppress(PlaywrightError):
+            context.close()  # or it would keep drawing, and driving, beside the next test
         raise
     context.close()
     unexpected = [
