@@ -36,6 +36,9 @@ END_S = 20.0
 """How long the end of a run waits for each capsule that is still to be written.
 
 Its writer takes half a second of a processor, which is many seconds where 20 other processes run."""
+STALL_S = 5.0
+"""But not longer for one whose writer gets no further: the disk has stalled."""
+POLL_S = 0.1
 LIMIT_S = 60.0
 """A writer that takes longer is killed: the disk has stalled."""
 
@@ -190,9 +193,7 @@ class Capsules:
     def close(self) -> None:
         """Wait for what is being written, as long as the disk accepts data."""
         while self._process is not None:
-            try:
-                self._process.wait(END_S)
-            except subprocess.TimeoutExpired:
+            if not _ends(self._process):
                 self._give_up()
                 break
             self.turn()
@@ -207,6 +208,28 @@ class Capsules:
             self._say(
                 order.module, Kind.WARNING, "no capsule of this crash: the run is over, the disk is slow"
             )
+
+
+def _ends(process: "subprocess.Popen[bytes]") -> bool:
+    """Wait for a process as long as it gets further; return whether it has ended."""
+    begin_s = moved_s = time.monotonic()
+    ran_ns = -1
+    while (now_s := time.monotonic()) - begin_s < END_S and now_s - moved_s < STALL_S:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(POLL_S)
+            return True
+        if (ran := _ran_ns(process.pid)) != ran_ns:
+            ran_ns, moved_s = ran, now_s
+    return False
+
+
+def _ran_ns(pid: int) -> int:
+    """Return how long a process has been on a processor, or has waited for one."""
+    try:
+        ran_ns, waited_ns, _ = map(int, Path(f"/proc/{pid}/schedstat").read_bytes().split())
+    except (OSError, ValueError):
+        return 0
+    return ran_ns + waited_ns
 
 
 def _opened(name: str, folder: int) -> BinaryIO:
