@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, NamedTuple, cast
 
@@ -76,6 +77,21 @@ def message_type_from_schema(type_name: str, text: str, version: int = 1) -> typ
     if named := NAME_LINE.match(first):
         first = first[named.end() :]
     return _Builder(definitions).build(type_name, first, version)
+
+
+def message_type_of(type_name: str, fields: Mapping[str, FieldType]) -> type[Message]:
+    """Create a message class from the types of its fields.
+
+    Args:
+        type_name: full name, such as `test_msgs/action/Fibonacci_FeedbackMessage`.
+        fields: types by the names of the fields, in their order.
+    """
+    body = {
+        "__annotations__": {python_name(name): Annotated[Any, kind] for name, kind in fields.items()},
+        "__module__": __name__,
+        "__doc__": "Made from the types of its fields.",
+    }
+    return cast(type[Message], MessageType(type_name.rpartition("/")[2], (Message,), body, name=type_name))
 
 
 def _short(name: str) -> str:

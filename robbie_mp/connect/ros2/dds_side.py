@@ -14,7 +14,13 @@ from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
 from robbie_mp.connect.ros2.rtps.participant import NoInterface
 from robbie_mp.connect.ros2.rtps.services import DdsServices
-from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, Ros2Unavailable, RosChannel
+from robbie_mp.connect.ros2.side import (
+    RESPONSE_LIMIT_S,
+    MiddlewareInbox,
+    NodeName,
+    Ros2Unavailable,
+    RosChannel,
+)
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import Message, from_dict
 from robbie_mp.messages.schema_parser import message_type_from_schema
@@ -140,6 +146,11 @@ class DdsSide:
 
     def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher."""
+        self.announce(channel)
+        self._write(self._writers[channel], data)
+
+    def announce(self, channel: RosChannel) -> None:
+        """Announce a publisher before it has anything to send."""
         if channel not in self._writers:
             topic, message_type = self._topic(channel)
             self._offered[f"rt{channel.name}"] = channel
@@ -148,7 +159,6 @@ class DdsSide:
                 topic, quality.is_reliable, quality.is_latched, quality.depth, message_type
             )
             self._tell()
-        self._write(self._writers[channel], data)
 
     def listen(self, channel: RosChannel) -> None:
         """Ask for the messages of a channel."""
@@ -175,14 +185,20 @@ class DdsSide:
         self._with_services().serve(name, service)
         self._tell()
 
-    def join(self, name: str, service: "ServiceType") -> None:
+    def join(self, name: str, service: "ServiceType", group: str = "") -> None:
         """Prepare to call a service of ROS."""
-        self._with_services().join(name, service)
+        self._with_services().join(name, service, group)
         self._tell()
 
-    def call(self, name: str, data: bytes, done: "Callable[[bytes | str], None]") -> None:
+    def call(
+        self,
+        name: str,
+        data: bytes,
+        done: "Callable[[bytes | str], None]",
+        limit_s: float = RESPONSE_LIMIT_S,
+    ) -> None:
         """Call a service of ROS."""
-        self._with_services().call(name, data, done)
+        self._with_services().call(name, data, done, limit_s)
 
     def look_after(self) -> None:
         """Count endpoints that do not fit.

@@ -25,11 +25,21 @@ from robbie_mp.connect.bridge.orders import (
     orders_of,
 )
 from robbie_mp.connect.bridge.surroundings import BridgeRun
+from robbie_mp.connect.ros2.action_types import STATUSES
 from robbie_mp.connect.ros2.dds_side import LOOPBACK, DdsSide
 from robbie_mp.connect.ros2.desk import Desk, RosRequest
+from robbie_mp.connect.ros2.goal_desk import GoalDesk
 from robbie_mp.connect.ros2.padding import unpadded
 from robbie_mp.connect.ros2.parameters import NodeParameters
-from robbie_mp.connect.ros2.ros_calls import RosCalls, calls_named, check_calls
+from robbie_mp.connect.ros2.ros_calls import (
+    RosCall,
+    RosCalls,
+    SharedAction,
+    actions_named,
+    calls_named,
+    check_calls,
+)
+from robbie_mp.connect.ros2.ros_goals import RosGoals
 from robbie_mp.connect.ros2.service_types import SET_BOOL, TRIGGER
 from robbie_mp.connect.ros2.side import MAX_DOMAIN, MiddlewareInbox, NodeName, RosArrival, RosChannel, Side
 from robbie_mp.connect.ros2.type_hash import type_hash
@@ -50,7 +60,7 @@ from robbie_mp.messages.frames import Rename
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
-from robbie_mp.module.module import Module, setting
+from robbie_mp.module.module import Module, calls_of, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.trace.log_limit import LogLimit
@@ -129,7 +139,11 @@ class Ros2Bridge(Module):
         {}, "services in ROS: a name, a service of this robot, and the fields of its requests"
     )
     calls: dict[str, str] = setting(
-        {}, "services of ROS that modules call: a name in ROS, the type of the robot's service, and its topic"
+        {},
+        "services and actions of ROS that modules call: a name in ROS, the robot's type of it, and its topic",
+    )
+    actions: dict[str, str] = setting(
+        {}, "actions of the robot in ROS: a name in ROS, the robot's type of goals, and its topic"
     )
     emergency_stop: str = setting(
         "engage", "what ROS may do with the emergency stop", choices=("none", "engage", "release")
@@ -160,12 +174,13 @@ class Ros2Bridge(Module):
             check_orders(services)
         except MappingError as error:
             raise SettingError(str(error), "services") from error
-        calls = settings["calls"]
-        assert isinstance(calls, Mapping)
-        try:
-            check_calls(calls)
-        except MappingError as error:
-            raise SettingError(str(error), "calls") from error
+        for name in ("calls", "actions"):
+            lines = settings[name]
+            assert isinstance(lines, Mapping)
+            try:
+                check_calls(lines, name)
+            except MappingError as error:
+                raise SettingError(str(error), name) from error
 
     # -- begin and end ---------------------------------------------------------------------------------
 
@@ -181,6 +196,7 @@ class Ros2Bridge(Module):
         self._ages = AgeLog(self.log, FAR)
         self._frames = FrameMap(self.frames)
         self._named: set[str] = set()
+        self._own_types = {one.type_name: one for one in (CLOCK, DIAGNOSTICS, STATUSES)}
         self._shown_at_ns = 0
         self._run_clock = RunClock.attach(self.run_id) if around.has_own_clock else None
         self._is_described = self.urdf is None
@@ -194,6 +210,10 @@ class Ros2Bridge(Module):
             called = calls_named(self.calls, self._types)
         except MappingError as error:
             raise SettingError(str(error), "calls") from error
+        try:
+            offered = actions_named(self.actions, self._types)
+        except MappingError as error:
+            raise SettingError(str(error), "actions") from error
         self.inbox = MiddlewareInbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
         self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
         self._incoming: dict[RosChannel, tuple[Incoming, type[Message], Rename]] = {}
@@ -204,9 +224,7 @@ class Ros2Bridge(Module):
             self.side.listen(channel)
         self.desk = Desk(self.side, self.inbox, self.log)
         self._offer_services()
-        self.ros_calls = RosCalls(self, self.side, self.map.absolute)
-        for call in called:
-            self.ros_calls.offer(call)
+        self._share_calls(called, offered)
         self.node_parameters: NodeParameters | None = None
         if self.parameters != "none":
             node = self.map.absolute(self.node)
@@ -219,6 +237,35 @@ class Ros2Bridge(Module):
             self.subscribe_encoded(outgoing.pair.type, self.on_message, topic=outgoing.pair.topic)
         self._log_limit = LogLimit()
         self.log.addFilter(self._log_limit)  # last: without a whole setup there is no teardown
+
+    def _share_calls(self, called: list[RosCall | SharedAction], offered: list[SharedAction]) -> None:
+        """Let modules call ROS, and nodes of ROS send goals to modules."""
+        self.ros_calls = RosCalls(self, self.side, self.map.absolute)
+        self.ros_goals = RosGoals(self, self.side, self._frames, self.log)
+        client = calls_of(self).client
+        self.goal_desk = GoalDesk(client, self.side, self.desk, self._frames, self.log, self._now_ns)
+        self._actions = [one._replace(name=self.map.absolute(one.name)) for one in offered]
+        for action in self._actions:
+            self._own_types[action.action.feedback.type_name] = action.action.feedback
+            self.goal_desk.offer(action)
+        for call in called:
+            if isinstance(call, RosCall):
+                self.ros_calls.offer(call)
+            else:
+                self._own_types[call.action.feedback.type_name] = call.action.feedback
+                self.ros_goals.offer(call._replace(name=self.map.absolute(call.name)))
+        self._looks_for_earlier_goals = True
+        self.goal_desk.on_change = self.ros_goals.on_change = self._remember_goals
+
+    def _remember_goals(self) -> None:
+        """Save which goals have not ended: after a crash, the next process cancels them."""
+        self.checkpoint({"served": self.goal_desk.memory, "sent": self.ros_goals.memory})
+
+    def _end_earlier_goals(self) -> None:
+        self._looks_for_earlier_goals, memory = False, self.restored
+        if memory is not None:
+            self.goal_desk.end_earlier(self._actions, memory["served"])
+            self.ros_goals.end_earlier(memory["sent"])
 
     def _offer_services(self) -> None:
         for order in self._orders:
@@ -256,8 +303,7 @@ class Ros2Bridge(Module):
         return clock.now_ns() if clock is not None and clock.has_begun else self.clock.now_ns()
 
     def _type(self, type_name: str) -> type[Message]:
-        own = {one.type_name: one for one in (CLOCK, DIAGNOSTICS)}
-        return own.get(type_name) or self._types.get(type_name)
+        return self._own_types.get(type_name) or self._types.get(type_name)
 
     def _own(self, message_type: type[Message], name: str, quality: Quality) -> RosChannel:
         """Return a channel of the bridge's own messages."""
@@ -266,6 +312,7 @@ class Ros2Bridge(Module):
     def teardown(self) -> None:
         """Leave ROS 2."""
         self.log.removeFilter(self._log_limit)
+        self.ros_goals.close()
         self.side.close()
         if self._run_clock is not None:
             self._run_clock.close()
@@ -324,12 +371,19 @@ class Ros2Bridge(Module):
 
     def tick(self) -> None:
         """Take what has arrived, and show figures."""
+        if self._looks_for_earlier_goals:
+            self._end_earlier_goals()
         for arrived in self.inbox.take():
-            self._take(arrived)
+            if arrived.channel in self.ros_goals.channels:
+                self.ros_goals.on_feedback(arrived.channel, arrived.data)
+            else:
+                self._take(arrived)
         while self.inbox.unnamed:
             self._name(f"a message was not asked for: {one_line(self.inbox.unnamed.popleft())}")
         self.desk.serve()
         self.ros_calls.tick()
+        self.goal_desk.tick()
+        self.ros_goals.tick()
         if self._stop is not None:
             self._stop.tick()
         if self.node_parameters is not None:
@@ -442,16 +496,20 @@ class Ros2Bridge(Module):
             "unsent": self.side.unsent,
             "incompatible": self.side.incompatible,
             "not asked for": self.inbox.strangers,
-            "malformed": self.malformed + self.desk.malformed,
+            "malformed": self.malformed + self.desk.malformed + self.ros_goals.malformed,
             "late": self.late,
             "refused": self.refused,
             "overflowed": self.inbox.overflowed,
             "too large": self.inbox.oversized,
             "calls of ROS failed": self.ros_calls.failed,
+            "goals refused": self.goal_desk.refused,
+            "goals for ROS failed": self.ros_goals.failed,
             "of the trace skipped": self._trace.skipped if self._trace is not None else 0,
         }
         served = f", {self.desk.handled} requests" if self.desk.handled else ""
         served += f", {self.ros_calls.asked} calls of ROS" if self.ros_calls.asked else ""
+        served += f", {self.goal_desk.accepted} goals" if self.goal_desk.accepted else ""
+        served += f", {self.ros_goals.sent} goals for ROS" if self.ros_goals.sent else ""
         shown = served + "".join(f", {number} {what}" for what, number in lost.items() if number)
         return f"sent {self.sent}, received {self.received}{shown}"
 

@@ -1,33 +1,40 @@
-"""Services of ROS 2 that modules of the robot call as they call one another.
+"""Services and actions of ROS 2 that modules of the robot call as they call one another.
 
-The setting `calls` names each: its name in ROS, the robot's type of its requests, and a topic.
+The setting `calls` names each: its name in ROS, the robot's type of its requests or goals, and a topic.
 
     calls:
       /slam/save: "std_srvs/srv/Trigger"
       /arm/left/home: "Home left"
+      /navigate_to_pose: "nav2_msgs/action/NavigateToPose"
 
-The type in ROS is that of the robot without the field `call`, which numbers the calls of a module.
+The setting `actions` has the same form. It names actions of the robot that nodes of ROS send goals to.
 """
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.connect.bridge.mapping import MAX_ACCEPTED, NAME, MappingError
+from robbie_mp.connect.ros2.action_types import ActionType, action_type
 from robbie_mp.connect.ros2.padding import unpadded
-from robbie_mp.connect.ros2.service_types import ServiceType
+from robbie_mp.connect.ros2.service_types import ServiceType, fields_without_call, ros_type
 from robbie_mp.connect.ros2.side import Side
 from robbie_mp.connect.ros2.type_hash import service_hash
-from robbie_mp.messages import Message, MessageError, as_dict, from_dict, schema_text
-from robbie_mp.messages.calls import REQUEST_SUFFIX, response_name
+from robbie_mp.messages import Message, MessageError, from_dict
+from robbie_mp.messages.calls import (
+    FEEDBACK_SUFFIX,
+    GOAL_SUFFIX,
+    REQUEST_SUFFIX,
+    RESULT_SUFFIX,
+    response_name,
+)
 from robbie_mp.messages.descriptions import KnownTypes
-from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.module.calls.server import LaterReply
 from robbie_mp.module.module import Module, calls_of
 
-CALL_FIELD = "uint64 call\n"
+_Read = TypeVar("_Read")
 
 
 class RosCall(NamedTuple):
@@ -48,24 +55,48 @@ class RosCall(NamedTuple):
     service: ServiceType
 
 
-def check_calls(calls: Mapping[str, str]) -> None:
-    """Check the form of the setting `calls`, without the types of the run.
+class SharedAction(NamedTuple):
+    """An action that the robot and ROS both know.
+
+    Attributes:
+        name: its name in ROS.
+        topic: the robot's name of it.
+        goals: the robot's class of its goals.
+        feedbacks: the robot's class of its feedback.
+        results: the robot's class of its results.
+        action: its type in ROS.
+    """
+
+    name: str
+    topic: str
+    goals: type[Message]
+    feedbacks: type[Message]
+    results: type[Message]
+    action: ActionType
+
+
+def check_calls(lines: Mapping[str, str], setting: str) -> None:
+    """Check the form of a setting `calls` or `actions`, without the types of the run.
+
+    Args:
+        lines: the setting.
+        setting: its name.
 
     Raises:
         MappingError: a line is wrong; the text names all of them.
     """
     problems = [
         f"{name!r}: expected a name such as '/slam/save', and a type with or without a topic; got {text!r}"
-        for name, text in calls.items()
+        for name, text in lines.items()
         if not NAME.fullmatch(name) or len(text.split()) not in (1, 2)
     ]
-    if len(calls) > MAX_ACCEPTED:
-        problems.append(f"`calls` has more than {MAX_ACCEPTED} names")
+    if len(lines) > MAX_ACCEPTED:
+        problems.append(f"`{setting}` has more than {MAX_ACCEPTED} names")
     if problems:
         raise MappingError("\n".join(problems))
 
 
-def calls_named(calls: Mapping[str, str], types: KnownTypes) -> list[RosCall]:
+def calls_named(calls: Mapping[str, str], types: KnownTypes) -> list[RosCall | SharedAction]:
     """Read the setting `calls`.
 
     Args:
@@ -75,13 +106,27 @@ def calls_named(calls: Mapping[str, str], types: KnownTypes) -> list[RosCall]:
     Raises:
         MappingError: a line is wrong; the text names all of them.
     """
-    check_calls(calls)
-    found: list[RosCall] = []
+    return _each(calls, "calls", lambda name, kind, topic: _call_or_action(name, kind, topic, types))
+
+
+def actions_named(actions: Mapping[str, str], types: KnownTypes) -> list[SharedAction]:
+    """Read the setting `actions`; arguments and errors as for `calls_named`.
+
+    Args:
+        actions: the setting.
+        types: the types of the run.
+    """
+    return _each(actions, "actions", lambda name, kind, topic: _action(name, kind, topic, types))
+
+
+def _each(lines: Mapping[str, str], setting: str, read: Callable[[str, str, str], _Read]) -> list[_Read]:
+    check_calls(lines, setting)
+    found: list[_Read] = []
     problems: list[str] = []
-    for name, text in calls.items():
+    for name, text in lines.items():
         type_name, _, topic = text.strip().partition(" ")
         try:
-            found.append(_call(name, type_name, topic.strip(), types))
+            found.append(read(name, type_name, topic.strip()))
         except RobbieError as error:
             problems.append(f"{name!r}: {error}")
     if problems:
@@ -89,22 +134,24 @@ def calls_named(calls: Mapping[str, str], types: KnownTypes) -> list[RosCall]:
     return found
 
 
-def _call(name: str, type_name: str, topic: str, types: KnownTypes) -> RosCall:
+def _call_or_action(name: str, type_name: str, topic: str, types: KnownTypes) -> RosCall | SharedAction:
     full = types.find_request(type_name)
-    if not full.endswith(REQUEST_SUFFIX):
-        raise MappingError(f"{type_name} is an action; only services can be called")
+    if full.endswith(GOAL_SUFFIX):
+        return _action(name, type_name, topic, types)
     requests, replies = types.get(full), types.get(response_name(full))
-    request, response = _without_call(requests), _without_call(replies)
+    request, response = ros_type(requests), ros_type(replies)
     short = full.removesuffix(REQUEST_SUFFIX)
     service = ServiceType(short, request, response, service_hash(short, request, response))
     return RosCall(name, topic, requests, replies, service)
 
 
-def _without_call(message_type: type[Message]) -> type[Message]:
-    """Return the type in ROS, which has no number of the call."""
-    return message_type_from_schema(
-        message_type.type_name, schema_text(message_type).replace(CALL_FIELD, "", 1)
-    )
+def _action(name: str, type_name: str, topic: str, types: KnownTypes) -> SharedAction:
+    full = types.find_request(type_name)
+    if not full.endswith(GOAL_SUFFIX):
+        raise MappingError(f"{type_name} is a service; `services` offers those")
+    short = full.removesuffix(GOAL_SUFFIX)
+    kinds = types.get(full), types.get(f"{short}{FEEDBACK_SUFFIX}"), types.get(f"{short}{RESULT_SUFFIX}")
+    return SharedAction(name, topic, *kinds, action_type(short, *map(ros_type, kinds)))
 
 
 class RosCalls:
@@ -132,8 +179,7 @@ class RosCalls:
 
         def on_request(request: Any, later: LaterReply) -> None:
             self.asked += 1
-            fields = {one: value for one, value in as_dict(request).items() if one != "call"}
-            data = from_dict(call.service.request, fields).encode()
+            data = from_dict(call.service.request, fields_without_call(request)).encode()
             self._side.call(name, data, lambda result: self._put(call, later, result))
 
         calls_of(self._module).server.serve_later(call.requests, on_request, call.topic)
@@ -157,7 +203,7 @@ class RosCalls:
         try:
             response = call.service.response.decode(data)
             unpadded(response, data)
-            reply = from_dict(call.replies, as_dict(response))
+            reply = from_dict(call.replies, fields_without_call(response))
         except MessageError as error:
             self.failed += 1
             later.refuse(f"the response of {call.name} is wrong: {one_line(str(error))}")

@@ -1,11 +1,18 @@
-"""The service types of ROS 2 that a bridge offers, made from their definitions."""
+"""The service types of ROS 2 that a bridge offers or calls.
 
-from typing import Final, NamedTuple
+Robbie's requests, replies, goals, feedbacks and results have a field `call` in front, which numbers the calls
+of a module. In ROS they have none, and one without any field has a byte.
+"""
+
+from typing import Any, Final, NamedTuple
 
 from robbie_mp.connect.ros2.type_hash import FILLER, service_hash
-from robbie_mp.messages import Message
+from robbie_mp.messages import Message, as_dict, schema_text
+from robbie_mp.messages.message import fields_of
 from robbie_mp.messages.schema_parser import message_type_from_schema
 
+CALL: Final = "call"
+_CALL_LINE: Final = f"uint64 {CALL}\n"
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 
 
@@ -53,6 +60,22 @@ def service_type(name: str, definition: str, **nested: str) -> ServiceType:
 
     request, response = build(0), build(1)
     return ServiceType(name, request, response, service_hash(name, request, response))
+
+
+def ros_type(message_type: type[Message]) -> type[Message]:
+    """Return the type that the robot's requests, goals and the like have in ROS.
+
+    Args:
+        message_type: the robot's class, with a field `call`.
+    """
+    text = schema_text(message_type).replace(_CALL_LINE, "", 1)
+    has_others = len(fields_of(message_type)) > 1
+    return message_type_from_schema(message_type.type_name, text if has_others else f"uint8 {FILLER}\n{text}")
+
+
+def fields_without_call(message: Message) -> dict[str, Any]:
+    """Return the fields that a message has both in ROS and on the robot, for `from_dict`."""
+    return {name: value for name, value in as_dict(message).items() if name not in (CALL, FILLER)}
 
 
 TRIGGER: Final = service_type("std_srvs/srv/Trigger", "---\nbool success\nstring message")

@@ -19,6 +19,9 @@ CLOCKS_DIFFER_S = 0.1
 MAX_CALLS = 64
 """Most requests that wait until the module takes them; the clients of further ones get no response."""
 
+RESPONSE_LIMIT_S = 60.0
+"""After this time, a request to ROS without response has ended, unless its caller says another one."""
+
 
 class Ros2Unavailable(RobbieError, RuntimeError):
     """The bridge to ROS 2 cannot work.
@@ -200,22 +203,38 @@ class Side(Protocol):
     def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher. It does not wait for anybody."""
 
+    def announce(self, channel: RosChannel) -> None:
+        """Announce a publisher before it has anything to send."""
+
     def listen(self, channel: RosChannel) -> None:
         """Ask for the messages of a channel; they come into the inbox."""
 
     def serve(self, name: str, service: "ServiceType") -> None:
         """Offer a service; requests come into the inbox."""
 
-    def join(self, name: str, service: "ServiceType") -> None:
-        """Prepare to call a service of ROS."""
+    def join(self, name: str, service: "ServiceType", group: str = "") -> None:
+        """Prepare to call a service of ROS.
 
-    def call(self, name: str, data: bytes, done: Callable[[bytes | str], None]) -> None:
+        Args:
+            name: its name.
+            service: its type.
+            group: services with this name are called only where one node serves them all; "": it is alone.
+        """
+
+    def call(
+        self,
+        name: str,
+        data: bytes,
+        done: Callable[[bytes | str], None],
+        limit_s: float = RESPONSE_LIMIT_S,
+    ) -> None:
         """Call a service of ROS that was joined.
 
         Args:
             name: its name.
             data: the encoded request.
             done: called once, in any thread, with the encoded response, or a text that says what is wrong.
+            limit_s: time for the response, s.
         """
 
     def look_after(self) -> None:

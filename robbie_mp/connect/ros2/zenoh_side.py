@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.bridge.mapping import Quality
 from robbie_mp.connect.link.wire import Endpoints, LinkUnavailable, open_session
-from robbie_mp.connect.ros2.side import MiddlewareInbox, NodeName, ReusedMemory, Ros2Unavailable, RosChannel
+from robbie_mp.connect.ros2.side import (
+    RESPONSE_LIMIT_S,
+    MiddlewareInbox,
+    NodeName,
+    ReusedMemory,
+    Ros2Unavailable,
+    RosChannel,
+)
 from robbie_mp.connect.ros2.tokens import (
     CLIENT,
     PUBLISHER,
@@ -32,8 +39,8 @@ if TYPE_CHECKING:
 
 LARGE_BYTES = 1 << 16
 """Size from which a message fills Zenoh's batches: waiting for more to send with its end only costs time."""
-RESPONSE_LIMIT_S = 60.0
-"""After this time, a request without response has ended; its client may give up before."""
+LONGEST_S = 30 * 86400.0
+"""Zenoh wants a limit for each request."""
 ROUTER = "tcp/127.0.0.1:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
 
@@ -125,9 +132,8 @@ class ZenohSide:
         """Send a message; the first on a channel announces a publisher."""
         import zenoh  # noqa: PLC0415
 
-        publisher = self._publishers.get(channel)
-        if publisher is None:
-            publisher = self._publishers[channel] = self._declare(channel)
+        self.announce(channel)
+        publisher = self._publishers[channel]
         publisher.sent += 1
         attachment = Attachment(publisher.sent, time.time_ns(), publisher.gid).encode()
         own = publisher.large if len(data) >= LARGE_BYTES else publisher.zenoh
@@ -135,6 +141,11 @@ class ZenohSide:
             own.put(self._memory.copy(data), attachment=attachment)
         except zenoh.ZError:
             self.unsent += 1
+
+    def announce(self, channel: RosChannel) -> None:
+        """Announce a publisher before it has anything to send."""
+        if channel not in self._publishers:
+            self._publishers[channel] = self._declare(channel)
 
     def listen(self, channel: RosChannel) -> None:
         """Ask for the messages of a channel, whichever type they have: those of others are counted."""
@@ -168,14 +179,20 @@ class ZenohSide:
         served = self._zenoh.declare_queryable(key, on_query, complete=True)
         self._declared += [served, self._token(SERVICE, channel)[1]]
 
-    def join(self, name: str, service: "ServiceType") -> None:
-        """Prepare to call a service of ROS."""
+    def join(self, name: str, service: "ServiceType", group: str = "") -> None:
+        """Prepare to call a service of ROS. A request reaches all nodes that serve it, whatever its group."""
         channel = RosChannel(name, service.name, service.type_hash, Quality())
         token, declared = self._token(CLIENT, channel)
         self._declared.append(declared)
         self._clients[name] = _Client(data_key(self.node.domain, channel), gid(token))
 
-    def call(self, name: str, data: bytes, done: "Callable[[bytes | str], None]") -> None:
+    def call(
+        self,
+        name: str,
+        data: bytes,
+        done: "Callable[[bytes | str], None]",
+        limit_s: float = RESPONSE_LIMIT_S,
+    ) -> None:
         """Call a service of ROS; Zenoh says by itself when there is no response any more."""
         import zenoh  # noqa: PLC0415
 
@@ -197,7 +214,7 @@ class ZenohSide:
             attachment=Attachment(client.sent, time.time_ns(), client.gid).encode(),
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=RESPONSE_LIMIT_S,
+            timeout=min(limit_s, LONGEST_S),
         )
 
     def look_after(self) -> None:

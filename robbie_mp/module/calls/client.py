@@ -74,12 +74,20 @@ class _Call:
     """The incarnation of the server that was asked about the call, or got the request."""
     first_incarnation: int
     on_feedback: Callable[[Any], None] | None = None
+    on_accepted: Callable[[], None] | None = None
+    """Called once it is known that the server works on it; None: nobody asks, or it is known."""
     cancel_reason: str | None = None
     """Why the goal was cancelled; None if it was not."""
     is_over: bool = False
     """Whether its end was reported, though the server may still work on it and must be cancelled."""
     seems_gone: bool = False
     """Whether the server did not serve any more at the last look; a reply may be on its way."""
+
+    def accept(self) -> None:
+        """Report that the server works on it, unless that was reported."""
+        report, self.on_accepted = self.on_accepted, None
+        if report is not None:
+            report()
 
     def question_due_ns(self) -> int:
         """Return when to ask the server about it."""
@@ -151,6 +159,7 @@ class ClientCalls:
         topic: str,
         feedbacks: type[Message] | None = None,
         on_feedback: Callable[[Any], None] | None = None,
+        on_accepted: Callable[[], None] | None = None,
     ) -> int:
         """Send a request or a goal, which may be of a class without `Request`; see `Module.call`.
 
@@ -163,6 +172,8 @@ class ClientCalls:
             topic: the name of the service.
             feedbacks: for a goal, the type of its feedback.
             on_feedback: called with the feedback.
+            on_accepted: called once when the server has accepted the goal, before anything else of it. If it
+                refuses the goal, only `on_error` is called. None: nobody asks the server.
 
         Returns:
             The number of the call.
@@ -202,7 +213,7 @@ class ClientCalls:
         look_ns = peers.now_ns() + min(LOOK_PERIOD_NS, timeout_ns or LOOK_PERIOD_NS)
         self._look_ns = min(look_ns, self._look_ns) if self._calls else look_ns
         self._due.bring_forward(self._look_ns)
-        self._calls[number] = _Call(
+        self._calls[number] = call = _Call(
             number,
             service.label,
             server,
@@ -214,8 +225,44 @@ class ClientCalls:
             incarnation,
             incarnation,
             on_feedback,
+            on_accepted,
         )
+        if on_accepted is not None:
+            self._ask([call])  # the question arrives after the goal, so the answer tells what became of it
         return number
+
+    def end_earlier(self, number: int, goal_type: type[Message], topic: str, reason: str) -> None:
+        """Cancel a goal that an earlier process of this module has sent, until its server has ended it.
+
+        Args:
+            number: the number of its call.
+            goal_type: its class.
+            topic: the name of the service.
+            reason: in plain words.
+        """
+        service = self._find(goal_type, topic)
+        if service.server is None or number in self._calls:
+            return
+        if GoalEnd not in self._listened:
+            self._listen(GoalEnd, self._on_goal_end)
+        now_ns, incarnation = self._clock.monotonic_ns(), service.incarnation
+        self._calls[number] = call = _Call(
+            number,
+            service.label,
+            service.server,
+            _ignore,
+            _ignore,
+            now_ns,
+            None,
+            now_ns,
+            incarnation,
+            incarnation,
+            cancel_reason=reason,
+            is_over=True,
+        )
+        self._look_ns = self._bus.peers.now_ns() + LOOK_PERIOD_NS
+        self._due.bring_forward(self._look_ns)
+        self._ask([call])
 
     def cancel(self, number: int, reason: str) -> bool:
         """Ask the server of a goal to end it, again and again until it has; False if it has ended already."""
@@ -341,6 +388,7 @@ class ClientCalls:
         call = self._take(reply.call)
         if call is None:
             return
+        call.accept()
         if (flaw := find_flaw(reply)) is None:
             call.on_reply(reply)
         else:
@@ -356,18 +404,25 @@ class ClientCalls:
         if call is None or call.is_over or call.server.module != self._bus.sender():
             self.late += 1
         elif call.on_feedback is not None:
+            call.accept()
             call.on_feedback(feedback)
 
     def _on_goal_end(self, end: GoalEnd) -> None:
         call = self._take(end.call)
         if call is not None:
+            call.accept()
             call.on_error(GOAL_ENDS.get(end.outcome, GoalAborted)(end.reason))
 
     def _on_answer(self, answer: CallsAnswer) -> None:
         sender = self._bus.sender()
-        for number in set(answer.calls.tolist()) - set(answer.pending.tolist()):
+        pending = set(answer.pending.tolist())
+        for number in answer.calls.tolist():
             call = self._calls.get(number)
-            if call is not None and call.server.module == sender:
+            if call is None or call.server.module != sender:
+                continue
+            if number in pending:
+                call.accept()
+            else:
                 self._fail(call, self._lost(call))
         self.report()
 
@@ -444,3 +499,7 @@ class SentGoal:
             False if the goal has already ended.
         """
         return self._client.cancel(self._number, reason)
+
+
+def _ignore(_: object) -> None:
+    """Do nothing: the goal has ended for whoever sent it."""

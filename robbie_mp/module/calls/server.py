@@ -126,6 +126,19 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
         if self.is_active:  # who replaces a goal need not know whether its client has cancelled it meanwhile
             self._end(GoalEnd.PREEMPTED, reason)
 
+    def refuse(self, reason: str) -> None:
+        """Refuse the goal after all, where another system decides; its client gets `CallRefused`.
+
+        Args:
+            reason: in plain words.
+
+        Raises:
+            GoalEnded: the goal has ended.
+        """
+        self._check_active()
+        del self._server.goals[self.key]
+        self._server.refuse(*self.key, reason)
+
     def _end(self, outcome: int, reason: str) -> None:
         self._check_active()
         del self._server.goals[self.key]
@@ -310,9 +323,27 @@ class ServiceCalls:
         topic: str,
     ) -> None:
         """Subscribe to goals and to their cancels; raises as `serve`."""
-        types = goal_types(goal_type)
+        self.serve_goals_of(goal_type, goal_types(goal_type), on_goal, on_cancel, topic)
 
-        def on_message(goal: Goal[FeedbackType, ResultType]) -> None:
+    def serve_goals_of(
+        self,
+        goal_type: type[Message],
+        types: tuple[type[Any], type[Any]],
+        on_goal: Callable[[Any], None],
+        on_cancel: Callable[[Any, str], None] | None,
+        topic: str,
+    ) -> None:
+        """Subscribe as `serve_goals`, to goals of a class without `Goal`.
+
+        Args:
+            goal_type: the class of the goals, which have a field `call`.
+            types: the classes of feedback and result, which have such a field, too.
+            on_goal: gets each goal.
+            on_cancel: gets each goal that is cancelled, and the reason; None: it ends at once.
+            topic: the name of the service.
+        """
+
+        def on_message(goal: Any) -> None:
             active: ActiveGoal[Any, Any, Any] = ActiveGoal(self, self._bus.sender(), goal, types)
             if not self._is_well_formed(goal, active.client) or self._is_repeated(active):
                 return

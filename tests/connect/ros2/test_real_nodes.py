@@ -361,7 +361,7 @@ def test_node_that_dies_before_it_responds_is_an_error(ros: Ros) -> None:
     assert "no node serves /slam/load" in refusal_of(bridge, LoadMap(call=1, data=True), "maps")
     node.run(SERVE_SILENTLY, domain=bridge.module.domain)
     side: Any = bridge.module.side
-    until(bridge, side._services._clients["/slam/load"].server)
+    until(bridge, side._services._clients["/slam/load"].servers)
     ends = ends_of(bridge, LoadMap(call=2, data=True), "maps")
     bridge.advance(0.1)
     assert not ends

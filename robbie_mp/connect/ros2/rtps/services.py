@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from robbie_mp.connect.ros2.rtps import wire
 from robbie_mp.connect.ros2.rtps.endpoints import ReliableReader, ReliableWriter
 from robbie_mp.connect.ros2.rtps.participant import Participant
-from robbie_mp.connect.ros2.side import MiddlewareInbox
+from robbie_mp.connect.ros2.side import RESPONSE_LIMIT_S, MiddlewareInbox
 from robbie_mp.connect.ros2.type_hash import type_hash
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ Done = Callable[["bytes | str"], None]
 """Gets the encoded response of a call, or a text that says why there is none."""
 SERVER_WAIT_S: Final = 1.0
 """How long a request waits until a node that serves it has been found."""
-RESPONSE_LIMIT_S: Final = 60.0
-"""After this time, a request without response has ended; its client may give up before."""
 MAX_REQUESTS: Final = 64
 MAX_RESPONSES: Final = 64
 """Most responses that wait for that."""
@@ -55,6 +53,8 @@ class _Request(NamedTuple):
     data: bytes
     done: Done
     until_s: float
+    limit_s: float
+    """Time for the response, once it was sent."""
     server: bytes = b""
     """The participant that it was sent to."""
 
@@ -66,14 +66,16 @@ class _Client:
     name: str
     writer: ReliableWriter
     reader: ReliableReader
+    group: str = ""
+    """Clients with the same one ask a participant only if it serves them all."""
     waiting: "deque[_Request]" = field(default_factory=deque)
     sent: dict[int, _Request] = field(default_factory=dict)
 
-    def server(self) -> bytes:
-        """Return a participant that serves it and knows this client; empty if there is none."""
+    def servers(self) -> list[bytes]:
+        """Return the participants that serve it and know this client, in the order of their discovery."""
         met = {one[: wire.PREFIX_BYTES] for one, proxy in self.reader.writers.items() if proxy.knows_reader}
         readers = (one[: wire.PREFIX_BYTES] for one in self.writer.readers)
-        return next((one for one in readers if one in met), b"")
+        return [one for one in readers if one in met]
 
 
 @dataclass
@@ -130,8 +132,8 @@ class DdsServices:
         self.readers.append(self._participant.guid(reader))
         self.writers.append(self._participant.guid(writer))
 
-    def join(self, name: str, service: "ServiceType") -> None:
-        """Prepare to call a service of ROS."""
+    def join(self, name: str, service: "ServiceType", group: str = "") -> None:
+        """Prepare to call a service of ROS; see `Side.join`."""
         dds_type = _dds_type(service)
         asked, answered = (
             f"typehash={type_hash(one)};".encode() for one in (service.request, service.response)
@@ -145,24 +147,25 @@ class DdsServices:
                 lambda sample: self._on_response(name, sample),
                 self.inbox.max_bytes,
             )
-            self._clients[name] = _Client(name, writer, reader)
+            self._clients[name] = _Client(name, writer, reader, group)
         self.readers.append(self._participant.guid(reader))
         self.writers.append(self._participant.guid(writer))
 
-    def call(self, name: str, data: bytes, done: Done) -> None:
+    def call(self, name: str, data: bytes, done: Done, limit_s: float = RESPONSE_LIMIT_S) -> None:
         """Call a service of ROS, as soon as a node that serves it is found.
 
         Args:
             name: its name; `join` has prepared it.
             data: the encoded request.
             done: called once, in any thread, with the response, or with a text that says what is wrong.
+            limit_s: time for the response, s.
         """
         client = self._clients[name]
         with self._participant.lock:
             if len(client.waiting) + len(client.sent) >= MAX_REQUESTS:
                 done(f"{MAX_REQUESTS} requests to {name} have no response yet")
                 return
-            client.waiting.append(_Request(data, done, time.monotonic() + SERVER_WAIT_S))
+            client.waiting.append(_Request(data, done, time.monotonic() + SERVER_WAIT_S, limit_s))
             self._send_requests(client)
 
     def close(self) -> None:
@@ -218,12 +221,20 @@ class DdsServices:
                 self._end_requests(client)
             self._send_waiting()
 
+    def _server(self, client: _Client) -> bytes:
+        """Return the newest participant that serves a client and its group; empty if there is none.
+
+        That of a node that was killed stays known for a while, beside that of the node which replaces it.
+        """
+        group = [one for one in self._clients.values() if client.group and one.group == client.group]
+        others = [set(one.servers()) for one in group if one is not client]
+        return next((one for one in reversed(client.servers()) if all(one in other for other in others)), b"")
+
     def _send_requests(self, client: _Client) -> None:
-        server = client.server() if client.waiting else b""
+        server = self._server(client) if client.waiting else b""
         while server and client.waiting:
-            request = client.waiting.popleft()._replace(
-                server=server, until_s=time.monotonic() + RESPONSE_LIMIT_S
-            )
+            request = client.waiting.popleft()
+            request = request._replace(server=server, until_s=time.monotonic() + request.limit_s)
             data, number = request.data, client.writer.next
             client.sent[number] = request
             if server.startswith(CYCLONEDDS):
@@ -245,7 +256,7 @@ class DdsServices:
                 request.done(f"the node that serves {client.name} has gone")
             elif request.until_s <= now_s:
                 del client.sent[number]
-                request.done(f"the node that serves {client.name} has not answered in {RESPONSE_LIMIT_S:g} s")
+                request.done(f"the node that serves {client.name} has not answered in {request.limit_s:g} s")
 
     def _client_id(self, client: _Client) -> bytes:
         """Return the eight bytes by which CycloneDDS's servers know a client."""
