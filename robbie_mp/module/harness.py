@@ -30,7 +30,16 @@ from robbie_mp.messages import (
     lay_out,
     replace,
 )
-from robbie_mp.messages.calls import FeedbackType, Goal, ReplyType, Request, ResultType, reply_type
+from robbie_mp.messages.calls import (
+    GOAL_SUFFIX,
+    REQUEST_SUFFIX,
+    FeedbackType,
+    Goal,
+    ReplyType,
+    Request,
+    ResultType,
+    reply_type,
+)
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.messages.errors import MessageError
 from robbie_mp.messages.message import check_message, check_message_type
@@ -597,8 +606,10 @@ class HarnessBus(CopyingBus):
         return True
 
     def _collect(self, message: Message, topic: str) -> bytes:
-        if isinstance(message, Request | Goal):
-            self.peers.kept.add(message.call)
+        if message.type_name.endswith(
+            (REQUEST_SUFFIX, GOAL_SUFFIX)
+        ):  # a bridge knows some only by their text
+            self.peers.kept.add(message.call)  # type: ignore[attr-defined]
         data = message.encode()
         self.published.append(Published(type(message).decode(data), topic))
         return data

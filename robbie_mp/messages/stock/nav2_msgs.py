@@ -1,13 +1,14 @@
-"""Costmaps (ROS nav2_msgs)."""
+"""Costmaps, and actions of Nav2 (ROS nav2_msgs of Jazzy)."""
 
 from enum import IntEnum
 
+from robbie_mp.messages.calls import Feedback, Goal, Result
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.flaws import MAX_CELL_M, MIN_CELL_M, Flaw, outside, wrong_size
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import Array, float32, uint8, uint32
-from robbie_mp.messages.stock.builtin_interfaces import Time
-from robbie_mp.messages.stock.geometry_msgs import Pose
+from robbie_mp.messages.primitives import Array, float32, int16, uint8, uint16, uint32
+from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
+from robbie_mp.messages.stock.geometry_msgs import Pose, PoseStamped
 from robbie_mp.messages.stock.std_msgs import Header
 
 
@@ -51,3 +52,61 @@ class Costmap(Message, name="nav2_msgs/msg/Costmap", version=1):
         """Return whether there are more or fewer cells than its size says."""
         size = self.metadata.size_x * self.metadata.size_y
         return wrong_size(self, "data", size, "metadata.size_x times metadata.size_y")
+
+
+class NavigatingToPose(Feedback, name="nav2_msgs/action/NavigateToPose_Feedback", version=1):
+    """How far the robot is on its way to a pose."""
+
+    current_pose: PoseStamped = DEFAULT
+    navigation_time: Duration = DEFAULT  # since the goal was accepted
+    estimated_time_remaining: Duration = DEFAULT
+    number_of_recoveries: int16 = DEFAULT
+    distance_remaining: float32 = DEFAULT  # m, along the path
+
+
+class NavigatedToPose(Result, name="nav2_msgs/action/NavigateToPose_Result", version=1):
+    """The robot stands at the pose."""
+
+    error_code: uint16 = DEFAULT
+    error_msg: str = DEFAULT
+
+
+class NavigateToPose(
+    Goal[NavigatingToPose, NavigatedToPose], name="nav2_msgs/action/NavigateToPose_Goal", version=1
+):
+    """Drive to a pose."""
+
+    pose: PoseStamped = DEFAULT
+    behavior_tree: str = DEFAULT  # Nav2's file of it; nothing else uses it
+
+
+class MissedWaypoint(Message, name="nav2_msgs/msg/MissedWaypoint", version=1):
+    """A waypoint that the robot has not reached."""
+
+    index: uint32 = DEFAULT
+    goal: PoseStamped = DEFAULT
+    error_code: uint16 = DEFAULT
+
+
+class FollowingWaypoints(Feedback, name="nav2_msgs/action/FollowWaypoints_Feedback", version=1):
+    """The robot drives to a waypoint."""
+
+    current_waypoint: uint32 = DEFAULT  # its index
+
+
+class FollowedWaypoints(Result, name="nav2_msgs/action/FollowWaypoints_Result", version=1):
+    """The robot has been at the waypoints, except for some."""
+
+    missed_waypoints: list[MissedWaypoint] = DEFAULT
+    error_code: uint16 = DEFAULT
+    error_msg: str = DEFAULT
+
+
+class FollowWaypoints(
+    Goal[FollowingWaypoints, FollowedWaypoints], name="nav2_msgs/action/FollowWaypoints_Goal", version=1
+):
+    """Drive to one pose after the other."""
+
+    number_of_loops: uint32 = DEFAULT  # how often all are driven to again
+    goal_index: uint32 = 0  # of the first one
+    poses: list[PoseStamped] = DEFAULT

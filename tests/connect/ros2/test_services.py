@@ -285,7 +285,6 @@ def test_call_that_ros_has_not_answered_yet_is_not_lost() -> None:
     ("calls", "problem"),
     [
         ({"/slam/load": "Nothing"}, "declares a service 'Nothing'"),
-        ({"/slam/load": "NavigateTo"}, "is an action"),
         ({"/1": "SetBool"}, "expected a name such as"),
     ],
 )

@@ -70,6 +70,11 @@ class RosNode:
         self._process.stdin.flush()
         return self._answer()
 
+    def kill(self) -> None:
+        """Let the node die without a word to anybody."""
+        self._process.kill()
+        self._process.wait(10)
+
     def _answer(self) -> Any:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()

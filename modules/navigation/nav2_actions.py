@@ -1,0 +1,211 @@
+"""Nav2's actions, with which RViz's Nav2 panel and `ros2 action send_goal` drive the robot."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from robbie_mp import (
+    ActiveGoal,
+    CallError,
+    CallRefused,
+    Duration,
+    GoalAborted,
+    GoalCancelled,
+    GoalPreempted,
+    MessageHandling,
+    Module,
+    Reply,
+    Request,
+    SentGoal,
+    setting,
+)
+from robbie_mp.messages import CancelNavigation, NavigateTo, NavigationFeedback, NavigationResult, PoseStamped
+from robbie_mp.messages.stock.nav2_msgs import (
+    FollowedWaypoints,
+    FollowingWaypoints,
+    FollowWaypoints,
+    MissedWaypoint,
+    NavigatedToPose,
+    NavigateToPose,
+    NavigatingToPose,
+)
+from robbie_robots.workers.navigation.navigator_states import RECOVERIES
+
+RECOVERY_NAMES = frozenset(one.name for one in RECOVERIES)
+TASK_EXECUTOR_FAILED = 601
+"""Nav2's number for a waypoint that was not reached."""
+END_EVERY_S = 0.5
+MAX_LEFT_S = 86400.0
+MAX_RECOVERIES, MAX_MISSED = 32767, 1000
+
+ToPose = ActiveGoal[NavigateToPose, NavigatingToPose, NavigatedToPose]
+Waypoints = ActiveGoal[FollowWaypoints, FollowingWaypoints, FollowedWaypoints]
+
+
+class NavigationActive(Reply, name="robbie_msgs/srv/IsNavigationActive_Response"):
+    """Navigation takes goals."""
+
+
+class IsNavigationActive(Request[NavigationActive], name="robbie_msgs/srv/IsNavigationActive_Request"):
+    """Ask as Nav2's panel in RViz does before it sends goals."""
+
+
+@dataclass(eq=False)
+class _Drive:
+    """What is remembered of a goal, of either action."""
+
+    active: ActiveGoal[Any, Any, Any]
+    since_s: float
+    sent: SentGoal | None = None
+    state: str = ""
+    recoveries: int = 0
+    first_left_m: float | None = None
+    index: int = 0
+    """Of the waypoint; `loops_left` and `missed` are of waypoints, too."""
+    loops_left: int = 0
+    missed: list[MissedWaypoint] = field(default_factory=list)
+
+
+class Nav2Actions(Module):
+    """Serves Nav2's `NavigateToPose` and `FollowWaypoints`, by goals for the module that serves `NavigateTo`.
+
+    So they obey who controls the robot, as every goal does, and the newest goal takes the place of the older
+    one. If this module dies, its goals end, and the robot stops.
+    """
+
+    stops_on_missed: bool = setting(
+        True, "give up at the first waypoint that was not reached, as Nav2 does; otherwise drive to the next"
+    )
+
+    def setup(self) -> None:
+        """Serve."""
+        self.pose = PoseStamped()
+        self.drives: dict[ActiveGoal[Any, Any, Any], _Drive] = {}
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", optional=True)
+        self.serve_goals(NavigateToPose, self.on_pose_goal, self.on_cancel)
+        self.serve_goals(FollowWaypoints, self.on_waypoints, self.on_cancel)
+        self.serve(IsNavigationActive, self.on_question)
+        if self.restored is not None:
+            self.ending = self.every(END_EVERY_S, self.end_earlier_goals)
+
+    def end_earlier_goals(self) -> None:
+        """End what an earlier process has begun, until navigation has heard it."""
+        request = CancelNavigation(client=self.name, reason="the module of Nav2's actions has died")
+        self.call(request, lambda _: self.ending.stop(), lambda _: None, timeout_s=END_EVERY_S)
+
+    def on_question(self, _: IsNavigationActive) -> NavigationActive:
+        """Say that goals are welcome."""
+        return NavigationActive()
+
+    def on_pose(self, pose: PoseStamped) -> None:
+        """Keep where the robot is, for the feedback."""
+        self.pose = pose
+
+    def on_pose_goal(self, active: ToPose) -> None:
+        """Drive to a pose."""
+        drive = self._begin(active)
+
+        def on_feedback(feedback: NavigationFeedback) -> None:
+            active.feedback(self._progress(drive, feedback))
+
+        def on_result(_: NavigationResult) -> None:
+            self._forget(drive)
+            active.succeed(NavigatedToPose())
+
+        self._drive_to(drive, active.goal.pose, on_result, lambda error: self._end(drive, error), on_feedback)
+
+    def on_waypoints(self, active: Waypoints) -> None:
+        """Drive to the first waypoint."""
+        goal = active.goal
+        if goal.goal_index >= len(goal.poses):
+            raise CallRefused(f"there is no waypoint {goal.goal_index}: the goal has {len(goal.poses)}")
+        drive = self._begin(active)
+        drive.index, drive.loops_left = goal.goal_index, goal.number_of_loops
+        self._drive_to_waypoint(drive)
+
+    def on_cancel(self, active: ActiveGoal[Any, Any, Any], reason: str) -> None:
+        """Let navigation end the goal; its client hears of it when the robot was told to stop."""
+        drive = self.drives.get(active)
+        if drive is not None and not (drive.sent is not None and drive.sent.cancel(reason)):
+            self._forget(drive)
+            active.cancelled(reason)
+
+    def _begin(self, active: ActiveGoal[Any, Any, Any]) -> _Drive:
+        drive = self.drives[active] = _Drive(active, self.monotonic_s())
+        self.checkpoint(True)
+        return drive
+
+    def _forget(self, drive: _Drive) -> None:
+        self.drives.pop(drive.active, None)
+        if not self.drives:
+            self.checkpoint(None)
+
+    def _end(self, drive: _Drive, error: CallError) -> None:
+        """End a goal that navigation has not reached."""
+        self._forget(drive)
+        active, reason = drive.active, str(error)
+        if not active.is_active:
+            return
+        if isinstance(error, GoalCancelled):
+            active.cancelled(reason)
+        elif isinstance(error, GoalPreempted):
+            active.preempt(reason)
+        else:
+            active.abort(reason)
+
+    def _drive_to(
+        self,
+        drive: _Drive,
+        pose: PoseStamped,
+        on_result: Callable[[NavigationResult], None],
+        on_error: Callable[[CallError], None],
+        on_feedback: Callable[[NavigationFeedback], None] | None = None,
+    ) -> None:
+        drive.sent = self.send_goal(NavigateTo(pose=pose), on_result, on_error, on_feedback)
+
+    def _progress(self, drive: _Drive, feedback: NavigationFeedback) -> NavigatingToPose:
+        if feedback.state != drive.state:
+            drive.state = feedback.state
+            drive.recoveries += feedback.state in RECOVERY_NAMES
+        driven_s, left_m = self.monotonic_s() - drive.since_s, max(0.0, feedback.distance_left_m)
+        if drive.first_left_m is None and feedback.distance_left_m >= 0.0:
+            drive.first_left_m = left_m
+        nearer_m = (drive.first_left_m or 0.0) - left_m
+        left_s = min(MAX_LEFT_S, left_m * driven_s / nearer_m) if nearer_m > 0.0 else 0.0
+        return NavigatingToPose(
+            current_pose=self.pose,
+            navigation_time=Duration.from_nanoseconds(round(driven_s * 1e9)),
+            estimated_time_remaining=Duration.from_nanoseconds(round(left_s * 1e9)),
+            number_of_recoveries=min(drive.recoveries, MAX_RECOVERIES),
+            distance_remaining=left_m,
+        )
+
+    def _drive_to_waypoint(self, drive: _Drive) -> None:
+        drive.active.feedback(FollowingWaypoints(current_waypoint=drive.index))
+        pose = drive.active.goal.poses[drive.index]
+
+        def on_error(error: CallError) -> None:
+            is_missed = isinstance(error, GoalAborted | CallRefused)
+            if self.stops_on_missed or not is_missed or not drive.active.is_active:
+                self._end(drive, error)
+                return
+            self.log.warning("waypoint %d was not reached: %s", drive.index, error)
+            missed = MissedWaypoint(index=drive.index, goal=pose, error_code=TASK_EXECUTOR_FAILED)
+            drive.missed = [*drive.missed, missed][:MAX_MISSED]
+            self._go_on(drive)
+
+        self._drive_to(drive, pose, lambda _: self._go_on(drive), on_error)
+
+    def _go_on(self, drive: _Drive) -> None:
+        """Drive to the next waypoint, if there is one."""
+        if not drive.active.is_active:
+            return
+        drive.index += 1
+        if drive.index == len(drive.active.goal.poses) and drive.loops_left:
+            drive.index, drive.loops_left = 0, drive.loops_left - 1
+        if drive.index < len(drive.active.goal.poses):
+            self._drive_to_waypoint(drive)
+            return
+        self._forget(drive)
+        drive.active.succeed(FollowedWaypoints(missed_waypoints=drive.missed))
