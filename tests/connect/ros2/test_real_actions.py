@@ -4,7 +4,8 @@ import json
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,11 +31,14 @@ modules:
       calls: {{/node/fibonacci: Fibonacci ros}}
 """
 CLIENT = """
+import threading
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from test_msgs.action import Fibonacci
-client = ActionClient(node, Fibonacci, "/fibonacci")
+class Client(ActionClient):
+    _lock = threading.Lock()  # rclpy 9.1 sets it after the threads that spin have seen the client
+client = Client(node, Fibonacci, "/fibonacci")
 is_there = client.wait_for_server(20.0)
 class Sent:
     def __init__(self, order, **options):
@@ -64,11 +68,6 @@ answer = sent[name].handle.cancel_goal_async()
 CANCELLED = (
     "result = [answer.result().return_code, len(answer.result().goals_canceling)] if answer.done() else None"
 )
-SERVED_AGAIN = """
-client.destroy()
-client = ActionClient(node, Fibonacci, "/fibonacci")
-result = client.wait_for_server(20.0)
-"""
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 
 
@@ -122,8 +121,12 @@ class Call:
 
     def end(self) -> tuple[int, str, str]:
         """Wait for the end; return the exit code, the last line, and the error."""
-        out, error = self.process.communicate(timeout=60)
-        return self.process.returncode, out.splitlines()[-1] if out else "", error
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
+        with self.process.stdout as out, self.process.stderr as errors:
+            *_, last = ["", *out]  # `communicate` would lose what a line has been read from
+            error = errors.read()
+        return self.process.wait(60), last, error
 
 
 class Ros(NamedTuple):
@@ -156,6 +159,21 @@ class Ros(NamedTuple):
     def wait_for_feedback(self, name: str) -> None:
         """Wait until the node has heard of the work on a goal."""
         wait_until(lambda: bool(self.told(name)[0]["feedback"]), 30.0)
+
+
+@pytest.fixture
+def call(ros: Ros) -> Iterator[Callable[[int], Call]]:
+    """What sends goals; what has not ended at the end of a test is killed."""
+    calls: list[Call] = []
+
+    def begin(order: int) -> Call:
+        calls.append(Call(ros.robot, order))
+        return calls[-1]
+
+    yield begin
+    for one in calls:
+        one.process.kill()
+        one.process.wait()
 
 
 @pytest.fixture
@@ -234,9 +252,16 @@ def test_goals_end_when_the_bridge_dies_and_the_next_bridge_serves(ros: Ros) -> 
     kill(ros.robot.top()["ros2"]["pid"])
     ros.robot.until(lambda figures: figures["rabbits"]["status"] == "0 at work")
     wait_until(lambda: ros.told("lost")[0]["status"] == ABORTED, 30.0)
-    assert ros.node.run(SERVED_AGAIN)
-    ros.send(again=5)
-    assert ros.wait_for_ends("again")[0]["end"][0] == SUCCEEDED
+
+    def is_served_again() -> bool:  # what a node asks before it has found the new server is lost in ROS
+        name = f"again{time.monotonic_ns()}"
+        ros.send(**{name: 5})
+        limit_s = time.monotonic() + 1.0
+        while (told := ros.told(name)[0])["end"] is None and time.monotonic() < limit_s:
+            pass
+        return told["end"] is not None and told["end"][0] == SUCCEEDED
+
+    wait_until(is_served_again, 30.0)
 
 
 def test_goal_of_a_node_that_dies_goes_on_until_another_node_cancels_all(ros: Ros, tmp_path: Path) -> None:
@@ -267,35 +292,37 @@ def test_too_many_goals_are_refused_and_counted(ros: Ros) -> None:
     ros.robot.until(lambda figures: figures["rabbits"]["status"] == "0 at work")
 
 
-def test_module_sends_goals_to_a_node(ros: Ros) -> None:
-    assert "no node serves" in Call(ros.robot, 8).end()[2]
+def test_module_sends_goals_to_a_node(ros: Ros, call: Callable[[int], Call]) -> None:
+    assert "no node serves" in call(8).end()[2]
     ros.node.run(SERVE)
-    with_feedback = Call(ros.robot, 30)
+    with_feedback = call(30)
     assert "sequence" in with_feedback.feedback()
     code, line, _ = with_feedback.end()
     assert code == 0
     assert len(json.loads(line)["sequence"]) == 31
-    code, _, error = Call(ros.robot, -1).end()
+    code, _, error = call(-1).end()
     assert (code, "has refused the goal" in error) == (1, True)
-    code, _, error = Call(ros.robot, 13).end()
+    code, _, error = call(13).end()
     assert (code, "has aborted the goal: {'sequence': array([13]" in error) == (1, True)
-    first, second = Call(ros.robot, 1000), Call(ros.robot, 1000)
+    first, second = call(1000), call(1000)
     first.feedback()
     second.feedback()
     first.cancel()
-    assert "GoalCancelled" in first.end()[2] or "Ctrl-C" in first.end()[2]
+    assert "Ctrl-C" in first.end()[2]
     second.cancel()
     second.end()
 
 
-def test_node_that_is_killed_ends_its_goals_and_the_next_node_serves(ros: Ros, tmp_path: Path) -> None:
+def test_node_that_is_killed_ends_its_goals_and_the_next_node_serves(
+    ros: Ros, tmp_path: Path, call: Callable[[int], Call]
+) -> None:
     with ros_node(ros.distribution, ros.domain, tmp_path) as other:
         ros.node.run("server.destroy()")
         other.run(SERVE)
-        goal = Call(ros.robot, 1000)
+        goal = call(1000)
         goal.feedback()
         other.kill()
     with ros_node(ros.distribution, ros.domain, tmp_path) as other:
         other.run(SERVE)
-        wait_until(lambda: Call(ros.robot, 4).end()[0] == 0, 30.0)
+        wait_until(lambda: call(4).end()[0] == 0, 30.0)
         assert "has gone" in goal.end()[2]
