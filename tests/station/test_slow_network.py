@@ -69,7 +69,7 @@ def driven(journal: Journal) -> list[float]:
     return [row[0] for row in journal.rows("odometry") if row[2] > 0.0]
 
 
-@pytest.mark.parametrize("delay_s", [0.3, 1.0, 2.5])
+@pytest.mark.parametrize("delay_s", [0.3, 2.5])
 def test_page_that_is_too_far_away_never_drives_the_robot(
     robot: Robot, journal: Journal, delay_s: float
 ) -> None:
@@ -86,7 +86,7 @@ def test_page_that_is_too_far_away_never_drives_the_robot(
     assert not [row for row in journal.rows("command") if row[1] > 0]
 
 
-@pytest.mark.parametrize("delay_s", [0.3, 1.0, 2.5])
+@pytest.mark.parametrize("delay_s", [0.3, 2.5])
 def test_robot_stands_soon_when_the_network_becomes_slow_while_it_drives(
     robot: Robot, journal: Journal, delay_s: float
 ) -> None:
