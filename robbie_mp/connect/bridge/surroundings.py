@@ -21,6 +21,7 @@ class BridgeRun:
         bridges: names of the modules that bridge to the same system, with this one. What they publish came
             from there, so none of them sends it back: no message can go in circles.
         has_own_clock: whether the run's time is that of a playback or a simulation.
+        sets_clock: whether the bridge sets the run's time.
         settings: where the settings of each module stand.
         output: where the run writes its results; None in a test.
         folder: the run's folder; None in a test.
@@ -29,6 +30,7 @@ class BridgeRun:
     types: KnownTypes
     bridges: frozenset[str]
     has_own_clock: bool = False
+    sets_clock: bool = False
     settings: Mapping[str, SettingsFile] = field(default_factory=dict)
     output: Path | None = None
     folder: Path | None = None
@@ -51,5 +53,5 @@ class BridgeRun:
         types = KnownTypes(TypeDescription(*one) for one in plan.types)
         settings = {one.name: SettingsFile(run.folder, one.name) for one in plan.modules}
         output = None if run.record is None else Path(run.record.output_directory)
-        has_own_clock = plan.clock.source is not None
-        return cls(types, frozenset({module, *bridges}), has_own_clock, settings, output, run.folder)
+        source, names = plan.clock.source, frozenset({module, *bridges})
+        return cls(types, names, source is not None, source == module, settings, output, run.folder)

@@ -95,6 +95,7 @@ class GoalDesk:
         frames: names of frames on both sides.
         log: where refusals and ends are told.
         now_ns: the robot's time.
+        bars: returns why nothing may move now; "": it may.
 
     Attributes:
         accepted: goals that modules have accepted.
@@ -110,9 +111,10 @@ class GoalDesk:
         frames: FrameMap,
         log: logging.Logger,
         now_ns: Callable[[], int],
+        bars: Callable[[], str] = str,
     ):
         self._client, self._side, self._desk = client, side, desk
-        self._frames, self._log, self._now_ns = frames, log, now_ns
+        self._frames, self._log, self._now_ns, self._bars = frames, log, now_ns, bars
         self._goals: dict[str, dict[bytes, _Goal]] = {}
         self.accepted = self.refused = 0
         self.on_change: Callable[[], None] = lambda: None
@@ -191,6 +193,8 @@ class GoalDesk:
             self._refuse(goal, f"it has waited {waited_s:.1f} s, which is too long")
         elif sum(not one.has_ended for one in goals.values()) >= MAX_GOALS:
             self._refuse(goal, f"{MAX_GOALS} goals have not ended")
+        elif reason := self._bars():
+            self._refuse(goal, reason)
         else:
             goals[goal_id] = goal
             try:

@@ -40,6 +40,7 @@ from robbie_mp.connect.ros2.ros_calls import (
     check_calls,
 )
 from robbie_mp.connect.ros2.ros_goals import RosGoals
+from robbie_mp.connect.ros2.ros_time import RosTime
 from robbie_mp.connect.ros2.service_types import SET_BOOL, TRIGGER
 from robbie_mp.connect.ros2.side import MAX_DOMAIN, MiddlewareInbox, NodeName, RosArrival, RosChannel, Side
 from robbie_mp.connect.ros2.type_hash import type_hash
@@ -60,9 +61,10 @@ from robbie_mp.messages.frames import Rename
 from robbie_mp.messages.schema_parser import message_type_from_schema
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
 from robbie_mp.module.envelope import EncodedMessage
-from robbie_mp.module.module import Module, calls_of, setting
+from robbie_mp.module.module import calls_of, setting
 from robbie_mp.module.settings import SettingError
-from robbie_mp.run.run_clock import RunClock
+from robbie_mp.run.lockstep import ClockSource
+from robbie_mp.run.run_clock import ClockWriter, RunClock
 from robbie_mp.run.trace.log_limit import LogLimit
 from robbie_mp.scene.urdf import urdf_text
 
@@ -82,7 +84,7 @@ MAX_NAMED = 256
 FAR = "the network is slow, or their sender's clock differs from this machine's; keep the clocks together"
 
 
-class Ros2Bridge(Module):
+class Ros2Bridge(ClockSource):
     """Makes the robot a node of ROS 2; ROS need not be installed. See docs/ros2.md.
 
         ros2:
@@ -199,6 +201,7 @@ class Ros2Bridge(Module):
         self._own_types = {one.type_name: one for one in (CLOCK, DIAGNOSTICS, STATUSES)}
         self._shown_at_ns = 0
         self._run_clock = RunClock.attach(self.run_id) if around.has_own_clock else None
+        self.ros_time: RosTime | None = None
         self._is_described = self.urdf is None
         settings = {"send": self.send, "accept": self.accept}
         self.map = _mapping(settings, self.namespace, self._types)
@@ -222,7 +225,8 @@ class Ros2Bridge(Module):
             channel = RosChannel(one.name, one.type_name, type_hash(message_type), one.quality)
             self._incoming[channel] = one, message_type, self._frames.inward(message_type)
             self.side.listen(channel)
-        self.desk = Desk(self.side, self.inbox, self.log)
+        if around.sets_clock:
+            self._follow_time()
         self._offer_services()
         self._share_calls(called, offered)
         self.node_parameters: NodeParameters | None = None
@@ -238,12 +242,34 @@ class Ros2Bridge(Module):
         self._log_limit = LogLimit()
         self.log.addFilter(self._log_limit)  # last: without a whole setup there is no teardown
 
+    def _follow_time(self) -> None:
+        """Let ROS's time set the run's."""
+        if self.lockstep is not None:
+            raise SettingError("ROS's time cannot be followed in lockstep", "clock_topic")
+        self._clock_writer = ClockWriter.attach(self.run_id)
+        self.ros_time = RosTime(self._clock_writer)
+        channel = self._own(CLOCK, CLOCK_TOPIC, Quality(is_reliable=False))
+        self.inbox.taps[channel] = partial(self.ros_time.take, CLOCK)
+        self.side.listen(channel)
+
+    def _look_at_time(self, ros_time: RosTime) -> None:
+        """Tell of jumps, and of a time that was lost."""
+        while ros_time.announced:
+            self.publish(ros_time.announced.popleft())
+        self.degraded = ros_time.problem
+
+    @property
+    def _time_problem(self) -> str:
+        return self.ros_time.problem if self.ros_time is not None else ""
+
     def _share_calls(self, called: list[RosCall | SharedAction], offered: list[SharedAction]) -> None:
         """Let modules call ROS, and nodes of ROS send goals to modules."""
         self.ros_calls = RosCalls(self, self.side, self.map.absolute)
         self.ros_goals = RosGoals(self, self.side, self._frames, self.log)
         client = calls_of(self).client
-        self.goal_desk = GoalDesk(client, self.side, self.desk, self._frames, self.log, self._now_ns)
+        self.goal_desk = GoalDesk(
+            client, self.side, self.desk, self._frames, self.log, self._now_ns, lambda: self._time_problem
+        )
         self._actions = [one._replace(name=self.map.absolute(one.name)) for one in offered]
         for action in self._actions:
             self._own_types[action.action.feedback.type_name] = action.action.feedback
@@ -268,6 +294,7 @@ class Ros2Bridge(Module):
             self.ros_goals.end_earlier(memory["sent"])
 
     def _offer_services(self) -> None:
+        self.desk = Desk(self.side, self.inbox, self.log)
         for order in self._orders:
             kind = TRIGGER if order.off is None else SET_BOOL
             self.desk.offer(self.map.absolute(order.name), kind, partial(self._order, order))
@@ -314,6 +341,8 @@ class Ros2Bridge(Module):
         self.log.removeFilter(self._log_limit)
         self.ros_goals.close()
         self.side.close()
+        if self.ros_time is not None:
+            self._clock_writer.close()
         if self._run_clock is not None:
             self._run_clock.close()
         if self._observer is not None:
@@ -371,6 +400,8 @@ class Ros2Bridge(Module):
 
     def tick(self) -> None:
         """Take what has arrived, and show figures."""
+        if self.ros_time is not None:
+            self._look_at_time(self.ros_time)
         if self._looks_for_earlier_goals:
             self._end_earlier_goals()
         for arrived in self.inbox.take():
@@ -408,7 +439,8 @@ class Ros2Bridge(Module):
             self.malformed += 1
             self.log.warning("a message on %s was dropped: %s", incoming.name, one_line(str(error)))
             return
-        if not self.ill_formed.admits(message, f"on {incoming.name}"):
+        is_barred = incoming.lets_move and self._time_problem
+        if is_barred or not self.ill_formed.admits(message, f"on {incoming.name}"):
             self.refused += 1
             return
         waited_s = arrived.waited_s
@@ -459,7 +491,8 @@ class Ros2Bridge(Module):
 
     def _send_own(self) -> None:
         """Send the run's time if it is not the machine's, and once the robot's model."""
-        if self._run_clock is not None and self.clock_topic and self._run_clock.has_begun:
+        sends_time = self.clock_topic and self.ros_time is None
+        if self._run_clock is not None and sends_time and self._run_clock.has_begun:
             now = Time.from_nanoseconds(self._run_clock.now_ns())
             told = from_dict(CLOCK, {"clock": {"sec": now.sec, "nanosec": now.nanosec}})
             self.side.send(self._time, told.encode())
@@ -510,6 +543,9 @@ class Ros2Bridge(Module):
         served += f", {self.ros_calls.asked} calls of ROS" if self.ros_calls.asked else ""
         served += f", {self.goal_desk.accepted} goals" if self.goal_desk.accepted else ""
         served += f", {self.ros_goals.sent} goals for ROS" if self.ros_goals.sent else ""
+        if self.ros_time is not None:
+            lost |= {"times malformed": self.ros_time.malformed, "times ignored": self.ros_time.ignored}
+            served += f", time at {self.ros_time.rate:.2f} x"
         shown = served + "".join(f", {number} {what}" for what, number in lost.items() if number)
         return f"sent {self.sent}, received {self.received}{shown}"
 

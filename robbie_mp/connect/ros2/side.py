@@ -127,6 +127,8 @@ class MiddlewareInbox:
         self.overflowed = 0
         self.oversized = 0
         self.strangers = 0
+        self.taps: dict[RosChannel, Callable[[bytes, int], None]] = {}
+        """What takes the messages of a channel at once, in any thread, with the machine's time in ns."""
         self.unnamed: deque[str] = deque(maxlen=32)
         """Descriptions of strangers, for the module to name in its log; the oldest go first."""
 
@@ -134,6 +136,8 @@ class MiddlewareInbox:
         """Keep a message for the module, and when its sender says that it has sent it; in any thread."""
         if len(data) > self.max_bytes:
             self.oversized += 1
+        elif tap := self.taps.get(channel):
+            tap(data, time.monotonic_ns())
         elif len(self._waiting) >= self._max_messages:
             self.overflowed += 1
         else:

@@ -49,4 +49,4 @@ class TimeJump(Message, name="robbie_msgs/msg/TimeJump", version=1):
 
     before: Time = DEFAULT  # what the clock showed
     after: Time = DEFAULT  # what it shows now
-    reason: str = DEFAULT  # start (of a playback), seek, loop or gap (a jump of the log's own time)
+    reason: str = DEFAULT  # start (of a playback), seek, loop, gap (of the log's own time), reset (of ROS's)

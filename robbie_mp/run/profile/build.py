@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -15,6 +15,7 @@ from robbie_mp.module.wiring import InvalidTopic, check_topic
 from robbie_mp.run.profile.dependencies import read_dependencies
 from robbie_mp.run.profile.model import (
     BLACK_BOX,
+    FOLLOWED,
     CheckpointPolicy,
     ClockSettings,
     CoreLimits,
@@ -94,7 +95,7 @@ class _Builder:
             spares=self.section(SpareInterpreters, self.map_of(content.get("spares"), "spares"), "spares"),
             trace=self.section(TraceSettings, self.map_of(content.get("trace"), "trace"), "trace"),
             tools=self.section(ToolLimits, self.map_of(content.get("tools"), "tools"), "tools"),
-            clock=self.clock(self.map_of(content.get("clock"), "clock"), list(modules)),
+            clock=self.clock(self.map_of(content.get("clock"), "clock"), modules),
             black_box=self.black_box(content, modules),
             description=self.value(str, content.get("description"), "description", ""),
             variables={
@@ -109,8 +110,10 @@ class _Builder:
         scheduling = self.nested(Scheduling, content, "core", "scheduling")
         return self.section(CoreLimits, content, "core", restart=restart, scheduling=scheduling)
 
-    def clock(self, content: dict[str, YamlNode], modules: list[str]) -> ClockSettings:
+    def clock(self, content: dict[str, YamlNode], modules: dict[str, YamlNode]) -> ClockSettings:
         clock = self.section(ClockSettings, content, "clock")
+        if clock.follow:
+            return self.followed_clock(clock, content["follow"].place, modules)
         if clock.source is not None and clock.source not in modules:
             near = f"there is no module {clock.source!r}{did_you_mean(clock.source, modules)}"
             self.report(content["source"].place, f"clock.source: {near}")
@@ -121,6 +124,25 @@ class _Builder:
             text = "clock.charge: expected clock.lockstep: true; handlers take their own time otherwise"
             self.report(content["charge"].place, text)
         return clock
+
+    def followed_clock(
+        self, clock: ClockSettings, place: SourcePlace, modules: dict[str, YamlNode]
+    ) -> ClockSettings:
+        wanted = FOLLOWED.get(clock.follow)
+        if wanted is None:
+            self.report(place, f"clock.follow: expected {', '.join(FOLLOWED)}; got {clock.follow!r:.60}")
+            return clock
+        if clock.source is not None or clock.lockstep:
+            self.report(place, "clock.follow: expected neither clock.source nor clock.lockstep beside it")
+        contents = {name: node.value for name, node in modules.items() if isinstance(node.value, dict)}
+        classes = {name: one.get("class") for name, one in contents.items()}
+        found = [name for name, node in classes.items() if node is not None and node.value == wanted]
+        if len(found) != 1:
+            self.report(
+                place, f"clock.follow: expected one module of the class {wanted}; there are {len(found)}"
+            )
+            return clock
+        return replace(clock, source=found[0])
 
     def module(self, name: str, node: YamlNode, siblings: dict[str, YamlNode]) -> ModuleSpec:
         where = f"modules.{name}"

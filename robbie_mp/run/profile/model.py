@@ -227,12 +227,18 @@ HANDLER_TIMES = "handler_times"
 """The folder in a run's output with the time of each handler, in a file for each module."""
 
 
+FOLLOWED = {"ros": "robbie_mp.connect.ros2.module:Ros2Bridge"}
+"""The classes of the bridges to those whose time a run can follow."""
+
+
 @dataclass(frozen=True)
 class ClockSettings:
     """Which clock the run follows."""
 
     source: str | None = None
     """The module that turns the run's clock (plays a log, steps a simulation); None: the machine's clock."""
+    follow: str = ""
+    """Whose time the run follows, one of FOLLOWED; its bridge is the source. "": nobody's."""
     lockstep: bool = False
     """The whole robot handles one message at a time, in order; the source grants each tick."""
     charge: str = ""

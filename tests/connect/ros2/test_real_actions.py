@@ -295,18 +295,16 @@ def test_too_many_goals_are_refused_and_counted(ros: Ros) -> None:
 def test_module_sends_goals_to_a_node(ros: Ros, call: Callable[[int], Call]) -> None:
     assert "no node serves" in call(8).end()[2]
     ros.node.run(SERVE)
-    with_feedback = call(30)
-    assert "sequence" in with_feedback.feedback()
-    code, line, _ = with_feedback.end()
+    code, line, _ = call(8).end()
     assert code == 0
-    assert len(json.loads(line)["sequence"]) == 31
+    assert len(json.loads(line)["sequence"]) == 9
     code, _, error = call(-1).end()
     assert (code, "has refused the goal" in error) == (1, True)
     code, _, error = call(13).end()
     assert (code, "has aborted the goal: {'sequence': array([13]" in error) == (1, True)
     first, second = call(1000), call(1000)
-    first.feedback()
-    second.feedback()
+    assert "sequence" in first.feedback()
+    assert "sequence" in second.feedback()
     first.cancel()
     assert "Ctrl-C" in first.end()[2]
     second.cancel()
@@ -319,6 +317,7 @@ def test_node_that_is_killed_ends_its_goals_and_the_next_node_serves(
     with ros_node(ros.distribution, ros.domain, tmp_path) as other:
         ros.node.run("server.destroy()")
         other.run(SERVE)
+        wait_until(lambda: call(4).end()[0] == 0, 30.0)
         goal = call(1000)
         goal.feedback()
         other.kill()

@@ -406,3 +406,28 @@ def test_charged_handlers_need_lockstep(robot: Robot) -> None:
     robot.write("demo", "modules: {time: {class: 'mods:Camera'}}\nclock: {source: time, charge: measured}")
     with pytest.raises(ProfileError, match=r"demo.yaml:2: clock.charge: expected clock.lockstep: true"):
         robot.load()
+
+
+ROS = "class: 'robbie_mp.connect.ros2.module:Ros2Bridge'"
+
+
+def test_bridge_whose_time_the_run_follows_is_the_source_of_its_clock(robot: Robot) -> None:
+    robot.write("demo", f"modules: {{red: {{{ROS}}}}}\nclock: {{follow: ros}}")
+    assert robot.load().clock.source == "red"
+
+
+@pytest.mark.parametrize(
+    ("modules", "clock", "problem"),
+    [
+        (f"red: {{{ROS}}}", "follow: gazebo", "expected ros; got 'gazebo'"),
+        ("red: {class: 'mods:Camera'}", "follow: ros", "expected one module of the class .*; there are 0"),
+        (f"red: {{{ROS}}}, blue: {{{ROS}}}", "follow: ros", ".*; there are 2"),
+        (f"red: {{{ROS}}}", "follow: ros, source: red", "expected neither clock.source nor clock.lockstep"),
+    ],
+)
+def test_clock_that_cannot_be_followed_is_explained(
+    robot: Robot, modules: str, clock: str, problem: str
+) -> None:
+    robot.write("demo", f"modules: {{{modules}}}\nclock: {{{clock}}}")
+    with pytest.raises(ProfileError, match=f"demo.yaml:2: clock.follow: {problem}"):
+        robot.load()
