@@ -72,7 +72,7 @@ def test_module_that_fills_its_memory_with_random_bytes_costs_nobody_else(robot:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("pure_python")
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_modules_that_overwrite_other_places_in_each_life_cost_nobody_else(robot: Robot, seed: int) -> None:
     robot.write_profile(PROFILE.format(wild="Scrawler", settings=f"{{seed: {seed}}}", restarts=4))
     process = robot.start()
@@ -85,7 +85,6 @@ def test_modules_that_overwrite_other_places_in_each_life_cost_nobody_else(robot
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("pure_python")
 @pytest.mark.parametrize("names", ["out-4-*", "in-4-*", "wakeup-4-*"])
 def test_module_that_truncates_its_memory_costs_nobody_else(robot: Robot, names: str) -> None:
     """Core and supervisor, which have mapped it, too, got SIGBUS."""
@@ -136,7 +135,6 @@ def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("pure_python")
 @pytest.mark.parametrize("damage", [cut, Path.unlink, replace_by_folder])
 @pytest.mark.parametrize("kind", ["out", "in", "wakeup", "data"])
 def test_module_whose_memory_is_damaged_is_killed_alone(
