@@ -18,7 +18,7 @@ from tests.bus.hot._support.build import HOT, PROGRAMS, compile_c
 
 SOURCES = ("router.c", "books.c", "ring.c")
 SANITIZERS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=undefined")
-INPUTS = 10_000
+INPUTS = 3_000
 PLANTED = {
     "a message on a declaration beyond the table": ("declaration < DECLARATION_COUNT ?", "true ?"),
     "a message on no channel": ("channel == NULL || ", ""),
