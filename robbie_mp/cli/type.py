@@ -1,7 +1,9 @@
-"""`robbie type show NAME` and `robbie type list`: message types and their fields."""
+"""`robbie type show NAME`, `list` and `import`: message types and their fields."""
 
 import argparse
 import json
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.known_types import types_of_run_or_workspace
@@ -39,6 +41,18 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ["robbie type list"],
     )
     listed.set_defaults(command=list_types)
+    imported = add_command(
+        actions,
+        "import",
+        "write the message classes of a package of ROS 2",
+        "Write a Python file with the messages, services and actions of a package of ROS 2: a folder with "
+        "msg, srv or action in it, a package of the ROS that is installed (AMENT_PREFIX_PATH), or what a log "
+        "has that Robbie-MP does not. The stock types are imported. Exit code 1: something was left out.",
+        ["robbie type import nav2_msgs --output modules/nav2_msgs.py", "robbie type import run.mcap"],
+    )
+    imported.add_argument("source", metavar="PACKAGE", help="a folder, the name of a package, or a log")
+    imported.add_argument("--output", metavar="FILE", type=Path, help="a new file; without it, print it")
+    imported.set_defaults(command=import_types)
     for action in (shown, listed):
         add_run_argument(action)
         action.add_argument("--json", action="store_true", help="print JSON for a program to read")
@@ -60,3 +74,19 @@ def list_types(arguments: argparse.Namespace) -> int:
     names = types_of_run_or_workspace(arguments.run).names()
     print(json.dumps(names, indent=2) if arguments.json else "\n".join(map(one_line, names)))
     return 0
+
+
+def import_types(arguments: argparse.Namespace) -> int:
+    """Write the classes of a package."""
+    from robbie_mp.connect.ros2.interfaces import python_source  # noqa: PLC0415 - reads logs, too
+
+    text, made = python_source(arguments.source)
+    for one in made.left_out:
+        print(f"left out: {one_line(one)}", file=sys.stderr)
+    if arguments.output is None:
+        print(text, end="")
+    else:
+        with arguments.output.open("x") as file:
+            file.write(text)
+        print(f"{arguments.output}: {len(made.made)} classes")
+    return 1 if made.left_out else 0

@@ -35,10 +35,10 @@ DEFAULT_IN_COMMENT = "  # default: "
 def schema_text(message_type: type[Message]) -> str:
     """Return the definition of a type, followed by those of all types nested in it."""
     nested = (
-        f"{SEPARATOR}\nMSG: {short_name(inner.type_name)}\n{_definition(inner)}"
+        f"{SEPARATOR}\nMSG: {short_name(inner.type_name)}\n{own_definition(inner)}"
         for inner in nested_types(message_type)
     )
-    return "".join((_definition(message_type), *nested))
+    return "".join((own_definition(message_type), *nested))
 
 
 def nested_types(message_type: type[Message]) -> list[type[Message]]:
@@ -77,7 +77,8 @@ def _directly_nested(message_type: type[Message]) -> Iterator[type[Message]]:
             yield kind.message
 
 
-def _definition(message_type: type[Message]) -> str:
+def own_definition(message_type: type[Message]) -> str:
+    """Return the definition of a type without those of the types in it."""
     constants = {one.name: _constant_line(one) for one in message_type._constants}
     lines = constants | {one.name: _field_line(one) for one in fields_of(message_type)}
     bases = [one for one in reversed(message_type.__mro__) if issubclass(one, Message)]
