@@ -162,7 +162,7 @@ def test_no_color_is_respected_on_a_terminal(robbie: Path, variable: str) -> Non
 CHANGING = {
     "attach", "stop", "module", "pub", "param set", "param dump", "param load", "record", "recording",
     "export", "import-carmen", "import-rosbag", "new", "install", "keys new", "keys trust", "keys revoke",
-    "keys check", "completion", "playback keys", "plot", "report",
+    "keys check", "completion", "playback keys", "plot", "report", "type import",
 }  # fmt: skip
 """Commands that do something, rather than list or show it, or that draw."""
 
