@@ -92,12 +92,11 @@ class RosTime:
     @property
     def problem(self) -> str:
         """Why the run's time is not ROS's; "" if it is."""
-        silent_s = (self.monotonic_ns() - self._heard_ns) * 1e-9
-        if silent_s < LOST_S:
+        if (self.monotonic_ns() - self._heard_ns) * 1e-9 < LOST_S:
             return ""
         if self.clock.now_ns is None:
             return "nobody has sent a time on /clock yet, and the run waits for it"
-        return f"no message on /clock for {silent_s:.0f} s: the run's time stands still, and nothing may move"
+        return "no message on /clock: the run's time stands still, and nothing may move"
 
     @property
     def rate(self) -> float:
