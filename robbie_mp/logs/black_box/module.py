@@ -235,7 +235,7 @@ class BlackBox(MessageLogger):
         now_ns = time.monotonic_ns()
         at_ns = min(at_ns, now_ns) or now_ns
         what = one_line(what)[:TRIGGER_CHARACTERS]
-        open_ = [clip for clip in self.state.open if clip.last < 0 and now_ns <= clip.until_ns]
+        open_ = [clip for clip in self.state.open if clip.takes(now_ns)]
         if not open_ and len(self.state.open) >= MAX_OPEN:
             self.state.miss(1, "too many clips at once")
             return

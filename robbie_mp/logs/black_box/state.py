@@ -47,6 +47,10 @@ class OpenClip:
         """Number of triggers."""
         return len(self.triggers) + self.more
 
+    def takes(self, now_ns: int) -> bool:
+        """Whether a trigger belongs to it; a clip that is over may still collect its messages."""
+        return self.last < 0 and now_ns <= self.at_ns + round(MAX_CLIP_S * 1e9)
+
     def add(self, trigger: str, now_ns: int, time_s: float, after_s: float) -> bool:
         """Add a trigger; return whether more than a count has changed."""
         self.until_ns = min(now_ns + round(after_s * 1e9), self.at_ns + round(MAX_CLIP_S * 1e9))

@@ -14,7 +14,7 @@ from robbie_mp.logs.black_box import clip_writer
 from robbie_mp.logs.black_box.clip_folder import PINNED, AboutClip, ClipFolder, clip_name, saved_clips
 from robbie_mp.logs.black_box.clip_writer import ClipResult, ClipWriter
 from robbie_mp.logs.black_box.large_messages import LargeMessages
-from robbie_mp.logs.black_box.state import MAX_TRIGGERS, BoxState, OpenClip
+from robbie_mp.logs.black_box.state import MAX_CLIP_S, MAX_TRIGGERS, BoxState, OpenClip
 from robbie_mp.logs.recording.appended_file import AppendedFile
 from robbie_mp.logs.recording.format import ChannelKey, part_path
 from robbie_mp.logs.recording.reader import open_log
@@ -227,3 +227,16 @@ def test_clips_of_another_user_do_not_stop_those_of_this_run(
 
     monkeypatch.setattr(Path, "iterdir", refuse)
     assert [clip.folder.parent for clip in saved_clips([foreign, own])] == [own]
+
+
+def test_clip_that_still_collects_takes_further_triggers_up_to_its_longest_time() -> None:
+    """On a busy machine each further trigger began a clip of its own, and the ninth had none."""
+    clip = OpenClip("20261128T000000Z-x", at_ns=0, until_ns=0, first=0)
+    clip.add("bumper ended", 0, 0.0, after_s=1.0)
+    over_ns = clip.until_ns + 1
+    assert clip.takes(over_ns)
+    clip.add("mark: x", over_ns, 1.0, after_s=1.0)
+    assert clip.until_ns == over_ns + 1_000_000_000
+    assert not clip.takes(round(MAX_CLIP_S * 1e9) + 1)
+    clip.last = 3  # all its messages have come
+    assert not clip.takes(over_ns)
