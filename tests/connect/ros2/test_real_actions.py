@@ -315,7 +315,7 @@ def test_node_that_is_killed_ends_its_goals_and_the_next_node_serves(
     ros: Ros, tmp_path: Path, call: Callable[[int], Call]
 ) -> None:
     with ros_node(ros.distribution, ros.domain, tmp_path) as other:
-        ros.node.run("server.destroy()")
+        ros.node.run("if 'server' in globals(): server.destroy()")
         other.run(SERVE)
         wait_until(lambda: call(4).end()[0] == 0, 30.0)
         goal = call(1000)
