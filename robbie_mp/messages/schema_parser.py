@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, NamedTuple, cast
 
 from robbie_mp.base.suggest import did_you_mean
-from robbie_mp.messages.declaration import python_name
+from robbie_mp.messages.declaration import TAKEN_NAMES, python_name
 from robbie_mp.messages.errors import MessageError, SchemaError
 from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Text, short_name
 from robbie_mp.messages.message import Message, MessageType, nested
@@ -157,7 +157,14 @@ class _Builder:
                 try:
                     kind = self._declare(type_name, content, annotations, body)
                     extent = extent if kind is None else extent.and_field(self._extent(kind))
-                except (ValueError, SyntaxError, MessageError, RecursionError, MemoryError) as error:
+                except (
+                    ValueError,
+                    TypeError,
+                    SyntaxError,
+                    MessageError,
+                    RecursionError,
+                    MemoryError,
+                ) as error:
                     raise SchemaError(
                         f"{type_name}: in the line {content!r:.200} of its schema: {error}"
                     ) from error
@@ -192,7 +199,11 @@ class _Builder:
             raise ValueError("expected 'type name', 'type name default' or 'type NAME=value'")
         kind, name = self._type(type_name, parts["type"]), parts["name"]
         annotation = Annotated[Any, kind]
+        if not name.isidentifier():  # some digits are none in Python
+            raise ValueError(f"{name!r} is not a name")
         if parts["constant"] is not None:
+            if name in TAKEN_NAMES or name in annotations:  # it would replace a method, or a field
+                raise ValueError(f"a constant cannot be called {name}")
             annotations[name] = ClassVar[str if isinstance(kind, Text) else annotation]
             body[name] = _value(kind, parts["constant"])
             return None
