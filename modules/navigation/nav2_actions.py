@@ -19,7 +19,14 @@ from robbie_mp import (
     SentGoal,
     setting,
 )
-from robbie_mp.messages import CancelNavigation, NavigateTo, NavigationFeedback, NavigationResult, PoseStamped
+from robbie_mp.messages import (
+    CancelNavigation,
+    NavigateTo,
+    NavigationFeedback,
+    NavigationResult,
+    PoseStamped,
+    TimeJump,
+)
 from robbie_mp.messages.stock.nav2_msgs import (
     FollowedWaypoints,
     FollowingWaypoints,
@@ -83,6 +90,7 @@ class Nav2Actions(Module):
         self.drives: dict[ActiveGoal[Any, Any, Any], _Drive] = {}
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", optional=True)
+        self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.serve_goals(NavigateToPose, self.on_pose_goal, self.on_cancel)
         self.serve_goals(FollowWaypoints, self.on_waypoints, self.on_cancel)
         self.serve(IsNavigationActive, self.on_question)
@@ -101,6 +109,14 @@ class Nav2Actions(Module):
     def on_pose(self, pose: PoseStamped) -> None:
         """Keep where the robot is, for the feedback."""
         self.pose = pose
+
+    def on_time_jump(self, jump: TimeJump) -> None:
+        """End all goals, as navigation does: the next waypoint would drive the robot in another time."""
+        reason = f"time jumped: {jump.reason}"
+        for drive in list(self.drives.values()):
+            if drive.sent is not None:
+                drive.sent.cancel(reason)
+            self._end(drive, GoalAborted(reason))
 
     def on_pose_goal(self, active: ToPose) -> None:
         """Drive to a pose."""

@@ -18,6 +18,7 @@ from robbie_mp.messages import (
     Point,
     Pose,
     PoseStamped,
+    TimeJump,
 )
 from robbie_mp.messages.stock.nav2_msgs import (
     FollowedWaypoints,
@@ -127,6 +128,23 @@ def test_cancelled_waypoints_end_between_two_of_them(nav2: Harness) -> None:
     nav2.end_goal(driven_to(nav2), GoalCancelled("enough"))
     assert nav2.take(GoalEnd)[0].outcome == GoalEnd.CANCELLED
     assert not nav2.take(NavigateTo)
+
+
+@pytest.mark.parametrize("is_told_by_navigation_first", [False, True])
+def test_no_waypoint_is_driven_to_after_a_jump_of_time(is_told_by_navigation_first: bool) -> None:
+    with ModuleHarness(Nav2Actions, {"stops_on_missed": False}) as nav2:
+        nav2.advance(0.0)
+        nav2.send_goal(FollowWaypoints(poses=[at(1.0), at(2.0)]))
+        goal = driven_to(nav2)
+        if is_told_by_navigation_first:
+            nav2.end_goal(goal, GoalAborted("time jumped: reset"))
+            goal = driven_to(nav2)
+        nav2.send(TimeJump(reason="reset"))
+        assert nav2.take(GoalCancel)[0].call == goal.call
+        nav2.end_goal(goal, GoalAborted("time jumped: reset"))
+        assert not nav2.take(NavigateTo)
+        assert nav2.take(GoalEnd)[0].outcome == GoalEnd.ABORTED
+        assert nav2.checkpoint is None
 
 
 def test_waypoints_without_a_first_one_are_refused(nav2: Harness) -> None:
