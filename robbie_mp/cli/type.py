@@ -86,7 +86,7 @@ def import_types(arguments: argparse.Namespace) -> int:
     if arguments.output is None:
         print(text, end="")
     else:
-        with arguments.output.open("x") as file:
+        with arguments.output.open("x", encoding="utf-8") as file:
             file.write(text)
         print(f"{arguments.output}: {len(made.made)} classes")
     return 1 if made.left_out else 0

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from robbie_mp.base.visible_text import one_line, visible
 from robbie_mp.messages.calls import (
     FEEDBACK_SUFFIX,
     GOAL_SUFFIX,
@@ -24,8 +25,9 @@ from robbie_mp.messages.declaration import Constant
 from robbie_mp.messages.errors import SchemaError
 from robbie_mp.messages.field_types import DEFAULT, Field, FieldType, Items, Nested, Numbers, Primitive, Text
 from robbie_mp.messages.message import Message, fields_of
+from robbie_mp.messages.primitives import PRIMITIVES
 from robbie_mp.messages.registry import TypeRegistry
-from robbie_mp.messages.schema import SEPARATOR
+from robbie_mp.messages.schema import SEPARATOR, nested_types
 from robbie_mp.messages.schema_parser import COMMENT, LINE, message_type_from_schema
 
 CALL: Final = "call"
@@ -48,9 +50,8 @@ IN_FILE: Final = {
 """The same in the order of the file."""
 HALVES: Final = re.compile(r"^---\s*$", re.MULTILINE)
 TYPING: Final = ("Annotated", "Any", "ClassVar", "Literal")
-TAKEN: Final = frozenset(
-    {*TYPING, *BASES.values(), "Array", "DEFAULT", "FixedLength", "MaxLength", "Message", "bool", "str"}
-)
+OURS: Final = ("Array", "DEFAULT", "FixedLength", "MaxLength", "Message")
+TAKEN: Final = frozenset({*TYPING, *BASES.values(), *OURS, *PRIMITIVES, "float", "list", "np", "str"})
 """Names that the file needs itself."""
 HEADINGS: Final = re.compile(r"(goal|result|feedback|request|response)s?( definition)?[.:]?", re.IGNORECASE)
 """Comments that say what the class says."""
@@ -115,6 +116,9 @@ class PythonSource:
             for _, _, made in types:
                 if any(one.name == CALL for one in fields_of(made)) and interface.kind != "msg":
                     raise SchemaError(f"{made.type_name}: its field {CALL!r} is Robbie-MP's own")
+                for one in (made, *nested_types(made)):
+                    if one.type_name not in self.registry:
+                        _check_names(one)
         except SchemaError as error:
             self.left_out.append(str(error))
             return
@@ -139,7 +143,7 @@ class PythonSource:
             for module, names in sorted(self._imports.items())
             if module not in ("typing", "numpy")
         )
-        head = f'"""{heading}"""\n\n{standard}{chr(10) * bool(standard)}{numpy}{own}'
+        head = f'"""{_docstring([one_line(heading)])}"""\n\n{standard}{chr(10) * bool(standard)}{numpy}{own}'
         return "\n\n".join([head, *self._blocks])
 
     def _made(self, name: str, text: str) -> type[Message]:
@@ -188,7 +192,7 @@ class PythonSource:
     def _parameters(self, base: str, kind: str) -> str:
         """Return what stands behind `Request` or `Goal`: its replies, or its feedback and results."""
         suffixes = {"Request": (RESPONSE_SUFFIX,), "Goal": (FEEDBACK_SUFFIX, RESULT_SUFFIX)}.get(kind, ())
-        names = [self._name(self.made[base + suffix]) for suffix in suffixes]
+        names = [self._name(self._known(base + suffix)) for suffix in suffixes]
         return f"[{', '.join(names)}]" if names else ""
 
     def _use(self, kind: FieldType) -> None:
@@ -254,8 +258,10 @@ class PythonSource:
                 return self._limited(f"list[{self._annotation(kind.element)}]", kind.length, kind.max_length)
 
     def _class(self, kind: Nested) -> str:
-        name = kind.layout.type_name
-        return self._name(self.registry.get(name) if name in self.registry else self.made[name])
+        return self._name(self._known(kind.layout.type_name))
+
+    def _known(self, name: str) -> type[Message]:
+        return self.registry.get(name) if name in self.registry else self.made[name]
 
     def _primitive(self, kind: Primitive) -> str:
         if kind.name != "bool":
@@ -300,7 +306,7 @@ class _Comments:
         for line in text.splitlines():
             content = COMMENT.sub(lambda found: found[1] or "", line).strip()
             comment = line.strip()[len(content) :].strip().removeprefix("#").strip() if "#" in line else ""
-            comment = "" if HEADINGS.fullmatch(comment) else comment
+            comment = "" if HEADINGS.fullmatch(comment) else visible(comment)
             parts = LINE.fullmatch(content)
             if parts:
                 last, is_first = parts["name"], False
@@ -326,6 +332,22 @@ class _Comments:
         if len(found) == 1 and len(line) + len(found[0]) + 4 <= WIDTH:
             return [f"{line}  # {found[0]}"]
         return [*(f"    # {one}" for one in found), line]
+
+
+def _check_names(made: type[Message]) -> None:
+    """Check that the names in a definition, which may come from anywhere, mean what they say in Python.
+
+    Raises:
+        SchemaError: one does not.
+    """
+    hidden = {*TAKEN, *(_class_name(one.type_name) for one in nested_types(made))}
+    for name in (*(one.name for one in made._constants), *(one.name for one in fields_of(made))):
+        if keyword.iskeyword(name) or name in hidden:
+            raise SchemaError(f"{made.type_name}: its {name!r} would hide what is called so in Python")
+        if not name.isascii():
+            raise SchemaError(f"{made.type_name}: {name!r} is not a name in ROS")
+    if not made.type_name.isascii():
+        raise SchemaError(f"{made.type_name!r} is not a name in ROS")
 
 
 def _docstring(lines: list[str]) -> str:

@@ -69,8 +69,13 @@ def _of_package(folder: Path) -> tuple[str, PythonSource]:
 def _interfaces(folder: Path) -> Iterator[Interface]:
     """Yield the interfaces of a package, messages first."""
     for kind in KINDS:
-        for file in sorted((folder / kind).glob(f"*.{kind}"))[:MAX_FILES]:
+        for file in _files(folder, kind):
             yield Interface(folder.name, kind, file.stem, _text(file))
+
+
+def _files(folder: Path, kind: str) -> list[Path]:
+    """Return the files of a kind; whoever opens a pipe that is called so waits forever."""
+    return [one for one in sorted((folder / kind).glob(f"*.{kind}"))[:MAX_FILES] if one.is_file()]
 
 
 def _text(file: Path) -> str:
@@ -86,7 +91,7 @@ class _Definitions(dict[str, str]):
     """
 
     def __init__(self, folder: Path):
-        super().__init__({f"{folder.name}/{one.stem}": _text(one) for one in (folder / "msg").glob("*.msg")})
+        super().__init__({f"{folder.name}/{one.stem}": _text(one) for one in _files(folder, "msg")})
         prefixes = os.environ.get(PREFIXES, "").split(os.pathsep)
         self._places = [folder.parent, *(Path(one) / "share" for one in prefixes if one)]
 
@@ -94,7 +99,8 @@ class _Definitions(dict[str, str]):
         """Return a definition."""
         if key not in self and key.count("/") == 1:
             package, name = key.split("/")
-            files = [place / package / "msg" / f"{name}.msg" for place in self._places if name.isidentifier()]
+            places = self._places if package.isidentifier() and name.isidentifier() else []
+            files = [place / package / "msg" / f"{name}.msg" for place in places]
             found = next((file for file in files if file.is_file()), None)
             if found is not None:
                 self[key] = _text(found)
@@ -118,9 +124,9 @@ def _of_log(path: Path) -> tuple[str, PythonSource]:
                 definitions[named[1].replace("/msg/", "/")] = part[named.end() :]
     made = PythonSource(stock_registry(), definitions)
     for type_name, text in sorted(schemas.items()):
-        package, kind, name = type_name.split("/")
-        if kind == "msg":
-            made.add(Interface(package, kind, name, SEPARATOR_LINE.split(text)[0]))
+        package, _, name = type_name.partition("/msg/")
+        if name:
+            made.add(Interface(package, "msg", name, SEPARATOR_LINE.split(text)[0]))
     if not made.made:
         raise NoInterfaces(f"{path} has no definitions of message types that Robbie-MP does not have")
     return made.text(f"Messages of the log {path.name}, written by `robbie type import`."), made

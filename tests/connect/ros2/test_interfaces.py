@@ -1,6 +1,8 @@
 """`robbie type import`: message classes in Python from the files of a package of ROS 2, and from logs."""
 
+import ast
 import json
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -162,6 +164,36 @@ def test_package_is_written_as_a_person_would_and_what_cannot_be_is_named(
     }
 
 
+def test_names_and_comments_of_strangers_run_nothing_in_python(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {
+        "Fine": '# """ \x00 \\\n\nstring text "\\"; print(1)"  # \x00',
+        "Hiding": "int32 DEFAULT=5\nint32 x",
+        "Listing": "string list\nstring[] names",
+        "Keyword": "int32 None=1",
+        "np": "int32[] x [1]",
+    }
+    folder = tmp_path / "bad_msgs"
+    evil = tmp_path / 'x"""; print("run"); """'
+    for package in (folder, evil):
+        (package / "msg").mkdir(parents=True)
+        for name, text in files.items():
+            (package / f"msg/{name}.msg").write_text(text)
+    os.mkfifo(folder / "msg/Pipe.msg")
+    assert main(["type", "import", str(folder)]) == 1
+    output, told = capsys.readouterr()
+    made = classes_in(output, "bad_msgs").keys()
+    assert made == {"bad_msgs/msg/Fine", "bad_msgs/msg/np"}
+    assert [line.split(":")[1].strip() for line in told.splitlines()] == [
+        f"bad_msgs/msg/{name}" for name in ("Hiding", "Keyword", "Listing")
+    ]
+    assert main(["type", "import", str(evil)]) == 1
+    (heading,) = ast.parse(capsys.readouterr().out).body
+    assert isinstance(heading, ast.Expr)
+    assert isinstance(heading.value, ast.Constant)
+
+
 def test_existing_file_is_not_replaced(
     package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -197,7 +229,7 @@ def test_types_of_a_log_are_written_except_the_stock_ones(
     assert "speed: float32 = DEFAULT  # rad/s\n" in text
     assert "wheels: Annotated[list[Wheel], FixedLength(2)] = DEFAULT" in text
     assert classes_in(text, "log").keys() == {"cart_msgs/msg/Wheel", "cart_msgs/msg/Cart"}
-    write_mcap(log, rows([Topic("/name")], 4))
+    write_mcap(log, rows([Topic("/name"), Topic("/odd", "Cart", "int32 x")], 4))
     assert main(["type", "import", str(log)]) == 1
     assert "no definitions of message types" in capsys.readouterr().err
 
