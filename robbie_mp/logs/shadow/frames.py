@@ -3,6 +3,7 @@
 import socket
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, TypeVar
 
 import msgspec
@@ -139,7 +140,8 @@ class Frames:
 
 
 def received(connection: socket.socket, kind: Any) -> Iterator[Any]:
-    """Yield the frames that come until the other end closes."""
+    """Yield the frames that come until the other end closes, with or without having read all of ours."""
     frames = Frames(kind)
-    while data := connection.recv(READ_BYTES):
-        yield from frames.add(data)
+    with suppress(ConnectionResetError):
+        while data := connection.recv(READ_BYTES):
+            yield from frames.add(data)
