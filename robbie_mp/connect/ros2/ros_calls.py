@@ -22,7 +22,7 @@ from robbie_mp.connect.ros2.padding import unpadded
 from robbie_mp.connect.ros2.service_types import ServiceType, fields_without_call, ros_type
 from robbie_mp.connect.ros2.side import Side
 from robbie_mp.connect.ros2.type_hash import service_hash
-from robbie_mp.messages import Message, MessageError, from_dict
+from robbie_mp.messages import Message, from_dict
 from robbie_mp.messages.calls import (
     FEEDBACK_SUFFIX,
     GOAL_SUFFIX,
@@ -203,9 +203,7 @@ class RosCalls:
         try:
             response = call.service.response.decode(data)
             unpadded(response, data)
-            reply = from_dict(call.replies, fields_without_call(response))
-        except MessageError as error:
+            later.reply(from_dict(call.replies, fields_without_call(response)))
+        except RobbieError as error:
             self.failed += 1
             later.refuse(f"the response of {call.name} is wrong: {one_line(str(error))}")
-            return
-        later.reply(reply)

@@ -26,6 +26,8 @@ from robbie_mp.module.module import Module, calls_of
 MAX_GOALS: Final = 64
 """Most goals of an action that have not ended; further ones are refused."""
 FOREVER: Final = float("inf")
+MAX_REASON: Final = 1000
+"""Most characters of an aborted goal's result that its module hears."""
 CANCEL_AGAIN_S: Final = 20.0
 """How long the goals of an earlier process are cancelled again if no node serves them."""
 
@@ -214,19 +216,17 @@ class RosGoals:
         elif answer.status == UNKNOWN:
             self._fail(goal, f"{name} does not know the goal any more")
         else:
-            self._fail(
-                goal, f"{name} has aborted the goal: {one_line(str(fields_without_call(answer.result)))}"
-            )
+            told = str(fields_without_call(answer.result))[:MAX_REASON]
+            self._fail(goal, f"{name} has aborted the goal: {one_line(told)}")
 
     def _succeed(self, goal: _Goal, result: Message) -> None:
         try:
-            here = self._here(goal.action.results, result)
-        except RobbieError as error:
+            if goal.active.is_active:
+                goal.active.succeed(self._here(goal.action.results, result))
+        except RobbieError as error:  # it can be too large for this module's memory, too
             self._fail(goal, f"the result of {goal.action.name} is wrong: {one_line(str(error))}")
             return
         self._forget(goal)
-        if goal.active.is_active:
-            goal.active.succeed(here)
 
     def _on_cancel_answer(self, goal: _Goal, result: bytes | str) -> None:
         answer, problem = _decoded(CANCEL_GOAL.response, result)

@@ -171,10 +171,15 @@ class LaterReply:
         self._calls, self._client, self._call = calls, client, call
 
     def reply(self, reply: Message) -> None:
-        """Send the reply, unless this call has ended already."""
-        if self._end():
+        """Send the reply, unless this call has ended already.
+
+        Raises:
+            MessageTooLarge: it does not fit into the module's memory; the request can still be refused.
+        """
+        if (self._client, self._call) in self._calls.later:
             number_call(reply, self._call)
             self._calls.send(self._client, reply)
+            self._end()
 
     def refuse(self, reason: str) -> None:
         """Refuse the request, unless this call has ended already."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from robbie_mp import GoalAborted, GoalCancelled, ModuleHarness, SettingError
+from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.connect.ros2 import goal_desk
 from robbie_mp.connect.ros2.action_types import (
     ABORTED,
@@ -335,6 +336,36 @@ def test_goal_over_zenoh_is_aborted_or_cancelled_for_its_module(two: Two) -> Non
     two.server.end_goal(goal, GoalCancelled("enough"))
     two.until(two.ends)
     assert (two.ends()[0].outcome, two.ends()[0].reason) == (GoalEnd.CANCELLED, "enough")
+
+
+def test_large_results_of_a_node_end_the_goal_and_not_the_bridge(ros: Ros) -> None:
+    module: Any = ros.bridge.module
+    results = [(SUCCEEDED, np.zeros(200_000, np.int32)), (ABORTED, np.zeros(900, np.int32))]
+    publish = module.ros_goals._module._bus.publish
+
+    def publish_small(message: Message, topic: str, latched: bool = False) -> bool:
+        if message.type_name == Sequence.type_name:
+            raise MessageTooLarge("it does not fit into this module's memory")
+        return bool(publish(message, topic, latched))
+
+    def call(name: str, _: bytes, done: Callable[[bytes], None], limit_s: float = 0.0) -> None:
+        if name.endswith("send_goal"):
+            answer = from_dict(FIBONACCI.send_goal.response, {"accepted": True})
+        else:
+            status, sequence = results.pop(0)
+            fields = {"status": status, "result": {"sequence": sequence}}
+            answer = from_dict(FIBONACCI.get_result.response, fields)
+        done(answer.encode())
+
+    module.side.call = call
+    module.ros_goals._module._bus.publish = publish_small
+    for reason in ("does not fit", "has aborted"):
+        ros.bridge.send_goal(Fibonacci(order=1), topic="ros")
+        until(ros.bridge, lambda: any(isinstance(one.message, GoalEnd) for one in ros.bridge.published))
+        (end,) = ros.bridge.take(GoalEnd)
+        assert reason in end.reason
+        assert len(end.reason) < 1100
+    assert not module.ros_goals.memory
 
 
 def test_goal_for_a_node_that_is_not_there_is_refused(ros: Ros) -> None:
