@@ -93,10 +93,8 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(params=["", "load", "camera", "new"])
-def place(code: Path, request: pytest.FixtureRequest) -> Path:
-    """One of the folders with code: that of the pages, or a workspace."""
-    return code / str(request.param)
+PLACES = ("", "load", "camera", "new")
+"""Folders with code: that of the pages, and workspaces."""
 
 
 def files_in(place: Path) -> list[str]:
@@ -106,21 +104,24 @@ def files_in(place: Path) -> list[str]:
     return sorted(file.name for file in place.glob("*.py") if "robbie_mp" in file.read_text())
 
 
-def test_mypy_finds_nothing_in_strict_mode(place: Path) -> None:
+def test_mypy_finds_nothing_in_strict_mode(code: Path) -> None:
     command = [sys.executable, "-m", "mypy", "--strict", "--ignore-missing-imports", "--implicit-reexport"]
-    done = subprocess.run(
-        [*command, "--config-file=", "--cache-dir", str(place / "cache"), *files_in(place)],
-        cwd=place,
-        env=os.environ | {"MYPYPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    for place in map(code.joinpath, PLACES):
+        done = subprocess.run(
+            [*command, "--config-file=", "--cache-dir", str(code / "cache"), *files_in(place)],
+            cwd=place,
+            env=os.environ | {"MYPYPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_pyright_finds_nothing_in_standard_mode(place: Path) -> None:
+@pytest.mark.parametrize("name", PLACES)
+def test_pyright_finds_nothing_in_standard_mode(code: Path, name: str) -> None:
     pytest.importorskip("pyright")
+    place = code / name
     settings = {
         "typeCheckingMode": "standard",
         "include": files_in(place),

@@ -15,7 +15,7 @@ from tests.logs.strangers_kinds.kinds import KINDS
 from tests.logs.strangers_kinds.trial import Outcome, attempt, table
 
 AT_ONCE = 2
-SAMPLE = KINDS[::8]
+SAMPLE = KINDS[::16]
 
 
 @pytest.fixture
