@@ -49,7 +49,7 @@ print("; ".join(outside.noted))
         ("random.Random(3).random()", ""),
         ("Path('speed.txt').exists()", "the file speed.txt"),
         ("open('/dev/null').close()", ""),
-        ("threading.Thread(target=print).start()", "a thread of its own"),
+        ("threading.Thread(target=dict).start()", "a thread of its own"),
         ("subprocess.run(['true'])", "another program"),
         ("socket.socket(type=socket.SOCK_DGRAM).connect(('127.0.0.1', 9))", "a socket of its own"),
         ("datetime.now()", "datetime.now()"),
