@@ -74,7 +74,7 @@ def _interfaces(folder: Path) -> Iterator[Interface]:
 
 
 def _files(folder: Path, kind: str) -> list[Path]:
-    """Return the files of a kind; whoever opens a pipe that is called so waits forever."""
+    """Return the regular files of a kind; opening a named pipe would block forever."""
     return [one for one in sorted((folder / kind).glob(f"*.{kind}"))[:MAX_FILES] if one.is_file()]
 
 

@@ -502,4 +502,4 @@ class SentGoal:
 
 
 def _ignore(_: object) -> None:
-    """Do nothing: the goal has ended for whoever sent it."""
+    """Do nothing: the client has already been told that its goal ended."""
