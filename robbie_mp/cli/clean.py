@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views import quantities
+from robbie_mp.base.linux.fastdds_memory import remove_dead_participants
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import say
 from robbie_mp.cli.parser import add_command
@@ -54,11 +55,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def sweep_dead_runs() -> Swept:
-    """Remove what dead runs left, after their last messages have become clips."""
+    """Remove what dead runs and killed nodes left, after the runs' last messages have become clips."""
     told: list[str] = []
     swept = sweep(salvage=lambda run_id, folder: told.extend(salvage(run_id, folder)))
     for line in told:
         say(line)
+    if nodes := remove_dead_participants():
+        say(f"removed {len(nodes)} files in shared memory of ROS 2 nodes that had been killed (FastDDS)")
     return swept
 
 

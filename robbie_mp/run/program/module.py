@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.fastdds_memory import remove_dead_participants
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import MessageHandling, Module, setting
 from robbie_mp.module.settings import REQUIRED, SettingError
@@ -94,6 +95,7 @@ class Program(Module):
             type_name = name if "/" in name else f"*/{name}"
             newest = MessageHandling.KEEP_ONLY_NEWEST
             self.subscribe_encoded(type_name, self._on_message, topic=topic.strip(), handling=newest)
+        remove_dead_participants()  # if this module was killed with its program
         self.process = GuardedProcess(
             self.command,
             {"PYTHONUNBUFFERED": "1", **environment, **self.environment},
@@ -175,5 +177,6 @@ class Program(Module):
         self.status = f"{count} processes, {share:.0%} of a processor, {rss_bytes >> 20} MiB"
 
     def teardown(self) -> None:
-        """End the program and its whole tree."""
+        """End the program and its whole tree, and remove what it left in shared memory if it was killed."""
         self.process.stop()
+        remove_dead_participants()

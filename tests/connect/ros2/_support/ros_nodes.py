@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from robbie_mp import ModuleHarness
+from robbie_mp.base.linux.fastdds_memory import remove_dead_participants
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from tests._support.places import PROJECT
 from tests._support.robot import wait_until
@@ -103,6 +104,8 @@ def ros_node(distribution: str, domain: int, folder: Path) -> Iterator[RosNode]:
             process.communicate(timeout=10)
         finally:
             process.kill()
+            process.wait()
+            remove_dead_participants()  # a test may have killed it
 
 
 def until(bridge: ModuleHarness[Ros2Bridge], condition: Any, limit_s: float = 30.0) -> None:
