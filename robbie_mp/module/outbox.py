@@ -367,9 +367,12 @@ class Outbox:
         blocks = self._blocks
         capacity = block_bytes(size)
         for left_bytes in (blocks.room_bytes - capacity, blocks.taken_bytes - capacity):
-            self._ask_for_room(max(0, min(left_bytes, blocks.enough_bytes)), max(0, left_bytes))
             until_ns = time.monotonic_ns() + _MAX_WAIT_FOR_ROOM_NS
+            is_asked = False
             while time.monotonic_ns() < until_ns:
+                is_asked = is_asked or self._ask_for_room(
+                    max(0, min(left_bytes, blocks.enough_bytes)), max(0, left_bytes)
+                )
                 if (block := self._allocate(size, blocks.reuse(size))) is not None:
                     return block
                 time.sleep(_ROOM_POLL_S)
@@ -424,10 +427,11 @@ class Outbox:
         if self._monotonic_ns() - self._asked_ns >= _MIN_REQUEST_INTERVAL_NS:
             self._ask_for_room(max(0, enough_bytes), latched_bytes)
 
-    def _ask_for_room(self, enough_bytes: int, latched_bytes: int) -> None:
+    def _ask_for_room(self, enough_bytes: int, latched_bytes: int) -> bool:
+        """Ask the core; False: it has not answered the last request yet, or the ring is full."""
         self._asked_ns = now_ns = self._monotonic_ns()
         before_ns = now_ns - _MIN_AGE_TO_DROP_NS
-        self._endpoint.make_room(_TARGET_IN_FLIGHT, enough_bytes, before_ns, latched_bytes)
+        return self._endpoint.make_room(_TARGET_IN_FLIGHT, enough_bytes, before_ns, latched_bytes)
 
     def _refuse_for_memory(self, size: int, type_name: str, topic: str) -> bool:
         """Refuse a message, and ask the core to make room for the next."""

@@ -245,13 +245,13 @@ class RoomMaker:
         _, messages, memory_bytes, before_ns, latched_bytes, *_ = record
         ledger = self._ledger
         live = ledger.live_of(link.source)
-        sizes = {index: block_bytes(ledger.handle(index).size) for index in live}
+        sizes = {index: block_bytes(ledger.size_of(index)) for index in live}
         left, left_bytes = len(live), sum(sizes.values())
         if left <= messages and left_bytes <= memory_bytes:
             return
         latched = []
         for index, references in self._droppable(live).items():
-            is_young = ledger.handle(index).stamp_ns >= before_ns
+            is_young = ledger.stamp_ns_of(index) >= before_ns
             if any(slot is self._latches for slot, _ in references):
                 if not is_young or len(references) == 1:  # no subscriber is about to take it
                     latched.append((index, references))
@@ -285,9 +285,9 @@ class RoomMaker:
     def _waiting(self, handles: Container[int]) -> dict[int, list[tuple[Slot, int]]]:
         """Find the waiting references to some messages, by message, each with the slot of its subscriber."""
         found: dict[int, list[tuple[Slot, int]]] = {}
+        handle_of = self._ledger.handle_of
         for slot in self._slots:
             for reference in slot.waiting:
-                handle = self._ledger.reference(reference)[1]
-                if handle in handles:
+                if (handle := handle_of(reference)) in handles:
                     found.setdefault(handle, []).append((slot, reference))
         return found

@@ -88,6 +88,8 @@ class Endpoint:
         self._declarations = 0
         self._patterns = 0
         self._is_ready = False
+        self._asked_for_room_at = 0
+        """Number of the record after the last request for room."""
         self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
         # Publishing leaves this room in the ring for releases, which must not be refused.
         self._reserve = min(2 * credit, ring_records // 2)
@@ -253,10 +255,11 @@ class Endpoint:
 
     def make_room(
         self, messages: int, memory_bytes: int, before_ns: int, latched_bytes: int = WORD_MAX
-    ) -> None:
+    ) -> bool:
         """Have the core drop this module's oldest waiting messages until few enough are left.
 
-        This does nothing if the ring is full: the core must handle the records in it first.
+        This does nothing if the ring is full, or if the core has not handled the last request yet: one that
+        is behind would only get more to do.
 
         Args:
             messages: maximum number of messages to be left.
@@ -264,12 +267,19 @@ class Endpoint:
             before_ns: only messages with an earlier stamp are dropped.
             latched_bytes: if their blocks are still larger than this, messages that the core keeps for later
                 subscribers are dropped as well.
+
+        Returns:
+            Whether the core was asked.
         """
         with self.lock:
-            if self._backlog or self._outbound.room() <= self._reserve:
-                return
-            self._outbound.push(Outbound.MAKE_ROOM, messages, memory_bytes, before_ns, latched_bytes, 0, 0)
+            outbound = self._outbound
+            is_unanswered = self._in[layout.IN_OUTBOUND_TAIL] < self._asked_for_room_at
+            if is_unanswered or self._backlog or outbound.room() <= self._reserve:
+                return False
+            outbound.push(Outbound.MAKE_ROOM, messages, memory_bytes, before_ns, latched_bytes, 0, 0)
+            self._asked_for_room_at = outbound.head
         self.wake_core()
+        return True
 
     def done(self, delivery: Delivery) -> None:
         """Tell the core that a message was handled, but its memory is still in use."""

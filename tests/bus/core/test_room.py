@@ -180,6 +180,20 @@ def test_other_publishers_lose_nothing() -> None:
     assert blocks_alive(other) == 3
 
 
+def test_core_that_is_behind_is_asked_only_once() -> None:
+    run = SimulatedRun()
+    publisher, channel, _ = connected(run, ALWAYS)
+    publish(run, publisher, channel, CREDIT + 8)
+    asked = [publisher.endpoint.make_room(CREDIT + 3, WORD_MAX, LATER) for _ in range(3)]
+    assert asked == [True, False, False]
+    run.restart_core()  # the next core finds the request in the ring
+    run.run_core()
+    assert run.counts(0)["dropped"] == 5
+    assert publisher.endpoint.make_room(CREDIT + 1, WORD_MAX, LATER)
+    run.run_core()
+    assert run.counts(0)["dropped"] == 7
+
+
 def test_record_that_is_handled_again_drops_nothing_more() -> None:
     run = SimulatedRun()
     publisher, channel, _ = connected(run, ALWAYS)
