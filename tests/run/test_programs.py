@@ -6,6 +6,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -159,8 +160,12 @@ modules:
 
 def program_of(figures: dict[str, dict[str, Any]]) -> psutil.Process:
     """The process of the program itself; its guardian has its name among its arguments, too."""
-    tree = psutil.Process(figures["driver"]["pid"]).children(recursive=True)
-    (program,) = [one for one in tree if one.cmdline() == ["/bin/sh", "tree.sh"]]
+    found = []
+    for one in psutil.Process(figures["driver"]["pid"]).children(recursive=True):
+        with suppress(psutil.NoSuchProcess):  # a child of the shell, which has ended since
+            if one.cmdline() == ["/bin/sh", "tree.sh"]:
+                found.append(one)
+    (program,) = found
     return program
 
 

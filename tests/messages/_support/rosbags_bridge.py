@@ -22,20 +22,40 @@ VISION_MSGS = {
     ),
     "Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
 }
-# Fields as in https://github.com/ros-navigation/navigation2.
+# Fields as in https://github.com/ros-navigation/navigation2, branch jazzy.
 NAV2_MSGS = {
     "CostmapMetaData": (
         "builtin_interfaces/Time map_load_time\nbuiltin_interfaces/Time update_time\nstring layer\n"
         "float32 resolution\nuint32 size_x\nuint32 size_y\ngeometry_msgs/Pose origin"
     ),
     "Costmap": "std_msgs/Header header\nnav2_msgs/CostmapMetaData metadata\nuint8[] data",
+    "MissedWaypoint": "uint32 index\ngeometry_msgs/PoseStamped goal\nuint16 error_code",
 }
+NAV2_ACTIONS = {
+    "NavigateToPose_Goal": "geometry_msgs/PoseStamped pose\nstring behavior_tree",
+    "NavigateToPose_Result": "uint16 error_code\nstring error_msg",
+    "NavigateToPose_Feedback": (
+        "geometry_msgs/PoseStamped current_pose\nbuiltin_interfaces/Duration navigation_time\n"
+        "builtin_interfaces/Duration estimated_time_remaining\nint16 number_of_recoveries\n"
+        "float32 distance_remaining"
+    ),
+    "FollowWaypoints_Goal": (
+        "uint32 number_of_loops\nuint32 goal_index 0\ngeometry_msgs/PoseStamped[] poses"
+    ),
+    "FollowWaypoints_Result": (
+        "nav2_msgs/MissedWaypoint[] missed_waypoints\nuint16 error_code\nstring error_msg"
+    ),
+    "FollowWaypoints_Feedback": "uint32 current_waypoint",
+}
+"""Likewise. In ours, the number of the call comes first."""
 
 
 def jazzy() -> Typestore:
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, fields in NAV2_MSGS.items():
         store.register(get_types_from_msg(fields, f"nav2_msgs/msg/{name}"))
+    for name, fields in NAV2_ACTIONS.items():
+        store.register(get_types_from_msg(f"uint64 call\n{fields}", f"nav2_msgs/action/{name}"))
     for name, fields in VISION_MSGS.items():
         store.register(get_types_from_msg(fields, f"vision_msgs/msg/{name}"))
     return store
