@@ -1,6 +1,10 @@
 """ROS 2 over DDS, as nodes with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp or rmw_fastrtps_cpp speak it.
 
 CycloneDDS calls back in its own threads. They only put messages into the inbox.
+
+CycloneDDS 11.0 may refuse publishers of nodes with FastDDS 3 (Kilted): it takes in the descriptions of types
+that such nodes send to one another, holds some of them for invalid, and then tells nobody. So feedback of
+actions does not come by way of it, and other publishers that it does not know are named.
 """
 
 import re
@@ -13,7 +17,7 @@ import numpy as np
 from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
 from robbie_mp.connect.ros2.rtps.participant import NoInterface
-from robbie_mp.connect.ros2.rtps.services import DdsServices
+from robbie_mp.connect.ros2.rtps.services import FEEDBACK, DdsServices
 from robbie_mp.connect.ros2.side import (
     RESPONSE_LIMIT_S,
     MiddlewareInbox,
@@ -61,6 +65,8 @@ PADDED_TO = 4
 LOOK_NS = 1_000_000_000
 """Time between two looks at the types of others' endpoints."""
 MAX_ENDPOINTS = 1000
+REFUSED_AFTER_LOOKS = 5
+"""Looks at which another participant is known to have a publisher that CycloneDDS does not know."""
 HASH = re.compile(rb"typehash=(RIHS01_[0-9a-f]{64});")
 
 
@@ -96,6 +102,8 @@ class DdsSide:
     interface: str = LOOPBACK
     incompatible: int = 0
     """Endpoints of others that do not fit because of their quality of service."""
+    refusal: str = ""
+    """A publisher that CycloneDDS has refused, and what to do; '' if there is none."""
     _writers: dict[RosChannel, Any] = field(default_factory=dict)
     _readers: list[Any] = field(default_factory=list)
     _services: DdsServices | None = None
@@ -107,6 +115,8 @@ class DdsSide:
     _named: set[bytes] = field(default_factory=set)
     """Endpoints of other types that have been counted."""
     _looked_ns: int = 0
+    _unknown: dict[bytes, int] = field(default_factory=dict)
+    """Publishers that CycloneDDS does not know, with the number of looks."""
 
     def __post_init__(self) -> None:
         try:
@@ -115,7 +125,15 @@ class DdsSide:
                 BuiltinTopicDcpsPublication,
                 BuiltinTopicDcpsSubscription,
             )
-            from cyclonedds.core import DDSException, Policy, Qos  # noqa: PLC0415
+            from cyclonedds.core import (  # noqa: PLC0415
+                DDSException,
+                InstanceState,
+                Policy,
+                Qos,
+                ReadCondition,
+                SampleState,
+                ViewState,
+            )
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
         except ImportError as error:
             raise Ros2Unavailable(
@@ -136,6 +154,8 @@ class DdsSide:
             BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication),
             BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription),
         )
+        alive = ViewState.Any | SampleState.Any | InstanceState.Alive
+        self._alive = tuple(ReadCondition(one, alive) for one in self._endpoints)
         self._nodes = self._writer(topic_of(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
         self._tell()
 
@@ -162,6 +182,10 @@ class DdsSide:
 
     def listen(self, channel: RosChannel) -> None:
         """Ask for the messages of a channel."""
+        if channel.name.endswith(FEEDBACK):
+            self._with_services().hear(channel)
+            self._tell()
+            return
         from cyclonedds.core import Listener  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
 
@@ -210,9 +234,14 @@ class DdsSide:
             raise Ros2Unavailable("the thread that serves requests has ended; the trace has its error")
         if time.monotonic_ns() - self._looked_ns >= LOOK_NS:
             self._looked_ns = time.monotonic_ns()
-            for reader, channels in zip(self._endpoints, (self._asked, self._offered), strict=True):
-                for endpoint in reader.read(MAX_ENDPOINTS):
+            publications, subscriptions = (
+                one.read(MAX_ENDPOINTS, alive)
+                for one, alive in zip(self._endpoints, self._alive, strict=True)
+            )
+            for endpoints, channels in ((publications, self._asked), (subscriptions, self._offered)):
+                for endpoint in endpoints:
                     self._compare(endpoint, channels)
+            self._look_for_refused({one.key.bytes for one in publications})
         readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
         writers = self._writers.values()
         self.incompatible = readers + sum(
@@ -237,6 +266,26 @@ class DdsSide:
             shown = b" ".join(hashes).decode(errors="replace")
             self.inbox.put_stranger(f"{channel.name} has the type {endpoint.type_name} {shown}".rstrip())
 
+    def _look_for_refused(self, known: set[bytes]) -> None:
+        publishers = self._services.publishers() if self._services is not None else []
+        unknown = {
+            one.guid: self._unknown.get(one.guid, 0) + 1
+            for one in publishers
+            if one.guid not in known and one.type_name == self._asked[one.topic].dds_type
+        }
+        self._unknown = unknown
+        topics = {
+            self._asked[one.topic].name
+            for one in publishers
+            if unknown.get(one.guid, 0) > REFUSED_AFTER_LOOKS
+        }
+        self.refusal = (
+            f"CycloneDDS has refused a publisher of {', '.join(sorted(topics))} and hears nothing of it; "
+            "restart this module (see docs/ros2.md)"
+            if topics
+            else ""
+        )
+
     def close(self) -> None:
         """Leave the domain."""
         if self._services is not None:
@@ -252,7 +301,7 @@ class DdsSide:
     def _with_services(self) -> DdsServices:
         if self._services is None:
             try:
-                self._services = DdsServices(self.node.domain, self.interface, self.inbox)
+                self._services = DdsServices(self.node.domain, self.interface, self.inbox, self._asked)
             except NoInterface as error:
                 raise Ros2Unavailable(f"services cannot use the interface: {error}") from error
         return self._services

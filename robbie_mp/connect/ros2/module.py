@@ -256,7 +256,6 @@ class Ros2Bridge(ClockSource):
         """Tell of jumps, and of a time that was lost."""
         while ros_time.announced:
             self.publish(ros_time.announced.popleft())
-        self.degraded = ros_time.problem
 
     @property
     def _time_problem(self) -> str:
@@ -421,6 +420,7 @@ class Ros2Bridge(ClockSource):
             self.node_parameters.tick()
         self._send_own()
         self.side.look_after()
+        self.degraded = self._time_problem or self.side.refusal
         now_ns = self.clock.monotonic_ns()
         if now_ns - self._looked_at_ns >= TRACE_EVERY_NS:
             self._looked_at_ns = now_ns

@@ -204,6 +204,9 @@ class Side(Protocol):
     incompatible: int
     """Endpoints of others that do not fit because of their quality of service."""
 
+    refusal: str
+    """Whom the middleware does not hear although it fits, and what to do about that; '' if nobody."""
+
     def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher. It does not wait for anybody."""
 

@@ -90,6 +90,7 @@ class ZenohSide:
     max_bytes: int = 64 << 20
     unsent: int = 0
     incompatible: int = 0
+    refusal: str = ""
     """None is: in Zenoh, every quality of service fits every other one."""
     withheld: int = 0
     """Messages of this node that came back."""

@@ -1,6 +1,8 @@
 """The bridge over DDS: the types made from declarations, and what is wrong on this machine."""
 
 import os
+from contextlib import closing
+from typing import Any
 
 import pytest
 
@@ -9,12 +11,17 @@ from robbie_mp.connect.ros2.dds_side import NODES
 from robbie_mp.connect.ros2.idl_types import raw_type
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.padding import unpadded
+from robbie_mp.connect.ros2.rtps import wire
+from robbie_mp.connect.ros2.rtps.participant import Participant
 from robbie_mp.connect.ros2.side import Ros2Unavailable
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import DecodeError, String
 from robbie_mp.messages.stock.registry import stock_registry
+from tests.connect.ros2._support.ros_nodes import until
 
-SETTINGS = {"middleware": "dds", "domain": 20 + os.getpid() % 80}
+SETTINGS: dict[str, Any] = {"middleware": "dds", "domain": 20 + os.getpid() % 80}
+TYPE_INFORMATION = 0x75
+"""A parameter of an endpoint (DDS-XTypes 1.3, 7.6.2.1)."""
 
 
 def test_padding_is_cut_off_and_other_bytes_behind_a_message_are_an_error() -> None:
@@ -39,3 +46,16 @@ def test_every_stock_type_has_a_type_of_dds() -> None:
 
 def test_what_tells_of_nodes_is_the_type_that_ros_uses() -> None:
     assert type_hash(NODES) == "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+
+
+@pytest.mark.slow
+def test_publisher_that_cyclonedds_refuses_is_told_until_it_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = {**SETTINGS, "accept": {"/text": "String"}, "emergency_stop": "engage"}
+    whole = wire.parameter_list
+    with ModuleHarness(Ros2Bridge, settings) as bridge:
+        wrong = [(TYPE_INFORMATION, b"\xff" * 8)]
+        monkeypatch.setattr(wire, "parameter_list", lambda told: whole([*told, *wrong]))
+        with closing(Participant(SETTINGS["domain"], "lo", lambda _: False)) as other:
+            other.add_writer("rt/text", "std_msgs::msg::dds_::String_", b"")
+            until(bridge, lambda: "CycloneDDS has refused a publisher of /text" in bridge.module.degraded)
+        until(bridge, lambda: not bridge.module.degraded)

@@ -71,9 +71,9 @@ class RemoteEndpoint(NamedTuple):
     durability: int
 
     @property
-    def prefix(self) -> bytes:
-        """Its participant."""
-        return self.guid[: wire.PREFIX_BYTES]
+    def is_writer(self) -> bool:
+        """Whether it is a writer, and not a reader."""
+        return self.guid[-1] & 0x0F not in (0x04, 0x07)
 
 
 @dataclass
@@ -328,9 +328,8 @@ class Participant:
         """Begin to speak with an endpoint if it fits."""
         if (own.topic, own.type_name) != (other.topic, other.type_name):
             return
-        is_reader = other.guid[-1] & 0x0F in (0x04, 0x07)
-        if isinstance(own.endpoint, ReliableWriter) == is_reader and (
-            other.durability == VOLATILE if is_reader else other.is_reliable
+        if isinstance(own.endpoint, ReliableWriter) != other.is_writer and (
+            other.is_reliable if other.is_writer else other.durability == VOLATILE
         ):
             own.endpoint.match(other.guid)
 

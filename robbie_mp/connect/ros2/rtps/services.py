@@ -1,26 +1,30 @@
-"""Services of ROS 2 over DDS, for clients with FastDDS and with CycloneDDS at once.
+"""What CycloneDDS's library cannot do for ROS 2 over DDS: services for its own and FastDDS's clients at once.
 
 rmw_fastrtps puts the identity of a request into the parameters before the message, rmw_cyclonedds into 16
 bytes before its fields: the client, and a number. CycloneDDS's library does not let a program see or write
-those parameters, so services have a participant of their own here.
+those parameters, so services have a participant of their own here. It hears the feedback of actions as well,
+and finds publishers that CycloneDDS has refused.
 """
 
 import struct
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from robbie_mp.connect.ros2.action_types import part
 from robbie_mp.connect.ros2.rtps import wire
 from robbie_mp.connect.ros2.rtps.endpoints import ReliableReader, ReliableWriter
-from robbie_mp.connect.ros2.rtps.participant import Participant
-from robbie_mp.connect.ros2.side import RESPONSE_LIMIT_S, MiddlewareInbox
+from robbie_mp.connect.ros2.rtps.participant import Participant, RemoteEndpoint
+from robbie_mp.connect.ros2.side import RESPONSE_LIMIT_S, MiddlewareInbox, RosChannel
 from robbie_mp.connect.ros2.type_hash import type_hash
 
 if TYPE_CHECKING:
     from robbie_mp.connect.ros2.service_types import ServiceType
 
+FEEDBACK: Final = part("", "feedback")
+"""How the names of topics with feedback of actions end."""
 CYCLONEDDS: Final = b"\x01\x10"
 """The number of its vendor, with which the GUIDs of its participants begin."""
 ENCAPSULATION_BYTES, HEADER_BYTES = 4, 16
@@ -86,6 +90,7 @@ class DdsServices:
         domain: the domain.
         interface: the network interface.
         inbox: where requests go.
+        topics: in DDS, whose publishers `publishers` knows.
 
     Raises:
         NoInterface: there is none of that name.
@@ -97,6 +102,7 @@ class DdsServices:
     domain: int
     interface: str
     inbox: MiddlewareInbox
+    topics: Container[str] = ()
     unsent: int = 0
     readers: list[bytes] = field(default_factory=list)
     """GUIDs of the readers of requests; `writers`: those of the writers of responses."""
@@ -105,7 +111,7 @@ class DdsServices:
     _clients: dict[str, _Client] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._participant = Participant(self.domain, self.interface, _is_of_a_service)
+        self._participant = Participant(self.domain, self.interface, self._is_wanted)
         self._participant.on_look = self._look_after
         self._participant.on_malformed = lambda: self.inbox.put_stranger("a datagram that is not of RTPS")
 
@@ -151,6 +157,24 @@ class DdsServices:
         self.readers.append(self._participant.guid(reader))
         self.writers.append(self._participant.guid(writer))
 
+    def hear(self, channel: RosChannel) -> None:
+        """Ask for the messages of a channel."""
+        told = f"typehash={channel.type_hash};".encode()
+
+        def take(sample: wire.Sample) -> None:
+            self.inbox.put(channel, sample.payload, time.time_ns())
+
+        reader = self._participant.add_reader(
+            f"rt{channel.name}", channel.dds_type, told, take, self.inbox.max_bytes
+        )
+        self.readers.append(self._participant.guid(reader))
+
+    def publishers(self) -> list[RemoteEndpoint]:
+        """Return the publishers of other participants on `topics`."""
+        with self._participant.lock:
+            others = list(self._participant.others.values())
+        return [one for one in others if one.topic in self.topics and one.is_writer]
+
     def call(self, name: str, data: bytes, done: Done, limit_s: float = RESPONSE_LIMIT_S) -> None:
         """Call a service of ROS, as soon as a node that serves it is found.
 
@@ -171,6 +195,9 @@ class DdsServices:
     def close(self) -> None:
         """Leave the domain."""
         self._participant.close()
+
+    def _is_wanted(self, topic: str) -> bool:
+        return topic.startswith(("rq/", "rr/")) or topic.endswith(FEEDBACK) or topic in self.topics
 
     def _service_id(self) -> str:
         """Return the identity of the next service, with which clients of CycloneDDS tell services apart."""
@@ -292,10 +319,6 @@ def _dds_type(service: "ServiceType") -> str:
     """Return the beginning of the names of its types in DDS."""
     package, kind, name = service.name.split("/")
     return f"{package}::{kind}::dds_::{name}"
-
-
-def _is_of_a_service(topic: str) -> bool:
-    return topic.startswith(("rq/", "rr/"))
 
 
 def _related_to(sample: wire.Sample) -> bytes:
