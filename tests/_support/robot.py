@@ -182,6 +182,14 @@ def is_running(pid: int) -> bool:
         return False
 
 
+def command_of(process: psutil.Process) -> list[str]:
+    """The words of a process's command; none if it has ended, also while one looks."""
+    try:
+        return process.cmdline()
+    except psutil.NoSuchProcess:
+        return []
+
+
 def wait_until(condition: Callable[[], bool], limit_s: float = LIMIT_S) -> float:
     """Wait for a condition; return how long it took."""
     started = time.monotonic()

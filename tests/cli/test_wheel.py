@@ -24,6 +24,8 @@ from tests._support.sources import copy_sources
 pytestmark = pytest.mark.slow
 
 LIMIT_S = 150.0
+ALWAYS = ("demo", "rescue", "spoken")
+"""The stock robots that are always started from the wheel."""
 USER_CODE = """
 from robbie_mp import Module, setting
 from robbie_robots.hw.rplidar.laser import RpLidar
@@ -176,8 +178,11 @@ def states_of(run_id: str, folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("name", EXTRAS)
 def test_stock_robot_runs_in_an_empty_folder_with_only_the_wheel_installed(
-    name: str, program: Path, tmp_path: Path
+    name: str, program: Path, tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:
+    """With --exhaustive, every one."""
+    if name not in ALWAYS and not pytestconfig.getoption("--exhaustive"):
+        pytest.skip("is tried with --exhaustive")
     link_what_the_wheel_needs(site_of(program.parent), EXTRAS[name].split(","))
     (folder := tmp_path / "empty").mkdir()
     command = ["robbie", "run", f"robbie:{name}", "--quiet"]

@@ -6,7 +6,6 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import pytest
 from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import String
 from robbie_mp.run.program.module import Program, ProgramSilent
-from tests._support.robot import Robot, wait_until
+from tests._support.robot import Robot, command_of, wait_until
 
 FOREVER = 987
 """Seconds that the processes of these tests would sleep."""
@@ -160,12 +159,8 @@ modules:
 
 def program_of(figures: dict[str, dict[str, Any]]) -> psutil.Process:
     """The process of the program itself; its guardian has its name among its arguments, too."""
-    found = []
-    for one in psutil.Process(figures["driver"]["pid"]).children(recursive=True):
-        with suppress(psutil.NoSuchProcess):  # a child of the shell, which has ended since
-            if one.cmdline() == ["/bin/sh", "tree.sh"]:
-                found.append(one)
-    (program,) = found
+    tree = psutil.Process(figures["driver"]["pid"]).children(recursive=True)
+    (program,) = [one for one in tree if command_of(one) == ["/bin/sh", "tree.sh"]]
     return program
 
 

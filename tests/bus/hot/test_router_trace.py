@@ -26,7 +26,7 @@ from tools.fuzz.core.attack import SimulatedAttack
 from tools.fuzz.core.plain import inputs
 
 HISTORIES = 200
-MANY_HISTORIES = 2_500
+MANY_HISTORIES = 800
 ALL_HISTORIES = 1_000_000
 HOSTILE_MODULES = 150
 EACH = 17

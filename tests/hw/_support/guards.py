@@ -6,6 +6,7 @@ import time
 import psutil
 
 from robbie_robots.hw.connection import stop_guard
+from tests._support.robot import command_of
 
 LIMIT_S = 20.0
 
@@ -15,7 +16,7 @@ def guards(pid: int | None = None) -> list[psutil.Process]:
     return [
         child
         for child in psutil.Process(pid or os.getpid()).children()
-        if child.status() != psutil.STATUS_ZOMBIE and stop_guard.__file__ in child.cmdline()
+        if stop_guard.__file__ in command_of(child)
     ]
 
 

@@ -14,7 +14,7 @@ from tests._support.robot import Ended, Robot, kill, wait_until
 from tests.logs.black_box.test_black_box import MODULES, PROFILE, box, start
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-KILLS = 10
+KILLS = 5
 LOGGER = "  logger: {class: robbie_mp.logs.message_logger:MessageLogger}\nblack_box:"
 FLOOD = """
 modules:

@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from robbie_mp.run.operator_link import LINK_FILE, TOKEN_FILE, read_link
-from tests._support.robot import Robot, kill, wait_until
+from tests._support.robot import Robot, command_of, kill, wait_until
 from tests.security.station._support.attacker import Attacker
 from tests.security.station.conftest import Station
 
@@ -48,7 +48,7 @@ def test_station_without_a_token_makes_one_that_only_its_user_can_read(robot: Ro
     assert token not in robot.top()["operator"]["status"]
     assert token not in robot.log("operator")
     for one in psutil.Process(process.pid).children(recursive=True):
-        assert token not in " ".join(one.cmdline())
+        assert token not in " ".join(command_of(one))
     for written in Path(robot.output).rglob("*"):
         assert not written.is_file() or token.encode() not in written.read_bytes(), written
     assert token not in user.ask("/").body

@@ -29,7 +29,7 @@ WARM_UP = 20
 """Rounds after which caches, also those of numpy, hardly grow any more."""
 ROUNDS = 12
 """Rounds of a window."""
-MAX_WINDOWS = 24
+MAX_WINDOWS = 10
 """Windows after which what still grows is no cache; most plays need one or two."""
 LEAST = 2
 """References or blocks more in each round that count; every play does everything several times."""
