@@ -27,7 +27,7 @@ from robbie_mp.messages.field_types import DEFAULT, Field, FieldType, Items, Nes
 from robbie_mp.messages.message import Message, fields_of
 from robbie_mp.messages.primitives import PRIMITIVES
 from robbie_mp.messages.registry import TypeRegistry
-from robbie_mp.messages.schema import SEPARATOR, nested_types
+from robbie_mp.messages.schema import SEPARATOR, layout, nested_types
 from robbie_mp.messages.schema_parser import COMMENT, LINE, message_type_from_schema
 
 CALL: Final = "call"
@@ -123,7 +123,9 @@ class PythonSource:
             self.left_out.append(str(error))
             return
         for name, text, made in types:
-            if name not in self.made and name not in self.registry:
+            if name in self.registry:
+                self._compare(made, self.registry.get(name), interface.kind)
+            elif name not in self.made:
                 self._write(made, text)
 
     def text(self, heading: str) -> str:
@@ -145,6 +147,15 @@ class PythonSource:
         )
         head = f'"""{_docstring([one_line(heading)])}"""\n\n{standard}{chr(10) * bool(standard)}{numpy}{own}'
         return "\n\n".join([head, *self._blocks])
+
+    def _compare(self, made: type[Message], stock: type[Message], kind: str) -> None:
+        """Tell if the stock type, which is imported instead, has other fields."""
+        own = layout(stock)[0 if kind == "msg" else 1 :]  # without the call's number
+        if layout(made) != own:
+            self.left_out.append(
+                f"{made.type_name}: Robbie-MP's own type of this name has other fields, so nodes with this "
+                "one do not hear the robot, nor does it hear them"
+            )
 
     def _made(self, name: str, text: str) -> type[Message]:
         return message_type_from_schema(name, text + "".join(self._nested_texts(name, text)))

@@ -125,7 +125,7 @@ def _of_log(path: Path) -> tuple[str, PythonSource]:
     made = PythonSource(stock_registry(), definitions)
     for type_name, text in sorted(schemas.items()):
         package, _, name = type_name.partition("/msg/")
-        if name:
+        if name and type_name not in made.registry:
             made.add(Interface(package, "msg", name, SEPARATOR_LINE.split(text)[0]))
     if not made.made:
         raise NoInterfaces(f"{path} has no definitions of message types that Robbie-MP does not have")

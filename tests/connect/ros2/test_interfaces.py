@@ -194,6 +194,17 @@ def test_names_and_comments_of_strangers_run_nothing_in_python(
     assert isinstance(heading.value, ast.Constant)
 
 
+def test_type_whose_stock_form_has_other_fields_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder := tmp_path / "std_msgs/msg").mkdir(parents=True)
+    (folder / "String.msg").write_text("string data\n")
+    (folder / "Header.msg").write_text("uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n")
+    assert main(["type", "import", str(folder.parent)]) == 1
+    (told,) = capsys.readouterr().err.splitlines()
+    assert "std_msgs/msg/Header: Robbie-MP's own type of this name has other fields" in told
+
+
 def test_existing_file_is_not_replaced(
     package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
