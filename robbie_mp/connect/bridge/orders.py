@@ -12,6 +12,7 @@ A word before the fields is the topic of the service. The fields are those of `r
 """
 
 import json
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -119,6 +120,21 @@ def _order(name: str, parts: re.Match[str], types: KnownTypes) -> OrderService:
     return OrderService(name, on, off, types.get(response_name(full)), parts["topic"] or "")
 
 
+def too_late(what: str, waited_s: float, limit_s: float = RELEASE_WITHIN_S) -> str:
+    """Return why an order to move is refused for its age; '' if it is young enough.
+
+    Args:
+        what: the order, such as "the goal".
+        waited_s: how long ago it was sent, s; infinite if the clocks do not tell it.
+        limit_s: the age from which it is too old, s.
+    """
+    if waited_s <= limit_s:
+        return ""
+    if math.isinf(waited_s):
+        return f"the clock of the sender of {what} is ahead of this machine's, so nobody knows its age"
+    return f"{what} has waited {waited_s:.1f} s, which is too long; send it again"
+
+
 def carry_out(module: Module, order: OrderService, is_on: bool, waited_s: float, done: Done) -> None:
     """Call the robot's service in the name of a bridge.
 
@@ -126,14 +142,14 @@ def carry_out(module: Module, order: OrderService, is_on: bool, waited_s: float,
         module: the bridge; not in its `setup()`.
         order: what to call.
         is_on: whether the first request is meant.
-        waited_s: how long ago the order arrived on this machine, s.
+        waited_s: how long ago the order was sent, s.
         done: called once, now or later.
     """
     request = order.on if is_on or order.off is None else order.off
     # What only stops never comes too late.
     stops = request is order.off or (isinstance(request, SetControl) and request.mode == ControlState.HOLD)
-    if waited_s > RELEASE_WITHIN_S and not stops:
-        done(False, f"the order has waited {waited_s:.1f} s, which is too long; send it again")
+    if (late := too_late("the order", waited_s)) and not stops:
+        done(False, late)
         return
 
     def on_reply(reply: Message) -> None:
@@ -185,11 +201,11 @@ class StopSwitch:
         """Let the robot drive again.
 
         Args:
-            waited_s: how long ago the order arrived on this machine, s.
+            waited_s: how long ago the order was sent, s.
             done: called once, now or later.
         """
-        if waited_s > RELEASE_WITHIN_S:
-            done(False, f"the order to release has waited {waited_s:.1f} s, which is too long; send it again")
+        if late := too_late("the order to release", waited_s):
+            done(False, late)
         else:
             self._order(False, done)
 

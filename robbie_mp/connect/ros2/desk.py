@@ -1,6 +1,7 @@
 """The services that the bridge to ROS 2 offers: decodes requests, and encodes responses."""
 
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,13 +19,18 @@ class RosRequest:
 
     Attributes:
         request: the decoded request.
-        at_ns: when it arrived, by the machine's monotonic clock.
+        sent_at_ns: as that of a `Call`.
     """
 
     request: Any
-    at_ns: int
+    sent_at_ns: float
     _service: ServiceType
     _send: Callable[[bytes], None]
+
+    @property
+    def waited_s(self) -> float:
+        """How long ago it was sent, s."""
+        return (time.monotonic_ns() - self.sent_at_ns) * 1e-9
 
     def answer(self, **fields: object) -> None:
         """Send the response, with these fields."""
@@ -71,7 +77,7 @@ class Desk:
             request = self._decoded(service, call)
             if request is not None:
                 self.handled += 1
-                handler(RosRequest(request, call.at_ns, service, call.answer))
+                handler(RosRequest(request, call.sent_at_ns, service, call.answer))
 
     def _decoded(self, service: ServiceType, call: Call) -> Message | None:
         try:

@@ -16,7 +16,7 @@ import numpy as np
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.connect.bridge.frames import FrameMap
-from robbie_mp.connect.bridge.orders import RELEASE_WITHIN_S
+from robbie_mp.connect.bridge.orders import too_late
 from robbie_mp.connect.ros2.action_types import (
     ABORTED,
     ACCEPTED,
@@ -49,6 +49,8 @@ MAX_KEPT: Final = 64
 """Most goals of an action that have ended and whose results are kept; the oldest goes first."""
 MAX_WAITING: Final = 8
 """Most requests that wait for the result of a goal; the oldest is answered with the goal's state so far."""
+GOAL_WITHIN_S: Final = 2.0
+"""An older goal is refused. Of many that are sent at once, some come 0.4 s late."""
 ACCEPT_WITHIN_S: Final = 5.0
 """After this time, a goal that the module has neither accepted nor refused is refused."""
 KEEP_S: Final = 900.0
@@ -186,11 +188,10 @@ class GoalDesk:
         goal_id = bytes(asked.request.goal_id.uuid)
         stamp = Time.from_nanoseconds(self._now_ns())
         goal = _Goal(action, goal_id, stamp, time.monotonic_ns(), asked)
-        waited_s = (goal.since_ns - asked.at_ns) * 1e-9
         if goal_id in goals:
             self._refuse(goal, "its number was used before")
-        elif waited_s > RELEASE_WITHIN_S:
-            self._refuse(goal, f"it has waited {waited_s:.1f} s, which is too long")
+        elif late := too_late("the goal", asked.waited_s, GOAL_WITHIN_S):
+            self._refuse(goal, late)
         elif sum(not one.has_ended for one in goals.values()) >= MAX_GOALS:
             self._refuse(goal, f"{MAX_GOALS} goals have not ended")
         elif reason := self._bars():

@@ -1,6 +1,5 @@
 """The bridge to ROS 2: the robot appears as a node, and messages pass both ways, byte for byte."""
 
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -471,12 +470,11 @@ class Ros2Bridge(ClockSource):
     def _order(self, order: OrderService, asked: RosRequest) -> None:
         """Call a service of this robot; the response to ROS says what came of it."""
         is_on = order.off is None or asked.request.data
-        waited_s = (time.monotonic_ns() - asked.at_ns) * 1e-9
 
         def done(success: bool, message: str) -> None:
             asked.answer(success=success, message=message)
 
-        carry_out(self, order, is_on, waited_s, done)
+        carry_out(self, order, is_on, asked.waited_s, done)
 
     def _stop_or_release(self, stop: StopSwitch, asked: RosRequest) -> None:
         def done(success: bool, message: str) -> None:
@@ -485,7 +483,7 @@ class Ros2Bridge(ClockSource):
         if getattr(asked.request, "data", True):
             stop.engage(done)
         else:
-            stop.release((time.monotonic_ns() - asked.at_ns) * 1e-9, done)
+            stop.release(asked.waited_s, done)
 
     # -- what the bridge itself tells ROS 2 --------------------------------------------------------------
 

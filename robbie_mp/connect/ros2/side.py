@@ -95,13 +95,14 @@ class Call(NamedTuple):
     Attributes:
         service: the name of the service.
         data: the encoded request.
-        at_ns: when it arrived, by the machine's monotonic clock.
+        sent_at_ns: when it was sent, by the machine's monotonic clock, or when it arrived if its sender does
+            not say; -inf: the clocks of both machines do not tell it.
         answer: sends the encoded response; in the module's thread, once.
     """
 
     service: str
     data: bytes
-    at_ns: int
+    sent_at_ns: float
     answer: Callable[[bytes], None]
 
 
@@ -144,14 +145,17 @@ class MiddlewareInbox:
             self._waiting.append(RosArrival(channel, data, _age_s(sent_ns), time.monotonic_ns()))
             self._wake()
 
-    def put_call(self, service: str, data: bytes, answer: Callable[[bytes], None]) -> None:
-        """Keep a request for the module; in any thread."""
+    def put_call(
+        self, service: str, data: bytes, answer: Callable[[bytes], None], sent_ns: int | None = None
+    ) -> None:
+        """Keep a request for the module, and when its sender says that it has sent it; in any thread."""
         if len(data) > self.max_bytes:
             self.oversized += 1
         elif len(self._calls) >= MAX_CALLS:
             self.overflowed += 1
         else:
-            self._calls.append(Call(service, data, time.monotonic_ns(), answer))
+            age_s = 0.0 if sent_ns is None else _age_s(sent_ns)
+            self._calls.append(Call(service, data, time.monotonic_ns() - age_s * 1e9, answer))
             self._wake()
 
     def put_stranger(self, what: str) -> None:

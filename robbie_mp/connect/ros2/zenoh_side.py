@@ -268,7 +268,7 @@ class ZenohSide:
         if not attached or query.payload is None:
             self.inbox.put_stranger(f"a request to {name} without attachment or content")
             return
-        sequence, _, client = attached
+        sequence, sent_ns, client = attached
 
         def answer(data: bytes) -> None:
             import zenoh  # noqa: PLC0415
@@ -279,4 +279,4 @@ class ZenohSide:
                 self.unsent += 1
             query.drop()
 
-        self.inbox.put_call(name, query.payload.to_bytes(), answer)
+        self.inbox.put_call(name, query.payload.to_bytes(), answer, sent_ns)

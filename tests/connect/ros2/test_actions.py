@@ -1,5 +1,6 @@
 """Goals between ROS and modules, without a node: what it asks is put into the inbox, or comes over Zenoh."""
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 from uuid import uuid4
@@ -75,6 +76,8 @@ class Ros:
     def __init__(self, bridge: ModuleHarness[Ros2Bridge]):
         self.bridge = bridge
         self.heard: list[tuple[str, Message]] = []
+        self.age_s = 0.0
+        """Of the requests."""
         side: Any = bridge.module.side
         side.send = self._hear
 
@@ -86,8 +89,9 @@ class Ros:
         """Send a request; return a list that the response will come into."""
         answers: list[Any] = []
         data = from_dict(service.request, fields).encode()
+        sent_ns = time.time_ns() - round(self.age_s * 1e9)
         self.bridge.module.inbox.put_call(
-            name, data, lambda data: answers.append(service.response.decode(data))
+            name, data, lambda data: answers.append(service.response.decode(data)), sent_ns
         )
         self.bridge.advance(0.02)
         return answers
@@ -129,6 +133,17 @@ def ros(zenoh_has_started: None) -> Iterator[Ros]:
     with ModuleHarness(Ros2Bridge, SETTINGS) as bridge:
         bridge.advance(0.0)
         yield Ros(bridge)
+
+
+@pytest.mark.parametrize(("age_s", "why"), [(3.0, "has waited 3"), (-2.0, "clock of the sender")])
+def test_goal_that_was_sent_long_ago_or_in_the_future_is_refused(
+    ros: Ros, caplog: pytest.LogCaptureFixture, age_s: float, why: str
+) -> None:
+    ros.age_s = age_s
+    _, (answer,) = ros.send_goal()
+    assert not answer.accepted
+    assert not ros.all_sent()
+    assert why in caplog.text
 
 
 def test_types_of_actions_have_the_hashes_of_ros() -> None:

@@ -143,6 +143,17 @@ def test_hostile_bytes_are_read_or_refused(data: bytes, kind: int, flags: int) -
             pass
 
 
+def test_time_of_a_sample_is_the_one_that_was_said_last_before_it() -> None:
+    (data,) = wire.data_parts(READER, WRITER, 1, b"", b"x")
+    half_past_two = wire.submessage(
+        wire.INFO_TS, 0, (2).to_bytes(4, "little") + (1 << 31).to_bytes(4, "little")
+    )
+    nothing = wire.submessage(wire.INFO_TS, wire.NO_TIME, b"")
+    whole = wire.datagram(ALICE, BOB, [data, half_past_two, data, data, nothing, data])
+    times = [wire.sample_of(one).sent_ns for one in wire.submessages(whole, BOB)]
+    assert times == [None, 2_500_000_000, 2_500_000_000, None]
+
+
 @given(st.binary(min_size=16, max_size=16), st.integers(1, 2**40))
 def test_identity_of_a_request_is_read_as_it_was_written(guid: bytes, number: int) -> None:
     parameters, end = wire.parameters_of(wire.related(guid, number))

@@ -162,7 +162,7 @@ class DdsServices:
         told = f"typehash={channel.type_hash};".encode()
 
         def take(sample: wire.Sample) -> None:
-            self.inbox.put(channel, sample.payload, time.time_ns())
+            self.inbox.put(channel, sample.payload, sample.sent_ns or time.time_ns())
 
         reader = self._participant.add_reader(
             f"rt{channel.name}", channel.dds_type, told, take, self.inbox.max_bytes
@@ -221,7 +221,8 @@ class DdsServices:
             until_s = time.monotonic() + RESPONSE_WAIT_S
             self._answer(_Response(writer, payload, parameters, to, until_s))
 
-        self.inbox.put_call(name, data[:ENCAPSULATION_BYTES] + data[begin:], answer)
+        whole = data[:ENCAPSULATION_BYTES] + data[begin:]
+        self.inbox.put_call(name, whole, answer, sample.sent_ns)
 
     def _on_response(self, name: str, sample: wire.Sample) -> None:
         client, data = self._clients[name], sample.payload

@@ -11,8 +11,9 @@ VENDOR: Final = b"\0\0"
 """Unknown: no vendor's particularities are expected of this side."""
 MAGIC: Final = b"RTPS\x02\x03" + VENDOR
 PREFIX_BYTES, GUID_BYTES, HEADER_BYTES = 12, 16, 20
-ACKNACK, HEARTBEAT, GAP, INFO_DST, NACK_FRAG, DATA, DATA_FRAG = 0x06, 0x07, 0x08, 0x0E, 0x12, 0x15, 0x16
-LITTLE_ENDIAN, FINAL, HAS_QOS, HAS_DATA = 1, 2, 2, 4
+PAD, ACKNACK, HEARTBEAT, GAP, INFO_TS, INFO_DST, NACK_FRAG = 0x01, 0x06, 0x07, 0x08, 0x09, 0x0E, 0x12
+DATA, DATA_FRAG = 0x15, 0x16
+LITTLE_ENDIAN, FINAL, HAS_QOS, NO_TIME, HAS_DATA = 1, 2, 2, 2, 4
 MAX_BITS: Final = 256
 """Most numbers in a set."""
 FRAGMENT_BYTES: Final = 60_000
@@ -42,12 +43,14 @@ class Submessage(NamedTuple):
         flags: its flags.
         body: what follows its header.
         sender: the participant that sent it.
+        sent_ns: when its writer wrote what is in it, ns since 1970; None: the sender does not say.
     """
 
     kind: int
     flags: int
     body: bytes
     sender: bytes
+    sent_ns: int | None = None
 
 
 class Sample(NamedTuple):
@@ -62,6 +65,7 @@ class Sample(NamedTuple):
         fragment: number of the first part, counted from 1; 0: this is the whole message.
         fragment_bytes: size of the parts.
         size: size of the whole message, bytes.
+        sent_ns: as that of a submessage.
     """
 
     reader: bytes
@@ -72,6 +76,7 @@ class Sample(NamedTuple):
     fragment: int = 0
     fragment_bytes: int = 0
     size: int = 0
+    sent_ns: int | None = None
 
 
 def datagram(prefix: bytes, to: bytes, parts: Iterable[bytes]) -> bytes:
@@ -97,18 +102,21 @@ def submessages(data: bytes, own_prefix: bytes) -> Iterator[Submessage]:
     if data[:4] != MAGIC[:4] or len(data) < HEADER_BYTES:
         raise ValueError("no message of RTPS")
     sender, at, is_meant = data[8:HEADER_BYTES], HEADER_BYTES, True
+    sent_ns = None
     while at < len(data):
         kind, flags, length = struct.unpack_from("<BBH", data, at)
         if not flags & LITTLE_ENDIAN:
             raise ValueError("not little endian")
-        end = at + 4 + length if length else len(data)
+        end = at + 4 + length if length or kind in (PAD, INFO_TS) else len(data)  # 0: all the rest
         if end > len(data):
             raise ValueError("a submessage is too long")
         body = data[at + 4 : end]
         if kind == INFO_DST:
             is_meant = body[:PREFIX_BYTES] in (own_prefix, bytes(PREFIX_BYTES))
+        elif kind == INFO_TS:
+            sent_ns = None if flags & NO_TIME else _time_ns(body)
         elif is_meant:
-            yield Submessage(kind, flags, body, sender)
+            yield Submessage(kind, flags, body, sender, sent_ns)
         at = end
 
 
@@ -139,7 +147,7 @@ def sample_of(one: Submessage) -> Sample:
     found: dict[int, bytes] = {}
     if one.flags & HAS_QOS:
         found, at = parameters_of(body, at)
-    sample = Sample(reader, one.sender + writer, _joined(high, low), found, body[at:])
+    sample = Sample(reader, one.sender + writer, _joined(high, low), found, body[at:], sent_ns=one.sent_ns)
     if one.kind == DATA:
         return sample
     number, _, size, whole = _FRAGMENT.unpack_from(body, _DATA.size)
@@ -241,6 +249,12 @@ def text_of(value: bytes) -> str:
     """Read a text in a parameter."""
     (length,) = struct.unpack_from("<I", value)
     return value[4 : 4 + length].rstrip(b"\0").decode(errors="replace")
+
+
+def _time_ns(body: bytes) -> int:
+    """Read a time: seconds since 1970, and a fraction of 2**-32."""
+    seconds, fraction = struct.unpack_from("<II", body)
+    return int(seconds) * 1_000_000_000 + (int(fraction) * 1_000_000_000 >> 32)
 
 
 def _split(sequence: int) -> tuple[int, int]:
