@@ -5,10 +5,13 @@ fields of its request. With one request, the other side triggers it. With two, i
 
     services:
       /mission/start: "OrderMission {order: 0}"
+      /mission/abort: "OrderMission {order: 2} stops"
       /mission/run: "OrderMission {order: 0} or {order: 1}"
       /grip: "CloseGripper left {force_n: 2.0}"
 
-A word before the fields is the topic of the service. The fields are those of `robbie call`.
+A word before the fields is the topic of the service. The fields are those of `robbie call`. `stops` behind
+them says that the request only stops something, so that it never comes too late. The second of two
+always does.
 """
 
 import json
@@ -21,7 +24,16 @@ from typing import NamedTuple, TypeVar
 from robbie_mp.attached.views.message_text import message_of_yaml
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.connect.bridge.mapping import MAX_ACCEPTED, NAME, MappingError
-from robbie_mp.messages import ControlState, EmergencyStop, Header, Message, SetControl, Time, as_dict
+from robbie_mp.messages import (
+    CancelNavigation,
+    ControlState,
+    EmergencyStop,
+    Header,
+    Message,
+    SetControl,
+    Time,
+    as_dict,
+)
 from robbie_mp.messages.calls import REQUEST_SUFFIX, response_name
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.module.calls.errors import CallError, TooManyCalls
@@ -31,7 +43,7 @@ _Read = TypeVar("_Read")
 Done = Callable[[bool, str], None]
 """Gets whether an order was carried out, and a text to read."""
 ORDER = re.compile(
-    r"(?P<service>\S+)(?:\s+(?P<topic>[^\s{]+))?(?:\s+(?P<on>\{.*?\}))?(?:\s+or\s+(?P<off>\{.*\}))?"
+    r"(?P<service>\S+)(?:\s+(?P<topic>[^\s{]+))?(?:\s+(?P<on>\{.*?\})(?P<stops>\s+stops)?)?(?:\s+or\s+(?P<off>\{.*\}))?"
 )
 CALL_TIMEOUT_S = 5.0
 STOP_TOPIC, STATE_TOPIC = "emergency_stop", "emergency_stop_state"
@@ -51,6 +63,7 @@ class OrderService(NamedTuple):
         name: the name on the other side.
         on: the request that it sends.
         off: the request that it sends for false; None: there is only one.
+        on_stops: whether also the request `on` only stops something.
         replies: the class of the robot's replies.
         topic: the topic of the robot's service.
     """
@@ -58,6 +71,7 @@ class OrderService(NamedTuple):
     name: str
     on: Message
     off: Message | None
+    on_stops: bool
     replies: type[Message]
     topic: str
 
@@ -117,7 +131,9 @@ def _order(name: str, parts: re.Match[str], types: KnownTypes) -> OrderService:
     asked = types.get(full)
     on = message_of_yaml(asked, parts["on"] or "{}")
     off = message_of_yaml(asked, parts["off"]) if parts["off"] else None
-    return OrderService(name, on, off, types.get(response_name(full)), parts["topic"] or "")
+    on_stops = bool(parts["stops"]) or isinstance(on, CancelNavigation)
+    on_stops |= isinstance(on, SetControl) and on.mode == ControlState.HOLD
+    return OrderService(name, on, off, on_stops, types.get(response_name(full)), parts["topic"] or "")
 
 
 def too_late(what: str, waited_s: float, limit_s: float = RELEASE_WITHIN_S) -> str:
@@ -132,7 +148,10 @@ def too_late(what: str, waited_s: float, limit_s: float = RELEASE_WITHIN_S) -> s
         return ""
     if math.isinf(waited_s):
         return f"the clock of the sender of {what} is ahead of this machine's, so nobody knows its age"
-    return f"{what} has waited {waited_s:.1f} s, which is too long; send it again"
+    return (
+        f"{what} has waited {waited_s:.1f} s, which is too long (or the clock of its sender is behind); "
+        "send it again"
+    )
 
 
 def carry_out(module: Module, order: OrderService, is_on: bool, waited_s: float, done: Done) -> None:
@@ -146,8 +165,7 @@ def carry_out(module: Module, order: OrderService, is_on: bool, waited_s: float,
         done: called once, now or later.
     """
     request = order.on if is_on or order.off is None else order.off
-    # What only stops never comes too late.
-    stops = request is order.off or (isinstance(request, SetControl) and request.mode == ControlState.HOLD)
+    stops = request is order.off or order.on_stops
     if (late := too_late("the order", waited_s)) and not stops:
         done(False, late)
         return

@@ -111,6 +111,8 @@ class DdsSide:
     """Messages that CycloneDDS did not take."""
     _asked: dict[str, RosChannel] = field(default_factory=dict)
     """Channels by their topic in DDS: those that this node reads; `_offered` has those that it writes."""
+    _heard: dict[str, RosChannel] = field(default_factory=dict)
+    """Those that come by way of `_services`."""
     _offered: dict[str, RosChannel] = field(default_factory=dict)
     _named: set[bytes] = field(default_factory=set)
     """Endpoints of other types that have been counted."""
@@ -184,6 +186,7 @@ class DdsSide:
         """Ask for the messages of a channel."""
         if channel.name.endswith(FEEDBACK):
             self._with_services().hear(channel)
+            self._heard[f"rt{channel.name}"] = channel
             self._tell()
             return
         from cyclonedds.core import Listener  # noqa: PLC0415
@@ -238,10 +241,14 @@ class DdsSide:
                 one.read(MAX_ENDPOINTS, alive)
                 for one, alive in zip(self._endpoints, self._alive, strict=True)
             )
-            for endpoints, channels in ((publications, self._asked), (subscriptions, self._offered)):
+            for endpoints, channels in (
+                (publications, self._asked | self._heard),
+                (subscriptions, self._offered),
+            ):
                 for endpoint in endpoints:
                     self._compare(endpoint, channels)
-            self._look_for_refused({one.key.bytes for one in publications})
+            if len(publications) < MAX_ENDPOINTS:  # or else it may know more than it has told here
+                self._look_for_refused({one.key.bytes for one in publications})
         readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
         writers = self._writers.values()
         self.incompatible = readers + sum(

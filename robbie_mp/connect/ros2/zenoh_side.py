@@ -279,4 +279,4 @@ class ZenohSide:
                 self.unsent += 1
             query.drop()
 
-        self.inbox.put_call(name, query.payload.to_bytes(), answer, sent_ns)
+        self.inbox.put_call(name, query.payload.to_bytes(), answer, sent_ns or None)

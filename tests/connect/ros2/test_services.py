@@ -148,12 +148,14 @@ def test_late_release_does_nothing() -> None:
 LATE_ORDERS = {
     "/go_on": "SetControl {mode: 0}",
     "/hold": "SetControl {mode: 2}",
+    "/abort": "SetControl {mode: 0} stops",
     "/run": "SetControl {mode: 0} or {mode: 2}",
 }
 
 
 @pytest.mark.parametrize(
-    ("name", "is_on", "is_given"), [("/go_on", True, False), ("/hold", True, True), ("/run", False, True)]
+    ("name", "is_on", "is_given"),
+    [("/go_on", True, False), ("/hold", True, True), ("/abort", True, True), ("/run", False, True)],
 )
 def test_late_order_to_move_does_nothing_and_one_to_stop_does(name: str, is_on: bool, is_given: bool) -> None:
     with ModuleHarness(Ros2Bridge, {"connect": [], "emergency_stop": "none"}) as bridge:

@@ -29,6 +29,7 @@ _FRAGMENT = struct.Struct("<IHHI")
 _HEARTBEAT = struct.Struct("<4s4siIiII")
 _SEQUENCE = struct.Struct("<iI")
 _TO_QOS, _TO_QOS_OF_FRAGMENT = 16, 28
+_NO_SECONDS: Final = 0xFFFFFFFF
 _MAX_SEQUENCE: Final = 1 << 62
 """No writer comes here; what is counted on from any number below still fits into 64 bits."""
 Wrong = (struct.error, IndexError, ValueError)
@@ -251,9 +252,11 @@ def text_of(value: bytes) -> str:
     return value[4 : 4 + length].rstrip(b"\0").decode(errors="replace")
 
 
-def _time_ns(body: bytes) -> int:
-    """Read a time: seconds since 1970, and a fraction of 2**-32."""
+def _time_ns(body: bytes) -> int | None:
+    """Read a time: seconds since 1970, and a fraction of 2**-32; None: the one that means nothing."""
     seconds, fraction = struct.unpack_from("<II", body)
+    if seconds in (0, _NO_SECONDS):
+        return None
     return int(seconds) * 1_000_000_000 + (int(fraction) * 1_000_000_000 >> 32)
 
 
