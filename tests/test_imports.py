@@ -48,6 +48,7 @@ def imports_of(path: Path, files: dict[str, Path]) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_imports_run_in_a_circle() -> None:
     files = module_files()
     assert "robbie_mp.station.context" in files
@@ -87,6 +88,7 @@ def room_of(name: str) -> str:
     return rest.partition(".")[0] if package == "robbie_mp" else ""
 
 
+@pytest.mark.slow
 def test_stock_robots_are_imported_by_one_name() -> None:
     programs = [path for folder in (*FOLDERS, "tests") for path in (ROOT / folder).rglob("*.py")]
     assert len(programs) > 1500

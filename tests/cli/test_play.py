@@ -43,6 +43,7 @@ def test_options_not_given_keep_the_profiles_values_or_real_time(log: Path) -> N
     assert alone.clock.source == alone.modules[0].name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", [[], ["demo-playback"]])
 def test_errors_name_what_was_typed(
     profile: list[str],

@@ -209,6 +209,7 @@ def test_seek_and_end_do_not_wait_for_an_image_that_a_page_shows(player_robot: R
     assert ended.modules["keeper"]["status"] == "keeps 19"
 
 
+@pytest.mark.slow
 def test_unplayable_log_is_refused_before_any_process_starts(
     player_robot: Robot, tmp_path: Path, log: Path
 ) -> None:
@@ -272,6 +273,7 @@ def test_playback_says_what_it_left_out_and_where_time_jumped(player_robot: Robo
     assert [words[2] for words in witnessed(player_robot, "jump")] == ["gap"]
 
 
+@pytest.mark.slow
 def test_strict_playback_refuses_what_it_would_leave_out(player_robot: Robot, tmp_path: Path) -> None:
     log = foreign_log(tmp_path / "log.mcap")
     refused = player_robot.command("play", str(log), "robot", "--strict")

@@ -110,6 +110,7 @@ ODD: list[Any] = [
 """Values that a field may be given: some fit some fields."""
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(PATIENT, max_examples=200)
 def test_messages_are_created_alike(data: st.DataObject) -> None:
@@ -174,6 +175,7 @@ def test_messages_are_encoded_alike(data: st.DataObject) -> None:
         assert said == outcome(python(message_type, "encode_into"), message, short)
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(PATIENT, max_examples=300)
 def test_bytes_are_decoded_alike_however_damaged(data: st.DataObject) -> None:
@@ -399,6 +401,7 @@ def test_a_class_that_nobody_uses_is_collected() -> None:
     assert not [each for each in Message.__subclasses__() if each.__name__ == "Gone"]
 
 
+@pytest.mark.slow
 def test_nothing_leaks() -> None:
     scan = LaserScan(header=Header(frame_id="laser"), ranges=np.ones(9, np.float32))
     tree = TFMessage(transforms=[TransformStamped(child_frame_id="ä")] * 2)

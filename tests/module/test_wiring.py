@@ -274,6 +274,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 def test_services_are_renamed_and_separated_like_topics(robot: Robot) -> None:
     (robot.folder / "zoo" / "services.py").write_text(SERVICES)
     robot.write_profile(TWO_SERVERS)

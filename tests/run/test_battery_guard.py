@@ -76,6 +76,7 @@ def test_limits_in_the_wrong_order_are_refused() -> None:
         pass
 
 
+@pytest.mark.slow
 def test_run_ends_in_order_when_the_battery_is_empty(robot: Robot) -> None:
     (robot.folder / "zoo" / "power.py").write_text(
         "from robbie_mp import Module\n"

@@ -46,6 +46,7 @@ def test_link_is_not_followed(tmp_path: Path) -> None:
     assert results_below(tmp_path / "output") == []
 
 
+@pytest.mark.slow
 def test_run_removes_the_oldest_results_of_its_profile_only(robot: Robot) -> None:
     folder = robot.folder / "output"
     old, new = add_results(folder / "robot", 2), add_results(folder / "robot", 1)

@@ -64,6 +64,7 @@ def test_every_module_and_the_core_are_separate_processes(robot: Robot) -> None:
     assert Ended.wait_for(process).exit_code == 0
 
 
+@pytest.mark.slow
 def test_run_needs_no_descriptors_of_processes_from_python(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -76,6 +77,7 @@ def test_run_needs_no_descriptors_of_processes_from_python(
     assert ended.exit_code == 0, ended.stderr
 
 
+@pytest.mark.slow
 def test_hot_path_in_python_is_reported_once_and_in_the_figures(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,6 +194,7 @@ modules:
         assert viewer["sum"] == sum(value % 251 for value in range(1_000_000))
 
 
+@pytest.mark.slow
 def test_killed_subscriber_loses_only_the_message_that_it_was_handling(robot: Robot) -> None:
     robot.write_profile(COUNTING + '  watcher: {class: "zoo.modules:StateWatcher"}\n')
     ended = robot.run("--set", "listener.die_at=100")
@@ -225,6 +228,7 @@ def test_killed_core_loses_nothing(robot: Robot) -> None:
     assert ended.modules["listener"]["restarts"] == ended.modules["counter"]["restarts"] == 0
 
 
+@pytest.mark.slow
 def test_two_runs_at_once_do_not_disturb_each_other(robot: Robot) -> None:
     robot.write_profile(COUNTING)
     outputs = [robot.folder / "first", robot.folder / "second"]
@@ -234,6 +238,7 @@ def test_two_runs_at_once_do_not_disturb_each_other(robot: Robot) -> None:
         assert [int(line) for line in (output / "listener.journal").read_text().split()] == list(range(300))
 
 
+@pytest.mark.slow
 def test_module_that_crashes_in_setup_is_failed_with_its_traceback(robot: Robot) -> None:
     robot.write_profile(
         """
@@ -251,6 +256,7 @@ modules:
     assert ended.modules["broken"]["trace_entries_dropped"] == 0
 
 
+@pytest.mark.slow
 def test_module_that_crashes_at_import_is_failed_with_its_traceback(robot: Robot) -> None:
     (robot.folder / "zoo" / "broken.py").write_text("import robbie_mp\nraise OSError('no such camera')\n")
     robot.write_profile(
@@ -263,6 +269,7 @@ def test_module_that_crashes_at_import_is_failed_with_its_traceback(robot: Robot
     assert ended.modules["broken"]["state"] == "FAILED"
 
 
+@pytest.mark.slow
 def test_failed_essential_module_stops_the_robot(robot: Robot) -> None:
     robot.write_profile(
         ENDLESS + '  broken: {class: "zoo.modules:CrashInSetup", essential: true, restart: {policy: never}}\n'
@@ -285,6 +292,7 @@ def test_crash_in_a_handler_restarts_that_module_alone(robot: Robot) -> None:
     assert robot.journal("listener") == list(range(7))
 
 
+@pytest.mark.slow
 def test_crashed_module_is_restarted_although_one_of_its_threads_still_runs(robot: Robot) -> None:
     robot.write_profile(
         "modules:\n  threaded:\n    class: zoo.modules:CrashWithThread\n"
@@ -327,6 +335,7 @@ def test_field_of_the_wrong_type_is_a_clear_error(robot: Robot) -> None:
     assert "fast" in ended.stderr
 
 
+@pytest.mark.slow
 def test_full_memory_refuses_and_counts_and_affects_no_other_module(robot: Robot) -> None:
     robot.write_profile(
         COUNTING
@@ -347,6 +356,7 @@ def test_full_memory_refuses_and_counts_and_affects_no_other_module(robot: Robot
     assert flood["restarts"] == 0
 
 
+@pytest.mark.slow
 def test_children_die_with_a_killed_supervisor_and_the_next_run_sweeps(robot: Robot) -> None:
     robot.write_profile(ENDLESS)
     process = robot.start()
@@ -374,6 +384,7 @@ def test_list_shows_the_run_and_its_modules(robot: Robot) -> None:
     assert "RUNNING" in table
 
 
+@pytest.mark.slow
 def test_list_shows_also_a_run_of_another_version(robot: Robot) -> None:
     """After an update, the list of all runs failed until the last run of the old version had ended."""
     robot.write_profile(ENDLESS)
@@ -431,6 +442,7 @@ class Interrupted(Module):
 """
 
 
+@pytest.mark.slow
 def test_interrupt_that_reaches_children_and_spares_does_not_end_them(robot: Robot) -> None:
     (robot.folder / "zoo" / "interrupted.py").write_text(INTERRUPTED)
     robot.write_profile(

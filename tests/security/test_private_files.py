@@ -31,6 +31,7 @@ def open_to_others(*roots: Path) -> list[str]:
     return [f"{path}: {stat.filemode(path.stat().st_mode)}" for path in found if path.stat().st_mode & 0o077]
 
 
+@pytest.mark.slow
 def test_everything_that_a_run_writes_is_closed_to_others(robot: Robot) -> None:
     (robot.folder / "zoo" / "secrets.py").write_text((HERE / "_support" / "secret_modules.py").read_text())
     robot.write_secret("keeper.secret", "correct-horse-battery-staple")
@@ -109,6 +110,7 @@ def test_link_at_the_path_of_a_checkpoint_is_not_followed(checkpoint: Path, tmp_
     assert not checkpoint.is_symlink()
 
 
+@pytest.mark.slow
 def test_forged_checkpoint_is_set_aside_and_the_module_starts_fresh(robot: Robot) -> None:
     (robot.folder / "zoo" / "secrets.py").write_text((HERE / "_support" / "secret_modules.py").read_text())
     robot.write_secret("keeper.secret", "correct-horse-battery-staple")

@@ -26,6 +26,7 @@ def deaths(scenario: str) -> int:
     return int(printed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_killed_process_leaves_a_complete_checkpoint_in_shared_memory(scenario: str) -> None:
     assert deaths(scenario) >= SCENARIOS[scenario]

@@ -91,6 +91,7 @@ def test_killed_module_continues_from_its_last_checkpoint(robot: Robot) -> None:
     assert not (robot.folder / "state").exists()
 
 
+@pytest.mark.slow
 def test_next_run_continues_where_the_last_one_ended_unless_it_is_fresh(robot: Robot) -> None:
     robot.write_profile(PROFILE.format(persist="true"))
     for arguments in (["memory.until=5"], ["memory.until=8"]):
@@ -110,6 +111,7 @@ def test_next_run_continues_where_the_last_one_ended_unless_it_is_fresh(robot: R
     assert [one.state["count"] for one in found if one is not None] == [3, 8]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", [b"garbage", encode([1])[:8] + b"\7" + encode([1])[9:]])
 def test_damaged_file_does_not_prevent_the_robot_from_starting(robot: Robot, content: bytes) -> None:
     robot.write_profile(PROFILE.format(persist="true"))
@@ -120,6 +122,7 @@ def test_damaged_file_does_not_prevent_the_robot_from_starting(robot: Robot, con
     assert journal(robot) == ["begins at 0, life 1", "ends at 3, life 1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["removed", "zeroed"])
 def test_module_whose_checkpoints_are_all_gone_is_told_that_its_state_is_lost(robot: Robot, how: str) -> None:
     """It began as if the run had just started: a base forgot its emergency stop."""

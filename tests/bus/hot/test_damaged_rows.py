@@ -27,6 +27,7 @@ def release(program: Path, *damage: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run([program, *damage], capture_output=True, text=True, check=False, timeout=60)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", ["handle", "subscription"])
 @pytest.mark.parametrize("index", ["100000", "0x100000000", "0xffffffffffffffff"])
 def test_index_beyond_its_table_ends_the_core_before_it_is_used(

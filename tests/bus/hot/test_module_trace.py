@@ -74,6 +74,7 @@ LOST: list[Step] = 2 * [("publish_damaged", ()), ("core", ()), ("take_turns", (2
 """Messages that cannot be decoded; Python takes the first of any kind, and C further ones."""
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.lists(STEP, max_size=60))
 @example(LOST)

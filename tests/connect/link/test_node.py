@@ -234,6 +234,7 @@ def test_packets_of_others_than_they_say_and_of_no_link_are_counted() -> None:
     assert red.journal == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed(
     seed: int, tmp_path: Path

@@ -18,6 +18,7 @@ from tools.trials.driving.localization import Conditions, DrivenRobot, run_trial
 SMALL = Conditions(width_m=8.0, height_m=6.0)
 
 
+@pytest.mark.slow
 def test_robot_is_found_anywhere_and_again_after_it_was_moved() -> None:
     trial = run_trial(0, SMALL, limit_m=20.0, kidnap=True)
     assert trial.way_m is not None

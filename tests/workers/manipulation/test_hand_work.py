@@ -156,6 +156,7 @@ def test_arm_picks_up_carries_and_puts_down_without_touching_anything_else() -> 
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", [HandState[name] for name in PICKS.split()])
 def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None:
     world = World()
@@ -166,6 +167,7 @@ def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None
     assert world.is_unharmed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", [HandState[name] for name in PUTS.split()])
 def test_next_process_puts_down_what_the_last_one_held_or_knows_that_it_has(state: HandState) -> None:
     world = World()
@@ -178,6 +180,7 @@ def test_next_process_puts_down_what_the_last_one_held_or_knows_that_it_has(stat
     assert world.is_unharmed
 
 
+@pytest.mark.slow
 def test_gripper_that_closes_on_nothing_tries_again() -> None:
     world = World()
     world.work.pick_up("cola")
@@ -194,6 +197,7 @@ def test_gripper_that_closes_on_nothing_tries_again() -> None:
     assert world.work.tries == 1
 
 
+@pytest.mark.slow
 def test_orders_that_cannot_be_done_end_with_the_reason() -> None:
     world = World()
     world.work.pick_up("mustard")
@@ -230,6 +234,7 @@ def test_arm_that_was_stopped_stands_out_until_it_is_stowed() -> None:
     assert world.is_unharmed
 
 
+@pytest.mark.slow
 def test_arm_stows_what_it_holds_if_there_is_no_table_to_put_it_on() -> None:
     world = World()
     world.work.pick_up("soup")
@@ -242,6 +247,7 @@ def test_arm_stows_what_it_holds_if_there_is_no_table_to_put_it_on() -> None:
     assert (world.objects.held, world.is_unharmed) == ("soup", True)
 
 
+@pytest.mark.slow
 def test_arm_stands_still_while_its_joints_are_silent_and_then_goes_on() -> None:
     world = World()
     world.work.pick_up("soup")
@@ -261,6 +267,7 @@ def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
     assert mermaid(HandState.REST, TRANSITIONS, TIME_OUTS) in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restarts", [False, True])
 def test_object_is_held_out_upright_and_let_go_when_a_person_pulls(restarts: bool) -> None:
     world = World()
