@@ -22,6 +22,7 @@ from robbie_mp.logs.recording.info import describe
 from robbie_mp.logs.recording.reader import Log, open_log
 from robbie_mp.messages import LaserScan, Odometry
 from robbie_mp.module.settings import check_settings
+from robbie_mp.run.supervisor.run import DEGRADED
 from tests._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
@@ -122,7 +123,7 @@ def test_queue_losses_are_counted_by_topic_and_all_else_is_in_the_log(robot: Rob
     robot.until(lambda modules: modules["logger"]["handled"] > handled + 100)
     process.send_signal(signal.SIGINT)
     ended = Ended.wait_for(process)
-    assert ended.exit_code == 0, ended.stderr
+    assert ended.exit_code in (0, DEGRADED), ended.stderr  # on a loaded machine it may drop until the end
     published = published_for_the_logger(robot)
     (path,) = parts(robot)
     with open_log(path) as log:
