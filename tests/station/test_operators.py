@@ -96,6 +96,7 @@ def test_only_the_operator_who_drives_is_told_whose_commands_are_refused() -> No
 
 @needs_chromium
 @pytest.mark.slow
+@pytest.mark.alone
 @pytest.mark.timeout(300)
 def test_pages_of_two_laptops_show_who_drives_and_both_stop_the_robot(robot: Robot) -> None:
     address = f"tcp/127.0.0.1:{free_port()}"
