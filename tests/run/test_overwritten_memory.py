@@ -28,6 +28,9 @@ Figures = dict[str, dict[str, Any]]
 
 @pytest.fixture(params=["0", "1"], ids=["c", "python"])
 def pure_python(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the hot path in Python only with --exhaustive."""
+    if request.param == "1" and not request.config.getoption("--exhaustive"):
+        pytest.skip("is tried with --exhaustive")
     monkeypatch.setenv("ROBBIE_PURE_PYTHON", request.param)
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.bus.hot._support.under_asan import environment
 
 PROGRAM = "tests.bus.hot._support.messages_under_asan"
-TESTS = ("test_native_codec", "test_damaged_bytes", "test_views", "test_loans", "test_encoding")
+TESTS = ("test_native_codec", "test_damaged_bytes", "test_loans")
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from tests.bus.hot._support.build import HOT, PROGRAMS, compile_c
 
 PAIRS = ("records", "numbers", "blocks")
 RECORDS = 30_000
-MANY_RECORDS = 1_000_000
+MANY_RECORDS = 300_000
 RACE_EXIT = 66
 RING = (HOT / "ring.c").read_text()
 FENCES = [match.start() for match in re.finditer(r"\bfence\w*\(\);", RING)]
