@@ -3,7 +3,7 @@
 from itertools import accumulate
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange, ExchangeVerdict
@@ -79,6 +79,7 @@ def test_uncertainty_is_at_most_half_of_the_least_round_trip(delays_ns: list[tup
 
 
 @given(st.integers(-(10**18), 10**18), DRIFTS_PPM, ROUNDS, ROUNDS)
+@example(-722411, [20], [(0, 0, 0, 0)], [(0, 0, 361228881, 0)])
 def test_jump_greater_than_the_limits_is_noticed_and_the_offset_is_right_again(
     by_ns: int,
     drifts_ppm: list[int],
@@ -98,7 +99,8 @@ def test_jump_greater_than_the_limits_is_noticed_and_the_offset_is_right_again(
         old = measured.at(now_ns)
         assert old is not None
         verdict = measured.add(one)
-        width_ns = 2 * old.uncertainty_ns + one.round_trip_ns
+        drifted_ns = (one.returned_ns - one.sent_ns) * MAX_DRIFT_PPM * 1e-6
+        width_ns = 2 * old.uncertainty_ns + one.round_trip_ns + 2 * drifted_ns
         if number == 0 and abs(by_ns) > 1.01 * width_ns + 10:
             assert verdict is ExchangeVerdict.JUMPED
         if measured.jumps:
