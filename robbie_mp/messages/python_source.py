@@ -149,12 +149,12 @@ class PythonSource:
         return "\n\n".join([head, *self._blocks])
 
     def _compare(self, made: type[Message], stock: type[Message], kind: str) -> None:
-        """Tell if the stock type, which is imported instead, has other fields."""
+        """Report a type whose stock form, which is imported instead, has different fields."""
         own = layout(stock)[0 if kind == "msg" else 1 :]  # without the call's number
         if layout(made) != own:
             self.left_out.append(
-                f"{made.type_name}: Robbie-MP's own type of this name has other fields, so nodes with this "
-                "one do not hear the robot, nor does it hear them"
+                f"{made.type_name}: Robbie-MP's stock type of this name has different fields, so the robot "
+                "cannot exchange it with nodes that use this one"
             )
 
     def _made(self, name: str, text: str) -> type[Message]:

@@ -428,7 +428,7 @@ class Outbox:
             self._ask_for_room(max(0, enough_bytes), latched_bytes)
 
     def _ask_for_room(self, enough_bytes: int, latched_bytes: int) -> bool:
-        """Ask the core; False: it has not answered the last request yet, or the ring is full."""
+        """Ask the core; return False if it has not handled the last request, or if the ring is full."""
         self._asked_ns = now_ns = self._monotonic_ns()
         before_ns = now_ns - _MIN_AGE_TO_DROP_NS
         return self._endpoint.make_room(_TARGET_IN_FLIGHT, enough_bytes, before_ns, latched_bytes)

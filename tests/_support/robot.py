@@ -183,7 +183,7 @@ def is_running(pid: int) -> bool:
 
 
 def command_of(process: psutil.Process) -> list[str]:
-    """The words of a process's command; none if it has ended, also while one looks."""
+    """The words of a process's command; empty if it has ended, even while this reads it."""
     try:
         return process.cmdline()
     except psutil.NoSuchProcess:

@@ -148,7 +148,7 @@ def _faults(name: str, one: dict[str, Any]) -> Iterator[str]:
 
 
 def third(commands: dict[str, list[str]], first: int) -> dict[str, list[str]]:
-    """Return every third command, beginning with another one in each place: all of them take minutes."""
+    """Return `run` and every third command from `first` on: all of them in every place would take minutes."""
     return {
         name: words for at, (name, words) in enumerate(commands.items()) if at % 3 == first or name == "run"
     }

@@ -123,7 +123,7 @@ def test_queue_losses_are_counted_by_topic_and_all_else_is_in_the_log(robot: Rob
     robot.until(lambda modules: modules["logger"]["handled"] > handled + 100)
     process.send_signal(signal.SIGINT)
     ended = Ended.wait_for(process)
-    assert ended.exit_code in (0, DEGRADED), ended.stderr  # on a loaded machine it may drop until the end
+    assert ended.exit_code in (0, DEGRADED), ended.stderr  # on a busy machine it drops to the end
     published = published_for_the_logger(robot)
     (path,) = parts(robot)
     with open_log(path) as log:

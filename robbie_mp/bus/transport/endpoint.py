@@ -258,8 +258,8 @@ class Endpoint:
     ) -> bool:
         """Have the core drop this module's oldest waiting messages until few enough are left.
 
-        This does nothing if the ring is full, or if the core has not handled the last request yet: one that
-        is behind would only get more to do.
+        This does nothing while the ring is full, or while the core has not handled the last request: a core
+        that is behind would only fall further behind.
 
         Args:
             messages: maximum number of messages to be left.

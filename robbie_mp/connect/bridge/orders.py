@@ -9,9 +9,8 @@ fields of its request. With one request, the other side triggers it. With two, i
       /mission/run: "OrderMission {order: 0} or {order: 1}"
       /grip: "CloseGripper left {force_n: 2.0}"
 
-A word before the fields is the topic of the service. The fields are those of `robbie call`. `stops` behind
-them says that the request only stops something, so that it never comes too late. The second of two
-always does.
+A word before the fields is the topic of the service. The fields are those of `robbie call`. `stops` after
+a request marks one that only stops something. Such a request is never too late; nor is the second of two.
 """
 
 import json
@@ -43,7 +42,8 @@ _Read = TypeVar("_Read")
 Done = Callable[[bool, str], None]
 """Gets whether an order was carried out, and a text to read."""
 ORDER = re.compile(
-    r"(?P<service>\S+)(?:\s+(?P<topic>[^\s{]+))?(?:\s+(?P<on>\{.*?\})(?P<stops>\s+stops)?)?(?:\s+or\s+(?P<off>\{.*\}))?"
+    r"(?P<service>\S+)(?:\s+(?!stops(?:\s|$))(?P<topic>[^\s{]+))?(?:\s+(?P<on>\{.*?\}))?(?P<stops>\s+stops)?"
+    r"(?:\s+or\s+(?P<off>\{.*\}))?"
 )
 CALL_TIMEOUT_S = 5.0
 STOP_TOPIC, STATE_TOPIC = "emergency_stop", "emergency_stop_state"
@@ -63,7 +63,7 @@ class OrderService(NamedTuple):
         name: the name on the other side.
         on: the request that it sends.
         off: the request that it sends for false; None: there is only one.
-        on_stops: whether also the request `on` only stops something.
+        on_stops: whether `on` only stops something; `off` always does.
         replies: the class of the robot's replies.
         topic: the topic of the robot's service.
     """
@@ -141,16 +141,16 @@ def too_late(what: str, waited_s: float, limit_s: float = RELEASE_WITHIN_S) -> s
 
     Args:
         what: the order, such as "the goal".
-        waited_s: how long ago it was sent, s; infinite if the clocks do not tell it.
+        waited_s: how long ago it was sent, s; infinite if the clocks differ too much to tell.
         limit_s: the age from which it is too old, s.
     """
     if waited_s <= limit_s:
         return ""
     if math.isinf(waited_s):
-        return f"the clock of the sender of {what} is ahead of this machine's, so nobody knows its age"
+        return f"{what} seems to come from the future; synchronise its sender's clock with this machine's"
     return (
-        f"{what} has waited {waited_s:.1f} s, which is too long (or the clock of its sender is behind); "
-        "send it again"
+        f"{what} was sent {waited_s:.1f} s ago, which is too long; send it again, "
+        "and if that does not help, synchronise its sender's clock with this machine's"
     )
 
 

@@ -2,9 +2,9 @@
 
 CycloneDDS calls back in its own threads. They only put messages into the inbox.
 
-CycloneDDS 11.0 may refuse publishers of nodes with FastDDS 3 (Kilted): it takes in the descriptions of types
-that such nodes send to one another, holds some of them for invalid, and then tells nobody. So feedback of
-actions does not come by way of it, and other publishers that it does not know are named.
+CycloneDDS 11.0 may ignore publishers of nodes with FastDDS 3 (Kilted): it reads the type descriptions that
+such nodes exchange, marks some of them as invalid, and reports nothing. So feedback of actions is read
+without it, and the bridge names other publishers that CycloneDDS ignores.
 """
 
 import re
@@ -65,8 +65,9 @@ PADDED_TO = 4
 LOOK_NS = 1_000_000_000
 """Time between two looks at the types of others' endpoints."""
 MAX_ENDPOINTS = 1000
-REFUSED_AFTER_LOOKS = 5
-"""Looks at which another participant is known to have a publisher that CycloneDDS does not know."""
+IGNORED_AFTER_LOOKS = 5
+"""A publisher counts as ignored by CycloneDDS once it has been missing there at this many looks in a row."""
+REFUSAL = "CycloneDDS ignores a publisher of {}; restart this module (see docs/ros2.md)"
 HASH = re.compile(rb"typehash=(RIHS01_[0-9a-f]{64});")
 
 
@@ -103,7 +104,7 @@ class DdsSide:
     incompatible: int = 0
     """Endpoints of others that do not fit because of their quality of service."""
     refusal: str = ""
-    """A publisher that CycloneDDS has refused, and what to do; '' if there is none."""
+    """Which publishers CycloneDDS ignores, and what to do; '' if there are none."""
     _writers: dict[RosChannel, Any] = field(default_factory=dict)
     _readers: list[Any] = field(default_factory=list)
     _services: DdsServices | None = None
@@ -247,8 +248,10 @@ class DdsSide:
             ):
                 for endpoint in endpoints:
                     self._compare(endpoint, channels)
-            if len(publications) < MAX_ENDPOINTS:  # or else it may know more than it has told here
-                self._look_for_refused({one.key.bytes for one in publications})
+            # A full read may leave out endpoints that CycloneDDS knows.
+            is_complete = len(publications) < MAX_ENDPOINTS
+            ignored = self._ignored({one.key.bytes for one in publications}) if is_complete else []
+            self.refusal = REFUSAL.format(", ".join(ignored)) if ignored else ""
         readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
         writers = self._writers.values()
         self.incompatible = readers + sum(
@@ -273,24 +276,21 @@ class DdsSide:
             shown = b" ".join(hashes).decode(errors="replace")
             self.inbox.put_stranger(f"{channel.name} has the type {endpoint.type_name} {shown}".rstrip())
 
-    def _look_for_refused(self, known: set[bytes]) -> None:
+    def _ignored(self, known: set[bytes]) -> list[str]:
+        """Return the topics that have publishers which CycloneDDS ignores.
+
+        Args:
+            known: GUIDs of the publishers that CycloneDDS knows.
+        """
         publishers = self._services.publishers() if self._services is not None else []
-        unknown = {
-            one.guid: self._unknown.get(one.guid, 0) + 1
+        missing = [
+            one
             for one in publishers
             if one.guid not in known and one.type_name == self._asked[one.topic].dds_type
-        }
-        self._unknown = unknown
-        topics = {
-            self._asked[one.topic].name
-            for one in publishers
-            if unknown.get(one.guid, 0) > REFUSED_AFTER_LOOKS
-        }
-        self.refusal = (
-            f"CycloneDDS has refused a publisher of {', '.join(sorted(topics))} and hears nothing of it; "
-            "restart this module (see docs/ros2.md)"
-            if topics
-            else ""
+        ]
+        self._unknown = {one.guid: self._unknown.get(one.guid, 0) + 1 for one in missing}
+        return sorted(
+            {self._asked[one.topic].name for one in missing if self._unknown[one.guid] >= IGNORED_AFTER_LOOKS}
         )
 
     def close(self) -> None:

@@ -50,7 +50,7 @@ MAX_KEPT: Final = 64
 MAX_WAITING: Final = 8
 """Most requests that wait for the result of a goal; the oldest is answered with the goal's state so far."""
 GOAL_WITHIN_S: Final = 2.0
-"""An older goal is refused. Of many that are sent at once, some come 0.4 s late."""
+"""An older goal is refused. When many are sent at once, some arrive 0.4 s late."""
 ACCEPT_WITHIN_S: Final = 5.0
 """After this time, a goal that the module has neither accepted nor refused is refused."""
 KEEP_S: Final = 900.0

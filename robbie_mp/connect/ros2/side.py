@@ -95,8 +95,8 @@ class Call(NamedTuple):
     Attributes:
         service: the name of the service.
         data: the encoded request.
-        sent_at_ns: when it was sent, by the machine's monotonic clock, or when it arrived if its sender does
-            not say; -inf: the clocks of both machines do not tell it.
+        sent_at_ns: when it was sent, by the machine's monotonic clock; when it arrived if its sender does not
+            say; -inf if the clocks of both machines differ too much to tell.
         answer: sends the encoded response; in the module's thread, once.
     """
 
@@ -209,7 +209,7 @@ class Side(Protocol):
     """Endpoints of others that do not fit because of their quality of service."""
 
     refusal: str
-    """Whom the middleware does not hear although it fits, and what to do about that; '' if nobody."""
+    """Which matching publishers the middleware ignores, and what to do; '' if there are none."""
 
     def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher. It does not wait for anybody."""

@@ -90,8 +90,9 @@ class ZenohSide:
     max_bytes: int = 64 << 20
     unsent: int = 0
     incompatible: int = 0
-    refusal: str = ""
     """None is: in Zenoh, every quality of service fits every other one."""
+    refusal: str = ""
+    """Nobody is refused either."""
     withheld: int = 0
     """Messages of this node that came back."""
     _publishers: dict[RosChannel, _Publisher] = field(default_factory=dict)

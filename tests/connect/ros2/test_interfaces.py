@@ -202,7 +202,7 @@ def test_type_whose_stock_form_has_other_fields_is_told(
     (folder / "Header.msg").write_text("uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n")
     assert main(["type", "import", str(folder.parent)]) == 1
     (told,) = capsys.readouterr().err.splitlines()
-    assert "std_msgs/msg/Header: Robbie-MP's own type of this name has other fields" in told
+    assert "std_msgs/msg/Header: Robbie-MP's stock type of this name has different fields" in told
 
 
 def test_existing_file_is_not_replaced(

@@ -149,13 +149,20 @@ LATE_ORDERS = {
     "/go_on": "SetControl {mode: 0}",
     "/hold": "SetControl {mode: 2}",
     "/abort": "SetControl {mode: 0} stops",
+    "/pause": "SetControl stops or {mode: 0}",
     "/run": "SetControl {mode: 0} or {mode: 2}",
 }
 
 
 @pytest.mark.parametrize(
     ("name", "is_on", "is_given"),
-    [("/go_on", True, False), ("/hold", True, True), ("/abort", True, True), ("/run", False, True)],
+    [
+        ("/go_on", True, False),
+        ("/hold", True, True),
+        ("/abort", True, True),
+        ("/pause", True, True),
+        ("/run", False, True),
+    ],
 )
 def test_late_order_to_move_does_nothing_and_one_to_stop_does(name: str, is_on: bool, is_given: bool) -> None:
     with ModuleHarness(Ros2Bridge, {"connect": [], "emergency_stop": "none"}) as bridge:

@@ -103,7 +103,7 @@ def test_supervision_and_output_continue_while_the_disk_is_stalled(tmp_path: Pat
         yield lambda: len(run.text("works_busily", "stdout")) > said + 50
         yield lambda: any("has stalled" in text for text in run.text("supervisor", "supervisor"))
         longest_s = max(after - before for before, after in itertools.pairwise(turned_s))
-        assert longest_s < 2.0  # the disk does not come back before this line
+        assert longest_s < 2.0  # the disk is frozen until the next line
         stall.thaw()
         yield lambda: any("has recovered" in text for text in run.text("supervisor", "supervisor"))
         run.tree.stop("seen enough")

@@ -2,8 +2,8 @@
 
 rmw_fastrtps puts the identity of a request into the parameters before the message, rmw_cyclonedds into 16
 bytes before its fields: the client, and a number. CycloneDDS's library does not let a program see or write
-those parameters, so services have a participant of their own here. It hears the feedback of actions as well,
-and finds publishers that CycloneDDS has refused.
+those parameters, so services have a participant of their own here. It also reads the feedback of actions and
+knows the publishers that CycloneDDS ignores.
 """
 
 import struct
@@ -90,7 +90,7 @@ class DdsServices:
         domain: the domain.
         interface: the network interface.
         inbox: where requests go.
-        topics: in DDS, whose publishers `publishers` knows.
+        topics: the topics in DDS whose publishers `publishers` returns; may grow.
 
     Raises:
         NoInterface: there is none of that name.
@@ -102,7 +102,7 @@ class DdsServices:
     domain: int
     interface: str
     inbox: MiddlewareInbox
-    topics: Container[str] = ()
+    topics: Container[str]
     unsent: int = 0
     readers: list[bytes] = field(default_factory=list)
     """GUIDs of the readers of requests; `writers`: those of the writers of responses."""

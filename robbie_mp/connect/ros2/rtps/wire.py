@@ -108,7 +108,8 @@ def submessages(data: bytes, own_prefix: bytes) -> Iterator[Submessage]:
         kind, flags, length = struct.unpack_from("<BBH", data, at)
         if not flags & LITTLE_ENDIAN:
             raise ValueError("not little endian")
-        end = at + 4 + length if length or kind in (PAD, INFO_TS) else len(data)  # 0: all the rest
+        # A length of 0 means "up to the end", except for these two (8.3.3.2 of the standard).
+        end = at + 4 + length if length or kind in (PAD, INFO_TS) else len(data)
         if end > len(data):
             raise ValueError("a submessage is too long")
         body = data[at + 4 : end]
@@ -253,7 +254,7 @@ def text_of(value: bytes) -> str:
 
 
 def _time_ns(body: bytes) -> int | None:
-    """Read a time: seconds since 1970, and a fraction of 2**-32; None: the one that means nothing."""
+    """Read a time, seconds since 1970 and a fraction in units of 2**-32; None if it is invalid or zero."""
     seconds, fraction = struct.unpack_from("<II", body)
     if seconds in (0, _NO_SECONDS):
         return None

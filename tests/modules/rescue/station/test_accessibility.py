@@ -47,7 +47,7 @@ def test_no_layout_has_a_serious_fault_of_accessibility_in_either_look(robot: Ro
     robot.write_profile(PROFILE)
     robot.start()
     with browser() as started, page_of(started, address_of(robot)) as page:
-        page.add_init_script(axe.Axe().axe_script)  # a page that has lost its connection loads again
+        page.add_init_script(axe.Axe().axe_script)  # also after the page has reconnected
         log_in(page, "opens-everything")
         page.wait_for_selector("#state-time")
         found = [f"dark, {fault}" for fault in faults_of_all_layouts(page, {})]
