@@ -146,17 +146,22 @@ class Campus:
         return measured
 
 
-def drive(course: NDArray[np.float64], period_s: float) -> Iterator[NDArray[np.float64]]:
+def drive(
+    course: NDArray[np.float64],
+    period_s: float,
+    speed_m_s: float = SPEED_M_S,
+    turn_rad_s: float = TURN_RAD_S,
+) -> Iterator[NDArray[np.float64]]:
     """Yield the true poses of a drive along a course: straight on, and turns on the spot."""
     heading = float(np.arctan2(*(course[1] - course[0])[::-1]))
     for begin, end in pairwise(course):
         ahead = end - begin
         turn = (float(np.arctan2(ahead[1], ahead[0])) - heading + np.pi) % (2 * np.pi) - np.pi
-        steps = int(np.ceil(abs(turn) / (TURN_RAD_S * period_s)))
+        steps = int(np.ceil(abs(turn) / (turn_rad_s * period_s)))
         for step in range(steps):
             yield np.array([*begin, heading + turn * step / steps])
         heading += turn
-        steps = int(np.ceil(np.hypot(*ahead) / (SPEED_M_S * period_s)))
+        steps = int(np.ceil(np.hypot(*ahead) / (speed_m_s * period_s)))
         for step in range(steps):
             yield np.array([*(begin + ahead * step / steps), heading])
     yield np.array([*course[-1], heading])
