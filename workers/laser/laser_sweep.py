@@ -81,6 +81,11 @@ class LaserSweep:
         returned = np.isfinite(self.ranges_m)
         return SurfacePoints.from_bearings(self.bearings_rad[returned], self.ranges_m[returned])
 
+    @cached_property
+    def walls(self) -> SurfacePoints:
+        """Where beams ended, and what of a wall lies between them."""
+        return self.hits.filled()
+
     def points(self, range_m: float = np.inf) -> NDArray[np.float64]:
         """Return the ends of the beams that ended nearer than `range_m`: `(K, 2)`, m."""
         near = np.isfinite(self.ranges_m) & (self.ranges_m < range_m)

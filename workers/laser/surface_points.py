@@ -11,6 +11,11 @@ NEIGHBOURS_EACH_SIDE = 6
 SMALLEST_REACH_M = 0.2
 REACH_PER_RANGE = 0.06  # far beams are far apart on a wall seen at a grazing angle
 FLATNESS = 0.1  # greatest share of the spread across a surface to that along it
+GRAZING = 5  # successive points that show a wall at which the beams graze, however far apart they are,
+GRAZING_GROWTH = 2.5  # if each gap is at most this many times the next one
+GRAZING_NOISE_M = 0.03  # and they lie on a line, up to this standard deviation
+FILLED_M, FILLING_M = 3.0, 0.15  # widest gap filled in a wall, and the distance of the points there
+ONE_WALL = 0.97  # least cosine between the normals of two points of one wall
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,24 @@ class SurfacePoints:
         every = -(-len(self) // most)
         return SurfacePoints(self.points[::every], self.normals[::every])
 
+    def filled(self) -> "SurfacePoints":
+        """Add points in the gaps of walls on which successive beams are far apart.
+
+        Otherwise, the ends of beams that graze a wall look like things that stand on it and go with the robot.
+        """
+        gap = np.diff(self.points, axis=0)
+        gap_m = np.hypot(gap[:, 0], gap[:, 1])
+        begin, end = self.normals[:-1], self.normals[1:]
+        is_wall = np.einsum("ni,ni->n", begin, end) > ONE_WALL
+        off = np.maximum(*np.abs([np.einsum("ni,ni->n", gap, normal) for normal in (begin, end)]))
+        is_wall &= (off < np.sqrt(1 - ONE_WALL**2) * gap_m) & (gap_m > FILLING_M) & (gap_m < FILLED_M)
+        rows = np.flatnonzero(is_wall)
+        parts = np.ceil(gap_m[rows] / FILLING_M).astype(np.int64)
+        row = np.repeat(rows, parts - 1)
+        share = np.concatenate([np.arange(1, count) / count for count in parts] or [np.zeros(0)])[:, None]
+        points = self.points[row] + share * gap[row]
+        return SurfacePoints.joined([self, SurfacePoints(points, self.normals[row])])
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -75,5 +98,22 @@ def _normals(points: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArra
     spread, middle = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
     known = (count >= 3) & (middle - spread < FLATNESS * (middle + spread))
     normals = np.column_stack([-np.sin(heading), np.cos(heading)]) * known[:, None]
+    normals = np.where(known[:, None], normals, _grazed(points))
     normals[np.einsum("ij,ij->i", normals, points) > 0] *= -1
+    return normals
+
+
+def _grazed(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the normals of walls at which the beams graze, in the middle of `GRAZING` points; else zero."""
+    normals = np.zeros_like(points)
+    if len(points) < GRAZING:
+        return normals
+    groups = np.lib.stride_tricks.sliding_window_view(points, GRAZING, axis=0)  # (M, 2, GRAZING)
+    gap_m = np.hypot(*np.moveaxis(np.diff(groups, axis=2), 1, 0))
+    growth = gap_m[:, 1:] / np.maximum(gap_m[:, :-1], 1e-6)
+    is_even = ((growth < GRAZING_GROWTH) & (growth > 1 / GRAZING_GROWTH)).all(axis=1)
+    off = groups[is_even] - groups[is_even].mean(axis=2, keepdims=True)
+    spread, axes = np.linalg.eigh(np.einsum("mik,mjk->mij", off, off) / GRAZING)
+    is_line = (spread[:, 0] < GRAZING_NOISE_M**2) & (spread[:, 0] < FLATNESS**2 * spread[:, 1])
+    normals[np.flatnonzero(is_even)[is_line] + GRAZING // 2] = axes[is_line, :, 0]
     return normals

@@ -98,5 +98,5 @@ class KeySweeps:
     def surfaces(self, numbers: Iterable[int]) -> SurfacePoints:
         """Join the surface points of some sweeps, map frame."""
         return SurfacePoints.joined(
-            [self.sweeps[number].hits.moved(self.poses[number]) for number in numbers]
+            [self.sweeps[number].walls.moved(self.poses[number]) for number in numbers]
         )

@@ -3,8 +3,8 @@
     python -m tools.trials worlds [--seeds N] [--first SEED] [--kinds KIND ...]
 
 A world is a net of corridors of 30 to 120 m, some bare and some with doorways, which join halls and yards. A
-kind exaggerates one trouble: bare corridors, yards out of the laser's sight, crowds, glass, slips of odometry,
-lifts, sweeps that come every 3 s, or a long way round with good odometry. All else is random: sweeps each
+kind exaggerates one trouble: bare corridors, yards out of the laser's sight, crowds, glass, slips of
+odometry, lifts, sweeps that come every 3 s, or a long way with good odometry. All else is random: sweeps each
 0.025 to 3 s, 90 to 360 degrees, 4 to 80 m, odometry that errs by 0.5 to 30 %, with or without a gyroscope.
 
 The figure is the mean absolute translational error of relations, as on public logs (`slam_metric`): from 1 to
@@ -36,6 +36,7 @@ ODOMETRY_S = 0.1
 MOST_SWEEPS = 900
 RANGE_NOISE_M = 0.015
 GLASS_SEEN_RAD = np.radians(12)  # a beam that meets glass more askew goes through
+FAR_AWAY = np.array([[1e6, 0.0, 1e6, 1.0]])  # a wall, so that an arena has one
 MOST_RATIO = 1.1
 NOTICED_S = 5.0
 GOOD_MEDIAN = 0.3
@@ -323,16 +324,17 @@ def _swept(
     segments, reach = world.arena.segments, conditions.range_m
     low, high = np.minimum(segments[:, :2], segments[:, 2:]), np.maximum(segments[:, :2], segments[:, 2:])
     near = ((low < pose[:2] + reach) & (high > pose[:2] - reach)).all(axis=1)
-    is_glass = world.is_glass[near]
-    arena = replace(world.arena, segments=segments[near], circles=people)
+    is_glass = np.append(world.is_glass[near], False)
+    walls = np.append(segments[near], FAR_AWAY, axis=0)
+    arena = replace(world.arena, segments=walls, circles=people)
     eye = (float(pose[0]), float(pose[1]), bearings + pose[2])
     ranges, hit = arena.hits(*eye)
     if is_glass.any():
-        along = np.diff(segments[near].reshape(-1, 2, 2), axis=1)[:, 0]
+        along = np.diff(walls.reshape(-1, 2, 2), axis=1)[:, 0]
         facing = np.arctan2(along[:, 1], along[:, 0])[np.minimum(hit, len(is_glass) - 1)] - bearings - pose[2]
         glass = np.append(is_glass, np.zeros(len(people), bool))[hit]
         through = glass & (np.abs(np.cos(facing)) > np.sin(GLASS_SEEN_RAD))
-        behind = replace(arena, segments=segments[near][~is_glass]).ranges_m(*eye)
+        behind = replace(arena, segments=walls[~is_glass]).ranges_m(*eye)
         ranges = np.where(through, behind, ranges)
     ranges = ranges + RANGE_NOISE_M * random.standard_normal(beams)
     return LaserSweep.from_ranges(ranges, bearings[0], bearings[1] - bearings[0], 0.05, reach)
